@@ -1,4 +1,4 @@
-"""What a vehicle sends to its peers, made from its estimates and its plan."""
+"""The messages that a vehicle sends to its peers, made from its estimates and its plan."""
 
 from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
@@ -17,9 +17,9 @@ from estimation.state import MOTION, POSITION, Sighting
 
 
 class Broadcast:
-    """Makes one vehicle's states for its peers, as often as they need them.
+    """Makes one vehicle's state messages and decides when they are sent.
 
-    `often` is whether other vehicles are, or soon come, so close that they need them at the full rate.
+    `often` is set while another vehicle is, or soon comes, close enough to need states at the full rate.
     """
 
     def __init__(self, config: AgentConfig, team: Team, own_sensor: OwnSensor) -> None:
@@ -32,7 +32,7 @@ class Broadcast:
     def messages(
         self, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
     ) -> tuple[Outgoing, ...]:
-        """Return what peers receive, when it is due: the state, with the place on the ring and an own sighting."""
+        """Return the messages that are due: the state, with the place on the ring and a sighting of the own sensor."""
         situation, ring = task.situation, sent.ring
         if not self._rate.may(situation.now_s):
             return ()
@@ -40,7 +40,7 @@ class Broadcast:
         if ring is not None and ring.joined and situation.polar is not None:
             angle = neighbour_angle(self._vehicle_id, situation, situation.polar, ring)
         state = self._state(task, sent, alert, reshaping, drops, angle)
-        # Until it has its place on the ring, the others make room by what it sends.
+        # While it approaches its place on the ring, the others make room from its published states.
         joins = ring is not None and (ring.mixing < 1.0 or not ring.joined)
         if not self._rate.due(state, often=self.often or joins):
             return ()
@@ -55,7 +55,7 @@ class Broadcast:
         drops: Drops,
         angle: NeighbourAngle | None,
     ) -> MemberState:
-        """Return tactic, motion and the undisturbed aim, taken back from when it acts to the present."""
+        """Return the state now: tactic, motion, and the undisturbed aim, moved from its acting time back to now."""
         situation = task.situation
         x, y, x_rate, y_rate = situation.own.mean[MOTION].tolist()
         aim_x, aim_y = sent.undisturbed_aim_m.tolist()
@@ -88,7 +88,7 @@ class Broadcast:
 
 
 def neighbour_angle(vehicle_id: int, situation: Situation, polar: Polar, ring: RingReport) -> NeighbourAngle:
-    """Return the place on the ring, the reference's as well, and what of the ring this vehicle can fly."""
+    """Return the vehicle's place on the ring, that of its reference, and the ring that it can fly."""
     reference, needed, now_s = ring.reference, ring.needed, situation.now_s
     ahead_s = situation.acting_s - now_s
     return NeighbourAngle(
@@ -105,7 +105,7 @@ def neighbour_angle(vehicle_id: int, situation: Situation, polar: Polar, ring: R
 
 
 def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, ...]) -> TargetPackage:
-    """Return a raw sighting as the peers within reach receive it."""
+    """Return a raw sighting as a message to the peers within communication radius."""
     return TargetPackage(
         vehicle_id,
         sighting.time_s,
@@ -122,7 +122,7 @@ def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, .
 
 
 def received_sighting(package: TargetPackage) -> Sighting:
-    """Return the sighting in a peer's package; raises ValueError where its numbers cannot be one."""
+    """Return the sighting in a peer's package; raises ValueError if its numbers are invalid."""
     return Sighting(
         package.time_s,
         package.sender,
@@ -138,5 +138,5 @@ def received_sighting(package: TargetPackage) -> Sighting:
 
 
 def command_answer(answer: CommandAnswer) -> Outgoing:
-    """Publish what became of an operator's command."""
+    """Return the message that answers an operator's command."""
     return Outgoing(TOPICS[CommandAnswer].name, encode(answer))

@@ -1,7 +1,7 @@
-"""`VehicleCore`: one vehicle's whole decision making, without clock, sockets or asyncio.
+"""`VehicleCore`: the estimation, decision and control of one vehicle, without clock, sockets or asyncio.
 
-What happens outside comes in through the `on_...` methods, the time is an argument of `tick`, and everything that the
-vehicle is to do is in what `tick` returns: the same object flies over MAVLink, in the simulation, and again from a log.
+External events are passed to the `on_...` methods, the time is an argument of `tick`, and all outputs are in what
+`tick` returns. The same object therefore flies over MAVLink, in the simulation, and again from a log.
 """
 
 from math import inf
@@ -50,7 +50,7 @@ from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 
 class VehicleCore:
-    """Estimates, decides, plans and guards for one vehicle; `planner` makes a planner to put before cordon's own."""
+    """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 
     def __init__(self, config: AgentConfig, planner: PlannerFactory | None = None) -> None:
         self._config = config
@@ -74,7 +74,7 @@ class VehicleCore:
         self._yaw = Yaw(config)
         self._altitude = Altitude(config)
         self._tactic = Tactic.STANDBY
-        self.descent: Descent | None = None  # why it comes down, before its mission's end
+        self.descent: Descent | None = None  # why it lands before its mission's end
         self._layer_m = config.take_off_altitude_m
         self._start_s = inf
         self._formed_s: float | None = None
@@ -100,13 +100,13 @@ class VehicleCore:
         return self._send(task, plan, guarded)
 
     def _carry_out(self, now_s: float) -> None:
-        """Carry out the operator's order that has become due: an abort that has hovered for long enough."""
+        """Carry out an operator's order that has become due: the landing after an abort's hover."""
         self._now_s = now_s
         if (event := self.orders.due(self._tactic, now_s)) is not None:
             self._change(event, descent=Descent(verb="abort"))
 
     def _estimate(self, now_s: float) -> Situation | None:
-        """Estimate: what is known of the team, the target and the vehicle itself; None before any telemetry."""
+        """Estimate the motion of vehicle and target, and update the team; None before any telemetry."""
         self._team.expire(now_s, self._time_scale)
         sightings, self._sightings = self._sightings, []
         self._altitude.sight(*sightings)
@@ -117,11 +117,11 @@ class VehicleCore:
         return situation
 
     def _detect_faults(self, situation: Situation) -> Faults:
-        """Detect faults: which conditions of the failsafe table are there."""
+        """Detect which conditions of the failsafe table are present."""
         return self._fault_detector.detect(situation, self._tactic, self._failsafe.active, self._time_scale)
 
     def _decide(self, situation: Situation, faults: Faults) -> Task:
-        """Decide on the tactic: by the faults first, then by the mission; and on the altitude layer."""
+        """Decide on the tactic, first by the faults, then by the mission; and on the altitude layer."""
         event = self._failsafe.react(situation.now_s, faults, self._tactic)
         for text in self._failsafe.news():
             self._notes.add(situation.now_s, "failsafe", text)
@@ -132,7 +132,7 @@ class VehicleCore:
         return Task(self._tactic, situation, self._layer_m, self._team.members())
 
     def _plan(self, task: Task) -> Plan:
-        """Plan: the aim of the tactic, as far as it may move in one tick."""
+        """Plan the aim of the tactic, within the slew limit."""
         plan, situation = self._planner.plan(task), task.situation
         if plan.ring is not None and plan.ring.news is not None:
             self._notes.add(situation.now_s, "ring", plan.ring.news)
@@ -140,7 +140,7 @@ class VehicleCore:
         return self._slew_limit.bounded(task.tactic, plan)
 
     def _guard_aim(self, task: Task, plan: Plan) -> Guarded:
-        """Guard the aim, unless it steers nothing: while the autopilot lands the vehicle, or a pilot flies it."""
+        """Guard the aim, unless it has no effect: while the autopilot lands the vehicle or a pilot flies it."""
         situation, aim_m = task.situation, plan.aim_m
         guarded = Guarded(aim_m)
         if task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE):
@@ -151,7 +151,7 @@ class VehicleCore:
         return guarded
 
     def _kept_apart(self, situation: Situation, aim_m: Vector) -> Guarded:
-        """Check an aim against the vehicles that it could bring too close, and where it changes against all near."""
+        """Guard an aim against the vehicles that it could bring too close; if that changes it, against all near."""
         lost, doubts = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s), self._team.doubts
         near = self._team.near()
         exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubts) else near
@@ -161,7 +161,7 @@ class VehicleCore:
         return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, doubts))
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
-        """Send: the guarded aim becomes a setpoint, and what is remembered and published is what was sent."""
+        """Make the setpoint from the guarded aim; record and publish what is sent."""
         now_s, aim_m = task.situation.now_s, guarded.aim_m
         setpoint = None if task.tactic is Tactic.PILOT_OVERRIDE else self._setpoint(task, plan, guarded)
         self._slew_limit.sent(aim_m)
@@ -180,7 +180,7 @@ class VehicleCore:
         plan: Plan | None = None,
         guarded: Guarded | None = None,
     ) -> TickOutput:
-        """Return the output of a tick: the results of its stages, None for those that there were not."""
+        """Return the output of a tick: the results of its stages, None for stages that did not run."""
         answers, self._answers = tuple(self._answers), []
         status = CoreStatus(
             vehicle_id=self._config.vehicle_id,
@@ -200,17 +200,17 @@ class VehicleCore:
         )
         return TickOutput(setpoint, (*map(command_answer, self.orders.answers(now_s)), *messages), status)
 
-    # What the stages are made of
+    # Parts of the stages
 
     def _follow_mission(self, situation: Situation) -> None:
-        """Change the tactic where the mission calls for it: at its start, near the target, and on the way down."""
+        """Change the tactic as the mission demands: at its start, near the target, and at the end of the return."""
         now_s, target, place_m = situation.now_s, situation.target, situation.own.mean[POSITION]
         if self._tactic is Tactic.STANDBY and now_s >= self._start_s:
             self._change(Event.START)
         if self._tactic is Tactic.FORMATION:
             self._formed_s = now_s if self._formed_s is None else self._formed_s
             if target is not None and decides_to_encircle(target, place_m, self._config.decision):
-                # One that is sent back close to the target has no place in line to leave from: it leaves from here.
+                # A vehicle that resumes close to the target is not in its place in line: it leaves from its position.
                 in_line = now_s - self._formed_s > self._config.encirclement.smoothing_time_s
                 self._change(Event.ENGAGE, reasons(target, place_m, self._config.decision))
                 self._planner.engage(now_s, None if in_line else place_m)
@@ -218,7 +218,7 @@ class VehicleCore:
             self._change(Event.LAND)
 
     def _chosen_layer_m(self, situation: Situation) -> float:
-        """Return the flying altitude once all are in place: until then, and on the way home, a layer of its own."""
+        """Return the flying altitude once all are in place; until then, and on the return, the vehicle's own layer."""
         config = self._config
         if self._tactic is Tactic.RETURN_AND_LAND and self._planner.returns_home:
             return config.return_altitude_m
@@ -229,7 +229,7 @@ class VehicleCore:
         return self._layer_m
 
     def _change(self, event: Event, because: str = "", descent: Descent | None = None) -> None:
-        """Change the tactic as the table says, unless a failsafe refuses to resume; `descent` is why it comes down."""
+        """Change the tactic by the table, unless a failsafe refuses to resume; `descent` is why the vehicle lands."""
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
             self._notes.add(self._now_s, "failsafe", f"resume refused: {reason}")
             return
@@ -251,7 +251,7 @@ class VehicleCore:
             self._formed_s = None
 
     def _name_override(self) -> None:
-        """Name the lost connection behind a pilot override, where the autopilot reports one, also when it does late."""
+        """Record the lost connection that caused a pilot override, as soon as the autopilot reports it."""
         condition = LOST.get(self._fault_detector.vehicle.status.lost)
         if self._tactic is Tactic.PILOT_OVERRIDE and condition is not None and condition not in self._failsafe.active:
             self._failsafe.latch(condition, "its autopilot reports it")
@@ -263,7 +263,7 @@ class VehicleCore:
         altitude_m = self._altitude.next_m(task.tactic, task.layer_m)
         return Setpoint((x + off_x, y + off_y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
 
-    # What comes in between ticks
+    # Inputs between ticks
 
     @property
     def tactic(self) -> Tactic:
@@ -272,22 +272,22 @@ class VehicleCore:
 
     @property
     def alert(self) -> str:
-        """The gravest condition of the failsafe table that is being reacted to, empty if there is none."""
+        """The gravest active condition of the failsafe table, empty if there is none."""
         return self._failsafe.alert
 
     @property
     def _drops(self) -> Drops:
-        """The messages dropped so far, by the bus and here."""
+        """The messages dropped so far, by the bus and by the core."""
         own = self._inbox.dropped.drops
         return own if self._bus_drops is NO_DROPS else own.plus(self._bus_drops)
 
     def set_time_scale(self, factor: float) -> None:
-        """Wait `factor` times as long for what comes over a link: links take wall time, the core's may pass faster."""
+        """Set mission seconds per wall second: timeouts of links, which take wall time, are multiplied by it."""
         self._time_scale = factor
         self._failsafe.set_time_scale(factor)
 
     def start(self, at_s: float) -> None:
-        """Begin the mission at `at_s`: the formation's clock starts then."""
+        """Begin the mission at `at_s`, the zero of the formation's clock."""
         self._start_s = at_s
         self._planner.start(at_s)
 
@@ -303,15 +303,15 @@ class VehicleCore:
             self._name_override()
 
     def on_loop(self, late_ticks: int) -> None:
-        """Take how many ticks were skipped before the next, because it comes that late."""
+        """Take the number of ticks that were skipped before the next one."""
         self._fault_detector.late_ticks = late_ticks
 
     def on_bus(self, alive: bool, operated: bool = False) -> None:
-        """Take whether the bus to the peers works, as far as this end knows, and whether an operator is on it."""
+        """Take whether the session of the bus works, and whether an operator is on the bus."""
         self._fault_detector.bus_alive, self._fault_detector.operated = alive, operated
 
     def on_computer(self, short_of: str) -> None:
-        """Take what this computer runs short of, empty if nothing."""
+        """Take the resource that this computer is short of, empty if none."""
         self._fault_detector.computer_short_of = short_of
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
@@ -319,25 +319,25 @@ class VehicleCore:
         self._estimator.measure(telemetry)
 
     def on_sighting(self, sighting: Sighting) -> None:
-        """Take a sighting. The newest of the vehicle's own sensor goes to the peers with its state, when it is due."""
+        """Take a sighting. The newest one of the vehicle's own sensor is sent to the peers with its state, when due."""
         if sighting.sensor_id == self._config.vehicle_id:
             sighting = self._estimator.shared(sighting)
         if self._own_sensor.accepts(sighting):
             self._sightings.append(sighting)
 
     def on_ground(self, lacks: str) -> None:
-        """Take that the vehicle waits for its start, and what forbids that, empty if nothing does."""
+        """Take that the vehicle waits for its start, and what forbids the start, empty if nothing does."""
         self.orders.lacks = lacks
 
     def on_drops(self, drops: Drops) -> None:
-        """Take how many messages the bus has dropped so far, before they came here."""
+        """Take the counts of messages that the bus has dropped so far."""
         self._bus_drops = self._fault_detector.bus_drops = drops
 
     def on_message(self, message: BusMessage, now_s: float) -> None:
-        """Take a message from the bus; one that is not of the team, too old or from the future is counted and dropped.
+        """Take a message from the bus; one from outside the team, too old or from the future is counted and dropped.
 
-        Places on the ring and sightings are parts of their senders' states; in older logs they come by themselves.
-        Start proposals are the shell's.
+        Places on the ring and sightings are parts of their senders' states; in older logs they are separate messages.
+        The shell handles start proposals.
         """
         if isinstance(message, MemberState) and self._team.waits(message):
             return
@@ -362,11 +362,11 @@ class VehicleCore:
         self._command(command, now_s)
 
     def on_killed(self, refusal: str, now_s: float) -> None:
-        """Take the outcome of cutting the motors: why it failed, empty when it did not."""
+        """Take the outcome of cutting the motors: why it failed, empty if it did not."""
         self.orders.on_killed(refusal, now_s)
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
-        """Take that a peer has come or gone."""
+        """Take that a peer has joined or left the bus."""
         if not present:
             self._team.forget(vehicle_id)
 
@@ -389,7 +389,7 @@ class VehicleCore:
             self._sightings.append(sighting)
 
     def _reshape(self, wanted: Reshaping) -> None:
-        """Take the newest shape of the formation, from an operator or from a peer that has received one."""
+        """Take the newest commanded shape of the formation, from an operator or a peer's state."""
         if wanted.shape not in self._config.shapes or (self._reshaping is not None and wanted <= self._reshaping):
             return
         self._reshaping = wanted

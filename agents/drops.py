@@ -29,10 +29,10 @@ class Reason(Enum):
 class Drops(msgspec.Struct, frozen=True, omit_defaults=True):
     """The messages dropped so far, by reason.
 
-    Before they are decoded: on a key that the team does not use, of a vehicle that is not in the team or has this
-    vehicle's own id, longer than a message may be, more than a sender may send, or superseded by a newer one of the
-    same sender before the control loop took it. Afterwards: malformed, on the topic of another type, on the key of
-    another sender, too old, from the future. `not_sent` are own messages that the bus could not send.
+    Before decoding: an unknown key, a sender outside the team or with this vehicle's id, too long, above the sender's
+    rate limit, or superseded by a newer one of the same sender before the control loop took it. After decoding:
+    malformed, on the topic of another type, on the key of another sender, too old, from the future. `not_sent` are own
+    messages that the bus could not send.
     """
 
     unknown_key: _Count = 0
@@ -50,12 +50,12 @@ class Drops(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """The sum of all reasons."""
         return sum(msgspec.structs.astuple(self))
 
     @property
     def refused(self) -> int:
-        """Those that the bus refused before they were decoded, because of their sender, key, length or rate."""
+        """The messages that the bus refused before decoding, because of their sender, key, length or rate."""
         return self.unknown_key + self.not_a_member + self.own_id + self.too_long + self.too_many
 
     def plus(self, other: "Drops") -> "Drops":
@@ -64,7 +64,7 @@ class Drops(msgspec.Struct, frozen=True, omit_defaults=True):
         return Drops(*(one + another for one, another in pairs))
 
     def text(self) -> str:
-        """Return the reasons that there are with their counts, such as "too many 7, malformed 1"; empty if none."""
+        """Return the reasons with their counts, such as "too many 7, malformed 1"; empty if there are none."""
         counts = msgspec.structs.asdict(self)
         return ", ".join(f"{reason.replace('_', ' ')} {count}" for reason, count in counts.items() if count)
 

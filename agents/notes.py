@@ -1,4 +1,4 @@
-"""What people want to read about a flight afterwards, collected in one place and drained once a tick."""
+"""The event log of one vehicle: its notes are collected here and drained once a tick."""
 
 from typing import Literal
 
@@ -8,7 +8,7 @@ Kind = Literal["tactic", "command", "failsafe", "guard", "ring"]
 
 
 class Note(msgspec.Struct, frozen=True):
-    """Something that happened: when, of what kind, what it was, and the numbers behind it."""
+    """One event: time, kind, text, and the numbers behind it."""
 
     time_s: float
     kind: Kind
@@ -17,7 +17,7 @@ class Note(msgspec.Struct, frozen=True):
 
 
 class Notes:
-    """Collects the notes of one vehicle, in the order in which its stages add them."""
+    """Collects the notes of one vehicle in the order in which its stages add them."""
 
     def __init__(self) -> None:
         self._notes: list[Note] = []
@@ -27,7 +27,7 @@ class Notes:
         self._notes.append(Note(time_s, kind, text, because))
 
     def drained(self) -> tuple[Note, ...]:
-        """Return the notes since the last call, and forget them."""
+        """Return and remove the notes since the last call."""
         notes = tuple(self._notes)
         self._notes.clear()
         return notes

@@ -1,6 +1,6 @@
-"""The operators' commands for one vehicle: the event that each makes, and its answer.
+"""The operators' commands for one vehicle: the event that each triggers, and its answer.
 
-A command is sent again and again until it is answered: repeats (the same number) act once and are answered again.
+Operators repeat a command until it is answered. Repeats, which have the same number, act once and are answered again.
 """
 
 from collections import OrderedDict
@@ -19,7 +19,7 @@ CUTTING, CUT = "cuts the motors", "motors cut"
 STARTS = "takes off"
 REFUSED = "refused: "
 NUMBERS_KEPT = 64
-"""How many commands a vehicle remembers, to recognise repeats: those are sent for two seconds at most."""
+"""The number of commands kept to recognise repeats, which are sent for two seconds at most."""
 
 _Steering = Literal["hold", "resume", "land", "rtl"]
 _EVENTS: dict[_Steering, Event] = {
@@ -51,19 +51,19 @@ _WHY_NOT = {
 
 
 class Reshaping(msgspec.Struct, frozen=True, order=True):
-    """A change of the formation's shape, and when it was commanded: the newest holds, from any operator."""
+    """A change of the formation's shape, and when it was commanded; the newest applies, from any operator."""
 
     time_s: float
     shape: Shape
 
 
 class Orders:
-    """The commands that one vehicle has received, the abort that hovers before it lands, and the open answers."""
+    """The commands that one vehicle has received, its pending abort, and the answers to send."""
 
     def __init__(self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes) -> None:
-        """Take the vehicle, for how long an aborted one hovers before it lands by itself, and what shapes there are.
+        """Take the vehicle, the time that an abort hovers before it lands, and the shapes that the formation can take.
 
-        What becomes of commands is added to `notes`.
+        The outcome of each command is added to `notes`.
         """
         self._vehicle_id = vehicle_id
         self._hover_s = abort_hover_s
@@ -71,7 +71,7 @@ class Orders:
         self.reshaping: Reshaping | None = None
         """The newest change of the formation that this vehicle has received."""
         self.lacks: str | None = None
-        """While the vehicle waits on the ground for its start: what forbids that, empty if nothing does."""
+        """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
         """Whether an operator has started the vehicle."""
         self._done: OrderedDict[int, tuple[OperatorCommand, str]] = OrderedDict()
@@ -88,7 +88,7 @@ class Orders:
     def take(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, resume_refused: str | None = None
     ) -> Event | None:
-        """Take a command in the present tactic; return the event that it makes, None for one that changes nothing.
+        """Take a command in the present tactic; return the event that it triggers, None if it changes nothing.
 
         `resume_refused` is why the vehicle must not resume, None if it may.
         """
@@ -105,7 +105,7 @@ class Orders:
         return event
 
     def due(self, tactic: Tactic, now_s: float) -> Event | None:
-        """Return the event of an abort that has hovered for long enough; a pilot override ends it."""
+        """Return the event of an abort whose hover is over; a pilot override cancels an abort."""
         if self._abort is None:
             return None
         lands_s, origin = self._abort
@@ -118,7 +118,7 @@ class Orders:
         return None
 
     def on_killed(self, refusal: str, now_s: float) -> None:
-        """Take the outcome of a kill, by the evidence of the vehicle: why it failed, empty when it did not."""
+        """Take the outcome of a kill as the vehicle reports it: why it failed, empty if it did not."""
         did = f"{REFUSED}{refusal}"[:DID_LIMIT] if refusal else CUT
         for command in self._kills:
             self._remember(command, did, now_s)
@@ -126,7 +126,7 @@ class Orders:
         self._kills.clear()
 
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
-        """Take out the answers to the commands since the last time."""
+        """Return and remove the answers since the last call."""
         answers = tuple(self._answer(*self._done[number], now_s) for number in self._unanswered)
         self._unanswered.clear()
         return answers
@@ -160,7 +160,7 @@ class Orders:
         return STARTS
 
     def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
-        """Hover at once and land later; a second abort while it hovers lands at once."""
+        """Hover at once and land later; a second abort during the hover lands at once."""
         if self._abort is not None or tactic is Tactic.LAND:
             return self._steer("land", tactic)
         if tactic is Tactic.PILOT_OVERRIDE:
@@ -170,7 +170,7 @@ class Orders:
         return f"{did}, lands in {self._hover_s:g} s unless resumed", event
 
     def _reshape(self, command: OperatorCommand, tactic: Tactic) -> str:
-        """Take another shape for the formation: a vehicle in another tactic takes its place once it is back."""
+        """Change the shape of the formation; a vehicle in another tactic takes its place once it is back."""
         shape = command.shape
         if shape is None or shape not in self._shapes:
             known = ", ".join(self._shapes) or "none"
@@ -188,7 +188,7 @@ class Orders:
         return _DOES[verb], event
 
     def _remember(self, command: OperatorCommand, did: str, now_s: float) -> None:
-        did = printable(did)  # it may hold the autopilot's own words
+        did = printable(did)  # it may hold text from the autopilot
         self._done[command.number] = command, did
         while len(self._done) > NUMBERS_KEPT:
             forgotten, _ = self._done.popitem(last=False)
@@ -197,12 +197,12 @@ class Orders:
 
 
 def obeyed(did: str) -> bool:
-    """Return whether an answer reports that the command was carried out, or was so already."""
+    """Return whether an answer reports that the command was carried out, now or before."""
     return not did.startswith(REFUSED)
 
 
 def final(verb: Verb, did: str) -> bool:
-    """Return whether no further answer follows: a kill is answered twice, when it begins and when it is done."""
+    """Return whether an answer is the last one: a kill is answered when it begins and when it is done."""
     return verb != "kill" or did != CUTTING
 
 

@@ -1,4 +1,4 @@
-"""What a core returns from a tick: a setpoint, messages for the peers, and its status."""
+"""The output of a tick: a setpoint, messages for the peers, and the core's status."""
 
 from collections.abc import Mapping
 
@@ -32,13 +32,13 @@ class Outgoing(msgspec.Struct, frozen=True):
 
 
 class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """What a vehicle estimates, does and plans, for people, logs and metrics: the results of a tick's stages.
+    """The results of a tick's stages, for displays, logs and metrics.
 
-    `situation`, `plan` and `guarded` are None before any telemetry; `plan` and `guarded` are as they were sent. `alert`
-    is the failsafe condition that it reacts to, empty if none; `notes` are what has happened, `answers` what peers have
-    answered operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude where
-    the mission follows that, `drops` are the messages dropped so far, `turning_rad_s` is the rate at which the vehicle
-    is taken to go around the target. `angles` are the places of `peers` on the ring, by sender.
+    `situation`, `plan` and `guarded` are None before any telemetry; `plan` and `guarded` are as sent. `alert` is the
+    failsafe condition that it reacts to, empty if none; `notes` are the events, `answers` the peers' answers to
+    operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude if the mission
+    follows it, `drops` are the messages dropped so far, `turning_rad_s` is the assumed frequency of the ring-frequency
+    disturbance. `angles` are the places of `peers` on the ring, by sender.
     """
 
     vehicle_id: int
@@ -68,7 +68,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def polar(self) -> Polar | None:
-        """Its polar state about the ring's centre now, None without a target."""
+        """The present polar state about the ring's centre, None without a target."""
         return None if self.situation is None else self.situation.polar
 
     @property
@@ -84,17 +84,17 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def qp(self) -> QpStatus | None:
-        """Where the plan came from, None where nothing was solved for it."""
+        """How the plan was found, None if nothing was solved for it."""
         return None if self.plan is None else self.plan.qp
 
     @property
     def place(self) -> RingPlace | None:
-        """Its place among the members of the ring, None off the ring."""
+        """The place among the members of the ring, None off the ring."""
         return None if self.plan is None or self.plan.ring is None else self.plan.ring.place
 
     @property
     def approach(self) -> Approach | None:
-        """How it stands to the ring, None off the ring."""
+        """The region relative to the ring, None off the ring."""
         return None if self.plan is None or self.plan.ring is None else self.plan.ring.approach
 
     @property
@@ -104,7 +104,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def slowed(self) -> str:
-        """What of the mission's ring is not flown, and why; empty if it is as the mission asks."""
+        """How the flown ring differs from the mission's, and why; empty if it does not."""
         return "" if self.plan is None or self.plan.ring is None else self.plan.ring.slowed
 
     @property

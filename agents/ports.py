@@ -1,4 +1,4 @@
-"""The seams between an agent and the world: the vehicle link and the peer bus, as protocols."""
+"""The interfaces between an agent and its environment: the vehicle link and the peer bus, as protocols."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from estimation.state import Sighting, Telemetry
 
 
 class FlightMode(Enum):
-    """The autopilot's flight mode, as far as an agent has to tell them apart."""
+    """The autopilot's flight mode, as far as an agent distinguishes them."""
 
     UNKNOWN = "unknown"
     READY = "ready"
@@ -29,7 +29,7 @@ class FlightMode(Enum):
 
 
 class GpsThreat(Enum):
-    """What the autopilot reports of the signals of its GPS."""
+    """The autopilot's report of interference with its GPS."""
 
     NONE = ""
     JAMMED = "jammed"
@@ -46,16 +46,16 @@ class Connection(Enum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleStatus:
-    """What a vehicle's autopilot says about itself beside its motion.
+    """The status that a vehicle's autopilot reports, except its motion.
 
-    `battery` is a fraction, None if unknown; `restarts` counts how often the autopilot has started anew. What the
-    autopilot does not report is None, or empty: `endurance_s` is its own estimate of the flight time until the battery
-    is empty; `tilt_deg` is that of its attitude; `estimator_ratio` is the highest innovation test ratio of its
-    estimator (above 1 the sensor is rejected), that of `estimator_sensor`, and `estimator_fault` names what it lacks;
-    `gps_dimensions` is that of the fix (0 without one, 2 or 3) from so many `satellites`, and `gps_threat` names
-    jamming or spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the horizontal wind that
-    its estimator takes to blow. `round_trip_s` is the time from a message to its answer [s of the mission clock],
-    and `link_fault` how the link falls short.
+    `battery` is a fraction, None if unknown; `restarts` counts the autopilot's restarts. Values that it does not report
+    are None, or empty: `endurance_s` is its estimate of the flight time until the battery is empty; `tilt_deg` is the
+    tilt of its attitude; `estimator_ratio` is the highest innovation test ratio of its estimator (above 1 the sensor is
+    rejected), that of `estimator_sensor`, and `estimator_fault` names the output that is invalid; `gps_dimensions` is
+    the type of the fix (0 without one, 2 or 3), with the number of `satellites`, and `gps_threat` names jamming or
+    spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the estimated horizontal wind.
+    `round_trip_s` is the time from a message to its answer [s of the mission clock], and `link_fault` describes how the
+    link is degraded.
     """
 
     connected: bool = False
@@ -83,8 +83,8 @@ class VehicleStatus:
 class Setpoint(msgspec.Struct, frozen=True):
     """A position setpoint in the mission frame, and the yaw counter-clockwise from its x axis.
 
-    `velocity_m_s` is the velocity (x, y, z) that goes with the position, to be fed forward; empty where none is sent.
-    Raises ValueError when a number is not finite: nothing else may reach a wire.
+    `velocity_m_s` is the velocity (x, y, z) to be fed forward with the position; empty if none is sent. Raises
+    ValueError when a number is not finite: only finite numbers may be sent.
     """
 
     position_m: Triple
@@ -99,7 +99,7 @@ class Setpoint(msgspec.Struct, frozen=True):
 
 
 class VehicleRefusedError(Exception):
-    """A vehicle cannot or will not do what the mission needs: the reason, and what to do next."""
+    """A vehicle refused, or failed, to do what the mission needs: the reason, and the next step."""
 
     def __init__(self, reason: str, next_step: str) -> None:
         super().__init__(f"{reason}; {next_step}")
@@ -108,18 +108,18 @@ class VehicleRefusedError(Exception):
 
 
 class VehicleLink(Protocol):
-    """One vehicle, in mission-frame metres: degrees, NED and the autopilot's dialect stop behind this seam.
+    """The link to one vehicle, in mission-frame metres; implementations convert degrees, NED and MAVLink dialects.
 
-    Coroutines raise VehicleRefusedError with the autopilot's own words when it refuses or does not answer.
+    Coroutines raise VehicleRefusedError with the autopilot's text when it refuses or does not answer.
     """
 
     @property
     def status(self) -> VehicleStatus:
-        """The newest status heard."""
+        """The newest status received."""
         ...
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
-        """Find the vehicle, verify its system id, request rates; from now on deliver telemetry on the event loop."""
+        """Find the vehicle, verify its system id, request rates; from then on deliver telemetry on the event loop."""
         ...
 
     async def take_off(self, altitude_m: float) -> None:
@@ -127,11 +127,11 @@ class VehicleLink(Protocol):
         ...
 
     async def start_offboard(self) -> None:
-        """Enter offboard; setpoints must be flowing. Returns when the flight mode, not the acknowledgement, says so."""
+        """Enter offboard; setpoints must be streaming. Returns when the flight mode has changed."""
         ...
 
     async def stop_offboard(self) -> None:
-        """Leave offboard into hold; returns when the flight mode says so."""
+        """Leave offboard for hold; returns when the flight mode confirms it."""
         ...
 
     async def land(self) -> None:
@@ -139,19 +139,19 @@ class VehicleLink(Protocol):
         ...
 
     async def kill(self) -> None:
-        """Cut the motors now, wherever the vehicle is and whoever has it: it falls. Returns when it is disarmed."""
+        """Cut the motors at once, in every state and also from a pilot: the vehicle falls. Returns when disarmed."""
         ...
 
     def locate(self, position: ExternalPosition) -> None:
-        """Pass on where the vehicle is as seen from outside; never blocks, never raises for a lost link."""
+        """Send the vehicle its externally measured position; never blocks, never raises for a lost link."""
         ...
 
     def hand_over(self) -> None:
-        """Send nothing from now on, and leave the flight mode alone: a pilot has the vehicle."""
+        """Send nothing from now on and do not change the flight mode: a pilot has control."""
         ...
 
     def take_back(self) -> None:
-        """Let setpoints through again; offboard has to be started anew."""
+        """Send setpoints again; offboard has to be started again."""
         ...
 
     def send(self, setpoint: Setpoint) -> None:
@@ -159,7 +159,7 @@ class VehicleLink(Protocol):
         ...
 
     async def close(self) -> None:
-        """Release the link; calls in flight are drained first."""
+        """Release the link, after the calls in progress have ended."""
         ...
 
 
@@ -168,7 +168,7 @@ class PeerBus(Protocol):
 
     @property
     def alive(self) -> bool:
-        """Whether it can still carry messages, as far as this end knows."""
+        """Whether the local session can still carry messages."""
         ...
 
     @property
@@ -178,7 +178,7 @@ class PeerBus(Protocol):
 
     @property
     def operated(self) -> bool:
-        """Whether an operator is on the bus, as far as this end knows."""
+        """Whether an operator is present on the bus."""
         ...
 
     async def open(
@@ -189,22 +189,22 @@ class PeerBus(Protocol):
     ) -> None:
         """Join; the callbacks run on the event loop.
 
-        They take a message of another participant, which came on the key of its type and its sender; the topic and the
-        payload of a sensor outside the team; another vehicle's id and whether it is present.
+        They receive: a message of another participant, already checked against the key of its type and sender; the
+        topic and payload of a sensor outside the team; another vehicle's id and whether it is present.
         """
         ...
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send to every other participant, under the own name; never blocks."""
+        """Send to every other participant under this participant's name; never blocks."""
         ...
 
     async def close(self) -> None:
-        """Leave; the others see it at once."""
+        """Leave; the others are notified at once."""
         ...
 
 
 class TargetSensor(Protocol):
-    """A sensor of the target that travels with one vehicle."""
+    """A target sensor on board one vehicle."""
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return a sighting when one is due and the target is within range of `position_m`."""
@@ -212,16 +212,16 @@ class TargetSensor(Protocol):
 
 
 class Heartbeat(Protocol):
-    """What an agent shows to whoever watches its control loop from outside; never blocks, never raises."""
+    """The heartbeat from an agent to the supervisor of its control loop; never blocks, never raises."""
 
     def rising(self) -> None:
-        """Tell that the vehicle is about to arm and take off."""
+        """Report that the vehicle is about to arm and take off."""
         ...
 
     def tick(self, due_s: float) -> None:
-        """Tell that the control loop has ticked; its next tick is due in `due_s` of the wall clock."""
+        """Report a tick of the control loop; the next one is due in `due_s` of the wall clock."""
         ...
 
     def ended(self) -> None:
-        """Tell that the vehicle is down, or handed over: nobody needs to watch it any more."""
+        """Report that the vehicle has landed or was handed over: supervision ends."""
         ...

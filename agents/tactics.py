@@ -1,4 +1,4 @@
-"""The tactic machine as a table, and the rule by which a vehicle decides for itself to leave the formation."""
+"""The tactic machine as a table, and the rule by which a vehicle decides to leave the formation."""
 
 from enum import Enum
 from math import hypot
@@ -8,7 +8,7 @@ from estimation.state import TargetEstimate, Vector
 
 
 class Tactic(Enum):
-    """What a vehicle is doing."""
+    """The tactic that a vehicle flies."""
 
     STANDBY = "standby"
     FORMATION = "formation"
@@ -22,7 +22,7 @@ class Tactic(Enum):
 
 
 class Event(Enum):
-    """What may change a vehicle's tactic."""
+    """The events that may change a vehicle's tactic."""
 
     START = "start"
     ENGAGE = "engage"
@@ -71,7 +71,7 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
     (Tactic.ASIDE, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
     (Tactic.HOLD, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
     (Tactic.PILOT_OVERRIDE, Event.RESUME): Tactic.FORMATION,
-    # A flight for identification: this event stands for its start, and for every resume.
+    # An identification flight: this event replaces start and resume.
     (Tactic.STANDBY, Event.EXCITE): Tactic.EXCITE,
     (Tactic.HOLD, Event.EXCITE): Tactic.EXCITE,
     (Tactic.PILOT_OVERRIDE, Event.EXCITE): Tactic.EXCITE,
@@ -85,7 +85,7 @@ TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
 
 
 def next_tactic(tactic: Tactic, event: Event) -> Tactic:
-    """Return the tactic after an event; an event that a tactic does not know changes nothing."""
+    """Return the tactic after an event; an event that is not listed for a tactic changes nothing."""
     return TRANSITIONS.get((tactic, event), tactic)
 
 
@@ -108,7 +108,7 @@ def decides_to_encircle(target: TargetEstimate, position_m: Vector, thresholds: 
 
 
 def reasons(target: TargetEstimate, position_m: Vector, thresholds: DecisionSettings) -> str:
-    """Return the numbers of that decision beside their thresholds, in people's words."""
+    """Return the values of that decision with their thresholds, as text."""
     distance_m = hypot(*(target.mean[:2] - position_m).tolist())
     return (
         f"importance {target.importance:.3f} (more than {thresholds.importance_min:g}), "

@@ -1,7 +1,7 @@
-"""A core whose every input and output is on tape, and the playing of a tape to another core.
+"""The tape of a core: a record of all its inputs and outputs, which can be played to another core.
 
-A core is deterministic: the same calls in the same order give the same outputs, bit for bit. So a tape of its calls is
-all that is needed to fly again what was flown. Each call is an item of its own; `play` is the way back.
+A core is deterministic: the same calls in the same order give the same outputs, bit for bit. A tape of its calls is
+therefore sufficient to replay a flight. Each call is one item; `play` makes the call again.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from estimation.state import Sighting, Telemetry
 
 
 class TimeScale(msgspec.Struct, frozen=True):
-    """`set_time_scale`: how many seconds of the mission pass in one of the wall's clock."""
+    """`set_time_scale`: mission seconds per wall second."""
 
     factor: float
 
@@ -32,19 +32,19 @@ class Start(msgspec.Struct, frozen=True):
 
 
 class TacticEvent(msgspec.Struct, frozen=True):
-    """`on_event`: what the shell or an operator at this computer said."""
+    """`on_event`: an event from the shell or from an operator at this computer."""
 
     event: Event
 
 
 class Autopilot(msgspec.Struct, frozen=True):
-    """`on_vehicle`: what the autopilot says of itself; recorded when it has changed."""
+    """`on_vehicle`: the autopilot's status; recorded when it has changed."""
 
     status: VehicleStatus
 
 
 class LateTicks(msgspec.Struct, frozen=True):
-    """`on_loop`: how many ticks were skipped; recorded when it has changed."""
+    """`on_loop`: the number of skipped ticks; recorded when it has changed."""
 
     count: int
 
@@ -57,40 +57,40 @@ class Bus(msgspec.Struct, frozen=True):
 
 
 class Computer(msgspec.Struct, frozen=True):
-    """`on_computer`: what the computer runs short of; recorded when it has changed."""
+    """`on_computer`: the resource that the computer is short of; recorded when it has changed."""
 
     short_of: str
 
 
 class Ground(msgspec.Struct, frozen=True):
-    """`on_ground`: the vehicle waits for its start, and what forbids that."""
+    """`on_ground`: the vehicle waits for its start, and what forbids the start."""
 
     lacks: str
 
 
 class Message(msgspec.Struct, frozen=True):
-    """`on_message`: what came over the bus, the same object for all cores of a process, and when."""
+    """`on_message`: a message from the bus, the same object for all cores of a process, and its time."""
 
     now_s: float
     message: BusMessage
 
 
 class Command(msgspec.Struct, frozen=True):
-    """`on_command`: what an operator at this computer said, and when."""
+    """`on_command`: a command of an operator at this computer, and its time."""
 
     now_s: float
     command: OperatorCommand
 
 
 class Killed(msgspec.Struct, frozen=True):
-    """`on_killed`: what came of cutting the motors."""
+    """`on_killed`: the outcome of cutting the motors."""
 
     now_s: float
     refusal: str
 
 
 class Presence(msgspec.Struct, frozen=True):
-    """`on_presence`: a peer has come or gone."""
+    """`on_presence`: a peer has joined or left the bus."""
 
     vehicle_id: int
     present: bool
@@ -123,7 +123,7 @@ CoreInput = (
 
 
 class Tape(Protocol):
-    """Takes what goes into a core and what comes out of it, in order; never blocks, never raises."""
+    """Records a core's inputs and outputs in order; never blocks, never raises."""
 
     def write(self, item: CoreInput | TickOutput) -> None:
         """Take the next item; a tick's output follows the tick."""
@@ -131,7 +131,7 @@ class Tape(Protocol):
 
 
 class TapedCore(VehicleCore):
-    """A core that writes every call onto a tape before it obeys it."""
+    """A core that writes every call to a tape before it executes it."""
 
     def __init__(self, config: AgentConfig, tape: Tape) -> None:
         super().__init__(config)
@@ -236,7 +236,7 @@ class TapedCore(VehicleCore):
 
 
 def play(core: VehicleCore, item: CoreInput) -> TickOutput | None:
-    """Give a core an input from a tape; return what comes out of it, None unless it is a tick."""
+    """Pass an input from a tape to a core; return the output of a tick, None for other inputs."""
     if isinstance(item, Tick):
         return core.tick(item.now_s)
     _CALLS[type(item)](core, item)

@@ -1,11 +1,11 @@
-"""TOML text from outside, with bounded work: Python's parser takes memory with the square of a dotted key's parts."""
+"""TOML text from outside, with bounded parsing: Python's parser uses memory with the square of a dotted key's parts."""
 
 import re
 import tomllib
 from typing import Any
 
 TEXT_MAX_LENGTH = 128_000
-"""A mission of 254 vehicles takes half of it."""
+"""A mission of 254 vehicles has half of this length."""
 KEY_PARTS_MAX = 32
 
 _STRINGS_AND_COMMENTS = re.compile(
@@ -15,7 +15,7 @@ _BETWEEN_KEYS = re.compile(r"[,\[\]{}=\n]")
 
 
 def toml_content(text: str) -> dict[str, Any]:
-    """Return the content of a TOML text; raises ValueError where it is none, or too large or too deep to be parsed."""
+    """Return the content of a TOML text; raises ValueError if it is invalid, too large or too deeply nested."""
     if len(text) > TEXT_MAX_LENGTH:
         raise ValueError(f"it is longer than {TEXT_MAX_LENGTH} characters")
     parts = max(piece.count(".") for piece in _BETWEEN_KEYS.split(_STRINGS_AND_COMMENTS.sub("", text)))

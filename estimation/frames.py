@@ -1,10 +1,10 @@
-"""The only place where frames are converted: geodetic, mission frame and a vehicle's local NED; and angle wrapping.
+"""All conversions of frames - geodetic, mission frame, a vehicle's local NED - and angle wrapping.
 
 The mission frame is tangent to the ellipsoid at the mission origin: x along a stated bearing, z up, y completing the
 right-handed system. A vehicle's local NED is parallel to north-east-down at the mission origin, shifted to that
-vehicle's own estimator origin. The two tangent planes differ a little: a kilometre out, by 2 mm for origins 10 m apart,
-by 17 mm for 100 m. A local frame, as indoors, lies nowhere on Earth: its north is that of the vehicles' NED, and where
-their origins lie in it has to be told.
+vehicle's own estimator origin. The two tangent planes differ slightly: at a distance of 1 km by 2 mm for origins 10 m
+apart, by 17 mm for 100 m. A local frame, for indoor flights, has no position on Earth: its north is that of the
+vehicles' NED, and the positions of their origins in it have to be given.
 """
 
 from dataclasses import dataclass
@@ -27,22 +27,22 @@ def wrap_signed_rad(angle_rad: float) -> float:
 
 
 def wrap_turn_rad(angle_rad: float) -> float:
-    """Wrap an angle to (0, 2 pi]: the angle to turn through, counter-clockwise, where none means a whole turn."""
+    """Wrap an angle to (0, 2 pi], a counter-clockwise turn; 0 becomes a whole turn."""
     turned = angle_rad % tau
     return turned if turned > 0.0 else tau
 
 
 def up_from_ned(ned: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn rows in a vehicle's local NED, (..., 3), into x north, y west, z up about the same origin; its own inverse.
+    """Convert rows in a vehicle's local NED, (..., 3), to x north, y west, z up about the same origin; its own inverse.
 
-    That is a mission frame whose x axis points north. Both frames differ by half a turn about north, for the axes of
-    the world as for those of the body (front, left, up): so it also turns rows of roll, pitch and yaw [rad].
+    The result is a mission frame whose x axis points north. World and body axes (front, left, up) both differ by half a
+    turn about north, so the function also converts rows of roll, pitch and yaw [rad].
     """
     return np.multiply(ned, (1.0, -1.0, -1.0))
 
 
 def euler_from_quaternion_rad(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return roll, pitch, yaw (T, 3) [rad] of unit quaternions w, x, y, z (T, 4), in the frame that those are in."""
+    """Return roll, pitch, yaw (T, 3) [rad] of unit quaternions w, x, y, z (T, 4), in the same frame."""
     w, x, y, z = quaternions.T
     roll_rad = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch_rad = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
@@ -52,7 +52,7 @@ def euler_from_quaternion_rad(quaternions: NDArray[np.float64]) -> NDArray[np.fl
 
 @dataclass(frozen=True)
 class Geodetic:
-    """A WGS-84 position: degrees, and metres above the ellipsoid or any one datum used throughout.
+    """A WGS-84 position: degrees, and metres above the ellipsoid or another datum that is used throughout.
 
     Raises ValueError when it is not a place on Earth.
     """
@@ -68,7 +68,7 @@ class Geodetic:
 
 @dataclass(frozen=True)
 class MissionFrame:
-    """The frame a mission is written in: its origin, and the bearing of its x axis clockwise from north.
+    """The mission frame: its origin, and the bearing of its x axis clockwise from north.
 
     A frame without an origin is local: it has no geodetic coordinates, and its north is that of the vehicles' NED.
     """
@@ -82,7 +82,7 @@ class MissionFrame:
 
     @property
     def is_local(self) -> bool:
-        """Whether it is a frame that lies nowhere on Earth."""
+        """Whether it has no position on Earth."""
         return self.origin is None
 
     def mission_from_ned(self, ned: Triple) -> Triple:
@@ -92,7 +92,7 @@ class MissionFrame:
         return north * cosine + east * sine, north * sine - east * cosine, -down
 
     def ned_from_mission(self, mission: Triple) -> Triple:
-        """Rotate the mission frame into north-east-down; the inverse of `mission_from_ned` (and its own mirror)."""
+        """Rotate the mission frame into north-east-down; the inverse of `mission_from_ned`."""
         x, y, z = mission
         cosine, sine = cos(self.x_bearing_rad), sin(self.x_bearing_rad)
         return x * cosine + y * sine, x * sine - y * cosine, -z
@@ -120,7 +120,7 @@ class MissionFrame:
 
     @cached_property
     def _enu_from_geodetic(self) -> "pyproj.Transformer":
-        # pyproj takes a tenth of a second to import: missions that never leave the simulation do without.
+        # pyproj takes 0.1 s to import, and simulations do not need it.
         from pyproj import Transformer  # noqa: PLC0415
 
         if self.origin is None:

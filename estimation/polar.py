@@ -20,9 +20,9 @@ class Polar(msgspec.Struct, frozen=True):
 def polar_from_motion(motion: Vector, target: Vector) -> Polar:
     """Return the polar state of a motion (4,) = [x y x' y'] about another: the state of the polar plant - (3), (5).
 
-    Of (5) it is the upper half; the lower one is in the feedback linearisation.
+    It is the upper half of (5); the lower half is in the feedback linearisation.
 
-    At the centre itself the bearing is taken as zero and the angular rate as none.
+    At the centre, bearing and angular rate are 0.
     """
     return polar_of(*(motion - target).tolist())
 

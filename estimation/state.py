@@ -1,4 +1,4 @@
-"""The vocabulary of the estimators: what is measured, what is believed, and how state vectors are laid out.
+"""The types of the estimators: measurements, estimates, and the layout of state vectors.
 
 Everything is in the mission frame (x, y right-handed with z up), SI units and radians.
 """
@@ -17,14 +17,15 @@ MOTION = slice(0, 4)
 DISTURBANCE = slice(4, 6)
 
 STEP_DIGITS = 3
-"""Beliefs are carried by whole milliseconds: telemetry comes at any time, but few steps differ, so that the matrices
-of each are computed once. At 3 m/s that is 1.5 mm at most, and measurements keep it from adding up."""
+"""Estimates are predicted by whole milliseconds: telemetry arrives at any time, but there are few different steps,
+whose matrices are computed once. The error at 3 m/s is 1.5 mm at most, and measurements prevent its accumulation.
+"""
 
 
 class Telemetry(msgspec.Struct, frozen=True):
     """One sample of a vehicle's own motion, as its autopilot reports it.
 
-    Raises ValueError when a number is not finite: NaN stops here.
+    Raises ValueError when a number is not finite: NaN is refused here.
     """
 
     time_s: float
@@ -38,11 +39,11 @@ class Telemetry(msgspec.Struct, frozen=True):
 class Sighting(msgspec.Struct, frozen=True):
     """One observation of the target by one vehicle's sensor, with the target's importance and threat in [0, 1].
 
-    `covariance_m2` holds (xx, xy, yy); `altitude_m` is above the mission's origin, None if the sensor tells none.
-    The frame of a sensor that travels with a vehicle has that vehicle's position error, a first-order Gauss-Markov
-    process: `frame_sigma_m` per axis (0: none) and `frame_correlation_s`. Raises ValueError when a number is not
-    finite, the covariance is not positive definite, the altitude's standard deviation is not positive, importance or
-    threat leave [0, 1], or the frame's error has no positive correlation time.
+    `covariance_m2` holds (xx, xy, yy); `altitude_m` is above the mission's origin, None if not measured. The frame of a
+    sensor on board a vehicle has that vehicle's position error, a first-order Gauss-Markov process: `frame_sigma_m` per
+    axis (0: none) and `frame_correlation_s`. Raises ValueError when a number is not finite, the covariance is not
+    positive definite, the altitude's standard deviation is not positive, importance or threat leave [0, 1], or the
+    frame's error has no positive correlation time.
     """
 
     time_s: float
@@ -59,7 +60,7 @@ class Sighting(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         xx, xy, yy = self.covariance_m2
         _require_finite("sighting", self.time_s, *self.position_m, xx, xy, yy, self.importance, self.threat)
-        if not (xx > 0.0 and xx * yy - xy * xy > 0.0):  # `xy**2` raises where it overflows
+        if not (xx > 0.0 and xx * yy - xy * xy > 0.0):  # `xy**2` raises on overflow
             raise ValueError(f"sighting covariance {self.covariance_m2} is not positive definite")
         if not (0.0 <= self.importance <= 1.0 and 0.0 <= self.threat <= 1.0):
             raise ValueError(f"importance {self.importance} and threat {self.threat} must lie in [0, 1]")
@@ -80,9 +81,9 @@ PlanarSpread = tuple[float, float, float, float, float, float, float, float, flo
 
 
 class OwnEstimate(msgspec.Struct, frozen=True):
-    """A vehicle's belief about itself: mean (6,) = [x y x' y' w_x w_y] at `time_s`, and its spread along x and y.
+    """The estimate of a vehicle's own motion: mean (6,) = [x y x' y' w_x w_y] at `time_s`, with covariances by axis.
 
-    Most ticks need one number of the covariance: the matrix is made where it is asked for.
+    Most ticks need one element of the covariance only; the matrix is computed on access.
     """
 
     time_s: float
@@ -91,7 +92,7 @@ class OwnEstimate(msgspec.Struct, frozen=True):
 
     @property
     def covariance(self) -> Vector:
-        """The covariance (6, 6); the axes are not correlated."""
+        """The covariance (6, 6); the axes are uncorrelated."""
         covariance = np.zeros((6, 6))
         for axis, (pp, pv, pw, vv, vw, ww) in enumerate(self.spread):
             covariance[axis::2, axis::2] = (pp, pv, pw), (pv, vv, vw), (pw, vw, ww)
@@ -104,9 +105,9 @@ class OwnEstimate(msgspec.Struct, frozen=True):
 
 
 class TargetEstimate(msgspec.Struct, frozen=True):
-    """A vehicle's belief about the target: mean (4,) = [x y x' y'] at `time_s`, and its spread.
+    """The estimate of the target's motion: mean (4,) = [x y x' y'] at `time_s`, and its covariance.
 
-    `sighted_s` is the time of the newest sighting behind it; importance and threat are that sighting's.
+    `sighted_s` is the time of the newest sighting used; importance and threat are from that sighting.
     """
 
     time_s: float
@@ -134,5 +135,5 @@ class TargetEstimate(msgspec.Struct, frozen=True):
 
 
 def _require_finite(what: str, *values: float) -> None:
-    if not isfinite(sum(values)) and not all(map(isfinite, values)):  # the sum is quick, but may overflow
+    if not isfinite(sum(values)) and not all(map(isfinite, values)):  # the sum is fast, but may overflow
         raise ValueError(f"{what} holds a number that is not finite: {values}")

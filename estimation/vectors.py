@@ -1,4 +1,4 @@
-"""Numbers limited to a range, and vectors of two components to a length: the one place where this is computed."""
+"""Limits of numbers to a range, and of vectors with two components to a length."""
 
 from math import hypot
 
@@ -15,15 +15,15 @@ def limited(value: float, limit: float) -> float:
 
 
 def clipped(vector: Vector, length_max: float) -> Vector:
-    """Return a vector (2,) that is no longer than `length_max`: the argument itself if it is not longer."""
+    """Return a vector (2,) limited to `length_max`; the same object if it is not longer."""
     length = hypot(*vector.tolist())
     return vector if length <= length_max else vector * (length_max / length)
 
 
 def clipped_pair(vector: Pair, length_max: float) -> Pair:
-    """Return the same of a vector given as two numbers, for callers to whom an array costs more than its arithmetic.
+    """Return the same for a vector given as two numbers, for callers where an array costs more than its arithmetic.
 
-    It multiplies before it divides, so the last digit may differ from that of `clipped`; recorded flights need either.
+    It multiplies before it divides, so the last digit may differ from `clipped`; replays of recorded flights need both.
     """
     length = hypot(*vector)
     return vector if length <= length_max else (vector[0] * length_max / length, vector[1] * length_max / length)

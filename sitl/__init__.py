@@ -1,4 +1,4 @@
-"""The bundled stub: simulated vehicles that speak MAVLink, and a simulation without sockets.
+"""The bundled stub: simulated vehicles with a MAVLink interface, and a simulation without sockets.
 
 It imports estimation only, neither agents nor gcs.
 """

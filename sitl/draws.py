@@ -1,4 +1,4 @@
-"""Random numbers one by one, drawn from their generator in blocks: a draw costs as much as a block of ten."""
+"""Random numbers one by one, drawn from their generator in blocks: one draw costs as much as a block of ten."""
 
 from collections.abc import Iterator
 
@@ -10,13 +10,13 @@ AHEAD = 256
 def normals(random: np.random.Generator, ahead: int = AHEAD) -> Iterator[float]:
     """Yield standard normal numbers, the same for any `ahead`.
 
-    With `ahead = 1` nothing is drawn before it is asked for: what else is drawn from the generator stays in order.
+    With `ahead = 1` nothing is drawn in advance, which keeps the order with other draws from the generator.
     """
     while True:
         yield from random.standard_normal(ahead).tolist()
 
 
 def uniforms(random: np.random.Generator) -> Iterator[float]:
-    """Yield numbers that are uniform in [0, 1)."""
+    """Yield uniform numbers in [0, 1)."""
     while True:
         yield from random.random(AHEAD).tolist()

@@ -1,4 +1,4 @@
-"""What may be wrong with one vehicle and its link: set, and taken back, while the vehicle is served."""
+"""The injected faults of one vehicle and its link, which are set and cleared during the run."""
 
 from dataclasses import dataclass, field, fields
 
@@ -9,11 +9,11 @@ from estimation.frames import Triple
 class VehicleFaults:
     """The injected faults of one vehicle; none by default.
 
-    With its link cut nothing passes in either direction; a delay [wall s] is that of each direction. A vehicle whose
-    motion is silent tells everything but where it is. An estimate that is off by an offset in the mission frame is off
-    for the autopilot as well: it flies to the setpoint in its own estimate. A push is an acceleration beside the wind,
-    `estimator_ratio` the test ratio of the horizontal position at the least, `endurance_s` the flight time left that
-    the battery reports (none: it reports none).
+    A cut link passes nothing in either direction; a delay [wall s] applies to each direction. With silent motion a
+    vehicle sends everything except its position. An offset of the estimate, in the mission frame, also affects the
+    autopilot, which flies to setpoints in its own estimate. A push is an acceleration in addition to the wind,
+    `estimator_ratio` a lower bound of the test ratio of the horizontal position, `endurance_s` the reported flight time
+    left (None: not reported).
     """
 
     link_cut: bool = False
@@ -25,20 +25,20 @@ class VehicleFaults:
     endurance_s: float | None = None
 
     def add(self, others: "VehicleFaults") -> None:
-        """Have the others as well; of one that both have, the others' value counts."""
+        """Add the other faults; their values replace those of the same fault."""
         for each in fields(self):
             if (value := getattr(others, each.name)) != each.default:
                 setattr(self, each.name, value)
 
     def clear(self) -> None:
-        """Have none."""
+        """Clear all faults."""
         for each in fields(self):
             setattr(self, each.name, each.default)
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleInjection:
-    """What is injected into a vehicle: faults beside those that it has, the and the share of its battery that is left.
+    """An injection into a vehicle: additional faults, and the remaining share of its battery.
 
     With `selects_hold` its mode becomes hold, as if another ground station had selected it.
     """
@@ -49,6 +49,6 @@ class VehicleInjection:
 
 
 def shifted(place_m: Triple, by_m: Triple) -> Triple:
-    """Return a place moved by an offset."""
+    """Return a position shifted by an offset."""
     x, y, z = (place + by for place, by in zip(place_m, by_m, strict=True))
     return x, y, z

@@ -1,4 +1,4 @@
-"""The MAVLink vocabulary of the stub: message ids, rates, flags and constants, as far as they are used."""
+"""The MAVLink message ids, rates, flags and constants that the stub uses."""
 
 from collections.abc import Mapping
 from enum import IntEnum, IntFlag
@@ -54,7 +54,7 @@ PX4_RATES_HZ: Mapping[int, float] = {
 
 
 class Result(IntEnum):
-    """MAV_RESULT, as far as it is used."""
+    """The MAV_RESULT values that are used."""
 
     ACCEPTED = 0
     TEMPORARILY_REJECTED = 1
@@ -64,7 +64,7 @@ class Result(IntEnum):
 
 
 class ModeFlag(IntFlag):
-    """MAV_MODE_FLAG, as far as it is used."""
+    """The MAV_MODE_FLAG values that are used."""
 
     CUSTOM_MODE_ENABLED = 1
     HIL_ENABLED = 32
@@ -72,7 +72,7 @@ class ModeFlag(IntFlag):
 
 
 class Sensor(IntFlag):
-    """MAV_SYS_STATUS_SENSOR, as far as it is used."""
+    """The MAV_SYS_STATUS_SENSOR values that are used."""
 
     GYRO = 1
     ACCEL = 2
@@ -85,7 +85,7 @@ class Sensor(IntFlag):
 
 
 class EstimatorFlag(IntFlag):
-    """ESTIMATOR_STATUS_FLAGS and EKF_STATUS_FLAGS, as far as both mean the same."""
+    """The common values of ESTIMATOR_STATUS_FLAGS and EKF_STATUS_FLAGS."""
 
     ATTITUDE = 1
     VELOCITY_HORIZ = 2
@@ -100,9 +100,9 @@ class EstimatorFlag(IntFlag):
 
 QUADROTOR = 2
 UID_OF_STUBS = 0x5354_5542_0000_0000
-"""Of system id 0: "STUB" in its upper half."""
+"""The unique id of system id 0: "STUB" in its upper half."""
 HITL = "SYS_HITL"
-"""PX4's parameter for a body that is simulated."""
+"""PX4's parameter of a simulated airframe."""
 UNINITIALISED, STANDBY, ACTIVE, CRITICAL = 0, 3, 4, 5
 GPS_FIX_NONE, GPS_FIX_3D = 1, 3
 CELLS = 4

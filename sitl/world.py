@@ -1,4 +1,4 @@
-"""The world around the vehicles: where the target truly is, the sensors that see it, and the wind."""
+"""The environment of the vehicles: the true target, the sensors that see it, and the wind."""
 
 from bisect import bisect_right
 from collections import deque
@@ -17,7 +17,7 @@ Pair = tuple[float, float]
 
 
 class Leg(NamedTuple):
-    """A straight piece of a target's way: where to, how fast, and for how long it stays there."""
+    """A leg of a target's path: its end, the speed, and the time that the target stays there."""
 
     to_m: Pair
     speed_m_s: float
@@ -25,7 +25,7 @@ class Leg(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """A time of constant velocity: since when, from where, and how."""
+    """An interval of constant velocity: its begin, the position then, and the velocity."""
 
     begin_s: float
     from_m: Pair
@@ -34,9 +34,9 @@ class _Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class TargetMotion:
-    """How a target moves from where it is at mission time 0: at one velocity, or along legs if there are any.
+    """The motion of a target from its position at mission time 0: at constant velocity, or along legs if there are any.
 
-    It goes along its legs `rounds` times, and stays at the end of the last.
+    It follows its legs `rounds` times, and stays at the end of the last one.
     """
 
     start_m: Pair
@@ -45,22 +45,22 @@ class TargetMotion:
     rounds: int = 1
 
     def position_m(self, mission_time_s: float) -> Pair:
-        """Return where the target is; before the mission starts it waits."""
+        """Return the target's position; before the mission starts the target waits."""
         begin_s, (x, y), (x_rate, y_rate) = self._piece(mission_time_s)
         since_s = max(mission_time_s, 0.0) - begin_s
         return x + x_rate * since_s, y + y_rate * since_s
 
     def velocity_at_m_s(self, mission_time_s: float) -> Pair:
-        """Return how it moves then, also if it has not set out yet."""
+        """Return the velocity at a mission time, before the start that of the start."""
         return self._piece(mission_time_s).velocity_m_s
 
     @property
     def speed_max_m_s(self) -> float:
-        """The highest speed it ever has."""
+        """The highest speed of the whole motion."""
         return max(hypot(*piece.velocity_m_s) for piece in self._pieces)
 
     def path_m(self, until_s: float, points: int) -> list[tuple[float, Pair]]:
-        """Return times and places along its way, evenly in time, and its corners; one if it stays where it is."""
+        """Return times and positions along the path, evenly in time, and its corners; one if it does not move."""
         if self.speed_max_m_s == 0.0:
             return [(0.0, self.start_m)]
         corners_s = {piece.begin_s for piece in self._pieces if piece.begin_s <= until_s}
@@ -81,7 +81,7 @@ class TargetMotion:
 
 @lru_cache(maxsize=64)
 def _divided(motion: TargetMotion) -> list[_Piece]:
-    """Divide a way into pieces of constant velocity."""
+    """Divide a path into intervals of constant velocity."""
     if not motion.legs:
         return [_Piece(0.0, motion.start_m, motion.velocity_m_s)]
     pieces, time_s, (x, y) = [], 0.0, motion.start_m
@@ -101,10 +101,10 @@ _begin_s = itemgetter(0)
 
 @dataclass(frozen=True, slots=True)
 class SensorModel:
-    """A sensor of the target: its range, rate and noise per axis, and how it rates the target.
+    """A sensor of the target: its range, rate and noise per axis, and the importance and threat that it reports.
 
-    A share of its sightings are outliers, off by `outlier_m` in a random direction. Sightings arrive `delay_s` late;
-    the sensor is blind in an interval of mission time. `altitude_m` is the target's, if the sensor measures it.
+    A share of its sightings are outliers with an error of `outlier_m` in a random direction. Sightings arrive `delay_s`
+    late; the sensor is blind in an interval of mission time. `altitude_m` is the target's, if the sensor measures it.
     """
 
     range_m: float
@@ -120,9 +120,9 @@ class SensorModel:
 
 
 class SimulatedSensor:
-    """One vehicle's sensor of a simulated target; seeded, so that the same flight sees the same twice."""
+    """One vehicle's sensor of a simulated target; seeded, so that flights are reproducible."""
 
-    # Even an ideal sensor has a covariance: a zero would make the filters trust rounding errors.
+    # Even an ideal sensor has a covariance: with 0 the filters would follow rounding errors.
     _NOISE_MIN_M = 0.01
 
     def __init__(self, sensor_id: int, model: SensorModel, target: TargetMotion, start_s: float, seed: int) -> None:
@@ -138,8 +138,8 @@ class SimulatedSensor:
         self._untold: deque[Sighting] = deque()
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return the next sighting to be told, if any: the target was within range of `position_m` when it was due."""
-        # A tick in advance of the due time by rounding alone still counts as on time.
+        """Return the next sighting to deliver, if any: the target was within range of `position_m` when it was due."""
+        # A tick that is early by rounding only is still on time.
         if self._due_s is None or now_s >= self._due_s - 1e-6:
             seen = self._seen(now_s, position_m)
             if seen is not None:

@@ -1,11 +1,11 @@
-"""The active set of a small quadratic programme, from which its optimum follows: where OSQP starts.
+"""The active set of a small quadratic programme. Its optimum is the starting point of OSQP.
 
-By itself OSQP takes hundreds of iterations where several bounds on states are active, however they are scaled
-(docs/control.md). With the active set known, the optimum is that of a few linear equations.
+From a cold start OSQP takes hundreds of iterations where several bounds on states are active, whatever the scaling
+(docs/control.md). With the active set known, the optimum solves a few linear equations.
 
-The dual of  min x' P x / 2 + q' x,  G x <= b  is  min y' K y / 2 + d' y,  y >= 0,  with  K = G P^-1 G'  and
-d = b + G P^-1 q, the room that the unbounded optimum leaves. It is solved as Lawson and Hanson solve least squares with
-non-negative unknowns: the bound that is exceeded most becomes active, and one whose multiplier turns negative leaves.
+The dual of  min x' P x / 2 + q' x,  G x <= b  is  min y' K y / 2 + d' y,  y >= 0,  with  K = G P^-1 G'  and the slack
+d = b + G P^-1 q  of the bounds at the unbounded optimum. It is solved by Lawson and Hanson's algorithm for non-negative
+least squares: the bound that is exceeded most becomes active, and one whose multiplier turns negative leaves.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from estimation.state import Vector
 
 _EXCESS_MAX = 1e-9
 _RIDGE = 1e-12
-"""On the diagonal of K, which is 1: so bounds that depend on each other have multipliers, and some of them leave."""
+"""Added to the diagonal of K, which is 1: dependent bounds then have unique multipliers, and some of them leave."""
 _CHANGES_MAX = 50
 _ZERO = np.zeros(1)
 
@@ -36,7 +36,7 @@ class ActiveSet:
     def optimum(self, gradient: Vector, lower: Vector, upper: Vector) -> tuple[Vector, Vector] | None:
         """Return the optimum (n,) and the multipliers (m,), positive on upper bounds and negative on lower ones.
 
-        The search begins at the active set found last. None if it takes too long.
+        The search begins at the active set found last. None if it exceeds its limit of steps.
         """
         room = np.concatenate((upper, -lower)) * self._scale + self._responses.dot(gradient)
         multipliers = self._multipliers(room)
@@ -66,7 +66,7 @@ class ActiveSet:
         return None
 
     def _with_newest(self, room: Vector, multipliers: Vector) -> Vector:
-        """Go from multipliers (k,) towards the stationary ones; a bound whose multiplier reaches zero leaves."""
+        """Move multipliers (k,) towards the stationary ones; a bound whose multiplier reaches zero leaves."""
         wanted = self._stationary(room)
         while wanted.size and wanted.min() < 0.0:
             falls = np.flatnonzero(wanted < 0.0)

@@ -1,4 +1,4 @@
-"""Encirclement: LMPC on the linearised polar model, and its aim through feedback linearisation."""
+"""Encirclement: LMPC on the linearised polar model, and the aim by feedback linearisation."""
 
 from collections.abc import Sequence
 from enum import Enum
@@ -22,11 +22,11 @@ _CONSTRAINED = (1, 2, 3)  # bearing, radial speed, angular rate
 _APPROACH_GAIN_PER_S = 0.5
 _FREE = 1e20
 _SLACK_WEIGHT = 100.0
-"""A metre, or a metre a second, beyond a bound costs as much as ten metres off the ring."""
+"""Exceeding a bound by 1 m or 1 m/s costs as much as a radius error of 10 m."""
 
 
 class Approach(Enum):
-    """How the vehicle stands to the ring: on its way along it, or where polar control is singular or useless."""
+    """The region that the vehicle is in: near the ring, or where the polar model is singular or does not hold."""
 
     ORBIT = "orbit"
     OUTWARD = "outward"
@@ -34,11 +34,11 @@ class Approach(Enum):
 
 
 class RingTask(msgspec.Struct, frozen=True):
-    """What one vehicle is to fly about the target: everything at the moment when the setpoint acts.
+    """One vehicle's task about the target; all values are at the moment when the setpoint acts.
 
-    `motion` and `target` are motions (4,), `polar` is the polar state of the one about the other, `compensation_m_s2`
-    (2,) the disturbance to make up for. `orbit` is the ring, `radius_m` the radius to fly at: the ring's, or that of
-    the circle on which vehicles wait. Either bends around the `obstacles`.
+    `motion` and `target` are motions (4,), `polar` is the polar state of the vehicle about the target,
+    `compensation_m_s2` (2,) the disturbance to compensate. `orbit` is the ring, `radius_m` the radius to fly at: the
+    ring's, or that of the waiting circle. Both bend around the `obstacles`.
     """
 
     motion: Vector
@@ -54,7 +54,7 @@ class RingTask(msgspec.Struct, frozen=True):
 
 
 class EncirclementPlan(msgspec.Struct, frozen=True):
-    """The aim (2,), how the vehicle stands to the ring, the angular rate wanted of it, and the solver's status."""
+    """The aim (2,), the vehicle's region, its desired angular rate, and the solver's status."""
 
     aim_m: Vector
     approach: Approach
@@ -63,7 +63,7 @@ class EncirclementPlan(msgspec.Struct, frozen=True):
 
 
 class EncirclementPlanner:
-    """Plans one vehicle's flight around the target; remembers the last polar acceleration only."""
+    """Plans one vehicle's flight around the target; its only state is the last polar acceleration."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._plant = config.plant
@@ -75,7 +75,7 @@ class EncirclementPlanner:
         self._times_s: Vector = self._settings.prediction_step_s * samples
         self._reference_gain = _reference_gain(self._settings, self._times_s)
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
-        # The bounds of a plan, filled anew for each: what does not change stands in them from the beginning.
+        # The bounds of a plan: constant entries are set here, the others before each plan.
         self._pushes = self._settings.acceleration_max_m_s2 * np.array([[-1.0, -1.0], [1.0, 1.0]])
         self._limits = np.empty((2, self._settings.horizon, len(_CONSTRAINED)))
         self._limits[0], self._limits[1] = -self._settings.speed_max_m_s, self._settings.speed_max_m_s
@@ -84,7 +84,7 @@ class EncirclementPlanner:
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
-        """Forget the last polar acceleration: the vehicle comes from another tactic."""
+        """Clear the last polar acceleration, when the vehicle comes from another tactic."""
         self._acceleration = np.zeros(2)
 
     def plan(self, task: RingTask) -> EncirclementPlan:
@@ -95,7 +95,7 @@ class EncirclementPlanner:
         motion, polar = task.motion, task.polar
         if task.authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
             motion = damped_motion(task)
-            polar = polar_from_motion(motion, task.target)  # of another motion than the task's
+            polar = polar_from_motion(motion, task.target)  # the damped motion has another polar state
         approach = self._approach(polar.radius_m)
         if approach is not Approach.ORBIT:
             self.reset()
@@ -132,7 +132,7 @@ class EncirclementPlanner:
     def _reference(self, task: RingTask, polar: Polar) -> Vector:
         """Return the reference (horizon, 4) in [r R phi r' R phi'].
 
-        Bearings count from the vehicle's own present one, so that no wrap ever reaches the optimiser.
+        Bearings are relative to the vehicle's present one, so the optimiser sees no wrap.
         """
         radius, bearing = task.reference.radius, task.reference.bearing
         ahead_rad = wrap_signed_rad(bearing.value - polar.bearing_rad)
@@ -145,7 +145,7 @@ class EncirclementPlanner:
         return reference
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
-        """Bound the inputs by the acceleration, the states by the speed limit and the clearance to both neighbours."""
+        """Bound the inputs by the acceleration, the states by the speed and the clearance to both neighbours."""
         settings, share = self._settings, self._along_m / polar.radius_m
         push_m_s2, fastest_m_s = settings.acceleration_max_m_s2 * share, settings.speed_max_m_s * share
         self._pushes[0, 1], self._pushes[1, 1] = -push_m_s2, push_m_s2
@@ -161,10 +161,10 @@ class EncirclementPlanner:
 
 
 def _reference_gain(settings: EncirclementSettings, times_s: Vector) -> Vector:
-    """Return what takes radius and bearing, each with rate and acceleration (6,), to the reference at all samples.
+    """Return the matrix from radius and bearing, each with rate and acceleration (6,), to the reference at all samples.
 
-    Shape (horizon * 4, 6), a sample in [r R phi r' R phi']. The acceleration of a transition fades as the law (22) lets
-    it.
+    Shape (horizon * 4, 6), a sample in [r R phi r' R phi']. The acceleration of a transition decays as under the law
+    (22).
     """
     decay_per_s = max(settings.spacing_gain_per_s, 1e-3)
     eased_s = -np.expm1(-decay_per_s * times_s) / decay_per_s
@@ -177,9 +177,9 @@ def _reference_gain(settings: EncirclementSettings, times_s: Vector) -> Vector:
 
 
 def damped_motion(task: RingTask) -> Vector:
-    """Return the motion (4,) to plan from with less than full authority.
+    """Return the motion (4,) to plan from when the control authority is below 1.
 
-    Of the vehicle's deviation from its reference, only the share `authority` is fed back.
+    Only the share `authority` of the vehicle's deviation from its reference is fed back.
     """
     polar, (radius, bearing) = task.polar, (task.reference.radius, task.reference.bearing)
     radius_m = radius.value + bend_m(task.radius_m, polar, task.obstacles)
@@ -190,11 +190,11 @@ def damped_motion(task: RingTask) -> Vector:
 def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
     """Build the LMPC of two double integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
 
-    Angles are in metres along the ring of radius R: so one slack fits all bounds.
+    Angles are in metres along the ring of radius R, so that one slack suits all bounds.
 
-    (24b) and (24c) weigh by rho and zeta how far the angles to the vehicles behind and in front are from those between
-    the references. The neighbours are predicted on their references, as (25) and (26) do with the ring's rate. So both
-    terms weigh the distance of the vehicle from its own reference, with rho + zeta.
+    (24b) and (24c) weight, by rho and zeta, the differences between the angles to the neighbours behind and in front
+    and the angles between the references. The neighbours are predicted on their references, as (25) and (26) do at the
+    ring's rate. Both terms therefore weight the vehicle's distance from its own reference, by rho + zeta.
     """
     per_m2 = settings.radius_m**-2
     spacing_weight = settings.lag_weight + settings.lead_weight

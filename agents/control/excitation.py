@@ -1,10 +1,10 @@
-"""The programme of a flight for identification: its setpoints over time, and the motion predicted of them.
+"""The programme of an identification flight: its setpoints over time, and the motion that they are predicted to cause.
 
-Steps between random levels excite delay and stiffness most, swept sines the damping and what a second order leaves
-out. Each axis is excited alone, then both together by signals of their own. A plant with feed-forward gets
-the sines with their velocities beside them, and the steps with none: apart they identify both. The plant
-is linear, and so one simulated flight at unit amplitude gives how large a part may be for box and speed - also where
-the profile is wrong.
+Steps between random levels excite mainly delay and stiffness, swept sines mainly the damping and the dynamics beyond
+second order. Each axis is excited alone, then both together with different signals. For a plant with feed-forward the
+sines are sent with their velocities and the steps without: together they identify both inputs. The plant is linear, so
+one simulated flight at unit amplitude gives the largest amplitude within the box and the speed limit, also for plants
+that differ from the profile.
 """
 
 from bisect import bisect_right
@@ -23,18 +23,18 @@ from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import POSITION, VELOCITY, Vector
 
 LEVELS = 7
-"""How many levels there are from one side of the box to the other."""
+"""The number of levels from one side of the box to the other."""
 STEP_LARGEST = 0.75
-"""In amplitudes: a smaller largest step lets the levels use more of the box at the same speed."""
+"""In amplitudes: with a smaller largest step the levels use more of the box at the same speed."""
 BOX_RESERVE = 0.85
-"""The share of the box that is planned with: estimates wander, and there is wind."""
+"""The share of the box that the plan uses; the rest is a margin for wind and slow position errors."""
 LEAD_RESERVE = 0.9
 APPROACH_SHARE = 0.5
-"""Of the speed limit: how fast it flies to the middle of the box."""
+"""The speed of the flight to the middle of the box, as a share of the speed limit."""
 
 
 class Steps(msgspec.Struct, frozen=True):
-    """Levels of unit amplitude, and when each begins, from 0 on."""
+    """Levels of unit amplitude, and when each begins, starting at 0."""
 
     from_s: tuple[float, ...]
     level: tuple[float, ...]
@@ -49,7 +49,7 @@ class Steps(msgspec.Struct, frozen=True):
 
 
 class Sweep(msgspec.Struct, frozen=True):
-    """A sine whose frequency rises, or falls, exponentially; above `knee_hz` its amplitude falls, not to be faster."""
+    """A sine whose frequency changes exponentially; above `knee_hz` its amplitude falls, which bounds its speed."""
 
     from_hz: float
     to_hz: float
@@ -57,12 +57,12 @@ class Sweep(msgspec.Struct, frozen=True):
     seconds: float
 
     def at(self, time_s: float) -> float:
-        """Return its value at a time."""
+        """Return the value at a time."""
         frequency_hz, turns = self._reached(time_s)
         return min(1.0, self.knee_hz / frequency_hz) * sin(2.0 * pi * turns)
 
     def rate_per_s(self, time_s: float) -> float:
-        """Return how fast its value changes at a time."""
+        """Return the rate of change at a time."""
         frequency_hz, turns = self._reached(time_s)
         falls_per_s = self._growth_per_s if frequency_hz > self.knee_hz else 0.0
         swing = 2.0 * pi * frequency_hz * cos(2.0 * pi * turns) - falls_per_s * sin(2.0 * pi * turns)
@@ -73,7 +73,7 @@ class Sweep(msgspec.Struct, frozen=True):
         return log(self.to_hz / self.from_hz) / self.seconds
 
     def _reached(self, time_s: float) -> tuple[float, float]:
-        """Return the frequency at a time, and how many turns were made."""
+        """Return the frequency at a time, and the number of periods completed."""
         frequency_hz = self.from_hz * exp(self._growth_per_s * time_s)
         return frequency_hz, (frequency_hz - self.from_hz) / self._growth_per_s
 
@@ -82,7 +82,7 @@ Signal = Steps | Sweep | None
 
 
 class Part(msgspec.Struct, frozen=True):
-    """A part of the programme: when it begins and ends, the signal of each axis, and the amplitude of both."""
+    """A part of the programme: its begin and end, the signal of each axis, and the amplitude of both."""
 
     name: str
     begin_s: float
@@ -91,7 +91,7 @@ class Part(msgspec.Struct, frozen=True):
     amplitude_m: float
 
     def offset_m(self, time_s: float) -> tuple[float, float]:
-        """Return the setpoint relative to the middle of the box at a time of the programme."""
+        """Return the setpoint at a time of the programme, relative to the middle of the box."""
         x, y = (0.0 if each is None else each.at(time_s - self.begin_s) for each in self.signals)
         return self.amplitude_m * x, self.amplitude_m * y
 
@@ -102,18 +102,18 @@ class Part(msgspec.Struct, frozen=True):
 
 
 class Programme(msgspec.Struct, frozen=True):
-    """All parts in their order; before each, and after the last, the vehicle rests in the middle of the box."""
+    """All parts in order; before each part and after the last, the vehicle rests in the middle of the box."""
 
     parts: tuple[Part, ...]
     duration_s: float
 
     def part(self, time_s: float) -> Part | None:
-        """Return the part at a time of the programme, None while it rests."""
+        """Return the part at a time of the programme, None at rest."""
         return next((part for part in self.parts if part.begin_s <= time_s < part.end_s), None)
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """The greatest in a motion: its reach along either axis, speed, acceleration, the aim's lead; its length."""
+    """The maxima of a motion - reach along either axis, speed, acceleration, lead of the aim - and its path length."""
 
     reach_m: float
     speed_m_s: float
@@ -123,7 +123,7 @@ class Motion(msgspec.Struct, frozen=True):
 
 
 class Preview(msgspec.Struct, frozen=True):
-    """What the programme is predicted to take, with the profile's plant; `reach_m` is from the box's middle."""
+    """The programme's predicted space, speed and time on the profile's plant; `reach_m` is from the box's middle."""
 
     duration_s: float
     reach_m: float
@@ -134,7 +134,7 @@ class Preview(msgspec.Struct, frozen=True):
 
 @lru_cache(maxsize=64)
 def programme(config: AgentConfig) -> Programme:
-    """Return the programme of a flight for identification; `config` has to be one's."""
+    """Return the programme of an identification flight; `config` must have `excitation`."""
     settings = config.excitation
     assert settings is not None
     random = np.random.default_rng(settings.seed)
@@ -147,7 +147,7 @@ def programme(config: AgentConfig) -> Programme:
 
 
 def preview(config: AgentConfig) -> Preview:
-    """Return what the programme is predicted to take."""
+    """Return the predicted space, speed and time of the programme."""
     whole = programme(config)
     motions = [_flown(config.plant, config.rate_hz, part) for part in whole.parts]
     settings = config.excitation
@@ -162,13 +162,13 @@ def preview(config: AgentConfig) -> Preview:
 
 
 def approach_lead_m(config: AgentConfig, speed_max_m_s: float) -> float:
-    """Return how far ahead the setpoint is on the way to the box: a1/a0 times the speed there."""
+    """Return the lead of the setpoint on the flight to the box: a1/a0 times the speed."""
     axes = (config.plant.x, config.plant.y)
     return APPROACH_SHARE * speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
 
 
 def _approach_s(settings: ExcitationSettings) -> float:
-    """Return how long the way to the middle of the box may take, and coming to rest there."""
+    """Return the longest time for the flight to the middle of the box and coming to rest there."""
     return 1.5 * hypot(*settings.offset_m) / (APPROACH_SHARE * settings.speed_max_m_s) + 2.0 * settings.rest_s
 
 
@@ -185,7 +185,7 @@ def _signals(
     yield "steps along both", (steps(), steps()), settings.steps_s
     yield "sweep along x", (up, None), settings.sweep_s
     yield "sweep along y", (None, up), settings.sweep_s
-    # One rises while the other falls: the axes are never excited by the same signal.
+    # One rises while the other falls, so that the axes are never excited by the same signal.
     yield "sweep along both", (up, down), settings.sweep_s
 
 
@@ -215,7 +215,7 @@ def _amplitude_m(
     doubted = [_flown(plant, config.rate_hz, unit) for plant in _doubted(config.plant, settings.plant_doubt)]
     acceleration_m_s2 = min(settings.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
     return min(
-        BOX_RESERVE * settings.half_width_m,  # the setpoints themselves stay inside
+        BOX_RESERVE * settings.half_width_m,  # the setpoints stay inside as well
         BOX_RESERVE * settings.half_width_m / max(motion.reach_m for motion in doubted),
         settings.speed_max_m_s / max(motion.speed_m_s for motion in doubted),
         acceleration_m_s2 / known.acceleration_m_s2,
@@ -224,14 +224,14 @@ def _amplitude_m(
 
 
 def _doubted(plant: Plant, doubt: float) -> Iterator[Plant]:
-    """Return the plant, and those whose numbers are as far off as they may be."""
+    """Return the plant, and those whose parameters are at the limits of their uncertainty."""
     for stiffer, damped in ((1.0, 1.0), *product((1.0 - doubt, 1.0 + doubt), repeat=2)):
         x, y = (PlantAxis(axis.a0_per_s2 * stiffer, axis.a1_per_s * damped) for axis in (plant.x, plant.y))
         yield replace(plant, x=x, y=y)
 
 
 def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:
-    """Simulate a part, and the return to the middle after it; a delay changes nothing but when."""
+    """Simulate a part and the return to the middle; without the plant's delay, which only shifts the motion in time."""
     seconds = part.end_s - part.begin_s
     times_s = [part.begin_s + k / rate_hz for k in range(round(seconds * rate_hz))]
     aims = [plant.aim_m(part.offset_m(time_s), part.velocity_m_s(time_s)) for time_s in times_s]

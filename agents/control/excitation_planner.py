@@ -1,4 +1,4 @@
-"""Flying the programme of a flight for identification: to the box, part by part, and what a hold does to it."""
+"""The planner of an identification flight: to the box, then part by part, with interruptions by a hold."""
 
 from math import hypot, inf
 
@@ -13,18 +13,18 @@ from estimation.state import POSITION, Vector
 
 NEAR_M = 1.0
 NEAR_SHARE = 0.25
-"""How near the middle of its box, in metres and in half-widths, a vehicle has to rest for a part to begin."""
+"""A part begins only if the vehicle rests this near the middle of its box, in metres and in half-widths."""
 
 
 class Exciter:
-    """One vehicle's flight for identification; the programme goes by the mission's clock.
+    """Plans one vehicle's identification flight; the programme runs on the mission's clock.
 
-    A part begins only while the vehicle rests in the middle of the box: one that was held goes there, and flies the
-    next part in its time.
+    A part begins only while the vehicle rests in the middle of the box. After a hold the vehicle returns there and
+    flies the next part at its scheduled time.
     """
 
     def __init__(self, config: AgentConfig, settings: ExcitationSettings) -> None:
-        """Plan it; the box is about the vehicle's start, which has to be known."""
+        """Make the programme; the box is relative to the vehicle's start, which must be known."""
         self._programme = programme(config)
         home_x, home_y = config.home_m or (0.0, 0.0)
         self._middle_m: Vector = np.array([home_x + settings.offset_m[0], home_y + settings.offset_m[1]])
@@ -37,11 +37,11 @@ class Exciter:
         self._ready = False
 
     def start(self, at_s: float) -> None:
-        """Let the programme begin at `at_s`."""
+        """Begin the programme at `at_s`."""
         self._start_s = at_s
 
     def reset(self) -> None:
-        """Begin anew, wherever the vehicle is."""
+        """Restart from the vehicle's present position."""
         self._ready = False
 
     def plan(self, situation: Situation) -> Plan:
@@ -51,7 +51,7 @@ class Exciter:
         if part is None:
             self._ready = hypot(*(situation.own.mean[POSITION] - self._middle_m).tolist()) < self._near_m
         if part is None or not self._ready:
-            # What compensates the wind stands still during a part: only the programme moves the aim.
+            # The wind compensation is frozen during a part, so that only the programme moves the aim.
             self._against_wind_m = -situation.disturbance / self._stiffness_per_s2
             aim, velocity = towards(self._middle_m, situation.acting_motion[POSITION], self._lead_m), (0.0, 0.0)
         else:

@@ -1,7 +1,7 @@
 """Formation flight: LMPC on the error dynamics between a vehicle and its predecessor.
 
-With E = p_i - p_{i-1} and both on the same plant, E answers the difference of the two aims as the plant answers an
-aim. The leader's predecessor is the mission's line itself: a vehicle without error on it, at the mission's speed.
+With E = p_i - p_{i-1} and both vehicles on the same plant, E responds to the difference of the two aims as the plant
+responds to an aim. The leader's predecessor is the mission line: a virtual vehicle on it, at the mission's speed.
 """
 
 from collections.abc import Collection
@@ -19,14 +19,14 @@ _CONSTRAINED = (2, 3)  # the two speeds
 
 
 class Predecessor(msgspec.Struct, frozen=True):
-    """A predecessor's motion (4,) and undisturbed aim (2,) at the moment a vehicle plans for."""
+    """A predecessor's motion (4,) and undisturbed aim (2,) at the moment when the follower's setpoint acts."""
 
     motion: Vector
     aim_m: Vector
 
 
 class FormationPlan(msgspec.Struct, frozen=True):
-    """The aim (2,), what it would be undisturbed - followers need that - and the solver's status."""
+    """The aim (2,), the undisturbed aim (2,), which followers need, and the solver's status."""
 
     aim_m: Vector
     undisturbed_aim_m: Vector
@@ -34,7 +34,7 @@ class FormationPlan(msgspec.Struct, frozen=True):
 
 
 class FormationPlanner:
-    """Plans one vehicle's flight relative to its predecessor; remembers the last relative aim only."""
+    """Plans one vehicle's flight relative to its predecessor; its only state is the last relative aim."""
 
     def __init__(self, config: AgentConfig) -> None:
         settings = config.formation
@@ -47,7 +47,7 @@ class FormationPlanner:
         self._lmpc = formation_lmpc(config)
 
     def reset(self) -> None:
-        """Forget the last relative aim: predecessor or tactic have changed."""
+        """Clear the last relative aim, when predecessor or tactic have changed."""
         self._relative_aim_m = None
 
     def plan(
@@ -57,7 +57,7 @@ class FormationPlanner:
         predecessor: Predecessor,
         offset_m: tuple[float, float],
     ) -> FormationPlan:
-        """Plan from the vehicle's motion (4,) so that it keeps `offset_m` to its predecessor."""
+        """Plan from the vehicle's motion (4,) so that it keeps `offset_m` from its predecessor."""
         separation = np.array(offset_m)
         if self._relative_aim_m is None:
             self._relative_aim_m = separation
@@ -70,7 +70,7 @@ class FormationPlanner:
         return FormationPlan(undisturbed - compensation, undisturbed, plan.status)
 
     def _bounds(self, motion: Vector, predecessor: Predecessor) -> Bounds:
-        """Bound the aim to the lead allowed before the vehicle, and the vehicle's own speed."""
+        """Bound the aim's lead ahead of the vehicle, and the vehicle's speed."""
         from_vehicle = motion[POSITION] - predecessor.aim_m
         return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
 
@@ -78,7 +78,7 @@ class FormationPlanner:
 def formation_lmpc(config: AgentConfig) -> Lmpc:
     """Build the LMPC of the error dynamics between a vehicle and its predecessor - (1), (2), (13), (14).
 
-    They are the plant's own, in [e_x e_y e_x' e_y'] with inputs relative aims.
+    They equal the plant's, in [e_x e_y e_x' e_y'] with relative aims as inputs.
     """
     settings = config.formation
     step = exact_step(config.plant, settings.prediction_step_s)
@@ -96,7 +96,7 @@ def formation_lmpc(config: AgentConfig) -> Lmpc:
 def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float) -> Predecessor:
     """Return the leader's predecessor: a vehicle in steady flight along x, on the line from `start_m`.
 
-    In steady flight the plant trails its aim by `a1 / a0` times the speed: that is the preview that lets a ramp be
+    In steady flight the plant lags its aim by `a1 / a0` times the speed. The aim leads by as much, so that the ramp is
     followed without lag.
     """
     x_m, y_m = start_m[0] + speed_m_s * mission_time_s, start_m[1]
@@ -105,14 +105,14 @@ def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, m
 
 
 def leader_of(flying: Collection[int], slots: tuple[int, ...], appointed: int) -> int:
-    """Return who leads: the appointed leader, or once it has left, the nearest slot to its own that still flies."""
+    """Return the leader: the appointed vehicle, or once it has left, the flying one in the slot nearest to its own."""
     place = slots.index(appointed)
     return min(flying, key=lambda member: (abs(slots.index(member) - place), slots.index(member)))
 
 
 @lru_cache(maxsize=256)
 def predecessor_of(vehicle_id: int, flying: frozenset[int], slots: tuple[int, ...], appointed: int) -> int | None:
-    """Return the vehicle to keep station on: the next in line towards the leader; None for the leader itself."""
+    """Return the vehicle to keep station on: the next in line towards the leader; None for the leader."""
     line = [member for member in slots if member in flying]
     own, leader = line.index(vehicle_id), line.index(leader_of(flying, slots, appointed))
     if own == leader:

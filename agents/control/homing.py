@@ -1,7 +1,7 @@
-"""Return and land: the way home on a layer of its own, the order of landing, and when to leave the take-off layers.
+"""Return and land: separate altitude layers, the landing order, and when vehicles leave the take-off layers.
 
-Vehicles that return rise to their layers first, above all that still fly the mission, and cross each other's paths at
-different heights only. The lowest lands first; no vehicle sinks while one below it is still on its way.
+Returning vehicles first climb to their layers above all vehicles that still fly the mission, so their paths cross at
+different heights only. The lowest lands first; no vehicle descends while one below it is still flying home.
 """
 
 from collections.abc import Collection, Iterable
@@ -19,11 +19,11 @@ from estimation.state import POSITION, VELOCITY, Vector
 HEIGHT_TOLERANCE_M = 1.0
 ARRIVED_M, ARRIVED_M_S = 1.0, 0.5
 IN_PLACE_M = 1.0
-"""How far off its place in the line a vehicle may be and still count as there."""
+"""The largest distance from its place in the line at which a vehicle counts as in place."""
 APART = 1.5
-"""In separations: vehicles that are farther apart may land together, and fly at one height."""
+"""In separations: vehicles farther apart than this may land at the same time and fly at the same height."""
 HEARD_AFTER_S = 1.5
-"""After this, the states of peers whose mission ended at the same moment have arrived."""
+"""Within this time the states of peers whose mission ended at the same moment arrive."""
 UNHEARD_LONGEST_S = 10.0
 LANDING_LONGEST_S = 60.0
 _ON_THE_WAY = Tactic.RETURN_AND_LAND.value
@@ -31,7 +31,7 @@ _COMING_DOWN = (_ON_THE_WAY, Tactic.LAND.value)
 
 
 class Homing:
-    """Plans one vehicle's way down, from the end of its mission to the moment when it may land."""
+    """Plans one vehicle's return, from the end of its mission to the moment when it may land."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
@@ -43,17 +43,17 @@ class Homing:
 
     @property
     def returns(self) -> bool:
-        """Whether it flies home, on a layer of its own, before it lands."""
+        """Whether it flies home, in its own layer, before it lands."""
         return self._home_m is not None
 
     def reset(self, *, to_home: bool = False) -> None:
-        """Begin anew with the next plan: `to_home` even where the mission lands in place."""
+        """Restart with the next plan; `to_home` returns home also if the mission lands in place."""
         returns = to_home or self._config.choreography.landing == "return"
         self._home_m = self._config.home_m if returns else None
         self._began_s, self._rising = None, self.returns
 
     def plan(self, situation: Situation) -> Plan:
-        """Rise where it is to its layer, then go home in a straight line; without a home, stay."""
+        """Climb to the layer in place, then fly home in a straight line; without a home, stay."""
         if self._began_s is None:
             self._began_s, self._from_m = situation.now_s, situation.own.mean[POSITION].copy()
         risen = abs(situation.height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
@@ -64,9 +64,9 @@ class Homing:
         return Plan(aim - self._compensation(situation), aim, np.zeros(2))
 
     def may_land(self, situation: Situation, peers: Iterable[MemberState], time_scale: float) -> bool:
-        """Return whether it is there and the way down is free; or whether that has taken too long for its battery.
+        """Return whether the vehicle has arrived and the airspace below is free, or its time limit is over.
 
-        Messages of peers may take `time_scale` times as long as on the wall's clock.
+        `time_scale` is mission seconds per wall second: peers' messages may take that much longer.
         """
         if self._began_s is None:
             return False
@@ -104,7 +104,7 @@ class Homing:
 
     @property
     def _lead_m(self) -> float:
-        """How far ahead the aim is for the plant to fly at the highest speed allowed: a1/a0 times it."""
+        """The lead of the aim at which the plant flies at the speed limit: a1/a0 times that speed."""
         axes = (self._config.plant.x, self._config.plant.y)
         return self._config.formation.speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
 
@@ -115,9 +115,10 @@ class Homing:
 def assembled(
     config: AgentConfig, tactic: Tactic, position_m: Vector, peers: Collection[MemberState], flown_s: float
 ) -> bool:
-    """Return whether every peer is in its place in the line, or else well clear of this vehicle at (2,).
+    """Return whether every peer is in its place in the line, or well clear of this vehicle at (2,).
 
-    It waits for peers not received yet, but not for long: `flown_s` counts from the mission's start.
+    Peers that have not been received yet are waited for until a timeout; `flown_s` is the time since the mission's
+    start.
     """
     if len(peers) + 1 < len(config.slots) and flown_s < UNHEARD_LONGEST_S:
         return False

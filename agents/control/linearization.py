@@ -1,6 +1,6 @@
 """Polar coordinates about the target, and the feedback linearisation that makes them double integrators.
 
-Polar coordinates are those of the motion relative to the target, whose own velocity is in it (docs/paper.md).
+They describe the motion relative to the target, and so include the target's velocity (docs/paper.md).
 """
 
 from math import cos, sin
@@ -24,7 +24,7 @@ def aim_for(motion: Vector, polar: Polar, acceleration: Pair, disturbance_m_s2: 
 
 
 def aim_for_acceleration(motion: Vector, acceleration_m_s2: Pair, disturbance_m_s2: Vector, plant: Plant) -> Vector:
-    """Solve the plant for its input: the aim (2,) under which it has the acceleration given."""
+    """Solve the plant for its input: return the aim (2,) under which it has the given acceleration."""
     x, y, x_rate, y_rate = motion.tolist()
     w_x, w_y = disturbance_m_s2.tolist()
     x_wanted, y_wanted = acceleration_m_s2

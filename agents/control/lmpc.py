@@ -1,11 +1,11 @@
-"""Linear model predictive control: the one builder of its quadratic programme.
+"""Linear model predictive control: builds and solves the quadratic programme of formation and ring.
 
-Over the decision U = (u_0 ... u_{c-1}), the last input held to the end of the horizon, it minimises
+Over the decision U = (u_0 ... u_{c-1}), with the last input held to the end of the horizon, it minimises
 
     sum_j (x_j - r_j)' Q (x_j - r_j) + sum_i du_i' R du_i,   x_{j+1} = A x_j + B u_j
 
-under bounds on the inputs and on chosen states - (13), (14) for the formation, (23), (24) for the ring. The bounds on
-inputs are hard, those on states soft: a vehicle that is outside them has a plan too, the one that leads back inside.
+under bounds on the inputs and on selected states - (13), (14) for the formation, (23), (24) for the ring. Bounds on
+inputs are hard, bounds on states soft: a vehicle outside them still has a plan, which leads back inside.
 """
 
 from enum import Enum
@@ -22,7 +22,7 @@ _FREE = 1e20
 
 
 class QpStatus(Enum):
-    """Where a plan came from: the optimum inside the bounds, on them, or the substitute for a failed solve."""
+    """How a plan was found: the optimum inside the bounds or on them, or the fallback after a failed solve."""
 
     INTERIOR = "interior"
     BOUNDED = "bounded"
@@ -30,7 +30,7 @@ class QpStatus(Enum):
 
 
 class Solution(msgspec.Struct, frozen=True):
-    """The best inputs (control_horizon, m), the last held to the end of the horizon, and the status."""
+    """The optimal inputs (control_horizon, m), the last held to the end of the horizon, and the status."""
 
     inputs: Vector
     status: QpStatus
@@ -42,7 +42,7 @@ class Solution(msgspec.Struct, frozen=True):
 
 
 class Gains(msgspec.Struct, frozen=True):
-    """The first input where no bound binds: `state @ x + reference @ r + previous @ u`, r the same at all samples.
+    """The first input while no bound is active: `state @ x + reference @ r + previous @ u`, with constant r.
 
     Shapes (m, n), (m, n) and (m, m).
     """
@@ -53,9 +53,9 @@ class Gains(msgspec.Struct, frozen=True):
 
 
 class Bounds(msgspec.Struct, frozen=True):
-    """Bounds of one solve, least and most: inputs (2, m) and constrained states (2, horizon, k).
+    """Lower and upper bounds of one solve: inputs (2, m) and constrained states (2, horizon, k).
 
-    With a horizon of 1 those on states are for all samples.
+    State bounds with a horizon of 1 apply to all samples.
     """
 
     inputs: Vector
@@ -63,7 +63,7 @@ class Bounds(msgspec.Struct, frozen=True):
 
 
 class Lmpc:
-    """A condensed LMPC whose matrices never change: a solve updates vectors only and starts warm - (13), (23)."""
+    """A condensed LMPC with constant matrices: a solve updates vectors only and starts warm - (13), (23)."""
 
     def __init__(
         self,
@@ -79,8 +79,8 @@ class Lmpc:
     ) -> None:
         """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,).
 
-        `slack_weight` is the price of a bound on states that is not kept: well above what the cost gains by it, and no
-        more, or the solver is neither accurate nor quick.
+        `slack_weight` is the cost of exceeding a bound on states. It must be well above what the other terms gain by
+        exceeding it; a much larger one makes the solver slow and inaccurate.
         """
         states, inputs = input_gain.shape
         size = control_horizon * inputs
@@ -90,7 +90,7 @@ class Lmpc:
         difference = np.eye(size) - np.eye(size, k=-inputs)
         increment_cost = difference.T @ np.diag(np.tile(increment_weight, control_horizon))
         hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
-        # What is given is state, reference and previous input in one vector: everything is linear in that.
+        # State, reference and previous input form one vector, in which the problem is linear.
         self._given = np.zeros(states + horizon * states + inputs)
         self._given_reference = self._given[states:-inputs].reshape(horizon, states)
         self._gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
@@ -99,7 +99,7 @@ class Lmpc:
         self._best: Vector = -np.asarray(np.linalg.solve(hessian, self._gradient), dtype=np.float64)
         self._outcome = np.vstack([self._best, self._free_rows + forced[rows] @ self._best])
         self._lower, self._upper = self._limits = np.empty((2, size + len(rows)))
-        # The same by input and by sample: what bounds are given for.
+        # The same by input and by sample, as the bounds are given.
         self._input_limits = self._limits[:, :size].reshape(2, control_horizon, inputs).swapaxes(0, 1)
         self._state_limits = self._limits[:, size:].reshape(2, horizon, len(constrained_states))
         self._room = np.empty_like(self._limits)
@@ -107,7 +107,7 @@ class Lmpc:
 
     @property
     def gains(self) -> Gains:
-        """The linear feedback that the optimum is as long as no bound binds."""
+        """The linear feedback that equals the optimum while no bound is active."""
         first, states = self._best[: self._inputs], self._states
         by_sample = first[:, states : -self._inputs].reshape(self._inputs, -1, states)
         return Gains(first[:, :states], by_sample.sum(axis=1), first[:, -self._inputs :])
@@ -120,11 +120,11 @@ class Lmpc:
         given[-self._inputs :] = previous_input
         self._input_limits[:] = bounds.inputs
         self._state_limits[:] = bounds.states
-        # Mostly no bound binds: then the optimum is a matrix product, exact, and cheaper than any solver.
+        # Usually no bound is active: the optimum is then a matrix product, exact and cheaper than a solver.
         outcome = self._outcome.dot(given)
         np.subtract(outcome, self._lower, out=room[0])
         np.subtract(self._upper, outcome, out=room[1])
-        if room.item(room.argmin()) >= -_FEASIBLE_SLACK:  # NaN is the least
+        if room.item(room.argmin()) >= -_FEASIBLE_SLACK:  # argmin returns the index of a NaN
             return Solution(outcome[:size].reshape(-1, self._inputs), QpStatus.INTERIOR)
         optimum, status = self._bounded(outcome[:size])
         return Solution(optimum.reshape(-1, self._inputs), status)
@@ -137,7 +137,7 @@ class Lmpc:
         solution = self._solver.minimise(self._gradient.dot(self._given), lower, upper)
         if solution is not None:
             return np.clip(solution, lower[:size], upper[:size]), QpStatus.BOUNDED
-        # An unsolved problem must not fly: the unbounded optimum, cut to what the inputs may do.
+        # The fallback for a failed solve: the unbounded optimum, clipped to the input bounds.
         return np.clip(interior, lower[:size], upper[:size]), QpStatus.FALLBACK
 
 
@@ -157,7 +157,7 @@ def _condense(transition: Vector, input_gain: Vector, horizon: int, control_hori
 
 
 class _SoftQp:
-    """The bounded problem in (U, slack): one slack widens all bounds on states, at a price paid only if need be."""
+    """The bounded problem in (U, slack): one slack widens all bounds on states, at a cost."""
 
     def __init__(self, hessian: Vector, state_rows: Vector, slack_weight: float) -> None:
         size, states = len(hessian), len(state_rows)
@@ -179,7 +179,7 @@ class _SoftQp:
         cost[:size, :size] = hessian
         cost[size, size] = slack_weight
         self._active_set = ActiveSet(cost, rows)
-        # With scipy it takes 0.3 s to import: a process that solves nothing, such as the log's, does without.
+        # OSQP and scipy take 0.3 s to import, and processes such as the log's never solve.
         from osqp import OSQP  # noqa: PLC0415
         from scipy.sparse import csc_matrix  # noqa: PLC0415
 
@@ -195,12 +195,12 @@ class _SoftQp:
             eps_rel=1e-5,
             max_iter=1000,
             check_termination=1,
-            # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
+            # By default OSQP chooses this from measured time, which makes results irreproducible.
             adaptive_rho_interval=100,
         )
 
     def minimise(self, gradient: Vector, lower: Vector, upper: Vector) -> Vector | None:
-        """Return the best decision (size,) under bounds on inputs and states, or None if the solver fails."""
+        """Return the optimal decision (size,) under bounds on inputs and states, or None if the solver fails."""
         size, states = self._size, len(lower) - self._size
         self._gradient[:size] = gradient
         self._lower[:size], self._upper[:size] = lower[:size], upper[:size]

@@ -1,4 +1,4 @@
-"""The plan of one tick: where a tactic sends the vehicle, and how plans are shifted and mixed."""
+"""The plan of one tick: the aim of a tactic, and how plans are shifted and mixed."""
 
 import msgspec
 import numpy as np
@@ -15,12 +15,12 @@ from estimation.vectors import Pair, clipped
 
 
 class RingReport(msgspec.Struct, frozen=True):
-    """What a vehicle in the tactic encircle reports of its ring: to its status, and to its peers.
+    """The state of its ring that a vehicle in the tactic encircle puts into its status and sends to its peers.
 
     `mixing` is the share of the encirclement in the aim, `rate_rad_s` the angular rate at which the ring is flown.
-    `slowed` says what of the mission's ring is not flown and why, `news` what has changed of that, None if nothing.
-    `needed` is the ring that this vehicle can fly, `joined` whether it counts as one on the ring; `place` and
-    `approach` are None while it waits for a gap, or has no target.
+    `slowed` states how the flown ring differs from the mission's and why, `news` any change of that, else None.
+    `needed` is the ring that this vehicle can fly, `joined` whether it is a member of the ring; `place` and `approach`
+    are None while it waits for a gap or has no target.
     """
 
     mixing: float
@@ -35,11 +35,11 @@ class RingReport(msgspec.Struct, frozen=True):
 
 
 class Plan(msgspec.Struct, frozen=True):
-    """The result of the planner: the aim (2,), the same without disturbance, its rate (2,), and how it came about.
+    """The result of the planner: the aim (2,), the undisturbed aim (2,), its rate (2,), and how it was found.
 
-    The aim is the position that the plant is to be drawn to. It becomes the setpoint in the last stage: the same
-    position, unless the plant takes a velocity beside it. `velocity_m_s` is the velocity to send then; None is the one
-    that the aim leads to. `ring` is None but in the tactic encircle.
+    The aim is the input of the plant. The last stage makes it the setpoint: the same position, unless a velocity is fed
+    forward with it. `velocity_m_s` is the velocity to feed forward; with None it follows from the aim. `ring` is None
+    except in the tactic encircle.
     """
 
     aim_m: Vector
@@ -51,7 +51,7 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 def shifted(plan: Plan, aim_m: Vector) -> Plan:
-    """Return a plan with another aim (2,): the undisturbed aim, which peers receive, shifts by as much."""
+    """Return a plan with another aim (2,); the undisturbed aim, which peers receive, shifts by the same amount."""
     if aim_m is plan.aim_m:
         return plan
     undisturbed = plan.undisturbed_aim_m + (aim_m - plan.aim_m)
@@ -59,7 +59,7 @@ def shifted(plan: Plan, aim_m: Vector) -> Plan:
 
 
 def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
-    """Return the goal (2,), or the point on the way to it that is `at_most_m` from a position (2,)."""
+    """Return the goal (2,), or the point towards it that is `at_most_m` from a position (2,)."""
     way = goal_m - position_m
     reached = clipped(way, at_most_m)
     return goal_m if reached is way else position_m + reached
@@ -71,7 +71,7 @@ def resting(place_m: Vector, ring: RingReport | None = None) -> Plan:
 
 
 def extrapolated(member: MemberState, at_s: float) -> Predecessor:
-    """Return a peer's motion and aim at a moment, each going on at its published rate."""
+    """Return a peer's motion and aim at a time, extrapolated at their published rates."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
     (aim_x, aim_y), (aim_x_rate, aim_y_rate) = member.setpoint_m, member.setpoint_rate_m_s

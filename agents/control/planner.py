@@ -1,4 +1,4 @@
-"""The plan stage: from the task of a tick to a plan, and what has to be remembered from tick to tick."""
+"""The plan stage: from the task of a tick to a plan, with the planners' state between ticks."""
 
 from math import cos, sin
 
@@ -39,21 +39,21 @@ class Planner:
 
     @property
     def returns_home(self) -> bool:
-        """Whether the way down leads home, on a layer of its own."""
+        """Whether the return leads home, in its own layer."""
         return self._homing.returns
 
     def may_land(self, situation: Situation, time_scale: float) -> bool:
-        """Return whether the way down is over: see `Homing.may_land`."""
+        """Return whether the return is over: see `Homing.may_land`."""
         return self._homing.may_land(situation, self._team.members(), time_scale)
 
     def start(self, at_s: float) -> None:
-        """Let the mission's line, or the programme of a flight for identification, begin at `at_s`."""
+        """Begin the mission line, or the programme of an identification flight, at `at_s`."""
         self._station.start(at_s)
         if self._exciter is not None:
             self._exciter.start(at_s)
 
     def begin(self, tactic: Tactic, *, to_home: bool) -> None:
-        """Begin a tactic anew; a return goes `to_home` also where the mission lands in place."""
+        """Start a tactic; `to_home` returns home also if the mission lands in place."""
         self._hold_m = None
         self._encircles = tactic is Tactic.ENCIRCLE
         if tactic is Tactic.FORMATION:
@@ -68,20 +68,20 @@ class Planner:
             self._homing.reset(to_home=to_home)
 
     def reshape(self, config: AgentConfig) -> None:
-        """Take a formation of another shape."""
+        """Change the shape of the formation."""
         self._station.reshape(config)
 
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
-        """Begin to leave for the ring: from the formation, or (2,) from a place off it."""
+        """Start the transition to the ring: from the formation, or from a place (2,) off it."""
         self._engaged_s = now_s
         self._leaving_m = None if leaving_m is None else leaving_m.copy()
 
     def sent(self, *, guarded: bool) -> None:
-        """Take in whether the guard has changed the aim of the last plan."""
+        """Record whether the guard has changed the aim of the last plan."""
         self._ring.sent(guarded=guarded)
 
     def plan(self, task: Task) -> Plan:
-        """Return where the task's tactic takes the vehicle."""
+        """Return the plan of the task's tactic."""
         tactic, situation = task.tactic, task.situation
         if tactic is Tactic.FORMATION:
             return self._station.plan(situation)
@@ -90,14 +90,14 @@ class Planner:
         if tactic is Tactic.EXCITE and self._exciter is not None:
             return self._exciter.plan(situation)
         if tactic is Tactic.PILOT_OVERRIDE:
-            # A pilot flies: all that is known of the vehicle's input is that it is near where the vehicle is.
+            # A pilot flies: the input is unknown; the vehicle's position approximates it.
             return resting(situation.own.mean[POSITION])
         if tactic is Tactic.RETURN_AND_LAND:
             return self._homing.plan(situation)
         return self._step_aside(situation) if tactic is Tactic.ASIDE else resting(self._held_m(situation))
 
     def _encircle(self, situation: Situation) -> Plan:
-        """Fly about the centre, mixed with what the vehicle leaves; without a target, hold."""
+        """Encircle the centre, mixed with the plan of the tactic being left; without a target, hold."""
         mixing = mixing_share(situation.now_s - self._engaged_s, self._smoothing_time_s)
         if situation.acting_centre is None:
             return resting(self._held_m(situation), self._ring.report(mixing))
@@ -105,13 +105,13 @@ class Planner:
         return ring if mixing >= 1.0 else mixed(self._left_behind(situation), ring, mixing)
 
     def _left_behind(self, situation: Situation) -> Plan:
-        """Return the plan of a vehicle that had not engaged."""
+        """Return the plan that the vehicle would have without engaging."""
         return self._station.plan(situation) if self._leaving_m is None else resting(self._leaving_m)
 
     def _step_aside(self, situation: Situation) -> Plan:
-        """Leave the ring straight outwards, until clear of it; outside of it, or without one, hold.
+        """Leave the ring radially outwards until clear of it; outside it, or without a ring, hold.
 
-        The others do not go around a vehicle that they do not hear: it keeps clear of a ring that comes after it.
+        The others do not avoid a vehicle that they do not receive: it also keeps clear of an approaching ring.
         """
         unheard = not self._team.members() and bool(self._team.gone_s)
         if self._left_ring and situation.polar is not None and (self._hold_m is None or unheard):

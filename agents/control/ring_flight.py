@@ -1,4 +1,4 @@
-"""The flight about the target: which ring is flown, the vehicle's place on it, and the task of its encirclement."""
+"""The flight about the target: the ring that is flown, the vehicle's place on it, and its encirclement task."""
 
 from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, sin, tau
@@ -23,22 +23,22 @@ from estimation.polar import Polar, polar_from_motion, polar_of
 from estimation.state import POSITION, VELOCITY, Vector
 
 _STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
-"""Members in these tactics stay where they are: the ring goes around them."""
+"""Members in these tactics stay where they are, and the ring bends around them."""
 
 _ENCIRCLE = Tactic.ENCIRCLE.value
 _HEADWAY = 1.6
-"""In separations: a little more than the room that a vehicle in front needs in order to come in."""
+"""In separations: a little more than the gap that a joining vehicle ahead needs."""
 _HEADWAY_SHARE = 0.8
-"""In even spacings: on a ring that is nearly full the headway is no longer than this."""
+"""In even spacings: the largest headway, for a ring that is nearly full."""
 
 _LOOKED_AHEAD_RAD, _FENCE_MARGIN_M = 0.5, 0.5
-"""How far ahead of a vehicle that waits, and how near to the fence: outside it a place in front of a gap is not
-reached, and those on the ring make room for good.
+"""How far ahead of a waiting vehicle the fence is checked, and the margin to it. A waiting place outside the fence is
+never reached, and the vehicles on the ring would keep room for it.
 """
 
 
 class RingFlight:
-    """Plans one vehicle's flight about the target; it remembers the ring that is flown, and whether it has joined."""
+    """Plans one vehicle's flight about the target; its state is the ring flown, and whether it has joined."""
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._safety = config.safety
@@ -54,22 +54,22 @@ class RingFlight:
 
     @property
     def rate_rad_s(self) -> float:
-        """The angular rate at which the ring is flown, but for corrections of places on it."""
+        """The angular rate at which the ring is flown, without corrections of the spacing."""
         return self._feasibility.orbit.angular_rate_rad_s
 
     def reset(self) -> None:
-        """Begin anew: the vehicle comes from another tactic."""
+        """Restart, when the vehicle comes from another tactic."""
         self._encirclement.reset()
         self._reference.reset()
         self._feasibility.reset()
         self._joining.reset()
 
     def sent(self, *, guarded: bool) -> None:
-        """Take in whether the guard has changed the aim of the last plan."""
+        """Record whether the guard has changed the aim of the last plan."""
         self._guarded = guarded
 
     def plan(self, situation: Situation, centre: Vector, mixing: float) -> Plan:
-        """Plan about the centre's motion (4,) at the acting moment; `mixing` is the share of this plan in the aim."""
+        """Plan about the centre's motion (4,) at the acting time; `mixing` is the share of this plan in the aim."""
         polar = polar_from_motion(situation.acting_motion, centre)
         orbit, news = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
         task, waits = self._task(situation, centre, polar, orbit, mixing)
@@ -90,21 +90,21 @@ class RingFlight:
         return Plan(plan.aim_m, plan.aim_m, situation.acting_motion[VELOCITY], plan.status, ring=report)
 
     def report(self, mixing: float) -> RingReport:
-        """Return what is to be reported while there is no target to fly about."""
+        """Return the report while there is no target."""
         feasibility = self._feasibility
         return RingReport(mixing, self.rate_rad_s, feasibility.words, feasibility.needed, self._joining.joined)
 
     def clear_m(self, situation: Situation, *, unheard: bool) -> float:
-        """Return the radius from which on a vehicle is clear of the ring; more if the others do not hear it."""
+        """Return the radius beyond which a vehicle is clear of the ring; larger if the others do not receive it."""
         if not unheard:
             return self._joining.waiting_m
         sigma_m = situation.position_sigma_m
         return self._joining.unheard_m(unsure_m(self._safety.uncertainty_sigmas, sigma_m, sigma_m))
 
     def _orbit(self, now_s: float, target_m_s: float) -> tuple[Orbit, str | None]:
-        """Return the ring of this moment, and what is new about it: the ring that all on it fly.
+        """Return the ring that all members fly now, and what has changed about it.
 
-        A vehicle that waits outside takes it over without delay.
+        A vehicle that waits outside adopts it at once.
         """
         changed = self._feasibility.find(target_m_s, self._team.ring.shares(), now_s, joined=self._joining.joined)
         orbit = self._feasibility.orbit
@@ -114,7 +114,7 @@ class RingFlight:
     def _task(
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float
     ) -> tuple[RingTask, bool]:
-        """Return the task, and whether it is to wait outside the ring, in front of a gap."""
+        """Return the task, and whether it is to wait outside the ring in front of a gap."""
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
         ahead_rad = self._joining.look(polar, bearings_rad)
         place = ring_place(polar.bearing_rad, bearings_rad if ahead_rad is None else ())
@@ -146,16 +146,16 @@ class RingFlight:
         return task, ahead_rad is not None
 
     def _fence_m(self, fence: Fence, centre: Vector, polar: Polar, orbit: Orbit) -> float:
-        """Return on which radius to wait, at most: within the fence here and where the vehicle comes next."""
+        """Return the largest radius to wait on: inside the fence at the present bearing and ahead of it."""
         x, y = centre[POSITION].tolist()
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
     def _spacing_errors_rad(self, situation: Situation, polar: Polar, mixing: float) -> Sequence[float]:
-        """Return the spacing errors of the references on the ring, the own one first.
+        """Return the spacing errors of the references on the ring, the vehicle's own first.
 
-        While the vehicle still leaves the formation, it takes no part: the others do not move for a reference that it
-        does not fly yet.
+        While the vehicle is in transition from the formation, its own error is 0: it does not fly its reference yet,
+        and the others must not correct for it.
         """
         if mixing < 1.0:
             return (0.0,)
@@ -163,7 +163,7 @@ class RingFlight:
         return spacing_errors_rad([own_rad, *self._team.ring.reference_bearings_rad(situation.acting_s)])
 
     def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
-        """Return how fast the vehicle may fly around the target behind others that encircle it."""
+        """Return the largest angular rate that keeps the headway to the vehicle ahead."""
         about, unit = centre.tolist(), (cos(polar.bearing_rad), sin(polar.bearing_rad))
         direction = copysign(1.0, orbit.angular_rate_rad_s)
         motions = [
@@ -175,7 +175,7 @@ class RingFlight:
         return headway_rate_rad_s(polar, others, direction, headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
-        """Return what stands in the ring's way: peers that fell silent there, and those that do not fly on."""
+        """Return the obstacles on the ring: peers that fell silent there, and those that stay in place."""
         standing = [member for member in self._team.near() if member.tactic in _STANDING]
         lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
         if not (standing or lost):
@@ -190,7 +190,7 @@ class RingFlight:
 
 
 def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> tuple[float, float, float, float]:
-    """Return a peer's motion about the centre's (4,) at a moment, going on at its published velocity."""
+    """Return a peer's motion relative to the centre's (4,) at a time, extrapolated at its published velocity."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
     centre_x, centre_y, centre_x_rate, centre_y_rate = centre

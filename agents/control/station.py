@@ -1,7 +1,7 @@
-"""Station keeping in the formation: the peer or line to follow, and the way into the own slot.
+"""Station keeping in the formation: the peer or line to follow, and the route into the vehicle's slot.
 
-A single vehicle that joins a formation in flight goes around it, then into its slot along a free lane: straight
-through, it would push others out of their places, and those that keep station on them as well.
+A single vehicle that joins a formation in flight goes around it, then into its slot along a free lane. On a straight
+route it would displace other vehicles, and those that keep station on them.
 """
 
 from collections.abc import Collection, Sequence
@@ -19,17 +19,17 @@ from estimation.state import POSITION
 from estimation.vectors import Pair
 
 CLEAR = 2.0
-"""In separations: how far from all slots a vehicle flies around them."""
+"""In separations: the distance from all slots at which a vehicle flies around them."""
 _LANE, _LANE_KEPT = 0.15, 0.5
-"""In separations: how far off the middle of its lane a vehicle may be when it turns in, and from then on."""
+"""In separations: the largest offset from the middle of its lane when a vehicle turns in, and after that."""
 _FROM = ((-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0))
-"""Where lanes come from, the first free one is taken: behind, left, right, ahead."""
+"""The directions of lanes; the first free one is taken: behind, left, right, ahead."""
 SETTLED_M_S = 0.3
-"""A vehicle that flies at the formation's velocity to within this has arrived."""
+"""A vehicle has arrived if its velocity differs from the formation's by less than this."""
 
 
 class StationKeeping:
-    """Plans one vehicle's flight in formation; it remembers who has arrived, itself included, and whom it follows."""
+    """Plans one vehicle's flight in formation; its state is which vehicles have arrived, and which one it follows."""
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._take(config)
@@ -41,16 +41,16 @@ class StationKeeping:
         self._arrived = False
 
     def start(self, at_s: float) -> None:
-        """Let the mission's line begin at `at_s`."""
+        """Begin the mission line at `at_s`."""
         self._start_s = at_s
 
     def reset(self) -> None:
-        """Begin anew: the vehicle comes from another tactic."""
+        """Restart, when the vehicle comes from another tactic."""
         self._formation.reset()
         self._arrived = False
 
     def reshape(self, config: AgentConfig) -> None:
-        """Take a formation of another shape: every vehicle has to reach its new slot first."""
+        """Change the shape of the formation; every vehicle has to reach its new slot first."""
         self._take(config)
         self._formation.reset()
         self._in_place.clear()
@@ -76,14 +76,14 @@ class StationKeeping:
 
     def _take(self, config: AgentConfig) -> None:
         self._config = config
-        # Needed in every tick, and the same until the formation changes its shape.
+        # Needed in every tick, and constant until the formation changes its shape.
         self._slot_offset_m = lru_cache(config.slot_offset_m)
         self._line_rate_m_s = np.array((config.formation.speed_m_s, 0.0))
 
     def _way_in(self, situation: Situation, formed: Collection[int]) -> tuple[float, float]:
-        """Return where to go relative to the own slot: from far away, around the vehicles that have arrived.
+        """Return the next waypoint relative to the own slot, from far away around the vehicles that have arrived.
 
-        The first ones, and all at the start, go straight.
+        The first vehicles, and all at the start, fly straight to their slots.
         """
         if self._arrived:
             return 0.0, 0.0
@@ -103,7 +103,8 @@ class StationKeeping:
     def _formed(self) -> set[int]:
         """Return the peers to keep station on: those that have reached their slots since they came to formation.
 
-        A vehicle on its way to its slot is not followed, be it the leader: it would draw its followers off theirs.
+        A vehicle on its way to its slot is not followed, not even the leader: it would move its followers out of their
+        slots.
         """
         flying, formation = set(self._team.in_formation()), self._config.formation
         self._in_place &= flying
@@ -116,25 +117,25 @@ class StationKeeping:
         return self._in_place
 
     def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
-        """Return where a vehicle's slot is when the mission starts."""
+        """Return a vehicle's slot at the mission's start."""
         config = self._config
         shift_x, shift_y = self._slot_offset_m(vehicle_id, config.formation.leader)
         return config.line_start_m[0] + shift_x, config.line_start_m[1] + shift_y
 
     def _own_line(self, at_s: float) -> Predecessor:
-        """Return the mission line, shifted to this vehicle's own slot: a successor leads on without a jump."""
+        """Return the mission line shifted to this vehicle's slot, so that a new leader continues without a jump."""
         config, flown_s = self._config, max(at_s - self._start_s, 0.0)
         return mission_line(config.plant, self._slot_m(config.vehicle_id), config.formation.speed_m_s, flown_s)
 
 
 def way_point(off_m: Pair, others_m: Sequence[Pair], separation_m: float) -> Pair:
-    """Return where to go next, relative to the own slot, from `off_m`; `others_m` are the other slots.
+    """Return the next waypoint from `off_m`, both relative to the own slot; `others_m` are the other slots.
 
-    The slot itself is (0, 0): it is aimed at once the vehicle is in its lane.
+    It is the slot, (0, 0), once the vehicle is in its lane.
     """
     clear_m = CLEAR * separation_m
     x, y = next((lane for lane in _FROM if _free(lane, others_m, separation_m)), _FROM[0])
-    # Along the lane, outwards, and across it.
+    # Coordinates along the lane (outwards) and across it.
     out_m, aside_m = off_m[0] * x + off_m[1] * y, off_m[1] * x - off_m[0] * y
     slots = [(a * x + b * y, b * x - a * y) for a, b in ((0.0, 0.0), *others_m)]
     out_most_m, right_m, left_m = max(s[0] for s in slots), min(s[1] for s in slots), max(s[1] for s in slots)
@@ -151,7 +152,7 @@ def way_point(off_m: Pair, others_m: Sequence[Pair], separation_m: float) -> Pai
 
 
 def _free(lane: Pair, others_m: Sequence[Pair], separation_m: float) -> bool:
-    """Return whether no slot lies in the lane to the own one."""
+    """Return whether no other slot lies in the lane to the own slot."""
     x, y = lane
     nearest_m = min((abs(b * x - a * y) for a, b in others_m if a * x + b * y > 0.0), default=inf)
     return nearest_m >= separation_m

@@ -1,7 +1,7 @@
-"""The seam for plug-in planners: in formation and on the ring they plan in place of cordon's own planner.
+"""The interface of plug-in planners, which replace cordon's planner in formation and on the ring.
 
-Estimates come before a planner as they do before cordon's own, and slew limit, guard and failsafes after it. What a
-failsafe or an operator demands - hold, step aside, return, land - is always planned by cordon.
+A plug-in planner receives the same estimates as cordon's; slew limit, guard and failsafes act after it. Tactics that a
+failsafe or an operator demands - hold, step aside, return, land - are always planned by cordon.
 """
 
 from collections.abc import Callable
@@ -26,17 +26,16 @@ _PLANNED = (Tactic.FORMATION, Tactic.ENCIRCLE)
 class TaskPlanner(Protocol):
     """Plans one vehicle's flight in the tactics formation and encircle, tick by tick.
 
-    A planner has the method of this class, and does not derive from it: installations compile it (`native_build.py`).
+    A planner has this method but does not derive from this class, which installations compile (`native_build.py`).
     """
 
     def plan(self, task: Task) -> Plan | None:
-        """Return the plan of this tick; None lets cordon's own planner plan it, from where the vehicle is.
+        """Return the plan of this tick; with None cordon's planner plans it from the vehicle's present motion.
 
-        `task.situation` holds the estimates, in metres of the mission frame, `task.peers` the newest states of the
-        others. A plan on the ring without a `ring` reports the mission's ring, and the vehicle as one on it.
-
-        An exception, or a plan with a number that is not finite, ends the flight: a simulation with that exception, an
-        agent by landing the vehicle. A planner that has no solution in a tick returns None instead.
+        `task.situation` holds the estimates in metres of the mission frame, `task.peers` the newest states of the
+        others. For a plan on the ring without `ring`, the mission's ring is reported, and the vehicle as a member of
+        it. An exception, or a plan with a number that is not finite, ends the flight: a simulation raises the
+        exception, an agent lands the vehicle. A planner without a solution returns None.
         """
         ...
 
@@ -60,11 +59,11 @@ class PluggedPlanner(Planner):
         self._took_over = False
 
     def plan(self, task: Task) -> Plan:
-        """Return the plan of the planner in front, else cordon's; raises ValueError where a number is not finite."""
+        """Return the plug-in planner's plan, else cordon's; raises ValueError if a number is not finite."""
         plan = self._plugged.plan(task) if task.tactic in _PLANNED else None
         if plan is None:
             if self._took_over:
-                # Cordon's own planner remembers a flight that did not go on: it begins where the vehicle is.
+                # The state of cordon's planner is outdated: restart it from the vehicle's motion.
                 self.begin(task.tactic, to_home=self.returns_home)
             return super().plan(task)
         self._took_over = True
@@ -89,7 +88,7 @@ class PluggedPlanner(Planner):
                 )
 
     def _report(self, situation: Situation, centre: Vector) -> RingReport:
-        """Return what peers are to know of a vehicle on the mission's ring: its reference is where it is."""
+        """Return the report of a vehicle on the mission's ring, with its own position as its reference."""
         polar, rate_rad_s = polar_from_motion(situation.acting_motion, centre), self.ring_rate_rad_s
         return RingReport(
             mixing=1.0,
@@ -103,5 +102,5 @@ class PluggedPlanner(Planner):
 
 
 def planner_of(config: AgentConfig, team: Team, factory: PlannerFactory | None) -> Planner:
-    """Return one vehicle's planner: cordon's own, with that of the factory in front if there is one."""
+    """Return one vehicle's planner: cordon's, with the factory's plug-in planner in front of it if there is one."""
     return Planner(config, team) if factory is None else PluggedPlanner(config, team, factory(config))

@@ -1,4 +1,4 @@
-"""The ring as it is flown: places and spacing on it, references that move between them, the way there and around.
+"""The ring: feasibility, places and spacing, moving references, joining, headway and detours.
 
 It may import settings, team and estimation; control uses it.
 """

@@ -1,7 +1,7 @@
-"""Around what stands in the ring's way: a vehicle that fell silent there, or holds.
+"""Detours of the ring around obstacles on it: a vehicle that fell silent there, or holds.
 
-The guard would keep the distance by itself, but in a jump at the last moment, and to the right: for some that is
-across the ring. Here the ring bends outwards in good time, and the vehicles keep their order and spacing on it.
+The guard alone would also keep the distance, but late, with a jump, and always to the right, which for some vehicles is
+across the ring. The bend is outwards and early, and the vehicles keep their order and spacing.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,17 +14,17 @@ from estimation.polar import Polar
 from estimation.state import Vector
 
 MARGIN_M = 0.5
-"""How much farther than the guard demands: then it has nothing to correct."""
+"""The margin over the distance that the guard demands, so that the guard does not intervene."""
 _INWARD_MOST = 0.25
-"""In radii of the ring: a bend inwards is no deeper than this."""
+"""In radii of the ring: the largest bend inwards."""
 _INWARD_CLEARLY = 0.5
-"""In distances to keep: nor than this. Then it is beyond doubt on which side of the ring the obstacle stands, and the
-bend does not change sides while a vehicle passes one that was lost on the ring itself.
+"""In distances to keep: the largest bend inwards. With it the side of the obstacle is unambiguous, and the bend does
+not change sides while a vehicle passes one that was lost on the ring itself.
 """
 
 
 class Obstacle(msgspec.Struct, frozen=True):
-    """Something that stands at a bearing and a radius about the target, and the distance to keep from it."""
+    """An obstacle: its bearing and radius about the target, and the distance to keep from it."""
 
     bearing_rad: float
     radius_m: float
@@ -41,8 +41,8 @@ def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:
 def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle], own_m: float = 0.0) -> Vector:
     """Return the radius of the ring at bearings (n,): bent around the obstacles on it.
 
-    It bends outwards, unless an obstacle stands so far outside that a small bend inwards will do; but not for a vehicle
-    whose radius `own_m` is larger than the obstacle's already.
+    It bends outwards, or inwards where an obstacle is so far outside that a small bend suffices, except for a vehicle
+    whose radius `own_m` is larger than the obstacle's.
     """
     radius_m = np.full(bearings_rad.shape, ring_m)
     for obstacle in obstacles:
@@ -52,7 +52,7 @@ def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacl
             continue
         inwards = inner_m <= min(_INWARD_MOST * ring_m, _INWARD_CLEARLY * clear_m) and own_m <= obstacle.radius_m
         bend_m = -inner_m if inwards else outer_m
-        # A squared cosine of twice the obstacle's width: it is rounded at every bearing, and no step is flown.
+        # A squared cosine of twice the obstacle's width: smooth at every bearing, so that no step is flown.
         width_rad = 2.0 * asin(min(clear_m / obstacle.radius_m, 1.0))
         off_rad = np.abs((bearings_rad - obstacle.bearing_rad + pi) % (2.0 * pi) - pi)
         bump = bend_m * np.cos(np.minimum(off_rad / width_rad, 1.0) * pi / 2.0) ** 2

@@ -1,7 +1,7 @@
-"""The ring that the vehicles can fly about this target: slower, and then wider, while it is too fast for them.
+"""Ring feasibility: a ring that is too fast about the present target is slowed, then widened.
 
-Each vehicle finds the ring that it can fly from its own estimate, in steps and with hysteresis, and publishes it; all
-on it fly the one that the most restricted of them can fly: they turn at one rate, and keep their spacing.
+Each vehicle computes the ring that it can fly from its own estimate, in steps and with hysteresis, and publishes it.
+All members fly the most restricted of these, so they have the same rate and keep their spacing.
 """
 
 from math import inf, sqrt
@@ -12,27 +12,27 @@ from agents.settings.config import AgentConfig
 from agents.team.ring_scale import FULL_RING, RingScale
 
 RESERVE = 0.95
-"""The share of the speed limit that target and ring may take together."""
+"""The share of the speed limit that target speed and ring speed may use together."""
 BROKEN_MAX = 0.25
-"""The share of its radius by which a ring may be broken when the target turns by 90 degrees."""
+"""The largest radius error, as a share of the radius, when the target turns by 90 degrees."""
 _FLOOR = 0.3
 _WIDEST = 2.0
 _STEPS = 10.0
 _WORSE_S, _BETTER_S = 0.5, 8.0
 _UNKNOWN_S = 3.0
-"""For so long the estimated speed of a target just found may be any: two sightings that are outliers suffice."""
+"""For this long after the first sighting the estimated speed is unreliable: two outliers can determine it."""
 _RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
 
 
 class Orbit(msgspec.Struct, frozen=True):
-    """The ring as it is flown: its radius and its angular rate."""
+    """The flown ring: radius and angular rate."""
 
     radius_m: float
     angular_rate_rad_s: float
 
 
 class RingFeasibility:
-    """Finds the ring that one vehicle can fly, and moves smoothly to the one that all on the ring can fly."""
+    """Computes the ring that one vehicle can fly, and moves smoothly to the one that all members can fly."""
 
     def __init__(self, config: AgentConfig) -> None:
         ring, safety = config.encirclement, config.safety
@@ -50,17 +50,17 @@ class RingFeasibility:
         self.orbit = self._whole
 
     def reset(self) -> None:
-        """Forget the ring that was flown: the vehicle comes to a new one."""
+        """Restart, when the vehicle comes to a new ring."""
         self.needed = self._flown = FULL_RING
         self.orbit = self._whole
         self._worse_s = self._better_s = inf
         self._time_s = None
 
     def find(self, target_m_s: float, others: RingScale, now_s: float, *, joined: bool = True) -> str | None:
-        """Find the ring of this moment about a target of that speed; return what is new about it for people, or None.
+        """Update the ring for the target's speed; return a description of what has changed, None if nothing.
 
-        `others` is the ring that all others on it can fly. A vehicle that has not `joined` takes that over at once, so
-        that it does not wait where they fly.
+        `others` is the ring that all other members can fly. A vehicle that has not `joined` adopts it at once, so that
+        its waiting place is not on their ring.
         """
         before, step_s = self.needed, 0.0 if self._time_s is None else now_s - self._time_s
         step_s = step_s if joined else inf
@@ -84,12 +84,12 @@ class RingFeasibility:
         return None if self.needed == before else self.words
 
     def shares(self, target_m_s: float) -> RingScale:
-        """Return what a target of that speed leaves of the mission's ring, in whole steps.
+        """Return the feasible shares of the mission's ring at a target speed, in whole steps.
 
-        The speeds of target and ring add up on one side of it. And a target that turns by 90 degrees changes its
-        velocity by the root of two times its speed V: vehicles that answer with what the ring leaves of their
-        acceleration A lose V²/A, which is to be no more than a share of the radius. The rate is lowered first, down to
-        a floor; then the radius is raised; and then the rate is lowered to what the speed allows.
+        On one side of the ring the speeds of target and ring add up. A target that turns by 90 degrees changes its
+        velocity by the root of two times its speed V: vehicles that respond with the acceleration A left by the ring
+        fall behind by V²/A, which is limited to a share of the radius. The rate is lowered first, down to a floor; then
+        the radius is raised; then the rate is lowered to what the speed limit allows.
         """
         radius_m, rate_rad_s = self._ring.radius_m, abs(self._ring.angular_rate_rad_s)
         turning = target_m_s**2 / BROKEN_MAX
@@ -107,14 +107,14 @@ class RingFeasibility:
         return RingScale(_whole_step(min(rate, fast), up=False), radius)
 
     def _slow_enough_m_s(self) -> float:
-        """Return the speed of a target up to which the mission's ring is flown."""
+        """Return the target speed up to which the mission's ring is flown."""
         along_m_s = abs(self._ring.angular_rate_rad_s) * self._ring.radius_m
         left_m_s2 = self._acceleration_m_s2 - along_m_s**2 / self._ring.radius_m
         return min(self._speed_m_s - along_m_s, sqrt(max(left_m_s2, 0.0) * BROKEN_MAX * self._ring.radius_m))
 
     @property
     def words(self) -> str:
-        """What of the mission's ring is not flown, and why, for people; empty if it is as the mission asks."""
+        """How the flown ring differs from the mission's, and why, as text; empty if it does not."""
         if self.needed == FULL_RING:
             return ""
         rate, radius = self.needed.rate, self.needed.radius
@@ -125,7 +125,7 @@ class RingFeasibility:
         return f"ring at {rate:.0%} of its rate{wider}: {why}"
 
     def _need(self, found: RingScale, target_m_s: float, now_s: float) -> None:
-        """Take up a need once it has lasted: soon if it is more, late if it is less."""
+        """Adopt a feasible ring once it has persisted: soon if it is more restricted, later if less."""
         worse = found.rate < self.needed.rate or found.radius > self.needed.radius
         better = not worse and found != self.needed
         self._worse_s = min(self._worse_s, now_s) if worse else inf
@@ -133,7 +133,7 @@ class RingFeasibility:
         if now_s - self._worse_s >= _WORSE_S:
             self.needed, self._target_m_s, self._worse_s = self.needed.with_(found), target_m_s, inf
         elif now_s - self._better_s >= _BETTER_S:
-            # One step at a time: what is better now need not stay so.
+            # Relax one step at a time: the improvement may not last.
             rate = min(found.rate, _whole_step(self.needed.rate + 1.0 / _STEPS, up=False))
             radius = max(found.radius, _whole_step(self.needed.radius - 1.0 / _STEPS, up=True))
             self.needed, self._target_m_s, self._better_s = RingScale(rate, radius), target_m_s, now_s
@@ -144,7 +144,7 @@ def _share(allowed: float, wanted: float) -> float:
 
 
 def _whole_step(share: float, *, up: bool) -> float:
-    """Return the share in whole steps; one that is a whole step but for rounding is it."""
+    """Return the share in whole steps, tolerant of rounding errors."""
     steps = share * _STEPS
     nearest = round(steps) if abs(steps) < inf else steps
     if abs(steps - nearest) > 1e-6:

@@ -1,4 +1,4 @@
-"""Headway: a vehicle about the target does not close up on the one in front of it, on the ring or on its way there."""
+"""Headway: the distance to the vehicle in front, on the ring and on the way to it."""
 
 from collections.abc import Iterable
 from math import inf
@@ -9,7 +9,7 @@ from estimation.vectors import Pair
 
 _GAIN_PER_S = 0.5
 _ABREAST = 2.0
-"""In headways: vehicles whose radii differ by more pass each other."""
+"""In headways: vehicles whose radii differ by more may pass each other."""
 _QUARTER_RAD = 1.5708
 
 
@@ -20,7 +20,7 @@ def leads(unit: Pair, place_m: Pair, direction: float) -> bool:
 
 
 def headway_rate_rad_s(polar: Polar, others: Iterable[Polar], direction: float, headway_m: float) -> float:
-    """Return the angular rate in a direction (+1, -1) at which a vehicle keeps `headway_m` to the next one ahead."""
+    """Return the largest angular rate in a direction (+1, -1) that keeps `headway_m` to the next vehicle ahead."""
     bound_rad_s = inf
     for other in others:
         ahead_rad = wrap_turn_rad(direction * (other.bearing_rad - polar.bearing_rad))

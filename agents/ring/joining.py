@@ -1,7 +1,8 @@
-"""How a vehicle joins a ring on which others are already: from outside, into a wide gap, when there is room for it.
+"""How a vehicle joins an occupied ring: from outside, into a wide gap, when there is room for it.
 
-Until it has joined it does not publish its bearing, and the ring does not change. In front of its gap it publishes it:
-the ring makes room, and the vehicle comes in when the room is there. No vehicle on the ring is overtaken or cut off.
+Until it has joined it does not publish its bearing, and the ring does not change. Once it is in front of its gap it
+publishes its bearing: the members make room, and the vehicle enters when there is enough. No member is overtaken or cut
+off.
 """
 
 from collections.abc import Sequence
@@ -17,38 +18,38 @@ from estimation.frames import wrap_signed_rad, wrap_turn_rad
 from estimation.polar import Polar
 
 ASIDE = 2.0
-"""In separations: how far outside the ring a vehicle waits."""
+"""In separations: the distance outside the ring at which a vehicle waits."""
 _ROOM = 1.5
-"""In separations: how far apart neighbours on the ring are, at least, when one comes in between."""
+"""In separations: the smallest distance between neighbours on the ring when a vehicle enters between them."""
 _ROOM_SHARE = 0.75
-"""In even spacings: a ring that is nearly full gives no more room than this."""
+"""In even spacings: the largest room that is required, for a ring that is nearly full."""
 _WIDE_SHARE = 0.8
-"""A gap this much as wide as the widest one will do, if the vehicle is in front of it already."""
+"""A gap that the vehicle is in front of is taken if it has this share of the widest gap's width."""
 _FURTHER = 1.1
-"""How much more room than it needs a vehicle goes for, so that it arrives where it may come in."""
+"""The margin over the room that a vehicle needs, so that it may enter where it arrives."""
 
 
 class RingGap(msgspec.Struct, frozen=True):
-    """A gap between neighbours on the ring: where its middle lies, counted from a vehicle, and how wide it is."""
+    """A gap between neighbours on the ring: the angle from a vehicle to its middle, and its width."""
 
     ahead_rad: float
     width_rad: float
 
     @property
     def edge_rad(self) -> float:
-        """How far inside the gap the vehicle is; negative outside."""
+        """The angle from the vehicle to the gap's nearer edge; negative outside the gap."""
         return self.width_rad / 2.0 - abs(self.ahead_rad)
 
     def way_rad(self, room_rad: float) -> float:
-        """Return how far ahead the nearest place is that has so much room on either side, at most the middle."""
+        """Return the angle ahead to the nearest place with this room on either side, at most to the middle."""
         return copysign(max(0.0, min(room_rad, self.width_rad / 2.0) - self.edge_rad), self.ahead_rad)
 
 
 class Joining:
-    """Whether one vehicle has joined the ring, and whether it may come in.
+    """Decides when one vehicle joins the ring, and when it may enter.
 
-    `ring_m` is the radius at which the ring is flown at the moment. How many fit, and the room for one, are the
-    mission's ring's: that is what it comes back to.
+    `ring_m` is the ring's present radius. The ring's capacity and the room for a vehicle are those of the mission's
+    ring, to which it returns.
     """
 
     def __init__(self, config: AgentConfig) -> None:
@@ -60,22 +61,22 @@ class Joining:
 
     @property
     def waiting_m(self) -> float:
-        """The radius on which to wait outside the ring."""
+        """The radius of the waiting circle outside the ring."""
         return self.ring_m + ASIDE * self._separation_m
 
     def unheard_m(self, unsure_m: float) -> float:
-        """Return the radius for a vehicle that the others have lost: they bend the ring around where it was.
+        """Return the radius for a vehicle that the others have lost: they bend the ring around its last position.
 
-        The bend is two separations high at most, and one lies between it and the vehicle, each with its uncertainty.
+        It adds two separations for the largest bend and one between bend and vehicle, each with its uncertainty.
         """
         return self.ring_m + 3.0 * self._separation_m + 2.0 * (unsure_m + MARGIN_M)
 
     def reset(self) -> None:
-        """Begin anew: the vehicle comes from another tactic, and has not joined."""
+        """Restart as not joined, when the vehicle comes from another tactic."""
         self.joined = self._inside = False
 
     def look(self, polar: Polar, bearings_rad: Sequence[float]) -> float | None:
-        """Join if it is time; return how far ahead there is room for the vehicle [rad], None once it has joined."""
+        """Join if possible; return the angle ahead to the nearest free place [rad], None once joined."""
         if self.joined:
             return None
         gap = chosen_gap(polar.bearing_rad, bearings_rad)
@@ -87,7 +88,7 @@ class Joining:
         return None if self.joined else gap.way_rad(_FURTHER * room_rad if fits else gap.width_rad / 2.0)
 
     def radius_m(self, polar: Polar, place: RingPlace) -> float:
-        """Return the radius to fly at for a vehicle that has joined: the ring's, once its neighbours leave it room."""
+        """Return the radius to fly at for a vehicle that has joined: the ring's, once its neighbours have made room."""
         if not self._inside and place.lead_rad is not None and place.lag_rad is not None:
             room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
             at_ring = polar.radius_m <= self.ring_m + self._separation_m

@@ -1,4 +1,4 @@
-"""The ring: the neighbours ahead and behind, the spacing errors, and the gain that lets them decay."""
+"""The place on the ring: the neighbours ahead and behind, the spacing errors, and the gain that corrects them."""
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -7,8 +7,9 @@ from math import cos, sin, tau
 import msgspec
 
 _FASTEST_MODE_PER_S = 3.0
-"""References that are known late, and extrapolated, agree only while half of this times their age is less than 1: that
-leaves 0.6 s for messages that come late or are lost."""
+"""With references that are received late and extrapolated, the spacing is stable only while half of this times their
+age is less than 1. This leaves 0.6 s for late or lost messages.
+"""
 
 
 class RingPlace(msgspec.Struct, frozen=True):
@@ -33,7 +34,7 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     ahead = [(other - bearing_rad) % tau or tau for other in other_bearings_rad]
     if not ahead:
         return RingPlace(1, None, None)
-    # A member at the vehicle's own bearing counts as a whole turn ahead, and a whole turn behind.
+    # A member at the vehicle's own bearing counts as one turn ahead and one turn behind.
     farthest_rad = max(ahead)
     if farthest_rad == tau:
         farthest_rad = max((angle for angle in ahead if angle < tau), default=0.0)
@@ -43,7 +44,7 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
 def spacing_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
     """Return `(phi_lead - phi_lag) / 2` of every vehicle on the ring from the bearings of all, in their order.
 
-    That is how far the middle between its neighbours lies ahead of a vehicle; alone on the ring it is none.
+    It is the angle from a vehicle ahead to the middle between its neighbours; 0 alone on the ring.
     """
     members = len(bearings_rad)
     turned = [bearing % tau or tau for bearing in bearings_rad]
@@ -59,21 +60,21 @@ def spacing_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
 
 
 def spacing_decay_per_s(members: int, gain_per_s: float) -> float:
-    """Return how fast the slowest error of the spacings decays on a ring of at least two [1/s] - (20).
+    """Return the decay rate of the slowest spacing error on a ring of at least two [1/s] - (20).
 
-    It is the gain itself, but on a ring so large that the bound on the fastest mode holds it back.
+    It equals the gain, except on a ring so large that the bound on the fastest mode reduces it.
     """
     return 2.0 / 3.0 * scaled_gain_per_s(members, gain_per_s) * (1.0 - cos(tau / members))
 
 
 def scaled_gain_per_s(members: int, gain_per_s: float) -> float:
-    """Return gamma for which the slowest of the ring modes `(2 gamma / 3) (1 - cos(2 pi k / n))` decays at the gain.
+    """Return gamma such that the slowest ring mode, of `(2 gamma / 3) (1 - cos(2 pi k / n))`, decays at the gain.
 
-    It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would be faster than its messages.
+    It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would otherwise be faster than the messages.
     """
     return min(gain_per_s * 1.5 / (1.0 - cos(tau / members)), max(gain_per_s, 0.75 * _FASTEST_MODE_PER_S))
 
 
 def chord_m(radius_m: float, members: int) -> float:
-    """Return the distance between neighbours evenly spaced on the ring, `2 R sin(pi / n)`."""
+    """Return the distance between evenly spaced neighbours on the ring, `2 R sin(pi / n)`."""
     return float(2.0 * radius_m * sin(tau / 2.0 / members))

@@ -1,9 +1,9 @@
-"""The reference that a vehicle follows on the ring: a place that moves as (22) asks, gently.
+"""The reference that a vehicle follows on the ring: a place that moves by the law (22), within bounds.
 
-The law (22) gives an angular rate. Flown at once, it would ask for all the acceleration there is whenever a vehicle
-joins or leaves. So it moves a reference, within the bounds of a transition, and the LMPC keeps the vehicle on that. The
-spacing errors are those of the references, which vehicles publish: neither noise nor the vehicles' dynamics are in the
-loop of the spacing, which decays as (20) says while no bound is active.
+The law (22) gives an angular rate. Applied directly, it would saturate the acceleration whenever a vehicle joins or
+leaves. Instead it moves a reference within the bounds of a transition, and the LMPC keeps the vehicle on the reference.
+The spacing errors are those of the references, which vehicles publish. The spacing loop therefore contains neither
+noise nor the vehicles' dynamics, and its errors decay as in (20) while no bound is active.
 """
 
 from collections.abc import Sequence
@@ -31,15 +31,14 @@ class RingPoint(msgspec.Struct, frozen=True):
     time_s: float
 
     def bearing_rad(self, at_s: float) -> float:
-        """Return the bearing at a moment, going on at its rate."""
+        """Return the bearing at a time, extrapolated at its rate."""
         return self.bearing.value + self.bearing.rate * (at_s - self.time_s)
 
 
 class RingWay(msgspec.Struct, frozen=True):
-    """What a reference follows: the orbit at `radius_m`, and the spacing errors of the references there (n,), the own
-    one first.
+    """The input of a reference: the orbit at `radius_m`, and the spacing errors (n,) of the references, its own first.
 
-    It turns at `fastest_rad_s` at most. `share` is that of the encirclement in the vehicle's aim. At the vehicle's
+    `fastest_rad_s` bounds its angular rate. `share` is that of the encirclement in the vehicle's aim. At the vehicle's
     bearing the ring is `bend_m` farther out than the reference. The vehicle `waits` while the guard changes its aims.
     """
 
@@ -53,7 +52,7 @@ class RingWay(msgspec.Struct, frozen=True):
 
 
 class RingReference:
-    """Moves the reference of one vehicle. It begins where the vehicle is, with the vehicle's motion."""
+    """Moves the reference of one vehicle. It starts with the vehicle's position and motion."""
 
     def __init__(self, settings: EncirclementSettings) -> None:
         self._settings = settings
@@ -61,18 +60,18 @@ class RingReference:
         self._point: RingPoint | None = None
 
     def reset(self) -> None:
-        """Begin anew: the vehicle comes from another tactic, or from far off the ring."""
+        """Restart, when the vehicle comes from another tactic or from far off the ring."""
         self._point = None
 
     def bearing_rad(self, polar: Polar, at_s: float) -> float:
-        """Return the bearing of the reference at a moment, before `advance`."""
+        """Return the bearing of the reference at a time, before `advance`."""
         return polar.bearing_rad if self._point is None else self._point.bearing_rad(at_s)
 
     def advance(self, polar: Polar, way: RingWay, at_s: float) -> RingPoint:
-        """Return the reference at a moment for a vehicle at `polar`.
+        """Return the reference at a time for a vehicle at `polar`.
 
-        It is never farther from the vehicle than `reference_lead_max_m`: what the vehicle cannot follow is not asked of
-        it later. While the share of the encirclement is below 1, the vehicle's own motion counts for the rest.
+        It is never farther from the vehicle than `reference_lead_max_m`: lag beyond that is dropped, not made up later.
+        While the share of the encirclement is below 1, the vehicle's own motion has the remaining weight.
         """
         lead_max_m = self._settings.reference_lead_max_m
         before = self._point
@@ -81,7 +80,7 @@ class RingReference:
             bearing = ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s)
         else:
             radius, bearing = self._moved(before, way, at_s - before.time_s)
-        # One that waits would catch up later, and press against what it waits for.
+        # Without this the reference would run ahead of a waiting vehicle, and push it against the guard.
         along_max_m = 0.0 if way.waits else lead_max_m
         along_max_rad = along_max_m / max(polar.radius_m, self._settings.radius_min_m)
         near_rad = bearing.value - wrap_signed_rad(bearing.value - polar.bearing_rad)
@@ -112,15 +111,15 @@ class RingReference:
         )
 
     def _radial_speed_m_s(self, missing_m: float) -> float:
-        """Return the speed at which the radius changes: from afar as fast as the vehicle may, and gently braked."""
+        """Return the radial speed: far away the speed limit, then braked within the transition's acceleration."""
         fastest_m_s = braked_rate(missing_m, self._transition.acceleration_m_s2)
         return copysign(min(_RADIAL_GAIN_PER_S * abs(missing_m), self._settings.speed_max_m_s, fastest_m_s), missing_m)
 
     def _bounds(self, too_fast_m_s: float, step_s: float) -> tuple[float, float]:
-        """Return acceleration and jerk: those of a transition, and more where a vehicle is too fast for these.
+        """Return the bounds on acceleration and jerk: a transition's, or larger ones for a vehicle that is too fast.
 
-        So is one that begins to follow a fast target: gently, it would fall behind. The acceleration brakes within
-        `_BRAKED_WITHIN_M`, so it fades into that of a transition as the vehicle slows down.
+        A vehicle that begins to follow a fast target is too fast, and would fall behind with a transition's bounds. The
+        acceleration brakes within `_BRAKED_WITHIN_M`, so it approaches that of a transition as the vehicle slows down.
         """
         settings, gentle_m_s2 = self._settings, self._transition.acceleration_m_s2
         if too_fast_m_s == 0.0:
@@ -131,5 +130,5 @@ class RingReference:
 
 
 def _beyond(rate: float, wanted: float) -> float:
-    """Return how much faster than wanted a coordinate changes: by all of its rate if that has the wrong sign."""
+    """Return the excess of a rate over the wanted one: the whole rate if it has the wrong sign."""
     return abs(rate) if rate * wanted < 0.0 else max(0.0, abs(rate) - abs(wanted))

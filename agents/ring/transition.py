@@ -1,4 +1,4 @@
-"""How vehicles change places on the ring: as (22) asks, within the bounds of a transition."""
+"""How vehicles change places on the ring: by the law (22), within the bounds of a transition."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -11,15 +11,15 @@ from agents.ring.place import scaled_gain_per_s
 from agents.settings.sections import EncirclementSettings
 
 SLOWEST_SHARE = 0.2
-"""A vehicle that waits for others still flies forwards, at this share of the ring's rate."""
+"""The smallest angular rate of a vehicle that waits for others, as a share of the ring's rate."""
 TRACKED_SHARE = 0.98
-"""Of the speed of a transition: a vehicle is for moments a little faster than its reference."""
+"""The share of a transition's speed that references use: a vehicle is briefly a little faster than its reference."""
 _BRAKING_SHARE = 0.5
-"""A speed is at most what this share of the acceleration can brake: the rest is a margin for what comes meanwhile."""
+"""The share of the acceleration that the braking distance is computed with; the rest is a margin for disturbances."""
 
 
 class Transition(msgspec.Struct, frozen=True):
-    """How vehicles change places: at most so much faster than the ring, so accelerated, with the spacing gain gamma."""
+    """The bounds of a transition - speed relative to the ring, acceleration - and the spacing gain gamma."""
 
     speed_m_s: float
     acceleration_m_s2: float
@@ -27,7 +27,7 @@ class Transition(msgspec.Struct, frozen=True):
 
 
 def transition_of(settings: EncirclementSettings) -> Transition:
-    """Return the transition that the settings ask for."""
+    """Return the transition of the settings."""
     return Transition(settings.transition_speed_m_s, settings.transition_acceleration_m_s2, settings.spacing_gain_per_s)
 
 
@@ -36,9 +36,9 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, transition:
 
     It is `w_i = w_D + 2 gamma / 3 e_i` [rad/s] as long as no bound is active. The corrections then sum to zero, so that
     the mean rate is the ring's, and on a ring of three the rates of neighbours differ as (19) states. A bound on one
-    vehicle scales the corrections of all by the same share, so that the errors shrink in proportion and no spacing
-    overshoots. Where the ring is too slow for one to wait, all fly faster by the same amount. Every vehicle computes
-    the share from the same bearings, so they agree on it without a message.
+    vehicle scales the corrections of all by the same share, so that the errors decay in proportion and no spacing
+    overshoots. If the ring is too slow for a vehicle to wait, all fly faster by the same amount. Every vehicle computes
+    the share from the same bearings, so no message is needed.
     """
     ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, correction_gain_per_s(len(errors_rad), transition.gain_per_s)
     furthest_rad = max(map(abs, errors_rad))
@@ -65,5 +65,5 @@ def correction_gain_per_s(members: int, gain_per_s: float) -> float:
 
 
 def braked_rate(missing: float, acceleration_max: float) -> float:
-    """Return the largest rate from which a coordinate can be braked over what is `missing`."""
+    """Return the largest rate from which a coordinate can be braked within the `missing` distance."""
     return sqrt(2.0 * _BRAKING_SHARE * acceleration_max * abs(missing))

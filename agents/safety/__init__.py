@@ -1,5 +1,4 @@
-"""What keeps a vehicle safe, independent of the planner: guard, barriers, fence, fault
-detection and the failsafe table.
+"""Safety, independent of the planner: guard, barriers, fence, fault detection and the failsafe table.
 
 It may import situation, team and settings, and no planner.
 """

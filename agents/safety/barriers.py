@@ -1,7 +1,7 @@
-"""The guard's demands on the vehicle's acceleration: one half-plane `normal . a >= least` for each thing to keep.
+"""The guard's demands on the vehicle's acceleration: one half-plane `normal . a >= least` for each constraint.
 
-Each comes from a barrier h that is to stay positive: `h'' + 2 k h' + k^2 h >= 0` keeps it
-so when the plant answers with second order. Everything is at the moment when the setpoint acts.
+Each is derived from a barrier h that has to stay positive: `h'' + 2 k h' + k^2 h >= 0` keeps it positive for a
+second-order plant. All values are at the moment when the setpoint acts.
 """
 
 from collections.abc import Iterable, Iterator
@@ -17,9 +17,9 @@ _NEAR_M = 1e-6
 
 
 class Cause(IntEnum):
-    """Why the guard changed an aim, in the order in which they yield when not all can be kept.
+    """The cause of a demand. If not all can be met, demands are relaxed in this order.
 
-    Separation never yields but to what the vehicle can do at all: its reach.
+    Separation is relaxed only if the vehicle's reach does not suffice.
     """
 
     SPEED = 0
@@ -30,12 +30,12 @@ class Cause(IntEnum):
 
     @property
     def words(self) -> str:
-        """The cause as people read it."""
+        """The cause as text."""
         return self.name.lower().replace("_", " ")
 
 
 class Demand(msgspec.Struct, frozen=True):
-    """`normal . acceleration >= least_m_s2`, with a unit normal; one that `evades` is passed on the right."""
+    """`normal . acceleration >= least_m_s2`, with a unit normal; with `evades` the vehicle passes on the right."""
 
     cause: Cause
     normal: Pair
@@ -43,14 +43,14 @@ class Demand(msgspec.Struct, frozen=True):
     evades: bool = False
 
     def met_by(self, acceleration_m_s2: Pair) -> bool:
-        """Return whether an acceleration is what is demanded."""
+        """Return whether an acceleration meets the demand."""
         return self.normal[0] * acceleration_m_s2[0] + self.normal[1] * acceleration_m_s2[1] >= self.least_m_s2
 
 
 class Body(msgspec.Struct, frozen=True):
-    """Something to keep away from: position, velocity and acceleration, and the distance to keep.
+    """A body to keep away from: its position, velocity and acceleration, and the distance to keep.
 
-    With `shares` it keeps away as well: then each takes half.
+    A body that `shares` evades as well: each vehicle then takes half of the demand.
     """
 
     position_m: Pair
@@ -69,7 +69,7 @@ def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, c
     rel_x, rel_y = velocity_m_s[0] - body.velocity_m_s[0], velocity_m_s[1] - body.velocity_m_s[1]
     opening_m_s = normal[0] * rel_x + normal[1] * rel_y
     gap_m2 = away_m**2 - body.distance_m**2
-    # All divided by 2 |dp|: what is left of the condition once the accelerations are taken out of it.
+    # The condition without its acceleration terms, divided by 2 |dp|.
     rest = (rel_x**2 + rel_y**2) / away_m + 2.0 * rate_per_s * opening_m_s + rate_per_s**2 * gap_m2 / (2.0 * away_m)
     if body.shares:
         return Demand(cause, normal, -rest / 2.0, evades=True)
@@ -78,7 +78,7 @@ def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, c
 
 
 def inside(points: Iterable[NearestPoint], velocity_m_s: Pair, margin_m: float, rate_per_s: float) -> Iterator[Demand]:
-    """Demand to stay inside the fence: h = distance - margin for each of its edges, by its nearest point."""
+    """Demand to stay inside the fence: h = distance - margin for each edge, by its nearest point."""
     for point in points:
         closing_m_s = point.inward[0] * velocity_m_s[0] + point.inward[1] * velocity_m_s[1]
         rest = 2.0 * rate_per_s * closing_m_s + rate_per_s**2 * (point.distance_m - margin_m)
@@ -94,5 +94,5 @@ def slow(velocity_m_s: Pair, speed_max_m_s: float, rate_per_s: float) -> Iterato
 
 
 def unsure_m(sigmas: float, own_sigma_m: float, other_sigma_m: float) -> float:
-    """Return how far two estimates may be off each other."""
+    """Return the distance margin for the uncertainty of two estimates."""
     return sigmas * sqrt(own_sigma_m**2 + other_sigma_m**2)

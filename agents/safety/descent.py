@@ -1,12 +1,12 @@
-"""Why a vehicle comes down before its mission's end."""
+"""Why a vehicle lands before its mission's end."""
 
 import msgspec
 
 
 class Descent(msgspec.Struct, frozen=True):
-    """The condition of the failsafe table that brought a vehicle down, or the operator's command; the other is empty.
+    """The cause of an early landing: a condition of the failsafe table, or an operator's command; the other is empty.
 
-    `verb` is the command's, `origin` is who gave it, empty if that is not known any more.
+    `verb` is the command's, `origin` the operator, empty if unknown.
     """
 
     condition: str = ""
@@ -15,5 +15,5 @@ class Descent(msgspec.Struct, frozen=True):
 
     @property
     def reason(self) -> str:
-        """The condition, or the command and who gave it, in words."""
+        """The condition, or the command and its origin, as text."""
         return self.condition or f"{self.verb} by {self.origin or 'the operator'}"

@@ -1,7 +1,7 @@
-"""The failsafe table: what may go wrong, and what a vehicle does about it.
+"""The failsafe table: the conditions that a vehicle detects, and its reaction to each.
 
-`docs/safety.md` is made from it. `agents/safety/fault_detector.py` detects the conditions, `failsafe_monitor.py`
-carries the table out, and the tactic machine (`agents/tactics.py`) defines what a reaction does.
+The table in `docs/safety.md` is generated from it. `agents/safety/fault_detector.py` detects the conditions,
+`failsafe_monitor.py` carries the table out, and the tactic machine (`agents/tactics.py`) defines what a reaction does.
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from agents.settings.config import AgentConfig
 
 
 class Condition(Enum):
-    """What may go wrong: the name shown to people, sent to peers and written to logs."""
+    """The conditions; the values are shown to people, sent to peers and written to logs."""
 
     TELEMETRY_STALE = "telemetry stale"
     ESTIMATOR_JUMPED = "estimator jumped"
@@ -51,7 +51,7 @@ class Condition(Enum):
 
 
 class Reaction(Enum):
-    """What is done about it, from the least to the gravest."""
+    """The reactions, from the least to the gravest."""
 
     DEGRADE = "fly on and report"
     ASIDE = "step aside"
@@ -70,12 +70,13 @@ _GRADUALLY = (Reaction.ASIDE, Reaction.HOLD, Reaction.LAND)
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One condition: how it is detected, for how long it is tolerated, what is done, and how that is left.
+    """One condition: its detection, its grace time, the reactions, and how the vehicle leaves them.
 
-    `grace` names the setting of the grace time (empty: none); with `by_wall` it counts on the wall's clock, for links
-    take wall time also where the mission's passes faster. Each further reaction follows `failsafe.escalation_s` later
-    if the condition persists; where `choice` names a setting, that chooses one of them instead. `descending` is what a
-    vehicle does that is coming down already, if not go on; a row of the `shell` is carried out outside the core.
+    `grace` names the setting of the grace time (empty: none); with `by_wall` it is in wall time, because links take
+    wall time also when mission time passes faster. Each further reaction follows after another `failsafe.escalation_s`
+    if the condition persists; if `choice` names a setting, that setting selects one of them instead. `descending` is
+    the reaction of a vehicle that is already returning (None: it continues); a row with `shell` is carried out outside
+    the core.
     """
 
     condition: Condition
@@ -97,13 +98,13 @@ TABLE = (
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
         by_wall=True,
-        # On its way down a vehicle without position lands where it is.
+        # A returning vehicle without a position estimate lands where it is.
         descending=Reaction.LAND,
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        "the autopilot's position is a metre or more from one sample to the next where its velocity does not lead, and "
-        "stays there for the profile's `own_filter.gate_timeout_s`: the filter starts again; it lasts until "
+        "the autopilot's position jumps: for the profile's `own_filter.gate_timeout_s` it differs by a metre or more "
+        "from the one that its last sample and velocity predict. The filter restarts; the condition lasts until "
         "`tuning.failsafe.settle_s` after",
         "",
         (Reaction.HOLD, Reaction.LAND),
@@ -147,16 +148,16 @@ TABLE = (
     ),
     Row(
         Condition.NO_WAY_HOME,
-        "the remaining flight time is less than the way home takes at the present wind, landing and "
-        "`failsafe.reserve_s` included",
+        "the remaining flight time is less than the flight home takes in the present wind, including landing and "
+        "`failsafe.reserve_s`",
         "failsafe.battery_s",
         (Reaction.RETURN,),
         NOT_IN_THE_AIR,
     ),
     Row(
         Condition.ESTIMATOR_FAILING,
-        "the autopilot's estimator rejects position, height or velocity (test ratio above 1), lacks its horizontal "
-        "position, height or attitude, or reports that its GPS is spoofed",
+        "the autopilot's estimator rejects position, height or velocity (test ratio above 1), has no valid "
+        "horizontal position, height or attitude, or reports that its GPS is spoofed",
         "failsafe.estimator_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -172,8 +173,7 @@ TABLE = (
     ),
     Row(
         Condition.TILTED,
-        "the autopilot's attitude is tilted by `tuning.failsafe.tilt_max_deg` or more: a wind that it hardly holds "
-        "against, or a failing motor",
+        "the autopilot's attitude is tilted by `tuning.failsafe.tilt_max_deg` or more: strong wind, or a failing motor",
         "failsafe.tilt_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -219,14 +219,14 @@ TABLE = (
     Row(
         Condition.TARGET_JUMPED,
         "on the ring, and all sightings have disagreed with the estimate for `tuning.target_filter.gate_timeout_s`: "
-        "the filter starts again; it lasts until `tuning.failsafe.settle_s` after the last time",
+        "the filter restarts; it lasts until `tuning.failsafe.settle_s` after the last restart",
         "",
         _GRADUALLY,
         RESUME,
     ),
     Row(
         Condition.PLAN_FAILING,
-        "no tick in a row solves its plan, or its guard",
+        "every tick fails to solve the plan or the guard",
         "failsafe.plan_s",
         _GRADUALLY,
         RESUME,
@@ -241,7 +241,7 @@ TABLE = (
     ),
     Row(
         Condition.PEERS_SILENT,
-        "every peer was received, none is any more, and not all had published that they land or that a pilot "
+        "all peers were received before, none is now, and not all had published that they land or that a pilot "
         "flies them",
         "failsafe.peers_silent_s",
         _GRADUALLY,
@@ -250,7 +250,7 @@ TABLE = (
     ),
     Row(
         Condition.LATE_TICKS,
-        "every tick in a row comes a whole period late or more",
+        "every tick is late by a whole period or more",
         "failsafe.late_s",
         (Reaction.DEGRADE, *_GRADUALLY),
         f"{BY_ITSELF}; when aside or worse {RESUME}",
@@ -267,7 +267,7 @@ TABLE = (
     ),
     Row(
         Condition.CLOCK_STEPPED,
-        "all messages of a peer are dated more than `tuning.failsafe.clock_step_s` off what was usual",
+        "the time stamps of all messages of a peer have shifted by more than `tuning.failsafe.clock_step_s`",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -275,8 +275,7 @@ TABLE = (
     ),
     Row(
         Condition.CLOCK_DRIFTED,
-        "a slow drift has dated the messages of a peer more than `tuning.failsafe.clock_step_s` off what was usual at "
-        "first",
+        "the time stamps of a peer have drifted by more than `tuning.failsafe.clock_step_s` since its first messages",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -306,8 +305,8 @@ TABLE = (
     ),
     Row(
         Condition.LEADER_LOST,
-        "the leader was received, is not any more, and had not published that it lands or that a pilot flies it; the "
-        "next in line leads",
+        "the leader is no longer received, and had not published that it lands or that a pilot flies it; the next in "
+        "line leads",
         "failsafe.peer_silent_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -315,7 +314,7 @@ TABLE = (
     ),
     Row(
         Condition.PEER_SILENT,
-        "the same of another peer; the others close the gap",
+        "the same for another peer; the others close the gap",
         "failsafe.peer_silent_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -323,8 +322,8 @@ TABLE = (
     ),
     Row(
         Condition.PEER_DOUBTFUL,
-        "three states of a peer contradict each other: no vehicle flies them one after another, or two sources send "
-        "them; it lasts until 5 s after the last one. All places are kept clear of",
+        "three states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
+        "them; it lasts until 5 s after the last one. Vehicles keep clear of all reported positions",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -332,22 +331,21 @@ TABLE = (
     Row(
         Condition.SIGHTINGS_CONTRADICT,
         "three sightings of a peer or an external source are farther from the own sensor's than their covariances "
-        "allow: they are not used while that sees the target; it lasts until 5 s after the last one",
+        "allow: they are not used while the own sensor sees the target; it lasts until 5 s after the last one",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
     ),
     Row(
         Condition.TARGET_FROM_OUTSIDE,
-        "no sensor of the team has seen the target for `target.stale_after_s`, external sources report it",
+        "no sensor of the team has seen the target for `target.stale_after_s`, but external sources report it",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
     ),
     Row(
         Condition.NO_OPERATOR,
-        "an operator was on the team's bus, and none is any more; not looked for where `failsafe.no_operator` is "
-        '"go_on"',
+        'all operators have left the bus; not checked if `failsafe.no_operator` is "go_on"',
         "failsafe.no_operator_s",
         (Reaction.HOLD, Reaction.RETURN),
         "by `resume`",
@@ -356,21 +354,21 @@ TABLE = (
     ),
     Row(
         Condition.OPERATOR_LOST,
-        "the terminal of `cordon fly` is gone (SIGHUP), or it was signalled to end (SIGTERM, SIGINT)",
+        "the terminal of `cordon fly` was closed (SIGHUP), or it received SIGTERM or SIGINT",
         "",
         (Reaction.END,),
         NOT_IN_THE_AIR,
         shell=True,
     ),
 )
-"""Among equally grave conditions the one that stands first is the one that is reported."""
+"""Among equally grave conditions the first one in the table is reported."""
 
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}
 POSITION_ALERTS = frozenset(
     each.value for each in (Condition.TELEMETRY_STALE, Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING)
 )
-"""The alerts of a vehicle whose position may jump."""
+"""The alerts with which a vehicle's position may jump."""
 
 
 def grace_s(row: Row, config: AgentConfig) -> float:
@@ -379,7 +377,7 @@ def grace_s(row: Row, config: AgentConfig) -> float:
 
 
 def chosen(row: Row, config: AgentConfig) -> Row:
-    """Return a row with the reactions that a configuration chooses."""
+    """Return a row with the reactions that the configuration selects."""
     reaction = _CHOICES.get(_setting(row.choice, config)) if row.choice else None
     return row if reaction is None else replace(row, reactions=(reaction,))
 

@@ -1,4 +1,4 @@
-"""The monitor of the failsafe table: which conditions have outlasted their grace time, and which event is due."""
+"""The monitor of the failsafe table: which conditions have exceeded their grace time, and which event is due."""
 
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _ROUNDING_S = 1e-9
 
 
 class Symptom(NamedTuple):
-    """A detected condition: since when it is there, and the detail shown to people."""
+    """A detected condition: when it began, and the detail shown to people."""
 
     since_s: float
     detail: str
@@ -35,7 +35,7 @@ class Symptom(NamedTuple):
 
 @dataclass(slots=True)
 class _Alert:
-    """A condition whose grace time is over: how far its reactions have got, and whether it is there still."""
+    """A condition whose grace time is over: the reaction reached, and whether the condition is still present."""
 
     row: Row
     reached: int
@@ -52,7 +52,7 @@ class _Alert:
 
     @property
     def binds(self) -> bool:
-        """Whether it keeps the vehicle from resuming: the operator who resumes it is there."""
+        """Whether it refuses a resume. NO_OPERATOR does not: an operator has sent the resume."""
         return self.present and self.row.condition is not Condition.NO_OPERATOR
 
     @property
@@ -60,14 +60,14 @@ class _Alert:
         return _GRAVITY[self.reaction], -_ORDER[self.row.condition]
 
     def demand(self, tactic: Tactic) -> Reaction:
-        """Return what it takes: on the way down that may be more than elsewhere."""
+        """Return the reaction that is due; during a return it may be graver."""
         if tactic is Tactic.RETURN_AND_LAND and self.present and self.row.descending is not None:
             return self.row.descending
         return self.reaction
 
 
 class FailsafeMonitor:
-    """Takes the faults of each tick, returns the event that is due, and remembers the conditions reacted to."""
+    """Takes the faults of each tick, returns the event that is due, and keeps the active conditions."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._rows = {row.condition: chosen(row, config) for row in TABLE}
@@ -78,7 +78,7 @@ class FailsafeMonitor:
         self._news: list[str] = []
 
     def set_time_scale(self, factor: float) -> None:
-        """Let what counts on the wall's clock take `factor` times as long."""
+        """Set mission seconds per wall second, for grace times in wall time."""
         self._time_scale = factor
 
     @property
@@ -90,13 +90,13 @@ class FailsafeMonitor:
 
     @property
     def active(self) -> Container[Condition]:
-        """The conditions whose grace time is over, and that are not left yet."""
+        """The conditions whose grace time is over, until the vehicle has left their reaction."""
         return self._alerts
 
     def react(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
-        """Return the event that is due in this tactic, None if it is grave enough already.
+        """Return the event that is due, None if the present tactic is grave enough.
 
-        A vehicle that lands reacts to nothing any more.
+        A landing vehicle does not react any more.
         """
         if not (present or self._alerts) or tactic is Tactic.LAND:
             return None
@@ -106,12 +106,12 @@ class FailsafeMonitor:
         return self._due(tactic)
 
     def latch(self, condition: Condition, detail: str) -> None:
-        """Remember a condition that the shell has reacted to already."""
+        """Record a condition that the shell has already reacted to."""
         self._alerts[condition] = _Alert(self._rows[condition], 0, detail, present=False)
         self._tell(condition)
 
     def refuse_resume(self) -> str | None:
-        """Return why the vehicle must not resume, None if it may: what stopped it is still there."""
+        """Return why the vehicle must not resume, which is a condition that is still present; None if it may."""
         reasons = [
             f"{condition.value}: {alert.detail}"
             for condition, alert in self._alerts.items()
@@ -120,19 +120,19 @@ class FailsafeMonitor:
         return "; ".join(reasons) or None
 
     def resume(self) -> None:
-        """Forget what stopped the vehicle and is over."""
+        """Drop the conditions that stopped the vehicle and are over."""
         for condition in [c for c, alert in self._alerts.items() if not alert.binds]:
             del self._alerts[condition]
 
     def news(self) -> list[str]:
-        """Return what has changed since the last time, as text for the notes."""
+        """Return the changes since the last call, as text for the notes."""
         if not self._news:
             return []
         news, self._news = self._news, []
         return news
 
     def _take(self, now_s: float, condition: Condition, symptom: Symptom) -> bool:
-        """Take in a fault, and return whether it has lasted longer than its grace time."""
+        """Take a fault; return whether it has exceeded its grace time."""
         row = self._rows[condition]
         time_scale = self._time_scale if row.by_wall else 1.0
         borne_s = now_s - symptom.since_s - self._grace_s[condition] * time_scale + _ROUNDING_S

@@ -1,4 +1,4 @@
-"""Fault detection: which conditions of the failsafe table are there, and since when."""
+"""Fault detection: which conditions of the failsafe table are present, and since when."""
 
 from collections.abc import Container, Iterable
 from math import hypot, inf
@@ -19,12 +19,12 @@ from agents.team.perception import SOURCES_FROM
 from agents.team.team import Team
 
 COMPARED_S = 1.0
-"""How often clocks are compared for a slow drift."""
+"""The period at which clocks are checked for a slow drift."""
 SAME_HEIGHT_M = 1.0
-"""Vehicles less than this, or than half a layer, apart in height are at the same height."""
+"""Vehicles whose heights differ by less than this, or than half a layer, are at the same height."""
 _FLOOD_ENDS = 0.8
 _IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
-"""On the way up and down vehicles keep apart by layers and in time, and may be near each other."""
+"""During take-off and return vehicles are separated by layers and in time, and may be near each other."""
 
 Faults = dict[Condition, Symptom]
 
@@ -39,7 +39,7 @@ class FaultDetector:
         self._leader = config.formation.leader
         self._others = len(config.slots) - 1
         self._period_s = 1.0 / config.rate_hz
-        # Without the guard no separation is kept: a simulation that shows so is not to be disturbed.
+        # Without the guard separation is not kept: simulations that demonstrate this must not be interrupted.
         self._near_m = config.failsafe.separation_share * config.safety.separation_m if config.safety.guard else 0.0
         layer_m = config.choreography.layer_m
         self._same_height_m = min(SAME_HEIGHT_M, layer_m / 2.0) if layer_m else SAME_HEIGHT_M
@@ -65,8 +65,8 @@ class FaultDetector:
     def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
         """Return the faults of this tick.
 
-        `active` are the conditions that are being reacted to: some last for as long as they hold the vehicle.
-        The mission's clock passes `time_scale` times as fast as the wall's.
+        `active` are the conditions with a reaction: some of them persist while they hold the vehicle. `time_scale` is
+        mission seconds per wall second.
         """
         faults: Faults = {}
         now_s = situation.now_s
@@ -123,7 +123,7 @@ class FaultDetector:
         if self.operated:
             self._was_operated = True
         elif self._was_operated and self._operators_needed:
-            self._add(faults, now_s, Condition.NO_OPERATOR, "all operators have left it")
+            self._add(faults, now_s, Condition.NO_OPERATOR, "all operators have left the bus")
 
     def _check_flood(self, faults: Faults, now_s: float, time_scale: float) -> None:
         if self._flood.see(self.bus_drops.refused, now_s, time_scale):
@@ -169,7 +169,7 @@ class FaultDetector:
         for peer in self._team.near():
             age_s = now_s - peer.time_s
             away_x = peer.position_m[0] + peer.velocity_m_s[0] * age_s - x
-            # Nearly always this decides.
+            # A cheap test that decides nearly always.
             if -near_m < away_x < near_m and abs(peer.altitude_m - height_m) < self._same_height_m:
                 away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * age_s - y)
                 if away_m < near_m:
@@ -185,7 +185,7 @@ class FaultDetector:
 
 
 class _Jumps:
-    """A filter's resets as something that lasts: until it has been quiet for a while."""
+    """A filter's resets as a condition that lasts until no reset has occurred for some time."""
 
     def __init__(self, settle_s: float) -> None:
         self._settle_s = settle_s
@@ -194,7 +194,7 @@ class _Jumps:
         self._last_s = -inf
 
     def see(self, resets: int, now_s: float, *, new: bool = True) -> float | None:
-        """Return since when it jumps, None if it does not; only with `new` a reset begins or prolongs it."""
+        """Return when the jumps began, None if there are none; only with `new` a reset begins or prolongs them."""
         if resets == self._seen and self._since_s is None:
             return None
         if resets != self._seen:
@@ -208,9 +208,9 @@ class _Jumps:
 
 
 class _Flood:
-    """Whether messages are refused faster than a limit: a leaky bucket, which holds what the limit allows in a second.
+    """Whether messages are refused faster than a limit: a leaky bucket of the size that the limit allows in one second.
 
-    It floods from when it is full until it is a fifth empty.
+    The flood begins when it is full and ends when it is a fifth empty.
     """
 
     def __init__(self, limit_per_s: float) -> None:
@@ -221,7 +221,7 @@ class _Flood:
         self._flooded = False
 
     def see(self, refused: int, now_s: float, time_scale: float) -> bool:
-        """Take the count of all so far; the mission's clock passes `time_scale` times as fast as the wall's."""
+        """Take the total count so far; `time_scale` is mission seconds per wall second."""
         if self._counted is not None:
             leaked = self._limit_per_s * (now_s - self._at_s) / time_scale
             self._level = min(max(self._level + refused - self._counted - leaked, 0.0), self._limit_per_s)

@@ -1,4 +1,4 @@
-"""The geofence: a simple polygon in the mission frame that the vehicles stay inside of, and the distances to it."""
+"""The geofence: a simple polygon in the mission frame that encloses the vehicles, and the distances to it."""
 
 from collections.abc import Sequence
 from math import hypot, inf
@@ -10,9 +10,9 @@ _ON_EDGE_M = 1e-9
 
 
 class NearestPoint(msgspec.Struct, frozen=True):
-    """The point of one edge that is nearest to a place: how far, and the unit vector from it into the fence.
+    """The point of one edge that is nearest to a place: its distance, and the unit vector from it into the fence.
 
-    `end` is -1 or 1 where it is the corner in which the edge begins or ends.
+    `end` is -1 or 1 if it is the corner where the edge begins or ends.
     """
 
     distance_m: float
@@ -21,13 +21,13 @@ class NearestPoint(msgspec.Struct, frozen=True):
 
 
 class Fence:
-    """A polygon by its corners, in either sense; edges may not cross each other."""
+    """A polygon by its corners, in either orientation; edges must not cross each other."""
 
     def __init__(self, corners_m: Sequence[Corner]) -> None:
         self._edges = tuple(zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True))
         doubled_area_m2 = sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in self._edges)
         self._left_is_inward = 1.0 if doubled_area_m2 > 0.0 else -1.0
-        # Whether the corner where each edge begins sticks into the fence.
+        # Whether the corner where each edge begins is reflex.
         self._sticks_in = tuple(
             self._left_is_inward * _side(*before, end) < 0.0
             for before, (_, end) in zip((self._edges[-1], *self._edges[:-1]), self._edges, strict=True)
@@ -43,21 +43,21 @@ class Fence:
         return inside
 
     def clearance_m(self, place_m: Corner) -> float:
-        """Return the distance to the fence: negative outside."""
+        """Return the distance to the fence, negative outside."""
         nearest_m = min(point.distance_m for point in self._points(place_m, 1.0))
         return nearest_m if self.contains(place_m) else -nearest_m
 
     def reach_m(self, place_m: Corner, direction: Corner) -> float:
-        """Return how far it is to the fence, straight on in a direction of length 1; infinity from a place outside."""
+        """Return the distance to the fence along a unit direction; infinity from a place outside."""
         if not self.contains(place_m):
             return inf
         return min(_ahead(place_m, direction, start, end) for start, end in self._edges)
 
     def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
-        """Return the nearest point of every edge within reach; from outside that of the nearest edge alone.
+        """Return the nearest point of every edge within a distance; from outside that of the nearest edge alone.
 
-        From outside the distance is negative: only the way back in counts then. A vehicle that flies along an edge
-        towards a corner that sticks in will pass it: the edge behind that corner is left out until then.
+        From outside the distance is negative, and only the way back in matters. A vehicle that flies along an edge
+        towards a reflex corner passes it: the edge behind that corner is left out until then.
         """
         if self.contains(place_m):
             points = self._points(place_m, 1.0)
@@ -71,7 +71,7 @@ class Fence:
         return [_nearest(place_m, start, end, sense, self._left_is_inward) for start, end in self._edges]
 
     def _hidden(self, points: list[NearestPoint], index: int) -> bool:
-        """Return whether the nearest point of an edge is a corner that sticks in, seen along the edge before it."""
+        """Return whether the nearest point of an edge is a reflex corner, seen along the edge before it."""
         following = (index + 1) % len(points)
         match points[index].end:
             case -1:
@@ -106,7 +106,7 @@ def _nearest(place_m: Corner, start: Corner, stop: Corner, sense: float, left_is
 
 
 def _ahead(place_m: Corner, direction: Corner, start: Corner, end: Corner) -> float:
-    """Return how far ahead an edge is crossed, infinity if it is not."""
+    """Return the distance ahead to the crossing of an edge, infinity if there is none."""
     (x, y), (x_rate, y_rate), (x1, y1), (x2, y2) = place_m, direction, start, end
     across = x_rate * (y2 - y1) - y_rate * (x2 - x1)
     if across == 0.0:

@@ -1,4 +1,4 @@
-"""Whether a vehicle follows its setpoints: its distance from where its plant would have taken it."""
+"""Whether a vehicle follows its setpoints: its distance from the position that its plant model predicts."""
 
 from math import hypot
 
@@ -8,21 +8,21 @@ from estimation.plant.model import Plant, exact_step
 
 STEP_S = 0.5
 _LATE_MAX_S = 1.9
-"""The own filter keeps the setpoints of two seconds: after a longer pause the model starts again."""
+"""The own filter keeps the setpoints of two seconds: after a longer pause the model restarts."""
 
 
 class Following:
-    """The plant x'' = a0 (u + w / a0 - x) - a1 x' beside the vehicle, driven by the setpoints sent.
+    """The plant model x'' = a0 (u + w / a0 - x) - a1 x', driven by the setpoints sent, to compare with the vehicle.
 
-    Telemetry does not correct its position. It needs no correction: the setpoints themselves attract it. The
-    disturbance w is the own filter's, which is bounded: it holds what the controller compensates, wind and a plant
-    that is off. A vehicle that ignores its setpoints is off by up to the setpoint's lead, less the bound of w / a0, one
-    that is carried away by more.
+    Telemetry does not correct its position, and need not: the model converges to the setpoints. The disturbance w is
+    the own filter's, which is bounded and contains what the controller compensates: wind and errors of the plant. The
+    error of a vehicle that ignores its setpoints reaches the setpoint's lead less the bound of w / a0; that of a
+    drifting vehicle exceeds it.
     """
 
     def __init__(self, plant: Plant, own: OwnFilter) -> None:
         step = exact_step(plant, STEP_S)
-        # By axis: position and velocity from each other, and from the aim. Scalars cost a fifth of matrices.
+        # The discrete model by axis, with scalars, which take a fifth of the time of matrices.
         self._steps = [
             (*step.transition[[p, p, v, v], [p, v, p, v]].tolist(), *step.input_gain[[p, v], [p, p]].tolist())
             for p, v in ((0, 2), (1, 3))
@@ -34,11 +34,11 @@ class Following:
         self._time_s = 0.0
 
     def stop(self) -> None:
-        """Start again at the vehicle's next position: it has flown without setpoints, or its estimate has moved."""
+        """Restart at the vehicle's next position: it has flown without setpoints, or its estimate has jumped."""
         self._axes = []
 
     def error_m(self, situation: Situation) -> float:
-        """Return how far the vehicle is from the model [m]; to be called about once a second."""
+        """Return the distance of the vehicle from the model [m]; to be called about once a second."""
         now_s = situation.now_s
         x, y, x_rate, y_rate, x_disturbance, y_disturbance = situation.own.mean.tolist()
         if self._jumps != self._own.jumps:

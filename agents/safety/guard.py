@@ -1,9 +1,9 @@
-"""The guard: the last stage before the setpoint. It changes an aim as little as possible so that nothing is hit.
+"""The guard: the last stage before the setpoint. It changes aims as little as possible to keep them safe.
 
-It knows no tactic and no plan. Its quadratic programme has two unknowns, the lead u of the aim before the vehicle:
-minimise |u - u_planned|^2 under the demands of agents/safety/barriers.py, which the plant makes linear in u,
-`a = a0 u - a1 v + w`. What a demand takes from the planned lead is given back to the right: vehicles that meet head on
-go around each other instead of standing there. What cannot be kept as a whole yields, level by level.
+It is independent of tactic and plan. Its quadratic programme has two unknowns, the lead u of the aim ahead of the
+vehicle: minimise |u - u_planned|^2 under the demands of agents/safety/barriers.py, which are linear in u with the plant
+`a = a0 u - a1 v + w`. The reduction of the lead by a demand is added on the right-hand side, so that vehicles that meet
+head on pass each other instead of stopping. Demands that cannot all be met are relaxed level by level.
 """
 
 from collections.abc import Sequence
@@ -29,11 +29,11 @@ _ELASTIC_WEIGHT = 100.0
 _EVADE_SHARE = 1.0
 _CHANGED_M = 0.01
 ROWS_MAX = 32
-"""How many demands are weighed where not all can be kept: those that the planned aim misses by most."""
+"""The number of demands in the relaxed problem: those that the planned aim violates most."""
 
 
 class GuardStatus(Enum):
-    """What the guard did with the planned aim."""
+    """The guard's effect on the planned aim."""
 
     PASSED = "passed"
     CHANGED = "changed"
@@ -42,7 +42,7 @@ class GuardStatus(Enum):
 
 
 class Guarded(msgspec.Struct, frozen=True):
-    """The aim (2,) of what is sent, why it was changed if it was, and up to which cause the demands had to yield."""
+    """The guarded aim (2,), the causes of a change, and the highest cause whose demands were relaxed."""
 
     aim_m: Vector
     status: GuardStatus = GuardStatus.PASSED
@@ -51,7 +51,7 @@ class Guarded(msgspec.Struct, frozen=True):
 
 
 class _Row(msgspec.Struct, frozen=True):
-    """A demand on the lead, in metres."""
+    """A demand as a half-plane of the lead, in metres."""
 
     plane: HalfPlane
     cause: Cause
@@ -59,7 +59,7 @@ class _Row(msgspec.Struct, frozen=True):
 
 
 class Guard:
-    """Guards one vehicle's aims; remembers nothing that changes its results."""
+    """Guards one vehicle's aims; its results depend on the inputs only."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._safety = config.safety
@@ -68,7 +68,7 @@ class Guard:
         self._qp: _ElasticQp | None = None
 
     def check(self, situation: Situation, aim_m: Vector, bodies: Sequence[Body]) -> Guarded:
-        """Return the setpoint nearest to `aim_m` (2,) that keeps what there is to keep."""
+        """Return the aim nearest to `aim_m` (2,) that meets all demands."""
         position = situation.acting_motion[POSITION]
         x, y = (aim_m - position).tolist()
         lead = (x, y)
@@ -80,7 +80,7 @@ class Guard:
         return Guarded(aim_m) if reached == lead else self._guarded(position, lead, reached, [], None)
 
     def altitude_m(self, planned_m: float) -> float:
-        """Return the altitude nearest to `planned_m` that is inside the band."""
+        """Return the altitude nearest to `planned_m` within the limits."""
         low, high = self._safety.altitude_min_m, self._safety.altitude_max_m
         planned_m = planned_m if high is None else min(planned_m, high)
         return planned_m if low is None else max(planned_m, low)
@@ -96,7 +96,7 @@ class Guard:
             self._qp = _ElasticQp(self._safety.setpoint_lead_max_m)
         worst = sorted(rows, key=lambda row: -row.plane.missing(wanted))[:ROWS_MAX]
         kept, yielded = self._qp.nearest(wanted, worst)
-        if kept is None:  # an unsolved problem must not fly: stop
+        if kept is None:  # the solver failed: stop
             return self._guarded(position, lead, (0.0, 0.0), missed, yielded, GuardStatus.BRAKED)
         return self._guarded(position, lead, self._reached(kept), missed, yielded)
 
@@ -119,11 +119,11 @@ class Guard:
         return Guarded(aim, status, tuple(sorted(causes)), yielded)
 
     def _reached(self, lead: Pair) -> Pair:
-        """Keep the aim within the allowed lead of the vehicle: a wrong estimate must not send it far away."""
+        """Limit the lead of the aim: a wrong estimate must not send the vehicle far away."""
         return clipped_pair(lead, self._safety.setpoint_lead_max_m)
 
     def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Pair) -> list[_Row]:
-        """Return what the lead has to be; nothing where this one meets all demands, as it mostly does."""
+        """Return the half-planes of the lead; none if this lead meets all demands, which is the usual case."""
         safety = self._safety
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
@@ -139,7 +139,7 @@ class Guard:
             within_m = safety.setpoint_lead_max_m + margin_m
             points = self._fence.nearest_points(place, within_m + safety.speed_max_m_s)
             demands += inside(points, velocity, margin_m, rate)
-            # The aim itself stays inside as well: a vehicle whose agent falls silent flies there and stops.
+            # The aim stays inside as well: a vehicle whose agent stops sending flies to it and stops.
             bounds = [
                 _Row(HalfPlane(point.inward, margin_m - point.distance_m), Cause.FENCE)
                 for point in points
@@ -153,7 +153,7 @@ class Guard:
         return [self._row(demand, drift) for demand in demands] + bounds
 
     def _row(self, demand: Demand, drift: Pair) -> _Row:
-        """Return what the lead has to be for a demanded acceleration, `a = a0 u + drift`."""
+        """Return the half-plane of the lead for a demanded acceleration, with `a = a0 u + drift`."""
         normal_x, normal_y = demand.normal
         least_m_s2 = min(demand.least_m_s2, self._safety.acceleration_max_m_s2)
         pull_x, pull_y = normal_x * self._axes[0].a0_per_s2, normal_y * self._axes[1].a0_per_s2
@@ -163,32 +163,32 @@ class Guard:
 
 
 def _evading(lead: Pair, missed: Sequence[_Row]) -> Pair:
-    """Return the lead that goes around on the right what is in its way."""
+    """Return the lead shifted to the right of what is in its way."""
     x, y = lead
     for row in missed:
         if row.evades:
             aside_m = _EVADE_SHARE * row.plane.missing(lead)
-            # To the right of one that looks against the normal.
+            # To the right when looking against the normal.
             x, y = x - aside_m * row.plane.normal[1], y + aside_m * row.plane.normal[0]
     return x, y
 
 
 class _ElasticQp:
-    """min |u - wanted|^2 under demands that cannot all be kept, in a polygon in the reach: they yield by level."""
+    """min |u - wanted|^2 in a polygon within the reach, with demands that are relaxed by level."""
 
     def __init__(self, reach_m: float) -> None:
         self._reach_m = reach_m
         angles = 2.0 * pi / _SIDES * (np.arange(_SIDES) + 0.5)
         self._rows = np.zeros((ROWS_MAX + _SIDES, 3))
         self._rows[ROWS_MAX:, 0], self._rows[ROWS_MAX:, 1] = np.cos(angles), np.sin(angles)
-        # Column by column, as OSQP keeps them; only the slack's column has no entry for the polygon.
+        # Column by column, as OSQP stores them; the slack's column has no entries for the polygon.
         self._used = np.ones((3, ROWS_MAX + _SIDES), dtype=np.bool_)
         self._used[2, ROWS_MAX:] = False
         self._lower = np.full(ROWS_MAX + _SIDES, -_FREE)
         self._upper = np.full(ROWS_MAX + _SIDES, _FREE)
         self._upper[ROWS_MAX:] = reach_m * cos(pi / _SIDES)
         self._gradient = np.zeros(3)
-        from osqp import OSQP  # noqa: PLC0415 - slow to import, and not every process solves
+        from osqp import OSQP  # noqa: PLC0415 - slow to import, and many processes never solve
         from scipy.sparse import csc_matrix  # noqa: PLC0415
 
         self._solver = OSQP()
@@ -204,12 +204,12 @@ class _ElasticQp:
             eps_prim_inf=1e-3,
             max_iter=1000,
             check_termination=10,
-            # OSQP would otherwise time itself to choose this, and the same problem would have two answers.
+            # By default OSQP chooses this from measured time, which makes results irreproducible.
             adaptive_rho_interval=10,
         )
 
     def nearest(self, wanted: Pair, rows: Sequence[_Row]) -> tuple[Pair | None, Cause]:
-        """Return the lead, None if the solver fails, and the highest level that had to yield."""
+        """Return the lead, None if the solver fails, and the highest level that was relaxed."""
         count = len(rows)
         normals = np.array([row.plane.normal for row in rows])
         least, levels = np.array([row.plane.least for row in rows]), np.array([row.cause for row in rows])
@@ -218,7 +218,7 @@ class _ElasticQp:
         self._gradient[:2] = -wanted[0], -wanted[1]
         for level in sorted({row.cause for row in rows}):
             if nearest(wanted, self._reach_m, [row.plane for row in rows if row.cause > level]) is None:
-                continue  # a higher level has to yield
+                continue  # a higher level has to be relaxed
             self._rows[:count, 2] = levels == level
             self._lower[:ROWS_MAX] = -_FREE
             self._lower[:count] = np.where(levels >= level, least, -_FREE)

@@ -1,9 +1,9 @@
-"""The point nearest to another in a disc and in half-planes: a quadratic programme of two unknowns, solved exactly.
+"""The nearest point in a disc and half-planes: a quadratic programme of two unknowns, solved exactly.
 
-The guard solves it wherever a demand is missed, and once a level where not all can be kept. OSQP, which the guard uses
-for that last case, would do as well, but takes longer: in one run on random problems of four half-planes 2 us here and
-26 us there (medians; 99 %: 4 and 350), of sixteen 13 us and 77 us. It is also exact, keeps to the disc instead of a
-polygon in it, and gives None only where the demands have no point in common.
+The guard solves it whenever a demand is violated, and once per level if not all demands can be met. Compared with OSQP,
+which the guard uses for the relaxed problem, it is faster (random problems of four half-planes: median 2 us instead of
+26 us, 99 % 4 us instead of 350 us; of sixteen: median 13 us instead of 77 us), exact, uses the disc instead of a
+polygon in it, and returns None only if the demands have no point in common.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,15 +24,15 @@ class HalfPlane(msgspec.Struct, frozen=True):
     least: float
 
     def missing(self, point: Pair) -> float:
-        """Return how far outside a point is: negative inside."""
+        """Return the distance of a point from the half-plane, negative inside."""
         return self.least - self.normal[0] * point[0] - self.normal[1] * point[1]
 
 
 def nearest(wanted: Pair, radius: float, planes: Sequence[HalfPlane]) -> Pair | None:
     """Return the point of all half-planes and of the disc about the origin that is nearest to `wanted`.
 
-    None if they have no point in common. Plane by plane: where the point so far misses the next one, the new one lies
-    on that plane's edge. With m half-planes this takes m (m + 1) / 2 steps at most.
+    None if they have no point in common. The planes are added one by one: if the point violates the next plane, the new
+    point lies on that plane's edge. With m half-planes this takes m (m + 1) / 2 steps at most.
     """
     point = clipped_pair(wanted, radius)
     for index, plane in enumerate(planes):
@@ -45,7 +45,7 @@ def nearest(wanted: Pair, radius: float, planes: Sequence[HalfPlane]) -> Pair | 
 
 
 def _nearest_on_edge(wanted: Pair, radius: float, plane: HalfPlane, others: Iterable[HalfPlane]) -> Pair | None:
-    """Return the point nearest to `wanted` on the edge of one half-plane, inside the disc and the other ones."""
+    """Return the point nearest to `wanted` on the edge of one half-plane, inside the disc and the other half-planes."""
     normal_x, normal_y = plane.normal
     half_chord2 = radius**2 - plane.least**2
     if half_chord2 < 0.0:

@@ -1,4 +1,4 @@
-"""When the guard begins to change aims, for people: once, and not again while it goes on and off."""
+"""Notes of guard interventions: one for each intervention, including its short interruptions."""
 
 from math import hypot, inf
 
@@ -6,17 +6,17 @@ from agents.safety.guard import Guarded
 from estimation.state import Vector
 
 QUIET_S = 5.0
-"""After this long without an intervention the next one is news again."""
+"""After this long without an intervention the next one is reported again."""
 
 
 class Interventions:
-    """Watches one vehicle's guard; it remembers when that intervened last."""
+    """Monitors one vehicle's guard; its state is the time of the last intervention."""
 
     def __init__(self) -> None:
         self._last_s = -inf
 
     def news(self, now_s: float, aim_m: Vector, guarded: Guarded) -> tuple[str, str] | None:
-        """Return the causes, and what was done to the planned aim (2,); None if there is nothing new."""
+        """Return the causes, and the change of the planned aim (2,), as text; None if there is nothing new."""
         if not guarded.causes:
             return None
         quiet_s, self._last_s = now_s - self._last_s, now_s

@@ -1,4 +1,4 @@
-"""The other vehicles as bodies to keep away from: where their published plans take them, and how sure that is."""
+"""The other vehicles as bodies to keep away from: predicted from their published plans, with the uncertainty."""
 
 from collections.abc import Container, Iterable, Sequence
 from math import hypot, sqrt
@@ -11,19 +11,19 @@ from agents.team.messages import MemberState
 from estimation.state import Vector
 
 UNPUBLISHED_ACCELERATION_M_S2 = 2.0
-"""How much the acceleration of a vehicle may differ from what it published last."""
+"""The largest difference between a vehicle's acceleration and its last published plan."""
 GOING_ON_S = 1.0
-"""For how long a silent vehicle is predicted to follow the plan that it published last."""
+"""A silent vehicle is predicted to follow its last published plan for this long."""
 A_FEW = 3
 NEAR_FOR_S = 0.2
-"""For so long the choice of those that are near holds."""
+"""The selection of near vehicles is valid for this long."""
 _MEETS_S, _MEETS = 2.5, 1.5
-"""So far ahead, and in separations: another vehicle that comes so close needs this one's states at the full rate."""
+"""Prediction time, and distance in separations, within which others need this vehicle's states at the full rate."""
 _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 
 
 class Neighbours:
-    """Makes bodies of the states that the team's members published last."""
+    """Makes bodies from the last published states of the team's members."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._safety = config.safety
@@ -35,12 +35,11 @@ class Neighbours:
         self._damping_per_s = max(axis.a1_per_s for axis in axes)
 
     def near(self, situation: Situation, heard: Sequence[MemberState]) -> Sequence[MemberState]:
-        """Return those that can matter to the guard until `NEAR_FOR_S` later: no aim within reach comes too close to
-        the others.
+        """Return the members that can affect the guard within `NEAR_FOR_S`: no aim is too close to the others.
 
-        Of a team of sixteen these are a few; a few cost less than to choose among them. The bound is
-        `barriers.apart` solved for the distance, with everything that can be against the vehicle against it: closing
-        straight on, and the aim at its farthest.
+        In a team of sixteen these are a few; with so few members all are returned, which costs less than a selection.
+        The bound is `barriers.apart` solved for the distance in the worst case: closing head on, and the aim at its
+        farthest.
         """
         if len(heard) <= A_FEW:
             return heard
@@ -57,7 +56,7 @@ class Neighbours:
             ahead_s = min(until_s - member.time_s, GOING_ON_S + NEAR_FOR_S)
             its_x_rate, its_y_rate = member.velocity_m_s
             place_x, place_y = member.position_m
-            # By how much it comes closer until then, and how fast it closes then.
+            # The distance that it may close until then, and its closing speed then.
             its_speed, gained = hypot(its_x_rate, its_y_rate), turned * ahead_s
             come_m, closing_m_s = (its_speed + gained / 2.0) * ahead_s, its_speed + gained
             if hypot(place_x - x, place_y - y) < still_m + 4.0 / rate * closing_m_s + come_m:
@@ -65,7 +64,7 @@ class Neighbours:
         return near
 
     def meets(self, situation: Situation, near: Sequence[MemberState]) -> bool:
-        """Return whether one of the near is, or soon comes, about as close as the guard allows; all fly on as now."""
+        """Return whether a near vehicle comes about as close as the guard allows, soon and at constant velocity."""
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         safety, own_sigma_m = self._safety, situation.position_sigma_m
         for member in near:
@@ -83,10 +82,10 @@ class Neighbours:
         return False
 
     def exposed(self, situation: Situation, near: Sequence[MemberState], aim_m: Vector) -> Sequence[MemberState]:
-        """Return those of the near that an aim (2,) could bring too close.
+        """Return the near vehicles that an aim (2,) could bring too close.
 
-        To keep apart from the others its acceleration is small enough, whatever its direction: the bound is
-        `barriers.apart` with the vehicles closing straight on.
+        For the others the acceleration is small enough in any direction: the bound is `barriers.apart` with the
+        vehicles closing head on.
         """
         plant_x, plant_y = self._stiffness
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
@@ -127,9 +126,9 @@ class Neighbours:
         lost: Iterable[MemberState],
         doubtful: Container[int] = (),
     ) -> list[Body]:
-        """Return the bodies at the moment when the setpoint acts: all heard or lost, but those well above or below.
+        """Return the bodies when the setpoint acts: all received or lost vehicles, except those well above or below.
 
-        A vehicle that lands, is lost, is doubtful, or is flown by a pilot does not keep away itself.
+        A vehicle that lands, is lost, is doubtful, or is flown by a pilot is not expected to evade.
         """
         members = [(member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in heard]
         members += [(member, False) for member in lost]
@@ -148,7 +147,7 @@ class Neighbours:
         y, y_rate, y_acceleration = self._ahead(1, member, ahead_s)
         moved_m = UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2
         if ahead_s == GOING_ON_S:
-            # It hovers by now, or is on its way to the ground; unless only its radio failed, and it has not noticed.
+            # By now it hovers or lands; if only its radio failed, it may still fly on until it detects that.
             moved_m += hypot(x_rate, y_rate) * min(max(age_s - GOING_ON_S, 0.0), self._unnoticed_s)
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
@@ -156,7 +155,7 @@ class Neighbours:
         return Body((x, y), (x_rate, y_rate), (x_acceleration, y_acceleration), distance_m, shares)
 
     def _ahead(self, axis: int, member: MemberState, ahead_s: float) -> tuple[float, float, float]:
-        """Return position, velocity and acceleration along one axis, as the plant answers the aim it published."""
+        """Return position, velocity and acceleration along one axis, from the plant's response to the published aim."""
         a0, a1 = self._stiffness[axis]
         position, rate = member.position_m[axis], member.velocity_m_s[axis]
         limit = self._acceleration_max_m_s2

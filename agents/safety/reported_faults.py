@@ -1,4 +1,4 @@
-"""What an autopilot and its link report that is a condition of the failsafe table."""
+"""The conditions of the failsafe table that an autopilot and its link report."""
 
 from collections.abc import Iterator
 
@@ -8,9 +8,9 @@ from agents.safety.failsafe import Condition
 RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
 """An estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""
 COMPASS = "compass"
-"""A rejected compass is no reason to land: estimators go on with the others, and compasses err near steel."""
+"""A rejected compass is no reason to land: estimators use the others, and compasses are disturbed near steel."""
 SATELLITES_MIN = 6
-"""PX4 requires as many (EKF2_REQ_NSATS), and so does ArduPilot."""
+"""The minimum of PX4 (EKF2_REQ_NSATS) and of ArduPilot."""
 FIX_DIMENSIONS = 3
 LOST = {
     Connection.REMOTE_CONTROL: Condition.REMOTE_CONTROL_LOST,

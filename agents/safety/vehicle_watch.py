@@ -1,4 +1,4 @@
-"""The watch over one vehicle: what its autopilot reports, and whether it follows, keeps its altitude and gets home."""
+"""The monitor of one vehicle: the autopilot's reports, setpoint tracking, altitude limits, and flight time home."""
 
 from collections.abc import Mapping
 from math import inf
@@ -15,9 +15,9 @@ from estimation.filters.own import OwnFilter
 from estimation.state import DISTURBANCE, POSITION
 
 PERIOD_S = 1.0
-"""How often it looks: all that it looks for lasts, and looking costs 7 µs."""
+"""The period of its checks: the conditions are slow, and a check takes 7 µs."""
 ALTITUDE_TOLERANCE_M = 1.0
-"""The guard keeps the setpoint within the limits; an autopilot's height wanders by half a metre."""
+"""The guard keeps setpoints within the limits; the height error of an autopilot is up to half a metre."""
 _STEERED = (
     Tactic.FORMATION,
     Tactic.ENCIRCLE,
@@ -37,7 +37,7 @@ class VehicleWatch:
         self._following = Following(config.plant, own)
         self._endurance = Endurance(config.failsafe.battery_critical)
         self.status = VehicleStatus()
-        """What the autopilot reported last."""
+        """The autopilot's latest status."""
         self._seen = self.status
         self._reported: Mapping[Condition, str] = _NOTHING
         self._measured: Mapping[Condition, str] = _NOTHING
@@ -66,7 +66,7 @@ class VehicleWatch:
         faults: dict[Condition, str] = {}
         error_m = self._following.error_m(situation)
         if error_m > self._config.failsafe.following_m:
-            faults[Condition.NOT_FOLLOWING] = f"{error_m:.1f} m from where its setpoints lead"
+            faults[Condition.NOT_FOLLOWING] = f"{error_m:.1f} m from its predicted position"
         left_s = self._endurance.left_s(situation.now_s)
         if left_s < inf:
             self._compare(faults, situation, left_s)
@@ -83,4 +83,4 @@ class VehicleWatch:
         w_x, w_y = situation.own.mean[DISTURBANCE].tolist()
         way_s = way_home_s(self._config, (x, y), situation.height_m, (w_x, w_y))
         if left_s < way_s + self._config.failsafe.reserve_s:
-            faults[Condition.NO_WAY_HOME] = f"{left_s:.0f} s of flight left, the way takes {way_s:.0f} s"
+            faults[Condition.NO_WAY_HOME] = f"{left_s:.0f} s of flight left, the flight home takes {way_s:.0f} s"

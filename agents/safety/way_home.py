@@ -1,4 +1,4 @@
-"""Whether a vehicle can still return and land: its remaining flight time, and how long the way home takes."""
+"""Whether a vehicle can still return and land: its remaining flight time, and the duration of the flight home."""
 
 from collections import deque
 from math import hypot, inf
@@ -8,12 +8,12 @@ from agents.settings.config import AgentConfig
 SINK_SLOWEST_M_S = 0.5
 """ArduCopter lands at this rate, PX4 at 0.7 m/s."""
 WAY_SLOWEST = 0.2
-"""Share of its speed that a vehicle is taken to keep against any wind: the way home has an end."""
+"""The assumed share of its speed that a vehicle keeps against any wind, which bounds the duration."""
 WINDOW_S, KNOWN_AFTER_S = 180.0, 60.0
-"""The discharge is measured over so long, and not before it has been watched for a minute."""
+"""The window over which the discharge is measured, and the shortest one that is used."""
 CHANGES_MIN = 4
 PAUSE = 4.0
-"""A battery that has not changed for so many of its usual intervals is not discharging at the measured rate."""
+"""After this many usual intervals without a change the measured discharge rate is invalid."""
 
 
 def way_home_s(
@@ -22,11 +22,11 @@ def way_home_s(
     height_m: float,
     disturbance_m_s2: tuple[float, float],
 ) -> float:
-    """Return how long the vehicle takes to rise to its layer, fly home and land [s].
+    """Return the time that the vehicle takes to climb to its layer, fly home and land [s].
 
-    On the way the setpoint leads by v a1/a0, v being `formation.speed_max_m_s`. The plant's speed under it and a steady
-    disturbance w along the way is v + w / a1: that of a head wind without any compensation is assumed, and no gain from
-    a tail wind. Without a home it lands where it is.
+    The setpoint leads by v a1/a0, where v is `formation.speed_max_m_s`. With a steady disturbance w along the route the
+    plant's speed is v + w / a1. A head wind is counted without compensation, a tail wind is not counted. Without a home
+    the vehicle lands where it is.
     """
     x, y = place_m
     home_x, home_y = config.home_m or place_m
@@ -42,10 +42,10 @@ def way_home_s(
 
 
 class Endurance:
-    """The remaining flight time of a battery, until its charge is critical: by then the vehicle lands anywhere.
+    """The remaining flight time of a battery until its charge is critical, when the vehicle lands in place.
 
-    It is the autopilot's own where that reports one, scaled to the charge above the critical one, otherwise that charge
-    by the rate of discharge within the last three minutes.
+    It is the autopilot's estimate, if reported, scaled to the charge above the critical one; otherwise that charge
+    divided by the discharge rate of the last three minutes.
     """
 
     def __init__(self, critical: float) -> None:
@@ -59,7 +59,7 @@ class Endurance:
         self._endurance_s = endurance_s
         changes = self._changes
         if battery is None or (changes and battery > changes[-1][1]):
-            changes.clear()  # unknown, or a voltage that recovers under less load
+            changes.clear()  # unknown, or the voltage recovers at a lower load
         if battery is None or (changes and battery == changes[-1][1]):
             return
         changes.append((now_s, battery))

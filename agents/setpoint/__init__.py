@@ -1,4 +1,4 @@
-"""From a plan to what is sent: the slew limit, the velocity feed-forward, the yaw and the altitude.
+"""From a plan to a setpoint: slew limit, velocity feed-forward, yaw and altitude.
 
 It may import control and safety.
 """

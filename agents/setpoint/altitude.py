@@ -1,7 +1,7 @@
-"""The altitude of a vehicle's setpoints: its layer, or on the ring that of the target and an offset above it.
+"""The altitude of a vehicle's setpoints: its layer, or on the ring an offset above the target's altitude.
 
-All vehicles are raised by as much, so that they keep the heights that their `altitude_m` have among each other, also
-where the altitude limits of one of them stop them.
+All vehicles are raised by the same amount, which keeps the differences of their `altitude_m`, also if the altitude
+limit of one of them is reached.
 """
 
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ _STAYS = (Tactic.HOLD, Tactic.ASIDE)
 
 
 class Altitude:
-    """Chooses one vehicle's altitude, and changes it at a bounded rate where the mission follows the target's."""
+    """Computes one vehicle's altitude, with a bounded rate if the mission follows the target's altitude."""
 
     def __init__(self, config: AgentConfig) -> None:
         ring = config.encirclement
@@ -33,17 +33,17 @@ class Altitude:
 
     @property
     def target_m(self) -> float | None:
-        """The estimate of the target's altitude, None where it is unknown or not followed."""
+        """The estimate of the target's altitude, None if it is unknown or not followed."""
         return None if self._target is None else self._target.mean_m
 
     def sight(self, *sightings: Sighting) -> None:
-        """Take in sightings from any sensors, in any order."""
+        """Take sightings from any sensors, in any order."""
         if self._target is not None:
             for sighting in sorted(sightings, key=lambda each: each.time_s):
                 self._target.sight(sighting)
 
     def next_m(self, tactic: Tactic, layer_m: float) -> float:
-        """Return the altitude of the next setpoint, called once for each; `layer_m` is the one without a target."""
+        """Return the altitude of the next setpoint, once for each; `layer_m` is the altitude without a target."""
         if self._target is None:
             return layer_m
         left_m = self._wanted_m(tactic, layer_m) - self._altitude_m
@@ -53,7 +53,7 @@ class Altitude:
     def _wanted_m(self, tactic: Tactic, layer_m: float) -> float:
         if tactic in _STAYS:
             return self._altitude_m
-        # Until all are in their places every vehicle stays in its layer.
+        # Every vehicle stays in its layer until all are in their places.
         if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m or self.target_m is None:
             return layer_m
         lowest_m = self.target_m + self._offset_m
@@ -63,7 +63,7 @@ class Altitude:
 
 
 def _target_altitude(settings: TargetFilterSettings) -> "TargetAltitude":
-    # filterpy takes as long to import as all the rest of an agent: missions that follow no altitude do without.
+    # filterpy takes as long to import as the rest of an agent, and few missions follow an altitude.
     from estimation.filters.target_altitude import TargetAltitude  # noqa: PLC0415
 
     return TargetAltitude(settings)

@@ -1,10 +1,10 @@
-"""The last step before the wire: an aim becomes a setpoint and a velocity beside it.
+"""Velocity feed-forward: the aim is split into a position setpoint and a velocity.
 
-By the plant any pair with the same aim does the same: what the guard allowed holds whatever velocity is chosen. It
-is where the vehicle differs from its file that the choice matters. The velocity sent is the one that the plant reaches
-under the aim, half the time constant of its damping from now: at a steady speed the setpoint then needs no lead, and no
-error of a0 or a1 is seen; while it accelerates, errors of either count by half. It follows the aim that the guard left:
-a braked vehicle gets less at once. One that stays gets none, and comes to rest at the setpoint whatever its plant.
+In the plant model all pairs with the same aim have the same effect, so the guard's result holds for any velocity. The
+choice matters where the vehicle differs from its profile. The velocity sent is the one that the plant reaches under the
+aim after half the time constant of its damping. At a steady speed the setpoint then needs no lead, and errors of a0 and
+a1 have no effect; during acceleration they have half their effect. The velocity follows the guarded aim, so a braked
+vehicle is sent less at once. A vehicle that stays is sent none, and comes to rest at the setpoint for any plant.
 """
 
 from agents.control.plan import Plan
@@ -14,12 +14,12 @@ from estimation.plant.model import Plant
 from estimation.vectors import Pair, clipped_pair
 
 _REACHED = 0.5
-"""In time constants 1 / a1: how far ahead the velocity is taken from."""
+"""The prediction time of the velocity, in time constants 1 / a1."""
 _STILL = (0.0, 0.0)
 
 
 class FeedForward:
-    """Splits the aims of one vehicle; remembers nothing."""
+    """Splits the aims of one vehicle; it has no state."""
 
     def __init__(self, plant: Plant, speed_max_m_s: float) -> None:
         self._plant = plant
@@ -28,7 +28,7 @@ class FeedForward:
         self._speed_max_m_s = speed_max_m_s
 
     def split(self, situation: Situation, plan: Plan, guarded: Guarded) -> tuple[Pair, tuple[float, ...]]:
-        """Return the setpoint, and the velocity (x, y, z) to send with it; no velocity where the plant takes none."""
+        """Return the setpoint, and the velocity (x, y, z) to send with it, empty if the plant has no feed-forward."""
         x, y = guarded.aim_m.tolist()
         if not self._feeds:
             return (x, y), ()

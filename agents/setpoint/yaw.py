@@ -1,7 +1,6 @@
-"""The yaw of its setpoints, counter-clockwise from the mission's x axis.
+"""The yaw of setpoints, counter-clockwise from the mission's x axis.
 
-It turns at a bounded rate, the shorter way around, whatever the wanted direction does. Where no direction is wanted,
-or none is known, it stays as it is.
+It turns at a bounded rate in the shorter direction. If no direction is wanted or known, it stays as it is.
 """
 
 from math import atan2, hypot, radians
@@ -13,13 +12,15 @@ from estimation.frames import wrap_signed_rad
 from estimation.state import POSITION, VELOCITY
 
 STRAYS_M_S, RETURNS_M_S = 0.6, 0.3
-"""A vehicle whose velocity is this far off the formation's flies off the line, until it is this near again."""
+"""A vehicle whose velocity differs from the formation's by more than the larger one has left the line, until the
+difference is below the smaller one.
+"""
 SURE_SIGMAS = 2.0
-"""The target has a direction where it is farther away than so many standard deviations of its place."""
+"""The direction to the target is used if its distance is more than this many standard deviations of its position."""
 
 
 class Yaw:
-    """Turns one vehicle; it remembers the yaw that was sent last."""
+    """Computes the yaw of one vehicle; its state is the yaw sent last."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._along_path = config.formation.yaw == "path"
@@ -32,7 +33,7 @@ class Yaw:
         self._strays = False
 
     def turn(self, tactic: Tactic, situation: Situation) -> float:
-        """Return the yaw of the next setpoint; called once for each."""
+        """Return the yaw of the next setpoint; to be called once for each."""
         if not self._turns:
             return 0.0
         wanted_rad = self._wanted_rad(tactic, situation)
@@ -50,7 +51,7 @@ class Yaw:
         return None
 
     def _path_rad(self, situation: Situation) -> float:
-        """Return the way that the vehicle flies; as fast as the formation, that is the mission's line."""
+        """Return the direction of flight; at the formation's velocity that of the mission line."""
         x_rate, y_rate = situation.acting_motion[VELOCITY].tolist()
         off_m_s = hypot(x_rate - self._line_m_s, y_rate)
         self._strays = off_m_s > (RETURNS_M_S if self._strays else STRAYS_M_S)
@@ -58,7 +59,7 @@ class Yaw:
         return atan2(y_rate, x_rate) if own_way else 0.0
 
     def _target_rad(self, situation: Situation) -> float | None:
-        """Return the direction of the target's estimate, None where that is too near to have one."""
+        """Return the direction to the estimated target, None if it is too near for one."""
         if situation.target is None or situation.acting_target is None:
             return None
         x, y = (situation.acting_target - situation.acting_motion)[POSITION].tolist()

@@ -1,4 +1,4 @@
-"""The shell around the core: the event loop, the take-off to landing of one vehicle, the start agreement and Zenoh.
+"""The shell around the core: the event loop, a flight from take-off to landing, the start agreement and Zenoh.
 
 It may import everything in agents; nothing in agents imports it.
 """

@@ -1,4 +1,4 @@
-"""The asynchronous work of an agent: at most one activity of each kind at a time, whose end is reported as an event."""
+"""The asynchronous activities of an agent: at most one of each kind at a time; each reports its end as an event."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -9,17 +9,17 @@ from agents.shell.life import LifeEvent
 
 
 class Kind(Enum):
-    """What an activity does."""
+    """The kinds of activities."""
 
     CALL = auto()
-    """Calls the link, in all but a kill."""
+    """Calls the link, except for a kill."""
     TICKS = auto()
     START = auto()
     """Compares clocks, agrees on the start, waits for the mission's end."""
     OPERATOR = auto()
     """Waits for the operator to stop the flight."""
     HOLD = auto()
-    """Waits while the vehicle comes to rest after a stop."""
+    """Waits until the vehicle has come to rest after a stop."""
     KILL = auto()
 
 
@@ -27,14 +27,14 @@ Work = Callable[[], Coroutine[None, None, LifeEvent | None]]
 
 
 class Activities:
-    """Runs activities; one that replaces another of its kind begins when that has ended."""
+    """Runs activities; an activity that replaces another of its kind begins when that one has ended."""
 
     def __init__(
         self,
         report: Callable[[LifeEvent, VehicleRefusedError | None], object],
         fail: Callable[[Kind, Exception], object],
     ) -> None:
-        """Take what gets the event at the end of an activity, and what gets an exception that is no refusal."""
+        """Take the receivers of the event at the end of an activity, and of an exception that is not a refusal."""
         self._report = report
         self._fail = fail
         self._tasks: dict[Kind, set[asyncio.Task[None]]] = {kind: set() for kind in Kind}

@@ -1,6 +1,6 @@
-"""The asynchronous shell around one `VehicleCore`: it reports what happens as events of the agent's life.
+"""The asynchronous shell around one `VehicleCore`: it reports events to the state machine of the agent's life.
 
-The phases, and what is done on each event, stand in `agents/shell/life.py`. This module performs the actions.
+`agents/shell/life.py` defines the phases and the actions on each event. This module performs the actions.
 """
 
 import asyncio
@@ -23,14 +23,14 @@ from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
 
 ARMED_HEARD_AFTER_S = 2.5
-"""Heartbeats come once a second: after this, an arming that was under way has been reported."""
+"""Heartbeats arrive once a second: within this time an arming in progress is reported."""
 HOLD_BEFORE_LANDING_S = 3.0
 
 _ALL_BUT_KILL = tuple(kind for kind in Kind if kind is not Kind.KILL)
 
 
 class Agent:
-    """One vehicle's agent: its core, its link, its bus, and its life from the ground to the ground."""
+    """One vehicle's agent: its core, its link, its bus, and its life from take-off to landing."""
 
     def __init__(self, parts: AgentParts) -> None:
         self._parts = parts
@@ -43,7 +43,7 @@ class Agent:
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
-        self.started = asyncio.Event()  # by an operator, where it waits on the ground; or its motors were cut
+        self.started = asyncio.Event()  # by an operator, if it waits on the ground; also set when its motors are cut
         self._refusal: VehicleRefusedError | None = None
         self._override_reason = ""
         self._outcome = Outcome(Ending.COMPLETED)
@@ -56,7 +56,7 @@ class Agent:
 
     @property
     def phase(self) -> Phase:
-        """The present phase of its life."""
+        """The present phase."""
         return self._phase
 
     @property
@@ -66,7 +66,7 @@ class Agent:
 
     @property
     def start_s(self) -> float | None:
-        """The mission's start on the shared clock, once agreed on."""
+        """The mission's start on the shared clock, None until agreed."""
         return self._start_agreement.start_s
 
     @property
@@ -76,29 +76,29 @@ class Agent:
 
     @property
     def clock_lags_s(self) -> dict[int, float]:
-        """How far the clocks of the peers' computers are behind this one's, as far as is known [wall s]."""
+        """How far the clocks of the peers' computers are behind this one's, as far as measured [wall s]."""
         return self._start_agreement.clock_lags_s
 
     async def connect(self) -> None:
-        """Reach the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
+        """Connect to the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
         await self._parts.bus.open(self._hear, OutsideSensors(self._parts).take, self._note_presence)
         await self._link.connect(self._sense)
 
     def announce(self) -> None:
-        """Send time and reports from now on, and compare clocks: once connected, with the clock at its speed."""
+        """Send time and reports and compare clocks from now on; to be called once connected, with the clock set."""
         self._start_agreement.announce()
         self._reporter.begin()
 
     def wait_on_ground(self, lacks: str) -> None:
-        """Wait for an operator's start, and report so; `lacks` is what forbids it, empty if nothing here does."""
+        """Wait for an operator's start, and report it; `lacks` is what forbids the start, empty if nothing does."""
         lacks = printable(lacks or self._start_agreement.refusal)[:LACKS_LIMIT]
         self._core.on_ground(lacks)
         self._reporter.wait(lacks)
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
-        """Fly the mission from the ground to the ground: whatever happens, the vehicle lands or is handed over.
+        """Fly the mission from take-off to landing; in every case the vehicle lands or is handed over.
 
-        An exception that is no refusal is raised once the vehicle is down.
+        An exception that is not a refusal is raised once the vehicle is on the ground.
         """
         self._core.set_time_scale(max(self._clock.speed, 1.0))
         self._duration_s, self._stop = duration_s, stop
@@ -127,7 +127,7 @@ class Agent:
         self._core.on_sighting(sighting)
 
     def note_computer(self, short_of: str) -> None:
-        """Take what this computer runs short of, empty if nothing."""
+        """Take the resource that this computer is short of, empty if none."""
         self._core.on_computer(short_of)
 
     async def close(self) -> None:
@@ -140,7 +140,7 @@ class Agent:
     # Events.
 
     def _happen(self, event: LifeEvent, refusal: VehicleRefusedError | None = None) -> None:
-        """Take an event: change the phase and perform the actions. One that fails does not prevent the next."""
+        """Take an event: change the phase and perform the actions. A failed action does not prevent the next ones."""
         self._phase, actions = next_phase(self._phase, event)
         self._refusal = refusal
         for action in actions:
@@ -153,7 +153,7 @@ class Agent:
             self._over.set()
 
     def _fail(self, kind: Kind, error: Exception) -> None:
-        """Take an exception that is no refusal: `fly` raises the first one at its end."""
+        """Take an exception that is not a refusal: `fly` raises the first one at its end."""
         self._failure = self._failure or error
         self._happen(LifeEvent.ABORTED if kind in (Kind.CALL, Kind.KILL) else LifeEvent.FAULT)
 
@@ -170,7 +170,7 @@ class Agent:
         self._start_agreement.receive(message)
 
     def _act_on_orders(self) -> None:
-        """Do what waits for no tick; where the vehicle waits on the ground nothing ticks, and it answers here."""
+        """Execute orders that do not wait for a tick; a vehicle that waits on the ground answers here."""
         orders = self._core.orders
         if self._phase is Phase.GROUND and (orders.starts or orders.lacks is not None):
             self._loop.tick_only()
@@ -183,7 +183,7 @@ class Agent:
         self._start_agreement.note_presence(vehicle_id, present)
         self._core.on_presence(vehicle_id, present)
 
-    # Activities: each returns the event that its end is.
+    # Activities: each returns the event of its end.
 
     async def _tick_in_take_off(self) -> None:
         async for _ in self._loop.ticker():
@@ -243,7 +243,7 @@ class Agent:
         return LifeEvent.OFFBOARD_CONFIRMED
 
     async def _call_offboard_anew(self) -> LifeEvent:
-        await self._sleep(2.0 * self._loop.period_s)  # setpoints have to flow first
+        await self._sleep(2.0 * self._loop.period_s)  # setpoints have to be streaming first
         return await self._call_offboard()
 
     async def _call_stop_offboard(self) -> LifeEvent:
@@ -286,7 +286,7 @@ class Agent:
 
     def _agree_start(self) -> None:
         self._activities.start(Kind.START, self._agree_on_start, LifeEvent.START_REFUSED)
-        self._activities.start(Kind.OPERATOR, self._watch_operator)  # one that stopped meanwhile is heard now
+        self._activities.start(Kind.OPERATOR, self._watch_operator)  # a stop requested meanwhile takes effect now
 
     def _start_mission(self) -> None:
         start_s = self._start_agreement.start_s
@@ -310,7 +310,7 @@ class Agent:
         status = self._link.status
         self._link.hand_over()
         self._activities.cancel(Kind.CALL)
-        self._core.on_vehicle(status)  # it may name the reason
+        self._core.on_vehicle(status)  # it may hold the reason
         self._core.on_event(Event.PILOT_TOOK_OVER)
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
@@ -356,7 +356,7 @@ class Agent:
         self._report(override_outcome(self._override_reason, restarted=self._link.status.restarts > 0))
 
     def _performers(self) -> dict[Action, Callable[[], object]]:
-        """Return what performs each action."""
+        """Return the method that performs each action."""
         return {
             Action.COMPARE_CLOCKS: self._compare_clocks,
             Action.TAKE_OFF: self._take_off,
@@ -383,7 +383,7 @@ class Agent:
             Action.END_SUPERVISION: self._parts.heartbeat.ended,
         }
 
-    # What several of them need.
+    # Helpers.
 
     def _answer_kill(self, refusal: str) -> None:
         self._core.on_killed(refusal, self._clock.now_s())
@@ -393,7 +393,7 @@ class Agent:
         return LifeEvent.ARMED if self._link.status.armed else LifeEvent.DISARMED
 
     def _show_life(self) -> None:
-        if self._phase is not Phase.ENDED:  # the supervisor was told that it is over
+        if self._phase is not Phase.ENDED:  # the end has been reported to the supervisor
             self._loop.show_life()
 
     async def _sleep(self, mission_s: float) -> None:

@@ -1,18 +1,18 @@
-"""The clock that all agents of a team share: seconds since 1970, passing `speed` times as fast as the wall's."""
+"""The clock that all agents of a team share: seconds since 1970, at `speed` times the wall clock's rate."""
 
 import time
 
 
 class MissionClock:
-    """Mission-clock seconds; equal in every process of a machine, and never running backwards."""
+    """Mission-clock seconds, equal in every process of a computer, and monotonic."""
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
-        # The wall clock may be set while flying: it is read once.
+        # Read once, because the wall clock may be set in flight.
         self._offset_s = time.time() - time.monotonic()
 
     def set_speed(self, speed: float) -> None:
-        """Run at another speed from now on: before anything flies by this clock, once the speed has been measured."""
+        """Set the speed once it has been measured, before any flight uses this clock."""
         self.speed = speed
 
     def now_s(self) -> float:

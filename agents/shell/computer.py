@@ -1,4 +1,4 @@
-"""This computer: whether it runs short of memory, or of disk for the flight log, and how well its clock is set."""
+"""This computer: whether it is short of memory or of disk for the flight log, and the error of its clock."""
 
 import ctypes
 import shutil
@@ -9,9 +9,9 @@ from pathlib import Path
 import psutil
 
 MEMORY_SHARE_MIN = 0.05
-"""Of all memory. Below, Linux begins to swap, and then to kill processes."""
+"""Share of all memory. Below, Linux swaps and then kills processes."""
 DISK_MIN_BYTES = 200e6
-"""A team of three writes that much in half an hour."""
+"""A team of three writes this much in half an hour."""
 
 _UNSYNCHRONISED = 0x0040
 """STA_UNSYNC of Linux's timex.h, in the status of its clock."""
@@ -33,15 +33,15 @@ class _Timex(ctypes.Structure):
 
 @dataclass(frozen=True, slots=True)
 class ComputerClock:
-    """The clock of a computer: its largest error by the kernel [s], None where no program keeps it set."""
+    """The clock of a computer: the kernel's bound of its error [s], None if no program synchronises it."""
 
     error_s: float | None
 
 
 def computer_clock() -> ComputerClock | None:
-    """Return how well this computer's clock is set, None where its system does not tell.
+    """Return the state of this computer's clock, None if the system does not report it.
 
-    chrony, systemd-timesyncd, ntpd and linuxptp tell Linux.
+    chrony, systemd-timesyncd, ntpd and linuxptp set it in Linux.
     """
     if sys.platform != "linux":
         return None
@@ -52,7 +52,7 @@ def computer_clock() -> ComputerClock | None:
 
 
 def short_of(log: Path | None) -> str:
-    """Return what this computer runs short of, with the numbers; empty if nothing. Without a log no disk is needed."""
+    """Return what this computer is short of, with values; empty if nothing. Without a log no disk is needed."""
     memory = psutil.virtual_memory()
     short = []
     if memory.available < MEMORY_SHARE_MIN * memory.total:
@@ -60,7 +60,7 @@ def short_of(log: Path | None) -> str:
     if log is not None:
         try:
             free_bytes = shutil.disk_usage(log.parent).free
-        except OSError:  # the log itself tells of its folder's end
+        except OSError:  # the log reports a missing folder
             free_bytes = int(DISK_MIN_BYTES)
         if free_bytes < DISK_MIN_BYTES:
             short.append(f"{free_bytes / 1e6:.0f} MB of disk left for the log")

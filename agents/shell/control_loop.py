@@ -1,4 +1,4 @@
-"""The ticks of one core: its inputs on each tick, and its setpoints and messages on their way out."""
+"""The ticks of one core: its inputs on each tick, and the transmission of its setpoints and messages."""
 
 from time import perf_counter
 
@@ -18,7 +18,7 @@ class ControlLoop:
         """The period of a tick [mission s]."""
         self.sensor: TargetSensor | None = None
         self.position_m = (0.0, 0.0)
-        """Where the vehicle is, for the sensor."""
+        """The position of the vehicle, for the sensor."""
         self.newest: TickOutput | None = None
         """The output of the newest tick."""
         self._control_ticker: Ticker | None = None
@@ -30,10 +30,10 @@ class ControlLoop:
         return LoopReport(statistics.ticks, statistics.missed)
 
     def ticker(self) -> Ticker:
-        """Return a ticker at the core's rate that begins within a period.
+        """Return a ticker at the core's rate, beginning within a period.
 
-        The ticks of a team's vehicles are spread evenly over the period, in the order of their ids: at the same instant
-        the last vehicle of a process would be late by the ticks of all others.
+        The ticks of a team's vehicles are spread evenly over the period, in the order of their ids: if they were
+        simultaneous, the last vehicle of a process would be late by the ticks of all others.
         """
         clock, config = self._parts.clock, self._parts.config
         phase = sorted(config.slots).index(config.vehicle_id) / len(config.slots)
@@ -41,12 +41,12 @@ class ControlLoop:
         return Ticker(self.period_s, clock.now_s, speed=clock.speed, start_s=start_s)
 
     def control_ticker(self) -> Ticker:
-        """Return the same for ticks with control of the vehicle: these are counted."""
+        """Return the same for ticks with control of the vehicle, which are counted."""
         self._control_ticker = self.ticker()
         return self._control_ticker
 
     def tick_control(self, late_ticks: int) -> bool:
-        """Tick the core and send its setpoint; return whether there was one."""
+        """Tick the core and send its setpoint, if any; return whether there was one."""
         core, link = self._parts.core, self._parts.link
         core.on_vehicle(link.status)
         core.on_loop(late_ticks)
@@ -65,7 +65,7 @@ class ControlLoop:
         return output.setpoint is not None
 
     def tick_only(self) -> None:
-        """Tick the core without control of the vehicle: peers hear where it is, operators get answers."""
+        """Tick the core without control of the vehicle, for its messages to peers and answers to operators."""
         self._publish(self._parts.core.tick(self._parts.clock.now_s()), None)
 
     def show_life(self) -> None:

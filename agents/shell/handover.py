@@ -1,7 +1,7 @@
-"""A call on the event loop that other threads ask for: one call for all that ask within a short time.
+"""A call on the event loop that other threads request: one call for all requests within a short time.
 
-Each wake of the event loop costs it several system calls, and each of these the interpreter lock, which it has to get
-back from the other threads. With many vehicles messages come more often than they have to be taken.
+Each wake of the event loop costs several system calls, each of which releases the interpreter lock and waits for it
+again. With many vehicles messages arrive more often than they have to be processed.
 """
 
 import asyncio
@@ -11,11 +11,11 @@ from math import inf
 from time import monotonic
 
 PERIOD_S = 0.002
-"""The least time between two calls: what has arrived waits that long at most."""
+"""The shortest time between two calls, and the longest wait of a message."""
 
 
 class Handover:
-    """Calls a function on an event loop, at once where the last call is long ago."""
+    """Calls a function on an event loop, at once if the last call was not recent."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -> None:
         self._loop, self._call = loop, call
@@ -23,7 +23,7 @@ class Handover:
         self._called_s = -inf
 
     def ask(self) -> None:
-        """Have the function called, from any thread; once the loop is closed nothing happens."""
+        """Request a call, from any thread; no effect once the loop is closed."""
         if self._asked:
             return
         self._asked = True
@@ -38,7 +38,7 @@ class Handover:
             self._call_now()
 
     def _call_now(self) -> None:
-        self._asked = False  # before the call: who asks during it may have come too late for it
+        self._asked = False  # before the call: a request during it may be too late for it
         try:
             self._call()
         finally:

@@ -3,8 +3,8 @@
 (phase, event) -> (phase, actions): the shell reports what happens as events and performs the actions in their order.
 An event that a phase does not list changes nothing.
 
-The loss of the link is no event. The core's failsafe holds and then lands the vehicle, and a call of the link that is
-not answered ends as a refused one. A restart of the autopilot appears as a flight mode that was not requested.
+The loss of the link is not an event: the core's failsafe holds and then lands the vehicle, and an unanswered call of
+the link ends as refused. A restart of the autopilot appears as a flight mode that was not requested.
 """
 
 from enum import Enum
@@ -14,7 +14,7 @@ from agents.tactics import Tactic
 
 
 class Phase(Enum):
-    """Where an agent is in its life."""
+    """The phases of an agent's life."""
 
     GROUND = "ground"
     COMPARING_CLOCKS = "comparing clocks"
@@ -35,9 +35,9 @@ class Phase(Enum):
 
 
 class LifeEvent(Enum):
-    """What may change an agent's phase.
+    """The events that may change an agent's phase.
 
-    SETPOINT_SENT, PILOT_TOOK_OVER and LAND_DECIDED are reported on each tick on which they hold.
+    SETPOINT_SENT, PILOT_TOOK_OVER and LAND_DECIDED are reported on each tick on which they are true.
     """
 
     FLY = "fly"
@@ -67,18 +67,18 @@ class LifeEvent(Enum):
     MOTORS_CUT = "motors cut"
     KILL_REFUSED = "kill refused"
     FAULT = "fault"
-    """A task of the agent raised an exception that is no refusal."""
+    """A task of the agent raised an exception that is not a refusal."""
     ABORTED = "aborted"
-    """The flight was cancelled, or a call of the link raised an exception that is no refusal."""
+    """The flight was cancelled, or a call of the link raised an exception that is not a refusal."""
 
 
 class Action(Enum):
-    """What the shell does on a transition."""
+    """The actions of the shell on a transition."""
 
     COMPARE_CLOCKS = "compare clocks"
     TAKE_OFF = "take off"
     ABANDON_TAKE_OFF = "abandon take-off"
-    """Wait until an arming under way has been reported, then check whether the vehicle is armed."""
+    """Wait until an arming in progress has been reported, then check whether the vehicle is armed."""
     START_CONTROL = "start control"
     START_OFFBOARD = "start offboard"
     AGREE_START = "agree on start"
@@ -91,7 +91,7 @@ class Action(Enum):
     CHECK_ARMED = "check armed"
     """Stop everything but a kill, and report whether the vehicle is armed."""
     PREPARE_LANDING = "prepare landing"
-    """Stop the control; the core goes on reporting to peers and operators."""
+    """Stop sending setpoints; the core continues to report to peers and operators."""
     STOP_OFFBOARD = "stop offboard"
     LAND = "land"
     CUT_MOTORS = "cut motors"
@@ -107,7 +107,7 @@ class Action(Enum):
 
 Transition = tuple[Phase, tuple[Action, ...]]
 
-# The end of a flight: an armed vehicle lands. After an abandoned take-off the arming may show later.
+# The end of a flight: an armed vehicle lands. After an abandoned take-off the arming may be reported later.
 _CHECK: Transition = (Phase.CHECKING_ARMED, (Action.CHECK_ARMED,))
 _CHECK_REFUSED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_REFUSAL, Action.CHECK_ARMED))
 _CHECK_DECIDED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_LAND_DECISION, Action.CHECK_ARMED))
@@ -150,7 +150,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.TAKE_OFF, LifeEvent.KILL): _KILL,
     (Phase.TAKE_OFF, LifeEvent.FAULT): _ABANDON,
     (Phase.TAKE_OFF, LifeEvent.ABORTED): _ABANDON,
-    # A first stop is obeyed once offboard is confirmed: the vehicle then returns as from its mission.
+    # A first stop takes effect once offboard is confirmed: the vehicle then returns as from its mission.
     (Phase.HOVERING, LifeEvent.SETPOINT_SENT): (Phase.ENTERING_OFFBOARD, (Action.START_OFFBOARD,)),
     (Phase.HOVERING, LifeEvent.OPERATOR_HURRY): _CHECK_STOPPED,
     (Phase.HOVERING, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
@@ -173,7 +173,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.AGREEING_START, LifeEvent.KILL): _KILL,
     (Phase.AGREEING_START, LifeEvent.FAULT): _CHECK,
     (Phase.AGREEING_START, LifeEvent.ABORTED): _CHECK,
-    # A vehicle that was taken back flies whatever went on meanwhile: the start agreement, or the hold of a stop.
+    # A vehicle that was taken back continues what went on meanwhile: the start agreement, or the hold of a stop.
     (Phase.FLYING, LifeEvent.START_AGREED): (Phase.FLYING, (Action.START_MISSION,)),
     (Phase.FLYING, LifeEvent.START_REFUSED): _CHECK_REFUSED,
     (Phase.FLYING, LifeEvent.DURATION_OVER): (Phase.RETURNING, (Action.REPORT_COMPLETED, Action.END_MISSION)),
@@ -216,7 +216,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.TAKING_BACK, LifeEvent.KILL): _KILL,
     (Phase.TAKING_BACK, LifeEvent.FAULT): _HAND_OVER,
     (Phase.TAKING_BACK, LifeEvent.ABORTED): _HAND_OVER,
-    # An operator may hold a vehicle on its way; sent back to its mission it goes on returning.
+    # An operator may hold a returning vehicle; on resume it continues to return.
     (Phase.RETURNING, LifeEvent.RESUME): (Phase.RETURNING, (Action.END_MISSION,)),
     (Phase.RETURNING, LifeEvent.OPERATOR_HURRY): _CHECK,
     (Phase.RETURNING, LifeEvent.LAND_DECIDED): _CHECK,
@@ -245,7 +245,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
         (Action.REPORT_REFUSAL, Action.STOP_OFFBOARD),
     ),
     (Phase.KILLING, LifeEvent.ABORTED): _GIVE_UP,
-    # The flight's result is known; the motors are cut all the same.
+    # The flight's result is final; the motors are still cut.
     (Phase.ENDED, LifeEvent.KILL): (Phase.ENDED, (Action.CUT_MOTORS,)),
 }
 

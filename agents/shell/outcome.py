@@ -18,7 +18,7 @@ class Ending(Enum):
     BATTERY = "battery"
     FAILSAFE = "failsafe"
     ORPHANED = "orphaned"
-    """Its supervisor was gone: it held and landed."""
+    """Its supervisor had ended: it held and landed."""
     REFUSED = "refused"
     KILLED = "killed"
     PILOT_OVERRIDE = "stood down"
@@ -27,7 +27,7 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How the flight ended, the reason and the next step if something went wrong, and whether the vehicle flew."""
+    """How a flight ended, the reason and the next step after a fault, and whether the vehicle flew."""
 
     ending: Ending
     reason: str = ""
@@ -42,7 +42,7 @@ _BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BA
 
 
 def outcome_of(descent: Descent | None) -> Outcome:
-    """Return the outcome of a vehicle that came down, None because its mission was over."""
+    """Return the outcome of a vehicle that landed; None means at the end of its mission."""
     if descent is None:
         return Outcome(Ending.COMPLETED)
     if descent.verb:
@@ -51,16 +51,16 @@ def outcome_of(descent: Descent | None) -> Outcome:
 
 
 class Stop:
-    """The request to stop: vehicles hold, return and land; at the second request they land at once."""
+    """The request to stop: vehicles hold, return and land; after a second request they land at once."""
 
     def __init__(self) -> None:
         self.wanted = asyncio.Event()
         self.hurried = asyncio.Event()
         self.outcome = BY_OPERATOR
-        """That of the vehicles which are stopped: the first request's."""
+        """The outcome of the vehicles that are stopped, from the first request."""
 
     def ask(self, outcome: Outcome = BY_OPERATOR) -> None:
-        """Request the stop, or the landing at once if the stop was requested before."""
+        """Request the stop, or an immediate landing if the stop was requested before."""
         if not self.wanted.is_set():
             self.outcome = outcome
         (self.hurried if self.wanted.is_set() else self.wanted).set()

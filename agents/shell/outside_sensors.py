@@ -1,4 +1,4 @@
-"""What sensors outside the team send to one vehicle: sightings for its core, and its own position for its autopilot."""
+"""Messages of sensors outside the team to one vehicle: sightings for its core, and its position for its autopilot."""
 
 import time
 
@@ -7,13 +7,13 @@ from agents.team import external_positions
 
 
 class OutsideSensors:
-    """Takes the payloads of the sensors' topics."""
+    """Takes payloads on the sensors' topics."""
 
     def __init__(self, parts: AgentParts) -> None:
         self._parts = parts
 
     def take(self, topic: str, payload: bytes) -> None:
-        """Take one payload; what is no sighting or position of this vehicle's is dropped."""
+        """Take one payload; it is dropped if it is neither a sighting nor a position of this vehicle."""
         parts = self._parts
         if topic == external_positions.TOPIC:
             if parts.positions is not None and (position := parts.positions.take(payload, time.time())) is not None:

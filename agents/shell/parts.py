@@ -1,4 +1,4 @@
-"""What an agent is composed of."""
+"""The parts of an agent."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class AgentParts:
     """The parts of one agent.
 
     `core` was made from `config`. `make_sensor(start_s)` makes the sensor of the target once the start is known.
-    `positions` reads where the vehicle is as seen from outside, None where its autopilot knows that by itself.
-    `mission` is what peers and operators compare with theirs.
-    `observe` is called on each tick with the core's status and its computing time [us], None outside the control loop.
+    `positions` reads externally measured positions, None if the autopilot needs none. `mission` is compared with that
+    of peers and operators. `observe` is called on each tick with the core's status and its computing time [us], None
+    outside the control loop.
     """
 
     core: VehicleCore

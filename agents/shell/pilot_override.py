@@ -5,10 +5,10 @@ from agents.shell.outcome import Ending, Outcome
 
 
 def override_reason(status: VehicleStatus) -> str:
-    """Return what became of a vehicle whose flight mode or arming was changed by a pilot or by its autopilot."""
+    """Return the change of flight mode or arming by a pilot or the autopilot, as text."""
     what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
     lost = f": it reports that its {status.lost.value} is lost" if status.lost.value else ""
-    return f"{what}, which cordon did not ask for{lost}"
+    return f"{what}, which cordon did not request{lost}"
 
 
 def override_outcome(reason: str, *, restarted: bool) -> Outcome:

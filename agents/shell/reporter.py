@@ -1,4 +1,4 @@
-"""What a vehicle reports to those who look on: beside its state, which peers fly by."""
+"""The reports of a vehicle to operators and observers, in addition to its state for peers."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -14,15 +14,15 @@ from agents.team.text import printable
 from estimation.state import POSITION, VELOCITY
 
 PERIOD_S = 1.0
-"""How often a report is sent that says nothing new [wall s]."""
+"""The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
 _WORDS_LIMIT = 32
 
 
 class Reporter:
-    """Sends the reports of one vehicle: once a second, and at once when mode, link, alert, readiness or the end change.
+    """Sends the reports of one vehicle: once a second, and after a change of mode, link, alert, readiness or end.
 
-    It runs in a task of its own, so that a vehicle on the ground, and one whose flight has ended, are reported as well.
+    It runs in its own task, so that vehicles are also reported on the ground and after their flight.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class Reporter:
         newest: Callable[[], TickOutput | None],
         clock_lags_s: Callable[[], Mapping[int, float]],
     ) -> None:
-        """Take the parts; the newest output and the lags of the peers' clocks come from these calls."""
+        """Take the parts, and the functions that return the newest output and the lags of the peers' clocks."""
         self._parts = parts
         self._newest = newest
         self._clock_lags_s = clock_lags_s
@@ -44,7 +44,7 @@ class Reporter:
         self._running: asyncio.Task[None] | None = None
 
     def begin(self) -> None:
-        """Send from now on, with the clock at its speed."""
+        """Send from now on; the clock's speed must be set."""
         self._running = self._running or asyncio.create_task(self._run())
 
     def sense(self) -> None:
@@ -52,20 +52,20 @@ class Reporter:
         self._motion_s = _wall_s()
 
     def start_mission(self, start_s: float, duration_s: float) -> None:
-        """Take when the mission begins on the team's clock, and how long it takes."""
+        """Take the mission's begin on the team's clock, and its duration."""
         self._mission = (start_s, duration_s)
 
     def wait(self, lacks: str | None) -> None:
-        """Take what forbids the start that the vehicle waits for, None where it waits for none."""
+        """Take what forbids the start that the vehicle waits for, None if it waits for none."""
         self._lacks = lacks
 
     def end(self, outcome: Outcome) -> None:
-        """Send how the flight ended, unless it had ended before."""
+        """Report the end of the flight, unless it was reported before."""
         self._ended = self._ended or ended_words(outcome)
         self._look()
 
     async def close(self) -> None:
-        """Send the last report, and no more."""
+        """Send the last report and stop."""
         if self._running is not None:
             self._send(_wall_s())
             self._running.cancel()
@@ -77,7 +77,7 @@ class Reporter:
             await asyncio.sleep(_LOOK_S)
 
     def _look(self) -> None:
-        """Send a report when it is time for one, or when it would say something new."""
+        """Send a report if one is due or something has changed."""
         output, status, now_s = self._newest(), self._parts.link.status, _wall_s()
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
@@ -126,7 +126,7 @@ class Reporter:
 
 
 def estimator_words(status: VehicleStatus) -> str:
-    """Return the state of an autopilot's estimator in words, empty where it reports none."""
+    """Return the state of an autopilot's estimator as text, empty if not reported."""
     ratio = status.estimator_ratio
     if status.estimator_fault:
         words = status.estimator_fault
@@ -142,7 +142,7 @@ def estimator_words(status: VehicleStatus) -> str:
 
 
 def target_report(status: CoreStatus) -> TargetReport | None:
-    """Return a vehicle's estimate of the target as it is reported, None without one."""
+    """Return the report of a vehicle's estimate of the target, None without one."""
     target = status.target_estimate
     if target is None:
         return None
@@ -152,7 +152,7 @@ def target_report(status: CoreStatus) -> TargetReport | None:
 
 
 def ended_words(outcome: Outcome) -> str:
-    """Return how a vehicle's flight ended, in words."""
+    """Return how a vehicle's flight ended, as text."""
     words = f"{outcome.ending.value}: {outcome.reason}" if outcome.reason else outcome.ending.value
     return printable(words)[:ENDED_LIMIT]
 

@@ -13,14 +13,14 @@ from agents.team.messages import TOPICS, BusMessage, MissionIdentity, StartPropo
 
 START_TIMEOUT_S = 120.0
 CLOCKS_TIMEOUT_S = 1.2
-"""How long a take-off waits for the clocks of the peers present [wall s]: one may still be connecting."""
+"""The longest wait of a take-off for the clocks of present peers [wall s], which may still be connecting."""
 _PERIOD_S = TOPICS[StartProposal].period_s
 
 
 class StartAgreement:
-    """Sends time and mission to the peers from `announce` on, the vehicle's readiness from `agree` on; receives theirs.
+    """Sends time and mission to the peers after `announce`, and readiness after `agree`; receives theirs.
 
-    It goes on in flight: operators compare the mission with theirs before they send a command.
+    It continues in flight, because operators compare the mission with theirs before they send a command.
     """
 
     def __init__(
@@ -45,17 +45,17 @@ class StartAgreement:
 
     @property
     def start_s(self) -> float | None:
-        """The mission's start on the shared clock, once agreed on."""
+        """The mission's start on the shared clock, None until agreed."""
         return self._readiness.start_s
 
     @property
     def clock_lags_s(self) -> dict[int, float]:
-        """How far the clocks of the peers' computers are behind this one's, as far as is known [wall s]."""
+        """How far the clocks of the peers' computers are behind this one's, as far as measured [wall s]."""
         return self._clocks.lags_s()
 
     @property
     def refusal(self) -> str:
-        """Why the vehicle would not take off with the peers heard so far, empty if nothing is known against it."""
+        """Why the vehicle would refuse to take off with the peers received so far, empty if there is no reason."""
         try:
             self._require_one_mission()
             self._clocks.require_one_time()
@@ -64,20 +64,20 @@ class StartAgreement:
         return ""
 
     def bound(self, duration_s: float) -> None:
-        """Take the mission's duration: one that began earlier is over, and is not joined."""
+        """Take the mission's duration: a mission that began longer ago is over, and is not joined."""
         self._duration_s = duration_s
 
     def announce(self) -> None:
-        """Send the time to the peers from now on: with the clock at its speed."""
+        """Send the time to the peers from now on; the clock's speed must be set."""
         self._announcing = self._announcing or asyncio.create_task(self._announce())
 
     def receive(self, message: BusMessage) -> None:
         """Take a message from the bus; messages other than those of the start agreement are ignored.
 
-        A start that cannot be is not taken, nor the readiness that comes with it.
-        A member that comes late, or back, is sent the start of the mission that has begun: it joins.
+        An impossible start is ignored, with the readiness in the same message. A member that arrives late or returns is
+        sent the start of the mission, so that it joins.
         """
-        if self._announcing is None:  # the speed of this clock is not known yet
+        if self._announcing is None:  # the speed of this clock is not set yet
             return
         if isinstance(message, StartProposal) and self._agreed:
             if message.start_s is None and message.sender in self._readiness.others:
@@ -112,9 +112,9 @@ class StartAgreement:
     async def agree(self) -> float:
         """Wait until all members are ready, and return the mission's start at that moment.
 
-        Raises VehicleRefusedError when a member is not heard, its clock differs, or it flies another mission.
+        Raises VehicleRefusedError when a member is not received, its clock differs, or it flies another mission.
         """
-        self._agreeing = True  # from here on it reports that it is ready
+        self._agreeing = True  # it now reports readiness
         try:
             start_s = await self._agree()
             self._agreed = True
@@ -131,7 +131,7 @@ class StartAgreement:
             if self.start_s is None and now_s > deadline_s:
                 missing = ", ".join(map(str, self._readiness.missing(now_s)))
                 raise VehicleRefusedError(
-                    f"vehicles not heard on the bus within {START_TIMEOUT_S:.0f} s: {missing}",
+                    f"vehicles not received on the bus within {START_TIMEOUT_S:.0f} s: {missing}",
                     "start their agents, or check the vehicles' endpoints in the mission file",
                 )
             self._publish(self._readiness.message(now_s))

@@ -1,4 +1,4 @@
-"""The start agreement without a leader: each vehicle may propose a start, and the earliest proposal holds."""
+"""The start agreement without a leader: each vehicle may propose a start, and the earliest proposal is used."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable
@@ -7,25 +7,25 @@ from agents.ports import VehicleRefusedError
 from agents.team.messages import TOPICS, StartProposal
 
 LEAD_TIME_S = 2.0
-"""How far ahead a start is proposed: longer than a proposal takes to reach everybody."""
+"""The lead time of a proposed start: longer than a proposal takes to reach all members."""
 SAMPLES_MIN = 5
 CLOCK_OFFSET_LIMIT_S = 0.5
 _AGE_MAX_S = TOPICS[StartProposal].age_max_s
 
 
 def is_possible(message: StartProposal, now_s: float, duration_s: float) -> bool:
-    """Return whether a message proposes no start, or one at which the mission is ahead or under way at `now_s`.
+    """Return whether a message proposes no start, or one with which the mission is not over at `now_s`.
 
-    A proposal is a lead time ahead when it is made, and `_AGE_MAX_S` is how far its date may be off.
+    A new proposal is one lead time ahead; its time stamp may be wrong by up to `_AGE_MAX_S`.
     """
     start_s = message.start_s
     return start_s is None or now_s - duration_s <= start_s <= now_s + LEAD_TIME_S + _AGE_MAX_S
 
 
 class PeerClocks:
-    """The offsets of the peers' clocks, from the ages of the messages that they date.
+    """The offsets of the peers' clocks, from the ages of their messages.
 
-    No transmission takes less than no time: the least age of several is nearest to the clocks' offset.
+    Transmission times are not negative: the smallest age of several messages is nearest to the clocks' offset.
     """
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class PeerClocks:
         self._least_s[sender] = min(lag_s, self._least_s.get(sender, lag_s))
 
     def lags_s(self) -> dict[int, float]:
-        """Return the least age by peer, of the peers with enough samples [wall s]."""
+        """Return the smallest age by peer, for the peers with enough samples [wall s]."""
         return {sender: lag_s for sender, lag_s in self._least_s.items() if self._count[sender] >= SAMPLES_MIN}
 
     def unmeasured(self, peers: Iterable[int]) -> list[int]:
@@ -46,7 +46,7 @@ class PeerClocks:
         return sorted(peer for peer in peers if self._count[peer] < SAMPLES_MIN)
 
     def require_one_time(self) -> None:
-        """Refuse to fly with a peer whose clock differs: its messages would be too old, or from the future.
+        """Refuse to fly with a peer whose clock differs: its messages would be too old or from the future.
 
         Raises VehicleRefusedError.
         """
@@ -62,8 +62,8 @@ class PeerClocks:
 class TeamReadiness:
     """One vehicle's part in the start agreement: which members are ready, and the earliest start proposed.
 
-    A vehicle that receives the readiness of all others proposes a start a lead time ahead; each takes the earliest it
-    receives. A member that falls silent before there is a proposal is waited for; afterwards the start stands.
+    A vehicle that receives the readiness of all others proposes a start one lead time ahead; each vehicle uses the
+    earliest proposal. Before there is a proposal a silent member is waited for; afterwards the start is final.
     """
 
     def __init__(self, vehicle_id: int, members: Collection[int]) -> None:
@@ -78,11 +78,11 @@ class TeamReadiness:
         return self._start_s
 
     def missing(self, now_s: float) -> list[int]:
-        """Return the members that have not reported their readiness lately."""
+        """Return the members that have not reported readiness recently."""
         return sorted(i for i in self.others if now_s - self._ready_s.get(i, -_AGE_MAX_S) >= _AGE_MAX_S)
 
     def receive(self, message: StartProposal) -> None:
-        """Take a peer's readiness and proposal; from a peer that is not ready, neither counts."""
+        """Take a peer's readiness and proposal; both are ignored from a peer that is not ready."""
         if message.sender not in self.others or not message.ready:
             return
         self._ready_s[message.sender] = max(message.time_s, self._ready_s.get(message.sender, message.time_s))
@@ -90,7 +90,7 @@ class TeamReadiness:
             self._start_s = message.start_s if self._start_s is None else min(self._start_s, message.start_s)
 
     def message(self, now_s: float, *, ready: bool = True) -> StartProposal:
-        """Return the message to the peers; the first one after all others are ready proposes a start."""
+        """Return the message to the peers; the first one after all members are ready proposes a start."""
         if not ready:
             return StartProposal(self._vehicle_id, now_s, None, ready=False)
         if self._start_s is None and not self.missing(now_s):

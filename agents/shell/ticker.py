@@ -1,6 +1,6 @@
 """A fixed rate kept by absolute deadlines.
 
-A tick that comes a whole period late is counted and skipped, never made up in a burst.
+Ticks that are a whole period late are counted and skipped, not made up in a burst.
 """
 
 import asyncio
@@ -11,7 +11,7 @@ from math import ceil, floor, isfinite
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """One tick: its deadline on the mission clock, how late it came, and how many before it were skipped."""
+    """One tick: its deadline on the mission clock, its lateness, and the number of ticks skipped before it."""
 
     index: int
     deadline_s: float
@@ -21,7 +21,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class TickerStatistics:
-    """How well the rate was kept so far: ticks delivered, deadlines missed, lateness in mission seconds."""
+    """The statistics of a ticker: ticks delivered, deadlines missed, lateness in mission seconds."""
 
     ticks: int = 0
     missed: int = 0
@@ -30,17 +30,16 @@ class TickerStatistics:
 
 
 def first_deadline_s(now_s: float, period_s: float, phase: float) -> float:
-    """Return the first time from `now_s` on that is `phase` periods (0 to 1) after a whole number of periods [s]."""
+    """Return the first time not before `now_s` that is `phase` periods (0 to 1) after a multiple of the period [s]."""
     return (ceil(now_s / period_s - phase) + phase) * period_s
 
 
 class Ticker:
-    """Ticks every `period_s` of the mission clock: `async for tick in ticker`. The first deadline is `start_s`, by
-    default the first use.
+    """Ticks every `period_s` of the mission clock: `async for tick in ticker`.
 
-    `now_s` gives mission seconds, which pass `speed` times as fast as wall seconds; `sleep` takes wall
-    seconds and may return early or late (asyncio's is up to a millisecond late). Deadlines lie on one grid:
-    lateness never adds up.
+    The first deadline is `start_s`, by default the first use. `now_s` returns mission seconds, which pass `speed`
+    times as fast as wall seconds; `sleep` takes wall seconds and may return early or late (asyncio's is up to a
+    millisecond late). Deadlines lie on one grid, so lateness does not accumulate.
     Raises ValueError when the period or the speed is not positive.
     """
 
@@ -74,7 +73,7 @@ class Ticker:
         return TickerStatistics(self._ticks, self._missed, mean_s, self._late_max_s)
 
     def __aiter__(self) -> "Ticker":
-        """Return itself: a ticker never ends by itself."""
+        """Return the ticker, which never ends by itself."""
         return self
 
     async def __anext__(self) -> Tick:
@@ -82,9 +81,9 @@ class Ticker:
         return await self.next()
 
     async def next(self) -> Tick:
-        """Wait for the next deadline, skipping those that are a whole period ago or more.
+        """Wait for the next deadline, skipping those that passed a whole period ago or more.
 
-        Gives way to other tasks at least once, however late it is.
+        Yields to other tasks at least once, even if it is late.
         """
         if self._start_s is None:
             self._start_s = self._now_s()
@@ -92,13 +91,13 @@ class Ticker:
         now_s = await self._wait_until(deadline_s)
         skipped = floor((now_s - deadline_s) / self._period_s)
         index = self._next_index + skipped
-        # From the index, not by adding up: a million additions of 0.1 are 0.1 ms off the grid.
+        # From the index, not by addition: a million additions of 0.1 are 0.1 ms off the grid.
         deadline_s = self._start_s + index * self._period_s
         self._next_index = index + 1
         return self._count(Tick(index, deadline_s, max(0.0, now_s - deadline_s), skipped))
 
     async def _wait_until(self, deadline_s: float) -> float:
-        """Return the time when it is at or after the deadline."""
+        """Wait until the deadline has passed, and return the time."""
         now_s = self._now_s()
         await self._sleep(max(0.0, deadline_s - now_s) / self._speed)
         while (now_s := self._now_s()) < deadline_s:

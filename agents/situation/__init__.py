@@ -1,4 +1,4 @@
-"""What one tick knows: the estimates, the centre of the ring, and the rate at which the vehicle goes around it.
+"""The situation of one tick: the estimates, the centre of the ring, and the vehicle's frequency on it.
 
 It may import team, tactics and settings.
 """

@@ -14,13 +14,13 @@ from estimation.state import DISTURBANCE, MOTION, Sighting, TargetEstimate, Tele
 from estimation.vectors import Pair
 
 LINK_DELAY_MAX_S = 0.5
-"""A link that is slower is not predicted over: the history of setpoints is short, and such a link is about to fail."""
+"""Delays beyond this are not predicted: the history of setpoints is short, and such a link is about to fail."""
 
 
 class Estimator:
     """Estimates one vehicle's motion, the target's, and the centre of the ring.
 
-    `own` and `target` are its filters, for fault detection to watch.
+    `own` and `target` are its filters, which fault detection monitors.
     """
 
     def __init__(self, config: AgentConfig) -> None:
@@ -32,43 +32,43 @@ class Estimator:
         self._ring_frequency = RingFrequency(config.rate_hz)
         self._swings = config.own_filter.disturbance_turns
         self._height_m = config.take_off_altitude_m
-        # A setpoint is held for one period: on average it acts half a period late, beside the plant's own delay.
+        # A setpoint is held for one period: on average it acts half a period late, in addition to the plant's delay.
         self._held_s = 0.5 / config.rate_hz
         self._plant_delay_s = config.plant.delay_s
         self._link_delay_s = 0.0
 
     @property
     def ring_frequency_rad_s(self) -> float:
-        """The angular rate at which the disturbance is taken to swing, 0 off the ring."""
+        """The assumed frequency of the ring-frequency disturbance, 0 off the ring."""
         return self._ring_frequency.rate_rad_s
 
     def measure(self, telemetry: Telemetry) -> None:
-        """Take in a sample of the vehicle's own motion."""
+        """Take a sample of the vehicle's own motion."""
         self._height_m = telemetry.position_m[2]
         self.own.measure(self._frame.telemetry(telemetry))
 
     def shared(self, sighting: Sighting) -> Sighting:
-        """Return a sighting of the own sensor as the own estimator and the peers take it."""
+        """Return a sighting of the own sensor in the form that the estimator uses and peers receive."""
         return self._frame.shared(sighting)
 
     @property
     def offset_m(self) -> Pair:
-        """By how much the autopilot's positions are off those in a situation: what setpoints have to make up for."""
+        """The offset of the autopilot's positions from those in a situation, which setpoints have to include."""
         return self._frame.offset_m
 
     def sent(self, now_s: float, aim_m: Vector) -> None:
-        """Take in the aim (2,) of the setpoint that is sent: the input of the own filter's process model."""
+        """Take the aim (2,) of the setpoint that is sent, the input of the own filter's process model."""
         self.own.command(now_s, aim_m)
 
     def follow_link(self, round_trip_s: float | None) -> None:
-        """Let setpoints act, and telemetry arrive, later by the link's round trip, up to `LINK_DELAY_MAX_S`."""
+        """Add the link's round trip, up to `LINK_DELAY_MAX_S`, to the delay from setpoints to telemetry."""
         delay_s = min(round_trip_s or 0.0, LINK_DELAY_MAX_S)
         if delay_s != self._link_delay_s:
             self._link_delay_s = delay_s
             self.own.delay_by(delay_s)
 
     def follow_ring(self, ring_rad_s: float, polar: Polar | None = None) -> None:
-        """Let the disturbance swing at the ring's angular rate (0: off the ring), corrected by the one flown."""
+        """Set the disturbance's frequency to the ring's angular rate (0: off the ring), corrected by the flown one."""
         self._ring_frequency.follow(ring_rad_s, None if polar is None else polar.angular_rate_rad_s)
         self.own.turn_disturbance(self._ring_frequency.rate_rad_s if self._swings else 0.0)
 
@@ -100,7 +100,7 @@ class Estimator:
         )
 
     def _take(self, now_s: float, sightings: Sequence[Sighting]) -> None:
-        """Take in sightings; where they show that the own frame is off, move the own estimate by as much."""
+        """Take sightings; if they show an offset of the own frame, shift the own estimate by it."""
         sightings = self._frame.sightings(now_s, sightings, self._seen)
         if sightings:
             self.target.sight(*sightings)

@@ -1,7 +1,7 @@
-"""What others report of the target, compared with what the vehicle's own sensor sees; and who sees it at all.
+"""Sightings from peers and outside, checked against the vehicle's own sensor; and which sensors see the target.
 
-A sighting of a peer or from outside that contradicts the own sensor is refused while that sees the target: a liar
-does not move the estimate of a vehicle that looks for itself.
+While the own sensor sees the target, a sighting of a peer or from outside that contradicts it is refused. False
+sightings then cannot move the estimate.
 """
 
 from collections import deque
@@ -15,26 +15,27 @@ from agents.team.perception import SOURCES_FROM, SOURCES_TO
 from estimation.state import Sighting
 
 SEES_S = 1.0
-"""A sighting of the own sensor is compared with others' for so long before and after it."""
+"""Own sightings are compared with others' sightings up to this long before and after them."""
 FRAMES_OFF_M = 1.0
-"""Standard deviation of the difference between two vehicles' own positions, which no sighting's covariance holds."""
+"""Standard deviation of the difference between two vehicles' position errors, which covariances of sightings omit."""
 CONTRADICTED, _COUNTED_MAX = 3, 6
-"""So many more sightings of one sensor contradict than agree before it is reported: a single one may be an outlier."""
+"""A sensor is reported once this many more of its sightings contradict than agree: a single one may be an outlier."""
 CONTRADICTS_S = 5.0
-"""How long after its last contradiction a sensor is reported."""
+"""How long a sensor stays reported after its last contradiction."""
 _OWN_MAX = 64
 _PERIOD_S = TOPICS[TargetPackage].period_s
 SIGHTINGS_HZ = 30.0
-"""So many sightings a second the team sends of its sensors together, and of each no more than its topic allows."""
+"""Sightings per second that the team sends in total; the rate of each sensor is also limited by its topic."""
 OBSERVES_S = 3.0
-"""For so long after its last sighting a sensor counts as one that sees the target."""
+"""A sensor counts as seeing the target for this long after its last sighting."""
 
 
 @dataclass(slots=True)
 class Contradiction:
-    """A sensor whose sightings contradict the own one: since when, the last time, by how much.
+    """A sensor whose sightings contradict the own one: first and last time, and the distance.
 
-    `count` is how many more contradict than agree; once there are several it is `reported`.
+    `count` is the number of contradicting sightings less that of agreeing ones. It is `reported` once the count has
+    reached `CONTRADICTED`.
     """
 
     since_s: float
@@ -45,12 +46,12 @@ class Contradiction:
 
 
 class OwnSensor:
-    """Remembers what one vehicle's own sensor has seen within the last second, and when any of the team's did."""
+    """The recent sightings of one vehicle's own sensor, and when each of the team's sensors saw the target last."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._vehicle_id = config.vehicle_id
         self._reach_m_s = config.target_filter.velocity_prior_m_s
-        # Of two dimensions: the gate of the target filter.
+        # The gate of the target filter, for two dimensions.
         self._gate = 2.0 * config.target_filter.gate_sigma**2
         self._own: deque[Sighting] = deque(maxlen=_OWN_MAX)
         self._contradictions: dict[int, Contradiction] = {}
@@ -58,7 +59,7 @@ class OwnSensor:
         self._sent_s = -inf
         self._early_s = 0.5 / config.rate_hz
         self.team_saw_s = -inf
-        """When a sensor of the own vehicle or of a peer saw the target last, not one from outside."""
+        """When a sensor of this vehicle or of a peer last saw the target; sensors outside the team do not count."""
 
     def accepts(self, sighting: Sighting) -> bool:
         """Take a sighting of any sensor; return whether it may be used."""
@@ -73,10 +74,10 @@ class OwnSensor:
         return True
 
     def due(self, now_s: float) -> Sighting | None:
-        """Return the newest own sighting if it is time to send one, once; None otherwise.
+        """Return the newest own sighting once, when it is due to be sent; None otherwise.
 
-        The more sensors see the target, the less often each is sent: together they are as good, and no receiver has
-        to process more of them than of a few.
+        The more sensors see the target, the lower the rate of each: the total information stays the same, and so does
+        the load of receivers.
         """
         if not self._own:
             return None
@@ -97,7 +98,7 @@ class OwnSensor:
         return {sensor_id: each for sensor_id, each in self._contradictions.items() if each.reported}
 
     def _agrees(self, sighting: Sighting) -> bool:
-        """Return whether another sensor's sighting may be used; a single outlier is the target filter's to refuse."""
+        """Return whether another sensor's sighting may be used; the target filter refuses single outliers."""
         off_m = self._contradicted_m(sighting)
         found = self._contradictions.get(sighting.sensor_id)
         if not off_m:
@@ -112,7 +113,7 @@ class OwnSensor:
         return found.count < CONTRADICTED
 
     def _contradicted_m(self, sighting: Sighting) -> float:
-        """Return how far a sighting is off the own one that is nearest in time, 0 if it agrees or there is none."""
+        """Return the distance of a sighting from the own one nearest in time, 0 if they agree or there is none."""
         own = self._own[-1]
         for earlier in reversed(self._own):
             if abs(earlier.time_s - sighting.time_s) > abs(own.time_s - sighting.time_s):
@@ -120,7 +121,7 @@ class OwnSensor:
             own = earlier
         apart_s = abs(own.time_s - sighting.time_s)
         x, y = sighting.position_m[0] - own.position_m[0], sighting.position_m[1] - own.position_m[1]
-        # Within the gate whatever the covariances are, which nearly every sighting is.
+        # A cheap test that nearly every sighting passes: within the gate for any covariance.
         if apart_s > SEES_S or x * x + y * y <= self._gate * FRAMES_OFF_M**2:
             return 0.0
         spread_m2 = FRAMES_OFF_M**2 + (self._reach_m_s * apart_s) ** 2

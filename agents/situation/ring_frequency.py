@@ -1,17 +1,17 @@
-"""The rate at which a vehicle goes around the target: the disturbance of a wrong plant swings at that rate.
+"""The ring frequency: a vehicle's angular rate about the target, at which a wrong plant's disturbance oscillates.
 
-On the ring that is the ring's rate in steady state. But a vehicle whose plant is wrong goes around more slowly
-until its disturbance is estimated, and an oscillator faster than it flies estimates that late.
+In steady state it is the ring's rate. A vehicle with a wrong plant flies more slowly until its disturbance is
+estimated, and an oscillator at a higher frequency estimates the disturbance late.
 """
 
 _FOLLOWS_S = 20.0
-"""Longer than the noise in estimates of the rate lasts, no longer than a ring takes: half a minute to two."""
+"""Time constant: longer than the noise in rate estimates lasts, at most one turn of a ring, 30 s to 2 min."""
 _OFF_MOST = 0.2
-"""Of the ring's rate: a vehicle on its way to the ring does not go around yet."""
+"""The largest deviation, as a share of the ring's rate: a vehicle on its way to the ring does not circle yet."""
 
 
 class RingFrequency:
-    """Follows the share of the ring's angular rate at which one vehicle goes around."""
+    """Estimates one vehicle's angular rate as a share of the ring's."""
 
     def __init__(self, rate_hz: float) -> None:
         self._gain = 1.0 / (_FOLLOWS_S * rate_hz)
@@ -19,7 +19,7 @@ class RingFrequency:
         self.rate_rad_s = 0.0
 
     def follow(self, ring_rad_s: float, flown_rad_s: float | None = None) -> None:
-        """Take the ring's angular rate, 0 off the ring, and once a tick the one that is flown."""
+        """Take the ring's angular rate, 0 off the ring, and once a tick the flown one."""
         if not ring_rad_s:
             self._share = 1.0
         elif flown_rad_s is not None:

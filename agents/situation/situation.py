@@ -1,4 +1,4 @@
-"""What the stages of a tick hand on: the situation that is estimated, and the task that is decided on it."""
+"""The values passed between the stages of a tick: the estimated situation, and the task decided from it."""
 
 from math import sqrt
 
@@ -12,13 +12,13 @@ from estimation.state import OwnEstimate, TargetEstimate, Vector
 
 
 class Situation(msgspec.Struct, frozen=True):
-    """What is estimated in a tick: the estimates now, and all motions (4,) at the moment the next setpoint acts.
+    """The estimates of a tick: those for now, and all motions (4,) at the moment when the next setpoint acts.
 
-    The centre is that of the ring: the target's estimate, or what catches up with it (`TargetBlend`). `polar` is the
-    polar state of the vehicle about the centre now: what is reported. The planner's own is at the acting moment.
+    The centre of the ring is the target's estimate, or a point that catches up with it (`TargetBlend`). `polar` is the
+    vehicle's polar state about the centre now, for reports; the planner computes its own at the acting time.
     `authority`, in (0, 1], is the share of feedback and compensation that the consistency of the own filter allows;
-    `height_m` is the vehicle's altitude as its telemetry gave it last; `offset_variance_m2` is the variance per axis of
-    the autopilot's offset against the team's frame, in which all positions are (`TeamFrame`).
+    `height_m` is the altitude from the latest telemetry; `offset_variance_m2` is the variance per axis of the
+    autopilot's offset from the team's frame, in which all positions are given (`TeamFrame`).
     """
 
     now_s: float
@@ -36,19 +36,19 @@ class Situation(msgspec.Struct, frozen=True):
 
     @property
     def compensation(self) -> Vector:
-        """The part of the disturbance (2,) that setpoints are to make up for."""
+        """The part of the disturbance (2,) that setpoints compensate."""
         return self.disturbance if self.authority == 1.0 else self.disturbance * self.authority
 
     @property
     def position_sigma_m(self) -> float:
-        """The standard deviation of the own position, in the worse direction of the axes."""
+        """The standard deviation of the own position, the larger one of the two axes."""
         return sqrt(self.own.position_sigma_m**2 + self.offset_variance_m2)
 
 
 class Task(msgspec.Struct, frozen=True):
-    """What is decided in a tick: the tactic to fly in a situation, and the altitude layer to fly it at.
+    """The decision of a tick: the tactic to fly in a situation, and the altitude layer.
 
-    `peers` are the newest states of the others, each from the moment in it: those far away are up to a second old.
+    `peers` are the newest states of the others, each at its own time: those of distant peers are up to a second old.
     """
 
     tactic: Tactic
@@ -58,6 +58,6 @@ class Task(msgspec.Struct, frozen=True):
 
 
 def moved(motion: Vector, by_s: float) -> Vector:
-    """Return a motion (4,) some time later at constant velocity."""
+    """Return a motion (4,) extrapolated at constant velocity."""
     x, y, x_rate, y_rate = motion.tolist()
     return np.array((x + x_rate * by_s, y + y_rate * by_s, x_rate, y_rate))

@@ -1,7 +1,7 @@
-"""The centre of the ring: the estimate of the target, without a jump when it is seen again after a while.
+"""Target blending: the centre of the ring follows the target's estimate without a jump after a blackout.
 
-Out of sight the target may have gone anywhere. Once it is seen again the centre sets out from where it was, catches up
-with the target with bounded acceleration and speed, and is then handed over to the estimate over some seconds.
+When the target is seen again, the centre starts at its last position, catches up with the target with bounded
+acceleration and speed, and is then blended into the estimate over some seconds.
 """
 
 from math import hypot
@@ -22,11 +22,11 @@ _CAUGHT_M, _CAUGHT_M_S, _HAND_OVER_S = 0.5, 0.5, 5.0
 
 
 class TargetBlend:
-    """Follows one vehicle's estimate of the target; it remembers the centre while that is not the estimate."""
+    """Follows one vehicle's estimate of the target; its state is the centre while it differs from the estimate."""
 
     def __init__(self, config: AgentConfig) -> None:
         ring = config.encirclement
-        # The ring is slowed down meanwhile (agents/ring/feasibility.py): catching up goes before turning.
+        # Meanwhile the ring's rate is lowered (agents/ring/feasibility.py), which leaves speed for catching up.
         self._speed_max_m_s = _SPEED_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
         self._before: TargetEstimate | None = None
         self._centre: Vector | None = None
@@ -35,7 +35,7 @@ class TargetBlend:
 
     @property
     def catching_up(self) -> bool:
-        """Whether the centre is not the estimate of the target."""
+        """Whether the centre differs from the estimate of the target."""
         return self._centre is not None
 
     def centre(self, estimate: TargetEstimate | None, now_s: float) -> Vector | None:
@@ -55,7 +55,7 @@ class TargetBlend:
         return self._mixed(self._centre, estimate.mean, now_s)
 
     def _follow(self, centre: Vector, goal: Vector, step_s: float) -> None:
-        """Move the centre on by a step, towards a goal (4,) with critical damping."""
+        """Move the centre by a step towards a goal (4,), critically damped."""
         way = goal[POSITION] - centre[POSITION]
         wanted = clipped(goal[VELOCITY] + _RATE_PER_S / 2.0 * way, self._speed_max_m_s)
         change = clipped(2.0 * _RATE_PER_S * (wanted - centre[VELOCITY]), _ACCELERATION_M_S2)

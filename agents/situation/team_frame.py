@@ -1,9 +1,9 @@
-"""The team's frame: positions free of each vehicle's own slow error, as far as telemetry and sightings show it.
+"""The team's frame: positions without each vehicle's slow position error, as estimated from telemetry and sightings.
 
-Autopilots report positions that wander, each its own way. Between the autopilot and everything that estimates, plans
-and guards, positions are converted: team position = reported position - offset, and setpoints the other way. The offset
-has two parts: what the vehicle's own telemetry shows (`PositionWander`), and what sightings of the common target show
-(`FrameOffsets`). Sightings go to the peers without the second part, so that no information is counted twice.
+The positions that autopilots report have slow, independent errors. Estimation, planning and guard use team positions:
+team position = reported position - offset; setpoints are converted back. The offset has two parts: one estimated from
+the vehicle's own telemetry (`PositionWander`), one from sightings of the common target (`FrameOffsets`). Sightings are
+sent to peers without the second part, so that no information is counted twice.
 """
 
 from collections.abc import Sequence
@@ -18,18 +18,17 @@ from estimation.state import Sighting, TargetEstimate, Telemetry
 from estimation.vectors import Pair
 
 _PREDICTED_S = 1.0
-"""Without sightings offsets are predicted this often."""
+"""The prediction period of the offsets without sightings."""
 _SMOOTHED_S = 0.3
-"""Time constant with which the own offset follows its estimate: a noisy sighting moves a setpoint over some ticks."""
+"""Time constant with which the applied offset follows its estimate, so that a noisy sighting moves setpoints slowly."""
 _APART_M = 0.2
-"""How far positions of two vehicles are off each other where their profiles state nothing: a sighting from another
-vehicle is less exact by that. Exact sightings of two vehicles would otherwise show a target that darts between them."""
+"""The assumed offset between two vehicles' positions if their profiles state none: it adds to others' uncertainty."""
 _REPEATED = 2.5
-"""Sightings of one sensor at 5 Hz within the memory of the target filter's manoeuvre test."""
+"""The number of sightings of one sensor at 5 Hz within the window of the target filter's manoeuvre test."""
 
 
 class TeamFrame:
-    """Converts what one vehicle measures and sends between its autopilot's frame and the team's."""
+    """Converts one vehicle's measurements and setpoints between its autopilot's frame and the team's."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._vehicle_id = config.vehicle_id
@@ -41,7 +40,7 @@ class TeamFrame:
 
     @property
     def offset_m(self) -> Pair:
-        """By how much the autopilot's positions are off the team's frame."""
+        """The offset of the autopilot's positions from the team's frame."""
         if self._wander is None:
             return (0.0, 0.0)
         (x, y), (error_x, error_y) = self._sighted_m, self._wander.error_m
@@ -49,7 +48,7 @@ class TeamFrame:
 
     @property
     def variance_m2(self) -> float:
-        """The variance per axis of the offset, 0 for a vehicle whose position does not wander."""
+        """The variance per axis of the offset, 0 if the profile states no slow position error."""
         if self._wander is None:
             return 0.0
         if self._vehicle_id in self._offsets:
@@ -57,7 +56,7 @@ class TeamFrame:
         return self._wander.sigma_m**2
 
     def telemetry(self, reported: Telemetry) -> Telemetry:
-        """Take in what the autopilot reports; return it in the team's frame."""
+        """Take telemetry in the autopilot's frame; return it in the team's."""
         if self._wander is None:
             return reported
         self._wander.measure(reported)
@@ -65,7 +64,7 @@ class TeamFrame:
         return Telemetry(reported.time_s, (x - off_x, y - off_y, z), reported.velocity_m_s)
 
     def shared(self, sighting: Sighting) -> Sighting:
-        """Return a sighting of the own sensor as peers receive it: less what the own telemetry shows of the offset."""
+        """Return a sighting of the own sensor as peers receive it, corrected by the first part of the offset."""
         if self._wander is None:
             return sighting
         (x, y), (off_x, off_y) = sighting.position_m, self._wander.error_m
@@ -79,7 +78,7 @@ class TeamFrame:
     def sightings(
         self, now_s: float, sightings: Sequence[Sighting], target: TargetEstimate | None
     ) -> Sequence[Sighting]:
-        """Take in a tick's sightings, and the target's estimate before them; return them in the team's frame."""
+        """Take a tick's sightings and the prior estimate of the target; return the sightings in the team's frame."""
         offsets = self._offsets
         for each in sightings:
             if each.frame_sigma_m > 0.0:
@@ -100,7 +99,7 @@ class TeamFrame:
         return [self._in_team_frame(each) for each in sightings]
 
     def follow(self) -> Pair:
-        """Let the own offset follow what sightings show of it, once a tick; return by how much it has moved."""
+        """Move the applied offset towards its estimate, once a tick; return the step."""
         if self._wander is None:
             return (0.0, 0.0)
         (x, y), (goal_x, goal_y) = self._sighted_m, self._offsets.offset_m(self._vehicle_id)
@@ -112,7 +111,7 @@ class TeamFrame:
         if sighting.sensor_id not in self._offsets:
             return sighting if sighting.sensor_id == self._vehicle_id else _less_exact(sighting, _APART_M**2)
         (x, y), (off_x, off_y) = sighting.position_m, self._offsets.offset_m(sighting.sensor_id)
-        # What is left of the offset is the same in several sightings: in their sum it counts as often.
+        # The remaining offset is the same in successive sightings, so its variance is added several times.
         less_exact = _less_exact(sighting, _REPEATED * self._offsets.variance_m2(sighting.sensor_id))
         return replace(less_exact, position_m=(x - off_x, y - off_y))
 

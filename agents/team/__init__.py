@@ -1,4 +1,4 @@
-"""What vehicles send one another, and what each knows of its peers.
+"""Messages between vehicles, and each vehicle's record of its peers.
 
 It may import tactics and settings.
 """

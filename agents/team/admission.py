@@ -1,4 +1,4 @@
-"""Admission: what comes over the bus counts when it is a message, on the key that its type and its sender have."""
+"""Admission: a payload from the bus is accepted if it is a message on the key of its type and sender."""
 
 from agents.drops import DropCounter, Drops, Reason
 from agents.team.codec import decode
@@ -6,18 +6,18 @@ from agents.team.messages import BusMessage, key_of
 
 
 class Admission:
-    """Decodes what comes over the bus, once for all receivers; `drops` counts what is not admitted."""
+    """Decodes payloads from the bus once for all receivers; `drops` counts those not admitted."""
 
     def __init__(self) -> None:
         self._dropped = DropCounter()
 
     @property
     def drops(self) -> Drops:
-        """The payloads that were not admitted so far."""
+        """The counts of payloads not admitted so far."""
         return self._dropped.drops
 
     def admitted(self, key: str, payload: bytes) -> BusMessage | None:
-        """Return the message in a payload on a key below the team's, None when it is malformed or on another's key."""
+        """Return the message in a payload on a key below the team's, None if it is malformed or on a wrong key."""
         try:
             message = decode(payload)
         except ValueError:
@@ -33,7 +33,7 @@ class Admission:
 def refusal(key: str, message: BusMessage) -> Reason | None:
     """Return why a message on a key below the team's is not admitted, None if it is.
 
-    Its topic has to be that of its type, and its sender that of the key; for a command these are verb and operator.
+    The topic has to match its type, the name in the key its sender; for a command these are verb and operator.
     """
     expected = key_of(message)
     if key == expected:

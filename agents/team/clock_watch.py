@@ -1,18 +1,18 @@
-"""A peer whose clock is set while it flies dates all that it says otherwise than before: who does, and by how much."""
+"""Detects clock steps and drifts of peers from the ages of their messages."""
 
 from dataclasses import dataclass
 
 HEARD_WITHIN_S = 1.0
-"""A peer that says nothing at all any more is silent, whatever its clock."""
+"""A peer without messages for this long is silent, not one with a stepped clock."""
 _FOLLOWING = 0.1
-"""The share by which the usual lag follows the present one: networks get slower and faster."""
+"""The share by which the usual age follows the present one, because networks get slower and faster."""
 _SETTLING_S = 5.0
-"""How long after a peer's first message its usual lag is the reference for a slow drift."""
+"""The usual age this long after a peer's first message is the reference for slow drifts."""
 
 
 @dataclass(slots=True)
 class Step:
-    """A peer's clock off what was usual: since when, when it was heard last, and by how much it went ahead [wall s]."""
+    """A clock step of a peer: its begin, the time of the last message, and how far the clock went ahead [wall s]."""
 
     since_s: float
     heard_s: float
@@ -20,17 +20,17 @@ class Step:
 
 
 class ClockWatch:
-    """Compares how old each peer's messages are with how old they usually are."""
+    """Compares the age of each peer's messages with their usual age."""
 
     def __init__(self, limit_s: float) -> None:
-        """Take how far off what is usual a message may be dated [wall s]."""
+        """Take the largest accepted deviation from the usual age [wall s]."""
         self._limit_s = limit_s
         self._usual_s: dict[int, float] = {}
         self._reference_s: dict[int, tuple[float, float]] = {}
         self.off: dict[int, Step] = {}
 
     def hear(self, sender: int, age_s: float, now_s: float) -> None:
-        """Take in how old [wall s] a peer's message was when it came, whether it was believed or not."""
+        """Take the age [wall s] of a peer's message on arrival, whether it was accepted or not."""
         usual_s = self._usual_s.setdefault(sender, age_s)
         ahead_s = usual_s - age_s
         if abs(ahead_s) <= self._limit_s:
@@ -43,9 +43,9 @@ class ClockWatch:
             self.off[sender] = Step(now_s, now_s, ahead_s)
 
     def drifted(self, now_s: float) -> dict[int, float]:
-        """Return by how much clocks have gone ahead of their first messages [wall s], where that is beyond the limit.
+        """Return how far clocks have drifted ahead since their first messages [wall s], where that exceeds the limit.
 
-        A drift too slow for the limit of a step adds up. To be called once in a while, first of all when peers are new.
+        It detects drifts that are too slow to be steps. To be called periodically, first when peers are new.
         """
         drifted_s: dict[int, float] = {}
         for sender, usual_s in self._usual_s.items():
@@ -57,6 +57,6 @@ class ClockWatch:
         return drifted_s
 
     def stepped(self, now_s: float, time_scale: float) -> dict[int, Step]:
-        """Return the peers that are off and still heard; those that fell silent are off no more."""
+        """Return the peers whose clocks have stepped and that are still received."""
         self.off = {s: step for s, step in self.off.items() if now_s - step.heard_s <= HEARD_WITHIN_S * time_scale}
         return self.off

@@ -1,8 +1,8 @@
-"""The codec of the messages on the bus, and the compact form in which a vehicle's state goes over it.
+"""The codec of the messages on the bus, and the compact form of a vehicle's state.
 
-Every vehicle sends its state several times a second. The numbers of a state go as whole multiples of units that are far
-below what sensors resolve: they take a third of the bytes. Its parts have its sender, the place on the ring its time.
-The numbers of its report for those who look on go in the same way.
+Every vehicle sends its state several times a second. The numbers of a state are encoded as integer multiples of units
+far below the resolution of sensors, which takes a third of the bytes. Parts of a state omit its sender, the place on
+the ring also its time. Reports to operators and observers are encoded in the same way.
 """
 
 from typing import Annotated
@@ -43,7 +43,7 @@ _Variance = Annotated[int, msgspec.Meta(ge=-(10**14), le=10**14)]
 _Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 _Text = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 _MM, _ANGLES, _RATES, _SHARES, _MM2 = 1e3, 1e5, 1e6, 1e4, 1e6
-"""The units in a metre or second, a radian, a radian a second, one, and a square metre."""
+"""The number of units in a metre or second, a radian, a radian per second, one, and a square metre."""
 
 
 class _Place(msgspec.Struct, frozen=True, array_like=True):
@@ -80,7 +80,7 @@ class _Seen(msgspec.Struct, frozen=True, array_like=True):
 class _State(msgspec.Struct, frozen=True, array_like=True, tag="s"):
     """A `MemberState`: positions in mm, the setpoint's relative to the vehicle's, velocities in mm/s.
 
-    The tactic is its place in `Tactic`; the shape comes with the time at which it was asked for.
+    The tactic is its index in `Tactic`; the shape comes with the time of its command.
     """
 
     sender: VehicleId
@@ -140,14 +140,14 @@ class _Report(msgspec.Struct, frozen=True, array_like=True, tag="r"):
 
 
 _Former = MemberState | NeighbourAngle | TargetPackage
-"""What logs of earlier versions hold as messages."""
+"""The types of messages in logs of earlier versions."""
 _encoder = msgspec.msgpack.Encoder()
 _Packed = _State | _Former | StartProposal | OperatorCommand | CommandAnswer | _Report
 _decoder: msgspec.msgpack.Decoder[_Packed] = msgspec.msgpack.Decoder(_Packed)
 
 
 def encode(message: BusMessage) -> bytes:
-    """Return a message as it goes over the bus."""
+    """Return the payload of a message."""
     match message:
         case MemberState():
             return _encoder.encode(_packed(message))
@@ -157,7 +157,7 @@ def encode(message: BusMessage) -> bytes:
 
 
 def decode(payload: bytes) -> BusMessage:
-    """Return the message in a payload; raises ValueError when it is not one of ours, or a number is out of bounds."""
+    """Return the message in a payload; raises ValueError if it has no known type or a number is out of bounds."""
     try:
         message = _decoder.decode(payload)
     except msgspec.MsgspecError as error:
@@ -212,7 +212,7 @@ def _packed_angle(angle: NeighbourAngle) -> _Place:
 
 def _packed_sighting(seen: TargetPackage, now_s: float) -> _Seen:
     (x, y), (xx, xy, yy) = seen.position_m, seen.covariance_m2
-    # The variances up, the covariance towards zero: what was positive definite stays so.
+    # Variances are rounded up, the covariance towards zero, which keeps the matrix positive definite.
     return _Seen(
         round((now_s - seen.time_s) * _MM),
         round(x * _MM),
@@ -229,13 +229,13 @@ def _packed_sighting(seen: TargetPackage, now_s: float) -> _Seen:
 
 
 def _above(value: float, units: float) -> int:
-    """Return the least number of units that is no less; that of a whole number of units is the number itself."""
+    """Return the value in units, rounded up; a whole number of units is not changed by rounding errors."""
     count = round(value * units)
     return count if count / units >= value else count + 1
 
 
 def _towards_zero(value: float, units: float) -> int:
-    """Return the largest number of units that is no farther from zero."""
+    """Return the value in units, rounded towards zero."""
     return -_above(-value, units) if value > 0.0 else _above(value, units)
 
 

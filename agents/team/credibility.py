@@ -1,8 +1,8 @@
-"""Whether a vehicle can have flown what a peer's states claim, one after another.
+"""Consistency of a peer's states: whether one vehicle can have flown them in sequence.
 
-A state that does not continue the one before it begins a claim of its own. The claim accepted first stays the peer's
-state as long as it is continued: a second source of the same id does not replace it. Once it is not continued any
-more, another claim that has been steady takes its place. All claims are places where the vehicle may be.
+Successive states that are consistent form a claim; a state that is not begins another claim. The first accepted claim
+is the peer's state as long as it continues, so a second source with the same id does not replace it. When it ends,
+another steady claim takes its place. The guard keeps clear of the positions of all claims.
 """
 
 from collections.abc import Container, Mapping
@@ -16,31 +16,31 @@ from agents.team.clock_watch import ClockWatch
 from agents.team.messages import TOPICS, MemberState, Metres2
 
 SIGMAS, SIGMA_MAX_M = 4.0, 1.0
-"""So many of the published standard deviations are allowed beside it; a larger deviation counts as the latter."""
+"""The position tolerance in published standard deviations, and the largest standard deviation that is used."""
 TIMING_S = 0.5
-"""How far off a state may be dated without its clock being found to have stepped."""
+"""The largest error of a time stamp that clock step detection does not find."""
 AGILE = 2.0
-"""How many times `safety.acceleration_max_m_s2` a vehicle may change its velocity: a gust, or an autopilot that brakes.
+"""The largest acceleration in multiples of `safety.acceleration_max_m_s2`: a gust, or an autopilot that brakes.
 """
 VELOCITY_OFF_M_S, SPEED_OFF_M_S = 2.0, 1.0
-"""Beside what the limits allow: the noise of an estimate."""
+"""Tolerances beyond the limits, for the noise of an estimate."""
 CLIMB_MAX_M_S, ALTITUDE_OFF_M = 6.0, 2.0
 CONFIRMED = 3
-"""So many contradictions are reported, and so many states that continue each other are a claim: one may be a fault."""
+"""The number of contradictions that are reported, and of consistent states that confirm a claim: one may be a fault."""
 CLAIMS_MAX = 4
 DOUBTED_S = 5.0
-"""How long after its last contradiction a peer is doubtful."""
+"""A peer is doubtful for this long after its last contradiction."""
 _KEPT = 0.98
-"""The share kept, a state, of how far positions have gone beyond velocities: it fades within some seconds."""
+"""The decay factor, per state, of the accumulated difference between positions and velocities: it fades in seconds."""
 _SOON_S, _QUITE_M, _QUITE_M_S, _CRUISE_M_S, _CLIMBED_M = 1.0, 0.5, 1.0, 5.0, 0.3
-"""What needs no closer look: within this time, and these changes along each axis."""
+"""Bounds of the fast check: the time between states, and the changes along each axis."""
 _AGE_MAX_S = TOPICS[MemberState].age_max_s
 _PILOT = Tactic.PILOT_OVERRIDE.value
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What vehicles of the team fly at most, and how far positions may be off from where their velocities lead."""
+    """The flight limits of the team's vehicles, and the largest difference of positions from integrated velocities."""
 
     safety: SafetySettings
     doubt_m: float
@@ -48,7 +48,7 @@ class Limits:
 
 @dataclass(slots=True)
 class Doubt:
-    """A peer whose states contradict each other: since when, the last time, how often, and how."""
+    """A peer whose states contradict each other: first and last time, number, and text of the last contradiction."""
 
     since_s: float
     last_s: float
@@ -59,7 +59,7 @@ class Doubt:
 class Claim:
     """Successive states of one peer that one vehicle can have flown.
 
-    It is `accepted` if it is or was taken for the peer's state.
+    It is `accepted` if it is or was used as the peer's state.
     """
 
     __slots__ = ("_climbed_m", "_limits", "_off_x_m", "_off_y_m", "accepted", "count", "state")
@@ -72,7 +72,7 @@ class Claim:
         self._off_x_m = self._off_y_m = self._climbed_m = 0.0
 
     def continued(self, state: MemberState) -> bool:
-        """Take a state that is as expected soon after the last one, which nearly every one is; return whether it is."""
+        """Take a state that passes the fast check, as nearly every one does; return whether it has."""
         before = self.state
         step_s = state.time_s - before.time_s
         x, y = state.position_m
@@ -98,7 +98,7 @@ class Claim:
         return False
 
     def misfit(self, state: MemberState, clock_off_s: float) -> str:
-        """Take a state that can follow the last one, or come before it; return why it cannot, empty if it can."""
+        """Take a state unless it contradicts the last one, in either order; return the contradiction, empty if none."""
         before, limits = self.state, self._limits.safety
         step_s = state.time_s - before.time_s
         apart_s = abs(step_s)
@@ -109,24 +109,24 @@ class Claim:
         agile_m_s2 = AGILE * limits.acceleration_max_m_s2
         changed_m_s = hypot(*_less(state.velocity_m_s, before.velocity_m_s))
         if changed_m_s > VELOCITY_OFF_M_S + agile_m_s2 * apart_s:
-            return f"reports a velocity that is {changed_m_s:.1f} m/s off within {apart_s:.1f} s"
-        # What was silent for longer begins anew.
+            return f"reports a velocity change of {changed_m_s:.1f} m/s within {apart_s:.1f} s"
+        # After a longer silence the accumulated difference restarts at 0.
         kept = _KEPT if apart_s < _AGE_MAX_S else 0.0
         moved, summed = _less(state.position_m, before.position_m), _sum(state.velocity_m_s, before.velocity_m_s)
         off_x = kept * self._off_x_m + moved[0] - step_s / 2.0 * summed[0]
         off_y = kept * self._off_y_m + moved[1] - step_s / 2.0 * summed[1]
         sigma_m = min(max(state.position_sigma_m, before.position_sigma_m), SIGMA_MAX_M)
-        # A clock that is off by a little shows along the way flown alone.
+        # A small clock error shows along the direction of flight only.
         timing_m = (TIMING_S + clock_off_s) * min(max(speed_m_s, before_m_s), fastest_m_s)
         turned_m = min(agile_m_s2 / 4.0 * apart_s, 2.0 * fastest_m_s) * apart_s
         allowed_m = self._limits.doubt_m + SIGMAS * sigma_m + turned_m
         if _beyond((off_x, off_y), summed, timing_m) > allowed_m:
-            return f"reports a place {hypot(off_x, off_y):.1f} m from where its states lead"
+            return f"reports a position {hypot(off_x, off_y):.1f} m from the one predicted from its states"
         climbed_m = state.altitude_m - before.altitude_m
         able_m = CLIMB_MAX_M_S * apart_s
         climbed_m = kept * self._climbed_m + climbed_m - min(max(climbed_m, -able_m), able_m)
         if abs(climbed_m) > ALTITUDE_OFF_M:
-            return f"reports an altitude that is {climbed_m:+.1f} m off what it can climb"
+            return f"reports an altitude {climbed_m:+.1f} m beyond its climb limit"
         if step_s > 0.0:
             off_x, off_y = (off_x, off_y) if kept else (0.0, 0.0)
             self._off_x_m, self._off_y_m, self._climbed_m, self.state = off_x, off_y, climbed_m, state
@@ -135,20 +135,20 @@ class Claim:
 
 
 class Credibility:
-    """Holds the claims about every peer; which of them is the peer's state is decided as they come."""
+    """Keeps the claims about every peer, and selects the one that is the peer's state."""
 
     def __init__(self, limits: Limits, clocks: ClockWatch, excuses: Container[str]) -> None:
-        """Take what vehicles can fly, whose clocks step, and the alerts of one whose position may jump: `excuses`."""
+        """Take the limits, the clock steps, and `excuses`: the alerts with which a vehicle's position may jump."""
         self._limits = limits
         self._clocks = clocks
         self._excuses = excuses
         self._claims: dict[int, list[Claim]] = {}
         self._doubts: dict[int, Doubt] = {}
         self.contested: set[int] = set()
-        """The peers about which there is more than one claim, or was lately."""
+        """The peers with more than one claim, now or recently."""
 
     def accepts(self, state: MemberState, *, known: bool) -> bool:
-        """Return whether a state is its sender's; one that contradicts a peer that is `known` to be there is not."""
+        """Return whether a state is accepted as its sender's; one that contradicts a `known` peer is not."""
         claims = self._claims.get(state.sender)
         if claims is None:
             self._claims[state.sender] = [Claim(state, self._limits, accepted=True)]
@@ -181,7 +181,7 @@ class Credibility:
         return True
 
     def expire(self, now_s: float, time_scale: float) -> None:
-        """Drop claims and doubts that are over: a claim that was accepted once is held as long as a silent peer."""
+        """Drop expired claims and doubts; a claim that was accepted before is kept as long as a silent peer."""
         for sender in tuple(self.contested):
             claims, doubt = self._claims[sender], self._doubts.get(sender)
             for claim in claims[1:]:
@@ -195,16 +195,16 @@ class Credibility:
 
     @property
     def doubts(self) -> Mapping[int, Doubt]:
-        """The peers that have contradicted themselves often enough to be reported."""
+        """The peers with enough contradictions to be reported."""
         return {sender: doubt for sender, doubt in self._doubts.items() if doubt.count >= CONFIRMED}
 
     def elsewhere(self) -> tuple[MemberState, ...]:
-        """Return the newest state of each claim that is not taken for its sender's: it may be there as well."""
+        """Return the newest state of each claim that is not accepted: the peer may be there as well."""
         return tuple(claim.state for sender in sorted(self.contested) for claim in self._claims[sender][1:])
 
 
 def _beyond(off_m: Metres2, way: Metres2, along_m: float) -> float:
-    """Return the length of an offset of which up to `along_m` along a way do not count."""
+    """Return the length of an offset, ignoring up to `along_m` along a direction."""
     length = hypot(*way)
     if length == 0.0:
         return hypot(*off_m)

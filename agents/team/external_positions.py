@@ -10,14 +10,14 @@ from estimation.frames import Triple
 
 TOPIC = "position"
 OLD_S, AHEAD_MAX_S = 0.5, 0.1
-"""A position that is older than this, or that much ahead of the clock, is refused [wall s]."""
+"""A position that is older than this, or ahead of the clock by more, is refused [wall s]."""
 POSES_MAX = 64
 
 _Metre = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 
 
 class ExternalPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Where one vehicle is, in the mission frame; the yaw is counter-clockwise from its x axis, None if not known."""
+    """The position of one vehicle in the mission frame; yaw is counter-clockwise from its x axis, None if unknown."""
 
     vehicle: int
     position_m: tuple[_Metre, _Metre, _Metre]
@@ -25,14 +25,14 @@ class ExternalPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
 
 
 class ExternalPoses(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Where vehicles are, measured together at `time_s` [Unix time]; None is the time of reception."""
+    """Positions of vehicles, measured together at `time_s` [Unix time]; None is the time of reception."""
 
     poses: Annotated[tuple[ExternalPose, ...], msgspec.Meta(max_length=POSES_MAX)]
     time_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e12)] | None = None
 
 
 class ExternalPosition(msgspec.Struct, frozen=True):
-    """Where a vehicle was at `time_s` [Unix time], in the mission frame."""
+    """The position of a vehicle at `time_s` [Unix time], in the mission frame."""
 
     time_s: float
     position_m: Triple
@@ -43,7 +43,7 @@ _decoder = msgspec.json.Decoder(ExternalPoses)
 
 
 class ExternalPositions:
-    """Reads the positions of one vehicle; `report` is told of the first message that is refused."""
+    """Reads the positions of one vehicle; calls `report` for the first refused message."""
 
     def __init__(self, vehicle_id: int, report: Callable[[str], None]) -> None:
         self._vehicle_id = vehicle_id
@@ -51,7 +51,7 @@ class ExternalPositions:
         self.refused = 0
 
     def take(self, payload: bytes, now_s: float) -> ExternalPosition | None:
-        """Return the vehicle's position in a message; None without one, or if the message is refused.
+        """Return the vehicle's position in a message; None if it has none or is refused.
 
         `now_s` is Unix time.
         """

@@ -1,4 +1,4 @@
-"""The messages of the bus for one vehicle: what is not a fresh message of a member is counted and dropped."""
+"""The inbox of one vehicle: messages that are not from a member, or not fresh, are counted and dropped."""
 
 from collections.abc import Collection
 
@@ -11,18 +11,18 @@ _AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items()}
 
 
 class Inbox:
-    """Accepts the messages of this vehicle's team; `dropped` counts all others by reason."""
+    """Accepts the messages of this vehicle's team; `dropped` counts the others by reason."""
 
     def __init__(self, vehicle_id: int, members: Collection[int], clocks: ClockWatch) -> None:
-        """Take the team; `clocks` takes how every member dates its messages, accepted or not."""
+        """Take the team; the ages of all members' messages are passed to `clocks`, accepted or not."""
         self._others = frozenset(members) - {vehicle_id}
         self._clocks = clocks
         self.dropped = DropCounter()
 
     def accepts(self, message: BusMessage, now_s: float, time_scale: float) -> bool:
-        """Return whether a message is neither foreign, nor too old, nor from the future.
+        """Return whether a message is from the team, not too old and not from the future.
 
-        It may take `time_scale` times as long as on the wall's clock.
+        `time_scale` is mission seconds per wall second; transport takes wall time.
         """
         age_s = (now_s - message.time_s) / time_scale
         known = isinstance(message, OperatorCommand) or message.sender in self._others

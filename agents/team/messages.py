@@ -1,7 +1,7 @@
-"""Peer messages: what vehicles tell each other, and one table of topics with rate and maximum age.
+"""Peer messages, and the table of topics with rate and maximum age.
 
-Every number is bounded where it is decoded (`agents/team/codec.py`): NaN, infinity and nonsense from a peer never reach
-an estimator. Text with control characters is refused there.
+Every number is bounded on decoding (`agents/team/codec.py`): NaN, infinity and absurd values never reach an estimator.
+Text with control characters is refused there.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
 LINK_SILENT_S = 0.8
-"""A link without a sample of the vehicle's motion for so long [wall s] counts as cut, for those who look on."""
+"""Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
 Verb = Literal["start", "hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 
@@ -36,8 +36,8 @@ Metres2 = tuple[_Metres, _Metres]
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
-    It is a part of its sender's state; in logs of earlier versions it is a message of its own. The sender can fly these
-    shares of the ring's angular rate and radius (`agents/ring/feasibility.py`).
+    It is a part of its sender's state; in logs of earlier versions it is a message of its own. The shares are the ring
+    that the sender can fly (`agents/ring/feasibility.py`).
     """
 
     sender: VehicleId
@@ -52,11 +52,11 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
 
 
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
-    """One raw sighting of the target and whom it is for: the members within the sender's communication radius.
+    """One raw sighting of the target, and its recipients: the members within the sender's communication radius.
 
     It is a part of its sender's state; in logs of earlier versions it is a message of its own. The covariance holds
-    (xx, xy, yy); the altitude is above the mission's origin, None if the sensor tells none. The position has the error
-    of the sender's own position: standard deviation per axis (0: none) and correlation time.
+    (xx, xy, yy); the altitude is above the mission's origin, None if not measured. The position includes the error of
+    the sender's own position: standard deviation per axis (0: none) and correlation time.
     """
 
     sender: VehicleId
@@ -73,13 +73,13 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
 
 
 class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
-    """A vehicle's tactic, motion and undisturbed setpoint with its rate, all at `time_s`; what a follower needs.
+    """A vehicle's state at `time_s`: tactic, motion, and the undisturbed setpoint with its rate, for followers.
 
-    With it come the vehicle's place on the ring, None off it, and what its own sensor has seen since it was sent last.
+    It includes the vehicle's place on the ring, None off it, and the new sightings of its own sensor.
 
-    `position_sigma_m` is the standard deviation of the position, `alert` the failsafe that holds it, empty if none;
-    `shape` is the formation that operators last asked for, at `shaped_s`; None is the mission's. `drops` are the
-    messages that it has dropped so far.
+    `position_sigma_m` is the standard deviation of the position, `alert` the active failsafe condition, empty if none;
+    `shape` is the formation's shape that operators commanded last, at `shaped_s`; None is the mission's. `drops` are
+    the messages that it has dropped so far.
     """
 
     sender: VehicleId
@@ -100,17 +100,17 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
-    """Which mission a vehicle flies: its name, and a digest of what all members and operators must agree on."""
+    """The identity of a mission: its name, and a digest of what must be equal for all members and operators."""
 
     name: Annotated[str, msgspec.Meta(max_length=60, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
     digest: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{16}$")]
 
 
 class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
-    """A vehicle that is there, the mission it flies, and the start it proposes (None: not everybody is ready yet).
+    """A vehicle's presence, its mission, and the start that it proposes (None: not all members are ready yet).
 
-    It is `ready` once it is up; on the ground it only lets the others compare their clocks with its own. In flight it
-    is sent on, so that operators know which mission the team flies.
+    A vehicle is `ready` once it hovers; on the ground the message serves to compare clocks. It is also sent in flight,
+    so that operators can check which mission the team flies.
     """
 
     sender: VehicleId
@@ -121,10 +121,9 @@ class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
 
 
 class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):
-    """What an operator tells one vehicle, or all of them (None), on the team's clock; `origin` is who it was.
+    """An operator's command to one vehicle, or to all (None), on the team's clock; `origin` is the operator.
 
-    It is said again and again until it is answered: `number` tells one command from the next. `shape` is what the verb
-    formation is about.
+    It is repeated until it is answered: `number` identifies the command. `shape` is the argument of the verb formation.
     """
 
     time_s: TimeS
@@ -136,9 +135,10 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
 
 
 class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
-    """What a vehicle did about an operator's command, and when; the command's verb and origin tell it to observers.
+    """A vehicle's answer to an operator's command, and its time; verb and origin of the command are for observers.
 
-    Those hear vehicles only: operators connect to vehicles, not to each other. Earlier versions send neither.
+    Observers receive from vehicles only: operators connect to vehicles, not to each other. Earlier versions send
+    neither.
     """
 
     sender: VehicleId
@@ -152,7 +152,7 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
 class TargetReport(msgspec.Struct, frozen=True, array_like=True):
     """A vehicle's estimate of the target: the covariance of its position (xx, xy, yy), and the newest sighting's age.
 
-    It is a part of its sender's report, and of the same time.
+    It is a part of its sender's report, with the same time.
     """
 
     position_m: Metres2
@@ -162,14 +162,14 @@ class TargetReport(msgspec.Struct, frozen=True, array_like=True):
 
 
 class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
-    """What those who look on need of a vehicle beside its state: operators and observers receive it, vehicles do not.
+    """A vehicle's report to operators and observers, in addition to its state; vehicles do not receive it.
 
     `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint;
-    `battery` is a fraction, `endurance_s` the flight time left by the autopilot, `gps_dimensions` that of the fix (0
-    without one), `estimator` the state of the autopilot's estimator in words. The mission began at `start_s` and takes
-    `duration_s`. `ended` is how the vehicle's flight ended, empty while it is on. While it waits on the ground for an
-    operator's start, `lacks` is what forbids that, empty if nothing does, and `clock_off_s` how far the clock of any
-    peer's computer is off its own's at most [wall s]. What is not known is None, or empty.
+    `battery` is a fraction, `endurance_s` the autopilot's remaining flight time, `gps_dimensions` the type of the fix
+    (0 without one), `estimator` the state of the autopilot's estimator as text. The mission began at `start_s` and
+    lasts `duration_s`. `ended` is how the vehicle's flight ended, empty during the flight. While it waits on the ground
+    for an operator's start, `lacks` is what forbids the start, empty if nothing does, and `clock_off_s` the largest
+    offset of a peer's computer's clock from its own [wall s]. Unknown values are None, or empty.
     """
 
     sender: VehicleId
@@ -193,7 +193,7 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
 
     @property
     def is_link_cut(self) -> bool:
-        """Whether the vehicle's link counts as cut."""
+        """Whether the vehicle's link is considered cut."""
         return self.link_age_s is not None and self.link_age_s > LINK_SILENT_S
 
 
@@ -203,7 +203,7 @@ BusMessage = PeerMessage | OperatorCommand
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One kind of message: its name on the bus, how often it is sent at most, and how old it may become."""
+    """One kind of message: its name on the bus, its largest rate, and its maximum age."""
 
     name: str
     period_s: float
@@ -217,39 +217,40 @@ TOPICS: dict[type[BusMessage], Topic] = {
     StartProposal: Topic("start", 0.2, 1.0),
     OperatorCommand: Topic("command", 0.1, 2.0),
     CommandAnswer: Topic("answer", 0.1, 2.0),
-    # Zenoh's `**` matches no part of a key that begins with "@": who subscribes to all the others does not get these.
+    # Zenoh's `**` does not match parts of a key that begin with "@", so subscribers to all other keys do not receive
+    # these.
     VehicleReport: Topic("@report", 0.2, 3.0),
 }
 
 OPERATOR_TOPIC = TOPICS[OperatorCommand].name
 PRESENCE_TOPIC, OPERATORS_TOPIC = "alive", "operator"
-"""Where Zenoh's liveliness shows which vehicles, and which operators, are on the bus; nothing is sent there."""
+"""The topics of the liveliness tokens of vehicles and of operators; no messages are sent on them."""
 REPORT_TOPIC = TOPICS[VehicleReport].name
 PEER_TOPICS = frozenset(TOPICS[kind].name for kind in (MemberState, StartProposal, CommandAnswer, VehicleReport))
-"""Topics on which vehicles send, with a key for each; that of commands has one for each verb and operator."""
+"""Topics on which vehicles send, with one key per vehicle; commands have one key per verb and operator."""
 
 
 def angle_of(message: BusMessage) -> NeighbourAngle | None:
-    """Return the place on the ring that a message holds, or is in logs of earlier versions; None without one."""
+    """Return the place on the ring in a message, which in logs of earlier versions is the message; None without one."""
     if isinstance(message, MemberState):
         return message.angle
     return message if isinstance(message, NeighbourAngle) else None
 
 
 def sightings_of(message: BusMessage) -> tuple[TargetPackage, ...]:
-    """Return the sightings that a message holds, or is in logs of earlier versions."""
+    """Return the sightings in a message, which in logs of earlier versions is one itself."""
     if isinstance(message, MemberState):
         return message.sightings
     return (message,) if isinstance(message, TargetPackage) else ()
 
 
 def topic_of(message: BusMessage) -> str:
-    """Return what stands before the sender in a message's key: its topic, for a command with the verb."""
+    """Return the part of a message's key before the sender: its topic, for a command with the verb."""
     name = TOPICS[type(message)].name
     return f"{name}/{message.verb}" if isinstance(message, OperatorCommand) else name
 
 
 def key_of(message: BusMessage) -> str:
-    """Return the one key, below the team's, on which a message counts: it names its type and its sender."""
+    """Return the only key, below the team's, on which a message is admitted: it names its type and its sender."""
     sender = message.origin if isinstance(message, OperatorCommand) else message.sender
     return f"{topic_of(message)}/{sender}"

@@ -1,4 +1,4 @@
-"""Who takes part in a team's bus, and under which name."""
+"""The participants of a team's bus, and their names."""
 
 import re
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ def is_name(text: str) -> bool:
 
 
 def name_from(text: str) -> str:
-    """Return a text as a name: what names cannot hold becomes '-', and the end is cut off."""
+    """Return a text as a name: invalid characters become '-', and it is cut to the maximum length."""
     return _FOREIGN_TO_NAMES.sub("-", text)[:NAME_LENGTH] or "-"
 
 
 @dataclass(frozen=True, slots=True)
 class Participant:
     """A vehicle (its name is its number), an operator, a sensor of the target, an observer, which sends nothing, or a
-    router, which passes on what the others send.
+    router, which forwards messages.
 
-    Raises ValueError for a name that is none.
+    Raises ValueError for an invalid name.
     """
 
     role: Role
@@ -41,7 +41,7 @@ class Participant:
 
     @property
     def looks_on(self) -> bool:
-        """Whether it receives what vehicles report to those who look on."""
+        """Whether it receives the vehicles' reports."""
         return self.role in ("operator", "observer")
 
     @property

@@ -17,10 +17,10 @@ from estimation.state import Sighting
 
 TOPIC = "perception"
 SOURCES_FROM, SOURCES_TO = 1000, 10999
-"""The sensor ids of sources 0 to 9999: vehicles' own sensors have the vehicles' ids."""
+"""The sensor ids of sources 0 to 9999; a vehicle's own sensor has the vehicle's id."""
 AHEAD_MAX_S = 1.0
 AWAY_MAX_M = 1e6
-"""Limit of the distance, as in peers' messages: larger numbers are invalid positions."""
+"""Limit of the distance, as in peers' messages; larger values are refused."""
 
 
 class Frame(Enum):
@@ -45,7 +45,7 @@ _Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
 
 
 class ExternalSighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A sighting message: covariance (xx, xy, yy) in the axes of the frame, north and east if geodetic.
+    """A sighting message: covariance (xx, xy, yy) in the frame's axes, north and east if geodetic.
 
     `time_s` is on the team's clock (Unix time, except in faster simulations); None is the time of reception.
     `altitude_m` is above the mission's origin, in either frame; None is unknown.

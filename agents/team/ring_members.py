@@ -8,19 +8,19 @@ from agents.team.ring_scale import FULL_RING, RingScale
 
 
 class RingMembers:
-    """The newest place on the ring of every peer that has one; of those the ones that are `engaged`."""
+    """The newest place on the ring of every peer that has one; queries return those of `engaged` peers."""
 
     def __init__(self, engaged: Callable[[int], bool]) -> None:
-        """Take what says whether a peer, by its id, is engaged: one that has left is so before its place is stale."""
+        """Take a function that returns whether a peer is engaged, which ends before its place is stale."""
         self._is_engaged = engaged
         self._angles: dict[int, NeighbourAngle] = {}
         self._engaged: dict[int, NeighbourAngle] | None = None
         self._shares = FULL_RING
         self.oldest_s = inf
-        """No place is older than this; the oldest may be newer."""
+        """A lower bound of the times of all places."""
 
     def hear(self, angle: NeighbourAngle) -> None:
-        """Take in a place unless a newer one is known."""
+        """Take a place unless a newer one is known."""
         known = self._angles.get(angle.sender)
         if known is not None and angle.time_s <= known.time_s:
             return
@@ -39,13 +39,13 @@ class RingMembers:
             self._engaged = None
 
     def expire(self, before_s: float) -> None:
-        """Drop the places that are older."""
+        """Drop the places that are older than a time."""
         for sender in [s for s, angle in self._angles.items() if angle.time_s < before_s]:
             self.forget(sender)
         self.oldest_s = min((angle.time_s for angle in self._angles.values()), default=inf)
 
     def changed(self) -> None:
-        """Take that peers may have engaged or left."""
+        """Record that peers may have engaged or left."""
         self._engaged = None
 
     @property
@@ -54,11 +54,11 @@ class RingMembers:
         return dict(self._angles)
 
     def bearings_rad(self, at_s: float, rate_rad_s: float) -> list[float]:
-        """Return the bearings of all engaged peers at a moment, going on at the ring's rate - (25), (26)."""
+        """Return the bearings of all engaged peers at a time, extrapolated at the ring's rate - (25), (26)."""
         return [angle.bearing_rad + rate_rad_s * (at_s - angle.time_s) for angle in self._on_ring()]
 
     def reference_bearings_rad(self, at_s: float) -> list[float]:
-        """Return the bearings of all engaged peers' references at a moment, going on as they published."""
+        """Return the bearings of all engaged peers' references at a time, extrapolated at their published rates."""
         return [
             angle.reference_rad + angle.reference_rate_rad_s * (at_s - angle.time_s)
             for angle in self._on_ring()
@@ -71,7 +71,7 @@ class RingMembers:
         return self._shares
 
     def _on_ring(self) -> Iterable[NeighbourAngle]:
-        # Asked for several times a tick, and the same until a peer engages or leaves, or the ring changes its size.
+        # Used several times a tick, and constant until a peer engages or leaves, or the ring changes its size.
         if self._engaged is None:
             self._engaged = {sender: angle for sender, angle in self._angles.items() if self._is_engaged(sender)}
             self._shares = FULL_RING

@@ -1,4 +1,4 @@
-"""How much of the mission's ring a vehicle can fly: shares of its angular rate and of its radius."""
+"""The ring that a vehicle can fly, as shares of the mission's angular rate and radius."""
 
 import msgspec
 

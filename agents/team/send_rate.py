@@ -1,8 +1,8 @@
-"""When a vehicle's state is sent: in time with what its peers need, not with the clock.
+"""When a vehicle's state is sent: as soon as the peers' prediction of it becomes wrong, and at a minimum rate.
 
-Peers let a state go on: the position at its velocity, the setpoint and the reference on the ring at their rates. While
-that is as good as a new state, a few a second are enough. They do not depend on the number of vehicles, and one that is
-lost does not matter.
+Peers extrapolate a state: the position at its velocity, the setpoint and the reference on the ring at their rates.
+While this agrees with the vehicle's present state, a few states a second are sufficient. This rate does not depend on
+the number of vehicles, and allows for the loss of a state.
 """
 
 from math import hypot, inf
@@ -12,15 +12,15 @@ from agents.team.messages import TOPICS, MemberState, NeighbourAngle
 from estimation.frames import wrap_signed_rad
 
 HEARTBEAT_S = 0.2
-"""How often a state is sent that goes on as before: ten times until its sender counts as silent."""
+"""The period of states that continue as predicted: a sender is gone after ten of them are missing."""
 _AGAIN_S = 0.5
-"""For so long what is new is repeated at the full rate: messages get lost."""
+"""A change is repeated at the full rate for this long, because messages get lost."""
 _POSITION_M, _VELOCITY_M_S, _ALTITUDE_M, _SIGMA_M = 0.1, 0.2, 0.2, 0.1
-"""How far a state may be off the one before: three standard deviations and more of an estimate from noisy telemetry."""
+"""The largest differences from the predicted state: at least three standard deviations with noisy telemetry."""
 _FOLLOWED_M, _AIM_M = 0.1, 0.5
-"""The same of the setpoint, for one that others keep station on, and where only the guard weighs it."""
+"""The same for the setpoint: in formation, where followers keep station on it, and where only the guard uses it."""
 _REFERENCE_M, _SHARE = 0.02, 0.01
-"""The same of the reference along the ring, and of the shares of the ring that a vehicle can fly."""
+"""The same for the reference along the ring, and for the shares of the ring that a vehicle can fly."""
 _FORMATION = Tactic.FORMATION.value
 
 
@@ -28,19 +28,19 @@ class SendRate:
     """Decides whether the state of one vehicle is due."""
 
     def __init__(self, rate_hz: float) -> None:
-        """Take how many states a second there are to decide on."""
-        # Half a tick less: a tick that comes a little early is due as well.
+        """Take the rate of the states to decide on."""
+        # Half a tick less, so that a tick that is a little early is due as well.
         early_s = 0.5 / rate_hz
         self._period_s, self._heartbeat_s = TOPICS[MemberState].period_s - early_s, HEARTBEAT_S - early_s
         self._sent: MemberState | None = None
         self._often_until_s = -inf
 
     def may(self, now_s: float) -> bool:
-        """Return whether the full rate allows a state."""
+        """Return whether the full rate allows a state now."""
         return self._sent is None or not 0.0 <= now_s - self._sent.time_s < self._period_s
 
     def due(self, state: MemberState, *, often: bool) -> bool:
-        """Return whether to send a state: `often`, with a sighting, when it is news, or when it is time for one."""
+        """Return whether to send a state: if `often`, with a sighting, after a change, or at the minimum rate."""
         sent = self._sent
         if sent is None or not goes_on(sent, state):
             self._often_until_s = state.time_s + _AGAIN_S
@@ -56,7 +56,7 @@ class SendRate:
 
 
 def goes_on(before: MemberState, state: MemberState) -> bool:
-    """Return whether a state is what its peers take it for by the one before."""
+    """Return whether a state agrees with its prediction from an earlier one."""
     step_s = state.time_s - before.time_s
     if (
         not task_goes_on(before, state)
@@ -77,7 +77,7 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
 
 
 def task_goes_on(before: MemberState, state: MemberState) -> bool:
-    """Return whether a vehicle still does what it did by the state before, on the ring at the place that follows."""
+    """Return whether a vehicle's task is unchanged, and its place on the ring agrees with the prediction."""
     return (
         state.tactic == before.tactic
         and state.alert == before.alert
@@ -87,7 +87,7 @@ def task_goes_on(before: MemberState, state: MemberState) -> bool:
 
 
 def place_goes_on(before: NeighbourAngle | None, place: NeighbourAngle | None) -> bool:
-    """Return whether a place on the ring, or off it (None), is what peers take it for by the one before."""
+    """Return whether a place on the ring (None: off it) agrees with its prediction from an earlier one."""
     if place is None or before is None:
         return place is before
     if abs(place.rate_share - before.rate_share) > _SHARE or abs(place.radius_share - before.radius_share) > _SHARE:

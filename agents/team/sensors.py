@@ -1,4 +1,4 @@
-"""What sensors outside the team send on its bus."""
+"""The topics of sensors outside the team on its bus."""
 
 from agents.team import external_positions, perception
 

@@ -1,4 +1,4 @@
-"""The peers of a vehicle: the newest of each kind of message from each, while it is fresh."""
+"""The peers of a vehicle: the newest fresh message of each kind from each peer."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import hypot, inf
@@ -11,27 +11,27 @@ from agents.team.send_rate import task_goes_on
 from estimation.state import Vector
 
 _SILENT_S = TOPICS[MemberState].age_max_s
-"""A peer that is not heard for so long is kept away from as one that does not evade."""
+"""A peer that is not received for this long is silent: the guard assumes that it does not evade."""
 GONE_S = 2.0
-"""After this it is no member any more, and its place is taken: ten of its states are missing by then."""
+"""After this it is gone: it is no member any more, and its place is taken. Ten of its states are then missing."""
 _IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
 _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
-"""Peers whose last state had one of these tactics may fall silent."""
+"""Peers with one of these tactics in their last state are expected to fall silent."""
 _WATCHED_MAX_S = 1.0
-"""A choice of the near that seems to hold for longer is from before the clock stepped."""
+"""A selection of near peers that seems valid for longer dates from before a step of the clock."""
 _FAR_PERIOD_S = 0.75
-"""How often a state is taken in of a peer that is far away and flies on as before."""
+"""The period at which states of a distant peer with an unchanged task are processed."""
 
 
 class Team:
-    """The peers of one vehicle, by their last messages: silent after one second, gone after two.
+    """The peers of one vehicle, from their last messages: silent after one second, gone after two.
 
-    Those that are `near` are watched closely, and all until the first `watch`. Of the others a state waits while they
-    fly on as before: what a tick costs does not grow with their number.
+    States of `near` peers are processed at once; until the first `watch` all are near. A state of another peer waits
+    while its task is unchanged, so that the cost of a tick does not grow with their number.
     """
 
     def __init__(self, credibility: Credibility) -> None:
-        """Take what decides whether a state is its sender's."""
+        """Take the consistency check of states."""
         self._credibility = credibility
         self._members: dict[int, MemberState] = {}
         self._all: tuple[MemberState, ...] | None = None
@@ -46,9 +46,9 @@ class Team:
         self.ring = RingMembers(self._engaged)
 
     def waits(self, state: MemberState) -> bool:
-        """Return whether a state has time: of a peer that is far away and flies on as before, without a sighting.
+        """Return whether a state may wait: from a distant peer with an unchanged task, without a sighting.
 
-        One that waits is taken in when a state is due again, or when the peer falls silent.
+        A waiting state is processed when the next one is due, or when the peer falls silent.
         """
         if self._near_ids is None or state.sender in self._near_ids or state.sightings:
             return False
@@ -59,16 +59,16 @@ class Team:
         return True
 
     def watch_due(self, now_s: float) -> bool:
-        """Return whether those that are near have to be chosen anew."""
+        """Return whether the near peers have to be selected again."""
         return not self._watched_until_s - _WATCHED_MAX_S <= now_s < self._watched_until_s
 
     def watch(self, near: Sequence[MemberState], until_s: float) -> None:
-        """Take which of the members are near, until a moment less than a second from now."""
+        """Set the near members until a time less than a second from now."""
         self._near_ids = None if len(near) == len(self._members) else {each.sender for each in near}
         self._near, self._watched_until_s = None, until_s
 
     def hear(self, state: MemberState) -> None:
-        """Take in a peer's state unless a newer one is known, or it contradicts what is; and its place on the ring."""
+        """Take a peer's state, unless a newer one is known or it is inconsistent; and its place on the ring."""
         sender = state.sender
         if self._waiting:
             self._waiting.pop(sender, None)
@@ -91,7 +91,7 @@ class Team:
             self.ring.hear(state.angle)
 
     def forget(self, vehicle_id: int) -> None:
-        """Drop a peer whose presence has ended: it is lost, at the altitude of its last state, be that the ground."""
+        """Drop a peer whose presence has ended: it is lost at its last altitude, which may be the ground."""
         self._waiting.pop(vehicle_id, None)
         self._silent.pop(vehicle_id, None)
         member = self._members.pop(vehicle_id, None)
@@ -101,7 +101,7 @@ class Team:
             self._all = self._near = None
 
     def expire(self, now_s: float, time_scale: float = 1.0) -> None:
-        """Drop what has become too old to act on, which takes `time_scale` times as long as on the wall's clock."""
+        """Drop messages that are too old; `time_scale` is mission seconds per wall second."""
         silent_s, gone_s = now_s - _SILENT_S * time_scale, now_s - GONE_S * time_scale
         if self._oldest_s < silent_s:
             for sender in [s for s, m in self._members.items() if m.time_s < silent_s]:
@@ -127,13 +127,13 @@ class Team:
         return [s for s, m in self._members.items() if m.tactic == _IN_FORMATION]
 
     def members(self) -> tuple[MemberState, ...]:
-        """Return the newest state of every peer that is known to be there."""
+        """Return the newest state of every member."""
         if self._all is None:
             self._all = tuple(self._members.values())
         return self._all
 
     def near(self) -> tuple[MemberState, ...]:
-        """Return the newest states of those that are near, and not silent."""
+        """Return the newest states of the near members that are not silent."""
         if self._near_ids is None and not self._silent:
             return self.members()
         if self._near is None:
@@ -142,9 +142,9 @@ class Team:
         return self._near
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
-        """Return the last state of every peer that fell silent less than `for_s` ago, in the air or landed.
+        """Return the last state of every peer that fell silent less than `for_s` ago, in flight or landed.
 
-        So is where a peer may be beside its state, as other states in its name claim or as it was known before.
+        The states of other claims about peers are included (`Credibility.elsewhere`).
         """
         if not (self._lost or self._silent or self._credibility.contested):
             return ()
@@ -158,18 +158,18 @@ class Team:
 
     @property
     def gone_s(self) -> dict[int, float]:
-        """When each peer was received last that fell silent without having published that it leaves the team."""
+        """The time of the last state of each peer that is gone without having published that it leaves the team."""
         if not self._lost:
             return {}
         return {sender: last.time_s for sender, last in self._lost.items() if last.tactic not in _LEAVING}
 
     @property
     def count_heard(self) -> int:
-        """From how many peers messages have come so far, silent by now or not."""
+        """The number of peers received so far, including silent ones."""
         return len(self._heard)
 
     def member(self, vehicle_id: int) -> MemberState:
-        """Return the newest state of a peer that is known to be there."""
+        """Return the newest state of a member."""
         return self._members[vehicle_id]
 
     def within(self, position_m: Vector, radius_m: float) -> tuple[int, ...]:

@@ -1,9 +1,9 @@
-"""Text from others: without control characters, which a terminal would obey."""
+"""Text from other computers, without control characters, which a terminal would execute."""
 
 import re
 
 CONTROL = r"\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069"
-"""Control characters of ASCII, Latin-1 and Unicode: escape sequences, line ends, and changes of writing direction."""
+"""Control characters of ASCII, Latin-1 and Unicode: escape sequences, line ends, and writing direction controls."""
 PRINTABLE = rf"\A[^{CONTROL}]*\Z"
 _CONTROL = re.compile(f"[{CONTROL}]")
 

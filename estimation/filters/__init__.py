@@ -1,4 +1,4 @@
-"""The Kalman filters of the own vehicle and of the target, and the tests of their consistency.
+"""The Kalman filters of the own vehicle and of the target, and their consistency tests.
 
 It may import plant.
 """

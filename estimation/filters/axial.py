@@ -20,7 +20,7 @@ Column = tuple[float, float, float, float, float]
 Axes = tuple["AxisEstimate", "AxisEstimate"]
 """The estimates along x and y."""
 _Gain = tuple[float, float, Column, Column, "AxisCovariance"]
-"""With the innovation covariance S = L L': the diagonal of L, both columns of the gain times L, what is left of P."""
+"""With the innovation covariance S = L L': the diagonal of L, both columns of the gain times L, and the updated P."""
 
 
 class AxisCovariance(msgspec.Struct, frozen=True):
@@ -100,9 +100,9 @@ def predicted(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float) 
 
 
 def predicted_axes(axes: Axes, steps: tuple[Step, Step], rotation: Rotation, aim_m: tuple[float, float]) -> Axes:
-    """Return the same of both axes.
+    """Return both axes' estimates after a step.
 
-    Where they have one plant they have one covariance as well, the same object, which is computed once.
+    Axes with the same plant share one covariance object, which is computed once.
     """
     x, y = axes
     if y.covariance is not x.covariance or steps[1] is not steps[0]:
@@ -154,8 +154,8 @@ def updated(
 ) -> tuple[AxisEstimate, float]:
     """Return the estimate after a measured position and velocity with these variances, and the squared innovation.
 
-    The squared innovation is the squared Mahalanobis distance, with two degrees of freedom; NaN if a measurement was.
-    The innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
+    The squared innovation is the squared Mahalanobis distance, with two degrees of freedom; NaN if a measurement is
+    NaN. The innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
     covariance stays symmetric.
     """
     return _corrected(axis, position_m, rate_m_s, _gain(axis.covariance, noise))
@@ -164,7 +164,7 @@ def updated(
 def updated_axes(
     axes: Axes, position_m: tuple[float, float], rate_m_s: tuple[float, float], noise: tuple[float, float]
 ) -> tuple[Axes, float]:
-    """Return the same of both axes, and the sum of their squared innovations; equal axes have one gain."""
+    """Return both axes' updated estimates, and the sum of their squared innovations; equal axes share one gain."""
     x, y = axes
     gain = _gain(x.covariance, noise)
     gain_y = gain if y.covariance is x.covariance else _gain(y.covariance, noise)
@@ -189,7 +189,7 @@ def _corrected(axis: AxisEstimate, position_m: float, rate_m_s: float, gain: _Ga
 
 
 def _gain(covariance: AxisCovariance, noise: tuple[float, float]) -> _Gain:
-    """Return the gain; what is left of the covariance is `P - g g' - h h'`."""
+    """Return the gain with its columns g and h; the updated covariance is `P - g g' - h h'`."""
     pp, pv, pc, ps, pq = covariance.pp, covariance.pv, covariance.pc, covariance.ps, covariance.pq
     vv, vc, vs, vq, cc = covariance.vv, covariance.vc, covariance.vs, covariance.vq, covariance.cc
     cs, cq, ss, sq, qq = covariance.cs, covariance.cq, covariance.ss, covariance.sq, covariance.qq

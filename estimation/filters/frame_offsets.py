@@ -1,10 +1,10 @@
-"""How far the frames of several vehicles are off each other, from sightings of one target that all of them see.
+"""The offsets between the frames of several vehicles, estimated from their sightings of a common target.
 
-A sighting of sensor j is the target plus b_j plus noise: b_j is the position error of the vehicle that carries it, a
-first-order Gauss-Markov process. Where the target is predicted to be has an error c of its own, common to all sensors.
-A joint Kalman filter over [c, b_1 ... b_n] takes in what sightings differ from that prediction; only differences of the
-b_j are observable. A shift of all of them is not: sightings must not move that sum, weighted by the inverse variances,
-which stays at its prior mean, zero. Both axes have the same covariance; sightings count with their mean variance.
+A sighting of sensor j is the target plus b_j plus noise, where b_j is the position error of its vehicle, a first-order
+Gauss-Markov process. The predicted target has an error c, common to all sensors. A joint Kalman filter over [c, b_1 ...
+b_n] processes the differences of sightings from the prediction. Only differences of the b_j are observable. Their
+common shift is not: sightings must not change their sum, weighted by the inverse variances, which stays at its prior
+mean, zero. Both axes have the same covariance; sightings are used with the mean of their variances.
 """
 
 import numpy as np
@@ -12,16 +12,16 @@ import numpy as np
 from estimation.state import Sighting, Vector
 
 _REFERENCE_S = 1.0
-"""Correlation time of the error of the predicted target: its filter follows within about a second."""
+"""Correlation time of the error of the predicted target, whose filter follows within about a second."""
 _CLIP_SQUARED = 2.0 * 3.0**2
 _GATE_SQUARED = 2.0 * 5.0**2
-"""Of the squared innovation over both axes: one beyond the first has less weight, beyond the second none."""
+"""Thresholds of the squared innovation over both axes: above the first the weight is reduced, above the second 0."""
 _FIXED_FOR_S = 5.0
-"""A sensor whose frame has no error, once seen, fixes the sum for so long."""
+"""A sensor without frame error fixes the sum for this long after its last sighting."""
 
 
 class FrameOffsets:
-    """Estimates the offset (2,) of each sensor's frame against the team's."""
+    """Estimates the offset (2,) of each sensor's frame from the team's."""
 
     def __init__(self) -> None:
         self._rows: dict[int, int] = {}
@@ -33,15 +33,15 @@ class FrameOffsets:
         self._fixed_until_s = 0.0
 
     def __contains__(self, sensor_id: int) -> bool:
-        """Return whether the frame of a sensor is known to wander."""
+        """Return whether the frame error of a sensor is modelled."""
         return sensor_id in self._rows
 
     def __bool__(self) -> bool:
-        """Return whether any sensor's frame is known to wander."""
+        """Return whether any sensor's frame error is modelled."""
         return bool(self._rows)
 
     def know(self, sensor_id: int, sigma_m: float, correlation_s: float) -> None:
-        """Take how much the frame of a sensor wanders: standard deviation per axis, and correlation time."""
+        """Take the model of a sensor's frame error: standard deviation per axis, and correlation time."""
         row = self._rows.get(sensor_id)
         if row is None:
             row = self._rows[sensor_id] = len(self._prior_m2)
@@ -52,19 +52,19 @@ class FrameOffsets:
         self._prior_m2[row], self._rate_per_s[row] = sigma_m**2, 1.0 / correlation_s
 
     def offset_m(self, sensor_id: int) -> tuple[float, float]:
-        """Return the offset of a sensor's frame, zero for one that is not known to wander."""
+        """Return the offset of a sensor's frame, zero without a model."""
         row = self._rows.get(sensor_id)
         return (0.0, 0.0) if row is None else (self._mean_m.item(row, 0), self._mean_m.item(row, 1))
 
     def variance_m2(self, sensor_id: int) -> float:
-        """Return the variance per axis of a known offset; raises KeyError for one that is not known to wander."""
+        """Return the variance per axis of a sensor's offset; raises KeyError without a model."""
         row = self._rows[sensor_id]
         return self._covariance_m2.item(row, row)
 
     def predict(self, to_s: float, reference_m2: float) -> None:
-        """Go on to a time at which the predicted target has this variance per axis; some sensor must be known.
+        """Predict to a time at which the predicted target has this variance per axis; a sensor must have a model.
 
-        A common shift of all frames is in the reference as well: its variance is never small beside theirs.
+        The predicted target contains a common shift of all frames, so its variance is never small compared with theirs.
         """
         step_s = max(to_s - self._time_s, 0.0)
         self._time_s = to_s
@@ -75,7 +75,7 @@ class FrameOffsets:
         self._covariance_m2.flat[:: len(kept) + 1] += self._prior_m2 * (1.0 - kept * kept)
 
     def see(self, sighting: Sighting, target_m: tuple[float, float]) -> None:
-        """Take in a sighting, given where the target was predicted to be at its time."""
+        """Process a sighting, given the predicted target at its time."""
         covariance, row = self._covariance_m2, self._rows.get(sighting.sensor_id)
         if row is None:
             self._fixed_until_s = self._time_s + _FIXED_FOR_S

@@ -1,8 +1,8 @@
-"""A vehicle's Kalman filter for its own motion: the identified plant is the process model, the setpoint its input.
+"""A vehicle's Kalman filter for its own motion: the identified plant is the process model, the setpoint is its input.
 
-State [p v c s q] along each axis (axial.py). Wind and model error act as an acceleration w = c + s: c is a
-random walk, s an oscillator at the ring's rate with q as its second state. These two are the whole error of a wrong
-plant that circles a target in steady motion. Off the ring s is zero and its value is added to c.
+State [p v c s q] along each axis (axial.py). Wind and model error act as an acceleration w = c + s: c is a random walk,
+s an oscillator at the ring's rate with q as its second state. In steady motion about a target the error of a wrong
+plant consists of these two. Off the ring s is zero, and its last value is added to c.
 """
 
 from bisect import bisect_right
@@ -33,9 +33,9 @@ _MEASURED = 4
 PRIOR_M_S2 = 0.3
 """Prior standard deviation of each part of the disturbance."""
 OSCILLATOR_WALK_SHARE = 0.5
-"""Random walk of the oscillating part relative to that of the steady one: a plant changes less than the wind."""
+"""Random walk of the oscillating part relative to the steady one: plant errors change less than the wind."""
 JUMP_M, ACCELERATION_MAX_M_S2 = 1.0, 10.0
-"""A position jumps if it moves between two samples by more than this beyond what velocity and thrust allow."""
+"""A position has jumped if it moves between two samples by more than this beyond what velocity and thrust allow."""
 
 _Pair = tuple[float, float]
 
@@ -43,7 +43,7 @@ _Pair = tuple[float, float]
 class OwnFilter:
     """Estimates one vehicle's position, velocity and disturbance from its telemetry and its own setpoints.
 
-    `refused` counts rejected samples, `resets` all restarts, `jumps` the restarts after a jump of the position.
+    `refused` counts rejected samples, `resets` all restarts, `jumps` the restarts after a position jump.
     """
 
     def __init__(self, plant: Plant, settings: OwnFilterSettings) -> None:
@@ -66,15 +66,15 @@ class OwnFilter:
         self.jumps = 0
 
     def command(self, time_s: float, aim_m: Vector) -> None:
-        """Store the aim (2,) sent at `time_s`: the setpoint itself unless it has a velocity."""
+        """Store the aim (2,) sent at `time_s`: the setpoint, unless it has a velocity."""
         self._inputs.add(time_s, aim_m)
 
     def delay_by(self, link_s: float) -> None:
-        """Let setpoints act later from now on, beside the plant's own delay, by that of the link both ways."""
+        """Add the link's round-trip delay to the plant's delay from now on."""
         self._inputs.delay_s = self._plant_delay_s + link_s
 
     def turn_disturbance(self, rate_rad_s: float) -> None:
-        """Estimate a disturbance oscillating at this rate from now on, besides the steady one; 0: only that one."""
+        """Estimate a disturbance oscillating at this rate from now on, in addition to the steady one; 0: none."""
         if rate_rad_s == self._turning_rad_s:
             return
         if self._axes is not None and 0.0 in (rate_rad_s, self._turning_rad_s):
@@ -96,7 +96,7 @@ class OwnFilter:
         axes, squared = updated_axes(prior, (x_m, y_m), (x_rate, y_rate), self._noise)
         self._consistency.see(squared / _MEASURED, step_s, self._settings.gate_sigma**2)
         self._time_s = time_s
-        if squared <= self._gate_squared:  # NaN is no innovation
+        if squared <= self._gate_squared:  # false for NaN
             self._accept(axes)
             self._refused_since_s = inf
             return
@@ -106,13 +106,13 @@ class OwnFilter:
             self._refused_since_s = time_s
             self._jumped = before is not None and _is_jump(before, telemetry)
         if time_s - self._refused_since_s > self._settings.gate_timeout_s:
-            # The estimate has become useless: the autopilot's estimator has jumped, or the plant is another.
+            # The estimate is invalid: the autopilot's estimator has jumped, or the plant is wrong.
             self.resets += 1
             self.jumps += self._jumped
             self._reset(telemetry)
 
     def shift(self, x_m: float, y_m: float) -> None:
-        """Move the origin of the frame: the estimate, the setpoints sent and the telemetry so far shift by (x, y)."""
+        """Shift estimate, setpoints sent and past telemetry by (x, y), after a shift of the frame's origin."""
         self._inputs.shift(x_m, y_m)
         if self._axes is not None:
             x, y = self._axes
@@ -136,8 +136,8 @@ class OwnFilter:
     def predicted(self, at_s: float, unsent_s: float) -> Vector:
         """Return the mean (6,) at `at_s` under the setpoints already sent: the state at which the next one acts.
 
-        For the last `unsent_s`, half of the time a setpoint is held, the next one acts already; it is taken to be
-        ahead of the last one by the distance that the vehicle flies meanwhile. Requires telemetry.
+        During the last `unsent_s`, half of the time a setpoint is held, the next setpoint already acts; it is assumed
+        to be ahead of the last one by the distance that the vehicle flies in this time. Requires telemetry.
         """
         assert self._axes is not None
         step_s = round(at_s - self._time_s, STEP_DIGITS)
@@ -197,7 +197,7 @@ class OwnFilter:
         self._inputs.start(telemetry.time_s, (x, y))
 
     def _accept(self, axes: Axes) -> None:
-        """Keep each part of the disturbance within the bound (anti-windup): no more than that is compensated."""
+        """Limit each part of the disturbance to the bound (anti-windup), the largest value that is compensated."""
         limit = self._settings.disturbance_max_m_s2
         self._axes = _bounded(axes[0], limit), _bounded(axes[1], limit)
 
@@ -230,7 +230,7 @@ def _bounded(axis: AxisEstimate, limit: float) -> AxisEstimate:
 
 
 def _with_oscillator(axes: Axes, prior_m_s2: float) -> Axes:
-    """Return the estimates with all disturbance in its steady part and an oscillator at its prior."""
+    """Return the estimates with the whole disturbance in its steady part and the oscillator at its prior."""
     x, y = axes
     spread_x = _with_oscillator_covariance(x.covariance, prior_m_s2)
     spread_y = spread_x if y.covariance is x.covariance else _with_oscillator_covariance(y.covariance, prior_m_s2)
@@ -262,7 +262,7 @@ def _spread(covariance: AxisCovariance) -> AxisSpread:
 
 
 def _is_jump(before: Telemetry, after: Telemetry) -> bool:
-    """Return whether a position is farther from the one before it than any vehicle flies in that time."""
+    """Return whether a position is farther from the previous one than any vehicle flies in that time."""
     step_s = after.time_s - before.time_s
     moved_m = [
         there - here - rate * step_s
@@ -272,7 +272,7 @@ def _is_jump(before: Telemetry, after: Telemetry) -> bool:
 
 
 class _InputHistory:
-    """The setpoints that were sent, by the time from which they act."""
+    """The setpoints sent, by the time from which they act."""
 
     def __init__(self, delay_s: float) -> None:
         self.delay_s = delay_s
@@ -286,7 +286,7 @@ class _InputHistory:
             self._setpoint_m.append(position_m)
 
     def add(self, time_s: float, setpoint_m: Vector) -> None:
-        # A setpoint does not overtake the one before it where the delay has become shorter.
+        # If the delay has become shorter, a setpoint still does not act before its predecessor.
         self._from_s.append(max(time_s + self.delay_s, self._from_s[-1] if self._from_s else -inf))
         self._setpoint_m.append((setpoint_m.item(0), setpoint_m.item(1)))
         oldest = bisect_right(self._from_s, time_s - _HISTORY_S) - 1
@@ -299,7 +299,7 @@ class _InputHistory:
     def ramp(self, from_s: float, to_s: float) -> tuple[_Pair, _Pair]:
         """Return the mean and the slope, along both axes, of the line nearest to the setpoints over an interval."""
         span_s = to_s - from_s
-        if span_s <= 0.0:  # telemetry from ahead of the clock
+        if span_s <= 0.0:  # telemetry ahead of the clock
             return next(iter(self._pieces(from_s, from_s)))[2], (0.0, 0.0)
         x = y = x_moment = y_moment = 0.0
         for begin_s, end_s, (x_m, y_m) in self._pieces(from_s, to_s):
@@ -328,7 +328,7 @@ class _InputHistory:
 
 
 def _steps(plant: Plant, settings: OwnFilterSettings, is_oscillating: bool, step_s: float) -> tuple[Step, Step]:
-    """Return one step along x and along y: the same object where both axes have one plant."""
+    """Return one step along x and along y: the same object if both axes have the same plant."""
     exact = exact_step(plant, step_s)
     density, walk = settings.acceleration_noise_m_s2**2, settings.disturbance_noise_m_s2**2 * step_s
 

@@ -1,9 +1,10 @@
-"""The slow error of a vehicle's reported position, as far as its own telemetry shows it.
+"""The slow error of a vehicle's reported position, as far as it is observable from its own telemetry.
 
 Along each axis: reported position = p + b + white noise, p' = reported velocity + white noise, and b a first-order
-Gauss-Markov process. b is observable as far as the velocity does not have the error of the position: that of a GPS
-receiver, from Doppler shifts, mostly has not. What remains of b is the more slowly varying, the better the velocity
-is; only sightings of a common target show it (`frame_offsets.py`). Both axes have the same noise, hence one covariance.
+Gauss-Markov process. b is observable as far as the velocity does not contain the position's error: a GPS receiver's
+velocity, from Doppler shifts, mostly does not. The better the velocity, the more slowly the remainder of b varies; it
+is observable only from sightings of a common target (`frame_offsets.py`). Both axes have the same noise, hence one
+covariance.
 """
 
 from math import exp, hypot, sqrt
@@ -12,7 +13,7 @@ from estimation.settings import OwnFilterSettings
 from estimation.state import Telemetry
 
 _BOUND_SIGMAS = 3.0
-"""Bound of the estimate: a velocity with a steady error must not carry it away."""
+"""Bound of the estimate, which a velocity with a steady error would otherwise exceed."""
 
 
 class PositionWander:
@@ -26,7 +27,7 @@ class PositionWander:
         self._gate_squared = 2.0 * settings.gate_sigma**2
         self._bound_m = _BOUND_SIGMAS * settings.wander_m
         wander_m2_s = 2.0 * self._variance_m2 / settings.wander_s
-        # Where the velocity tells what the position's error does, what is not known of the error varies more slowly.
+        # The better the velocity, the more slowly the remainder of the error varies.
         self._slowed = (wander_m2_s + self._walk_m2_s) / self._walk_m2_s
         self._last: Telemetry | None = None
         self._position_m = self.error_m = (0.0, 0.0)
@@ -36,16 +37,16 @@ class PositionWander:
 
     @property
     def sigma_m(self) -> float:
-        """The standard deviation per axis of what remains of the error when the estimate is taken off."""
+        """The standard deviation per axis of the remaining error."""
         return sqrt(self._bb)
 
     @property
     def correlation_s(self) -> float:
-        """The correlation time of what remains of the error."""
+        """The correlation time of the remaining error."""
         return self._correlation_s * self._slowed * self._bb / self._variance_m2
 
     def measure(self, telemetry: Telemetry) -> None:
-        """Process a telemetry sample; one from the past is ignored. A jump of the position is not taken for wander."""
+        """Process a telemetry sample; one from the past is ignored. A jump of the position restarts the estimate."""
         x, y, _ = telemetry.position_m
         last = self._last
         if last is None:
@@ -82,7 +83,7 @@ class PositionWander:
         self._bb = kept * kept * self._bb + (1.0 - kept * kept) * self._variance_m2
 
     def _forget(self) -> None:
-        """Start with any error: the position is known from the telemetry alone."""
+        """Restart with an unknown error."""
         self._bb = self._variance_m2
         self._pb = -self._variance_m2
         self._pp = self._variance_m2 + self._noise_m2

@@ -1,9 +1,8 @@
-"""The target filter: constant velocity with adaptive noise, from the sightings of the whole team and their covariances.
+"""The target filter: a constant-velocity model with adaptive noise, on the sightings of the whole team.
 
-Vehicles share raw sightings, not estimates, so that no information is counted twice. The estimate is a fold over the
-sightings in order of time: a late one is inserted at its time and the ones after it are processed again. All vehicles
-with the same sightings therefore have the same estimate, whatever the order. docs/notes/target.md compares the
-alternatives.
+Vehicles share raw sightings, not estimates, so that no information is counted twice. The estimate depends on the
+sightings in order of time: a late one is inserted at its time and those after it are processed again. All vehicles with
+the same sightings therefore have the same estimate, whatever the order. docs/notes/target.md compares the alternatives.
 """
 
 from bisect import bisect_right
@@ -22,9 +21,9 @@ from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
 OUT_OF_SIGHT_S = 1.0
 """A target not sighted for longer may have turned or stopped since."""
 HISTORY_MAX = 256
-"""Most sightings that are stored, whatever their rate: it bounds the cost of a late one."""
+"""The largest number of stored sightings, which bounds the cost of a late one."""
 _SEGMENT_S, _SEGMENT_MAX = 0.05, 32
-"""One track per this time, or per this many sightings, is stored: where the processing of a late sighting starts."""
+"""One track per this time, or per this many sightings, is stored, to restart from for a late sighting."""
 
 _FADING_S = 0.5
 _CLIP_SIGMA = 3.0
@@ -43,7 +42,7 @@ class _FadingInnovation(msgspec.Struct, frozen=True):
 
     @property
     def squared(self) -> float:
-        """The sum, normalised and squared; 0 as long as it has only one or two sightings."""
+        """The sum, normalised and squared; 0 for only one or two sightings."""
         return (self.x**2 + self.y**2) / self.variance if self.variance > 1.5 else 0.0
 
     def after(self, step_s: float, innovation: Innovation) -> "_FadingInnovation":
@@ -59,8 +58,9 @@ class _FadingInnovation(msgspec.Struct, frozen=True):
 class _Track(msgspec.Struct, frozen=True):
     """The estimate after a sighting, which was used or `refused`; importance and threat are the latest received.
 
-    `accepted_s` is the time of the last sighting used, `refused_since_s` that of the first refused after it, `began_s`
-    when the track began, `manoeuvre_s` when the last manoeuvre was detected, `resets` counts restarts once confirmed.
+    `accepted_s` is the time of the last sighting used, `refused_since_s` that of the first one refused after it,
+    `began_s` when the track began, `manoeuvre_s` when the last manoeuvre was detected; `resets` counts confirmed
+    restarts.
     """
 
     sighting: Sighting
@@ -91,8 +91,8 @@ class _Segment:
 class TargetFilter:
     """Estimates the target's position and velocity from the sightings of all vehicles.
 
-    `refused` counts the rejected sightings (less those used after all once late ones arrived), `late` those inserted
-    before others, `resets` the restarts of a track that had more than one sighting.
+    `refused` counts the rejected sightings (less those accepted later, after late ones had arrived), `late` those
+    inserted before others, `resets` the restarts of a track that had more than one sighting.
     """
 
     def __init__(self, settings: TargetFilterSettings) -> None:
@@ -106,9 +106,9 @@ class TargetFilter:
         self.resets = 0
 
     def sight(self, *sightings: Sighting) -> None:
-        """Process sightings from any sensors, in any order; outliers, repeats and those too late are refused.
+        """Process sightings from any sensors, in any order; outliers, repeats and late ones are refused.
 
-        Several at once cost less than one by one: newer ones are processed again only once.
+        One call for several costs less, because later sightings are processed again only once.
         """
         fresh = self._fresh(sightings)
         if not fresh:
@@ -122,7 +122,7 @@ class TargetFilter:
         self._drop_old(fresh[-1].time_s)
 
     def estimate(self, now_s: float) -> TargetEstimate | None:
-        """Return the estimate at `now_s`; None if there is none, or the newest sighting behind it is stale."""
+        """Return the estimate at `now_s`; None if there is none, or its newest sighting is stale."""
         track = self._track
         if track is None or now_s - track.accepted_s > self._settings.stale_after_s:
             return None
@@ -136,7 +136,7 @@ class TargetFilter:
         return 0.0 if self._track is None else self._track.accepted_s
 
     def _put_among(self, fresh: list[Sighting]) -> list[Sighting]:
-        """Remove the segments from the first of these on, and return all sightings to process again, in order."""
+        """Remove the segments from the first new sighting on; return all sightings to process again, in order."""
         place = max(bisect_right(self._segments, fresh[0].time_s, key=_begin_of) - 1, 0)
         back = self._segments[place:]
         del self._segments[place:]
@@ -148,7 +148,7 @@ class TargetFilter:
         return sorted([*newer, *fresh], key=_when)
 
     def _fresh(self, sightings: Sequence[Sighting]) -> list[Sighting]:
-        """Return what is not too late, in order of time; repeats of the newest sighting are found later."""
+        """Return the sightings that are not too late, in order of time; repeats are detected later."""
         newest_s = -inf if self._track is None else self._track.sighting.time_s
         from_s = max(newest_s - self._settings.late_max_s, self._dropped_before_s)
         fresh = [
@@ -168,7 +168,7 @@ class TargetFilter:
         return False
 
     def _take(self, sighting: Sighting) -> _Track:
-        """Process a sighting that is the newest so far unless it is a repeat, and return the track after it."""
+        """Process the newest sighting so far, unless it is a repeat; return the track after it."""
         before, last = self._track, self._segments[-1] if self._segments else None
         if before is not None and sighting.time_s == before.sighting.time_s and self._is_repeat(sighting):
             self.refused += 1
@@ -185,12 +185,12 @@ class TargetFilter:
         return track
 
     def _after(self, last: _Track, sighting: Sighting) -> _Track:
-        """Return the track after a sighting that is the newest so far."""
+        """Return the track after the newest sighting so far."""
         if last.refused and (other := self._restarted_by_majority(last, sighting)) is not None:
             return other
         track = self._updated(last, sighting)
         if track.refused:
-            # All sightings have disagreed with the track for the timeout: the track is wrong.
+            # All sightings have disagreed with the track during the timeout: the track is wrong.
             too_long = sighting.time_s - track.refused_since_s > self._settings.gate_timeout_s
             if too_long:
                 return replace(self._started(sighting), resets=last.resets + 1)
@@ -224,12 +224,12 @@ class TargetFilter:
         return _Track(sighting, motion, _FadingInnovation(), time_s, inf, time_s, sighting.importance, sighting.threat)
 
     def _updated(self, last: _Track, sighting: Sighting) -> _Track:
-        """Return the track after a sighting; one farther off than noise explains has less weight, or is refused."""
+        """Return the track after a sighting; a sighting beyond the noise has less weight, or is refused."""
         prior = self._motion_at(last, sighting.time_s)
         motion, innovation = updated(prior, sighting.position_m, sighting.covariance_m2)
         unseen_s, squared = sighting.time_s - last.accepted_s, innovation.squared
         if not squared <= _CLIP_SIGMA**2:  # also NaN
-            # A manoeuvring target can be this far from the prediction by now.
+            # By now a manoeuvring target can be this far from the prediction.
             reach_m = self._settings.velocity_prior_m_s * min(unseen_s, OUT_OF_SIGHT_S)
             _, within_reach = updated(prior, sighting.position_m, _widened(sighting, 1.0, reach_m**2))
             if not within_reach.squared <= 2.0 * self._settings.gate_sigma**2:
@@ -251,9 +251,9 @@ class TargetFilter:
         )
 
     def _restarted_at_manoeuvre(self, track: _Track) -> _Track:
-        """Return the track processed again with a larger velocity covariance from shortly before the manoeuvre on.
+        """Return the track, processed again with a larger velocity covariance from shortly before the manoeuvre.
 
-        A track that began after the last stored one is returned as it is: its velocity covariance is large already.
+        A track that began after the last stored one is returned unchanged: its velocity covariance is already large.
         """
         manoeuvre_s, speed_m2_s2 = track.sighting.time_s, self._settings.manoeuvre_speed_m_s**2
         since = [each for each in self._segments if each.before is not None and each.before.began_s == track.began_s]
@@ -275,7 +275,7 @@ class TargetFilter:
         out_of_sight_s = max(track.accepted_s + OUT_OF_SIGHT_S, motion.time_s)
         step_s = round(min(to_s, out_of_sight_s) - motion.time_s, STEP_DIGITS)
         if step_s > 0.0:
-            # A manoeuvre is likely to be followed by another. Rounded so that the cached steps are reused.
+            # A manoeuvre is likely to be followed by another. Rounded, so that cached steps are reused.
             manoeuvring = round(exp(min(track.manoeuvre_s - motion.time_s, 0.0) / _MANOEUVRING_S), 2)
             density = settings.acceleration_noise_m_s2**2 + manoeuvring * settings.manoeuvre_acceleration_m_s2**2
             motion = predicted(motion, min(to_s, out_of_sight_s), _straight(density, step_s))
@@ -285,7 +285,7 @@ class TargetFilter:
         return motion
 
     def _drop_old(self, newest_s: float) -> None:
-        # One track older than the window is kept: a late sighting or a manoeuvre needs one to start from.
+        # One track older than the window is kept, to restart from for a late sighting or a manoeuvre.
         before_s, segments = newest_s - self._settings.late_max_s - _ONSET_S, self._segments
         while len(segments) > 1 and (segments[1].from_s < before_s or self._kept > HISTORY_MAX):
             self._kept -= len(segments[0].sightings)
@@ -302,7 +302,7 @@ def _begin_of(segment: _Segment) -> float:
 
 
 def _widened(sighting: Sighting, excess: float, reach_m2: float) -> tuple[float, float, float]:
-    """Return a sighting's covariance times `excess`, plus `reach_m2` in every direction."""
+    """Return a sighting's covariance multiplied by `excess`, plus `reach_m2` in every direction."""
     xx, xy, yy = sighting.covariance_m2
     return xx * excess + reach_m2, xy * excess, yy * excess + reach_m2
 

@@ -1,6 +1,6 @@
-"""The target's altitude: a random walk, filtered apart from its motion in the plane, from sightings with an altitude.
+"""The target's altitude: a random walk, filtered from sightings with an altitude, apart from its horizontal motion.
 
-Without further sightings the estimate stays as it is.
+Without further sightings the estimate is constant.
 """
 
 from math import inf
@@ -17,7 +17,7 @@ _OBSERVATION = np.eye(1)
 
 
 class TargetAltitude:
-    """Filters the altitudes of the team's sightings; outliers and those too late are refused."""
+    """Filters the altitudes of the team's sightings; outliers and late ones are refused."""
 
     def __init__(self, settings: TargetFilterSettings) -> None:
         self._settings = settings

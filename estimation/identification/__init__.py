@@ -1,4 +1,4 @@
-"""System identification from flight logs: excerpts, output-error fits and how far they can be trusted.
+"""System identification from flight logs: excerpts, output-error fits and their grading.
 
 It may import plant.
 """

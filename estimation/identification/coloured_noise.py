@@ -1,4 +1,4 @@
-"""Errors that depend on those before them: whitening them for a fit, and what they do to its confidence."""
+"""Autocorrelated errors: whitening for a fit, and their effect on its confidence."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ ORDER_MAX = 4
 
 
 def whitening_filter(errors: Sequence[Vector]) -> Vector:
-    """Return the filter (p + 1,) that makes stretches of errors as good as white, of variance 1.
+    """Return the filter (p + 1,) that whitens blocks of errors to variance 1.
 
     It is the inverse of an autoregressive model; its order p is chosen by Schwarz' criterion.
     """
@@ -34,17 +34,17 @@ def whitening_filter(errors: Sequence[Vector]) -> Vector:
 
 
 def whitened(whitening: Vector, values: Vector) -> Vector:
-    """Return values (T,) or (T, k) behind the filter, without those (p) that would need values before the first."""
+    """Return filtered values (T,) or (T, k), without the first p, which would need earlier values."""
     if values.ndim == 1:
         return np.convolve(values, whitening, mode="valid")
     return np.column_stack([np.convolve(column, whitening, mode="valid") for column in values.T])
 
 
 def jackknifed(jacobians: Sequence[Vector], errors: Sequence[Vector]) -> tuple[Vector, int]:
-    """Return the covariance (k, k) of a fit, and of how many blocks: what comes of leaving out one after the other.
+    """Return the covariance (k, k) of a fit by a jackknife over blocks, and the number of blocks.
 
-    Jacobians (T, k) and errors (T,) of blocks of time. Within a block, errors may depend on each other as they like;
-    and blocks that much depends on are not trusted to be typical (MacKinnon and Webb 2023, CV3).
+    The arguments are Jacobians (T, k) and errors (T,) of blocks of time. Errors may be correlated in any way within a
+    block; blocks with large influence are weighted accordingly (MacKinnon and Webb 2023, CV3).
     """
     information = np.sum([each.T @ each for each in jacobians], axis=0)
     moves = [
@@ -56,13 +56,13 @@ def jackknifed(jacobians: Sequence[Vector], errors: Sequence[Vector]) -> tuple[V
 
 
 def autocorrelation(errors: Sequence[Vector], lags: int) -> Vector:
-    """Return the correlation of errors with those 1 to `lags` before them, (lags,)."""
+    """Return the autocorrelation of errors at lags 1 to `lags`, (lags,)."""
     energy = sum(float(each @ each) for each in errors) or 1.0
     return np.array([sum(float(each[lag:] @ each[:-lag]) for each in errors) / energy for lag in range(1, lags + 1)])
 
 
 def whiteness(errors: Sequence[Vector], lags: int = 20) -> tuple[float, float]:
-    """Return the share of the first correlations that lie within the bounds of white noise, and those bounds (95 %)."""
+    """Return the share of the first autocorrelations within the 95 % bounds of white noise, and the bounds."""
     count = sum(each.size for each in errors)
     bound = 1.96 / np.sqrt(max(count, 1))
     return float(np.mean(np.abs(autocorrelation(errors, lags)) <= bound)), float(bound)

@@ -1,4 +1,4 @@
-"""What a fit is made from: the parts of flights that were flown by position setpoints, on an even grid of times."""
+"""The data of a fit: parts of flights that were flown by position setpoints, on a uniform time grid."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from estimation.identification.response import AxisInput, Between, Steps, steps_
 from estimation.state import Vector
 
 GRID_S = 0.1
-"""A vehicle's plant moves by tenths of a radian in that time; faster sampling does not whiten an estimator's noise."""
+"""A plant's phase changes by tenths of a radian in this time; faster samples only add correlated noise."""
 GAP_MAX_S = 0.5
 SETTLE_S = 1.0
-"""After a mode has changed, setpoints of the mode before may still have their effect."""
+"""After a mode change, setpoints of the previous mode may still act."""
 EXCERPT_MIN_S = 8.0
 EXCERPT_MAX_S = 60.0
-"""Longer parts are cut: the last third of each is predicted, and each starts from the drifted estimate of its time."""
+"""Longer parts are cut: the end of each is used for validation, and each starts from the estimate at its begin."""
 FED_MIN_M_S = 0.05
-"""Velocities beside the setpoints that vary by less (rms, along both axes) tell nothing of what becomes of them."""
+"""Feed-forward velocities that vary by less (rms, along both axes) do not identify the feed-forward gain."""
 
 Spans = Sequence[tuple[float, float]]
 
@@ -32,12 +32,12 @@ def grid_s(count: int) -> Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """One vehicle's horizontal motion as a log has it: positions (T, 2) [m], setpoints (n, 2) [m], and their times [s].
+    """One vehicle's horizontal motion from a log: positions (T, 2) [m], setpoints (n, 2) [m], and their times [s].
 
-    `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` when its estimator moved its position
-    by itself. With `sampled`, the log holds what setpoint was in force at its times, and not when each was sent.
-    `velocity_m_s` (n, 2) are the velocities that went with the setpoints, None where none did; `reported_m_s` (T, 2)
-    are the vehicle's own at the times of its positions, None where the log has none.
+    `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` the times of position resets of its
+    estimator. With `sampled`, the log samples the active setpoint, and does not hold when each was sent. `velocity_m_s`
+    (n, 2) are the velocities sent with the setpoints, None without; `reported_m_s` (T, 2) are the vehicle's reported
+    velocities at the times of its positions, None if not logged.
     """
 
     position_time_s: Vector
@@ -53,9 +53,9 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excerpt:
-    """A part of a flight without a break: positions (T, 2) every GRID_S from begin_s on, and all setpoints.
+    """A part of a flight without a gap: positions (T, 2) every GRID_S from begin_s on, and all setpoints.
 
-    `reported_m_s` are the vehicle's velocities (T, 2), None where it told none.
+    `reported_m_s` are the vehicle's reported velocities (T, 2), None if not logged.
     """
 
     begin_s: float
@@ -65,7 +65,7 @@ class Excerpt:
 
     @property
     def duration_s(self) -> float:
-        """How long it is."""
+        """The duration."""
         return float(self.position_m.shape[0] * GRID_S)
 
     @property
@@ -75,16 +75,16 @@ class Excerpt:
 
     @property
     def fed(self) -> bool:
-        """Whether velocities that vary were sent beside the setpoints."""
+        """Whether varying velocities were sent with the setpoints."""
         spread = np.std(self.velocity_m_s(), axis=0) if self.recording.velocity_m_s is not None else np.zeros(2)
         return float(np.hypot(*spread)) > FED_MIN_M_S
 
     def setpoint_m(self) -> Vector:
-        """Return the setpoints that were held at the times of the positions, (T, 2)."""
+        """Return the setpoints held at the times of the positions, (T, 2)."""
         return self._held(self.recording.setpoint_m)
 
     def velocity_m_s(self) -> Vector:
-        """Return the velocities beside them, (T, 2); 0 where there were none."""
+        """Return the velocities sent with them, (T, 2); 0 without."""
         velocity_m_s = self.recording.velocity_m_s
         return self._held(np.zeros_like(self.recording.setpoint_m) if velocity_m_s is None else velocity_m_s)
 
@@ -107,7 +107,7 @@ class Excerpt:
 
 
 def excerpts_of(recording: Recording) -> list[Excerpt]:
-    """Return the parts of a recording that a fit can be made from."""
+    """Return the parts of a recording that can be used for a fit."""
     time_s = recording.position_time_s
     if recording.setpoint_time_s.size < 2 or time_s.size < 2:
         return []

@@ -1,8 +1,8 @@
-"""What the own-state filter needs to know of a vehicle beside its plant: noise and disturbance, from the same flight.
+"""The noise and disturbance settings of the own filter, identified from the same flight as the plant.
 
-Noise of position and velocity is measured: what is left of positions without their smooth motion, and the difference
-between the reported velocity and the rate of the reported position. How fast the disturbance wanders is chosen by what
-it is for: with it, the filter has to predict the vehicle a second ahead with the least error.
+Noise of position and velocity is measured: from positions without their smooth motion, and from the difference between
+the reported velocity and the rate of the reported position. The random walk of the disturbance is chosen to minimise
+the error of the filter's prediction one second ahead.
 """
 
 from collections.abc import Sequence
@@ -19,28 +19,28 @@ from estimation.settings import OwnFilterSettings
 from estimation.state import Vector
 
 AHEAD_S = 1.0
-"""Half of it is the delay of a slow link; over more, the plant's own errors outweigh those of the filter's state."""
+"""Half of it is the delay of a slow link; over longer times the plant's errors exceed those of the filter's state."""
 TELEMETRY_S = 0.05
-"""A flight's filter gets samples that often; errors of an estimator are as large in each, however often it reports."""
+"""The sample period of the filter in flight; an estimator's errors do not depend on its report rate."""
 POSITION_LEAST_M = OwnFilterSettings().position_noise_m
 VELOCITY_LEAST_M_S = OwnFilterSettings().velocity_noise_m_s
 _WALKS_M_S2 = np.geomspace(OwnFilterSettings().disturbance_noise_m_s2, 0.4, 14)
-"""The least follows a wind that the flight may not have had."""
+"""The smallest random walk follows a wind that the flight may not have had."""
 _NEAR_BEST = 1.05
-"""The least wander of the disturbance whose predictions are as good as the best but for this: a quieter setpoint."""
+"""The smallest random walk within this factor of the least prediction error is used, for smoother setpoints."""
 _SETTLED_S = 5.0
 _MAX_QUANTILE, _MAX_RESERVE = 0.99, 1.25
 _MAX_RANGE_M_S2 = (OwnFilterSettings().disturbance_max_m_s2, 2.0)
-"""The least leaves room for such a wind."""
+"""The smallest bound leaves a margin for such a wind."""
 _WHITE_THIRD_DIFFERENCE = 20.0
-"""Variance of the third difference of white noise, in that of the noise: 1 + 9 + 9 + 1."""
+"""Variance of the third difference of white noise, relative to the noise: 1 + 9 + 9 + 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class FilterNoise:
-    """Settings of the own-state filter as a flight has them, and its error `AHEAD_S` ahead with them (rms).
+    """Identified settings of the own filter, and its prediction error `AHEAD_S` ahead with them (rms).
 
-    `innovation` is the normalised squared innovation: 1 where the noise is as large as it is said to be.
+    `innovation` is the normalised squared innovation: 1 if the noise is as large as assumed.
     """
 
     position_noise_m: float
@@ -52,7 +52,7 @@ class FilterNoise:
 
 
 def filter_noise_of(excerpts: Sequence[Excerpt], best: Fit, plant: Plant) -> FilterNoise | None:
-    """Return what the filter needs to know; None where the flights tell no velocities."""
+    """Return the settings; None if the flights have no reported velocities."""
     flights = [_flight(excerpt, best, plant) for excerpt in excerpts if excerpt.reported_m_s is not None]
     if not flights:
         return None
@@ -74,7 +74,7 @@ def filter_noise_of(excerpts: Sequence[Excerpt], best: Fit, plant: Plant) -> Fil
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flight:
-    """Positions, reported velocities and the mean aims in force over the step to each, all (T, 2)."""
+    """Positions, reported velocities and the mean aims over the step to each, all (T, 2)."""
 
     position_m: Vector
     velocity_m_s: Vector
@@ -93,14 +93,14 @@ def _flight(excerpt: Excerpt, best: Fit, plant: Plant) -> _Flight:
 
 
 def _roughness_m(excerpt: Excerpt) -> Vector:
-    """Return the third differences of the positions as they were logged: between them, interpolation would smooth."""
+    """Return the third differences of the logged positions; interpolated positions would be smoothed."""
     time_s = excerpt.recording.position_time_s
     logged = (time_s >= excerpt.time_s[0]) & (time_s <= excerpt.time_s[-1])
     return np.asarray(np.diff(excerpt.recording.position_m[logged], 3, axis=0) / np.sqrt(_WHITE_THIRD_DIFFERENCE))
 
 
 def _rate_error_m_s(flight: _Flight) -> Vector:
-    """Return the reported velocity without the rate of the reported position, over each AHEAD_S."""
+    """Return the reported velocity minus the rate of the reported position, over each AHEAD_S."""
     steps = round(AHEAD_S / GRID_S)
     middle_m_s = (flight.velocity_m_s[1:] + flight.velocity_m_s[:-1]) / 2.0
     travelled_m = np.cumsum(np.vstack((np.zeros((1, 2)), middle_m_s * GRID_S)), axis=0)
@@ -114,7 +114,7 @@ def _rms(parts: Sequence[Vector]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Tried:
-    """A wander of the disturbance, the error ahead with it, the innovation, and a disturbance hardly ever exceeded."""
+    """A random walk of the disturbance: its prediction error, innovation, and a high quantile of the disturbance."""
 
     walk_m_s2: float
     predicted_rms_m: float
@@ -141,7 +141,7 @@ class _Tried:
 
 
 class _Steady:
-    """The own-state filter of one axis with its steady gain: state [p v w], measured p and v."""
+    """The own filter of one axis with its steady-state gain: state [p v w], measured p and v."""
 
     def __init__(self, plant: Plant, axis: int, noise: tuple[float, float], walk_m_s2: float) -> None:
         step, (p, v) = exact_step(plant, GRID_S), (axis, axis + 2)
@@ -173,7 +173,7 @@ class _Steady:
         return states, np.einsum("ti,ij,tj->t", innovations, self.information, innovations) / 2.0
 
     def errors_ahead_m(self, states: Vector, flight: _Flight, axis: int) -> Vector:
-        """Return how far the positions are from what was predicted AHEAD_S before, under the aims that came."""
+        """Return the errors of the positions predicted AHEAD_S before under the actual aims."""
         steps = round(AHEAD_S / GRID_S)
         ahead = states[:-steps].T
         for at in range(1, steps + 1):

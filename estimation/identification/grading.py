@@ -1,4 +1,4 @@
-"""The grade of an identified plant, with the reasons in words."""
+"""The grade of an identified plant, with the reasons as text."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ def _refusal(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], durat
     if not excerpts or duration_s < DURATION_MIN_S:
         return (
             f"too short: {duration_s:.0f} s were flown by position setpoints without a break or a reset of the "
-            f"estimator; {DURATION_MIN_S:.0f} s are the least, and some minutes are better"
+            f"estimator; {DURATION_MIN_S:.0f} s is the minimum, some minutes are better"
         )
     setpoint_m = np.sqrt(np.mean(np.concatenate([_centred(each.setpoint_m()) for each in excerpts]) ** 2, axis=0))
     moved_m = np.sqrt(np.mean(np.concatenate([_centred(each.position_m) for each in excerpts]) ** 2, axis=0))
@@ -67,7 +67,7 @@ def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> 
         reasons.append(
             (
                 PlantGrade.USABLE,
-                f"a second order is not quite enough: with a lag of {found.order.lag_s:.2f} s more, the fit would be "
+                f"second order is not sufficient: with an additional lag of {found.order.lag_s:.2f} s the fit would be "
                 f"{found.order.fit_third_percent:.0f} % instead of {found.order.fit_second_percent:.0f} %",
             )
         )
@@ -75,7 +75,7 @@ def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> 
         reasons.append(
             (
                 PlantGrade.USABLE,
-                "the vehicle is not quite of this kind: slow and quick motions ask for different numbers",
+                "the vehicle is not exactly of second order: slow and fast motions fit different parameters",
             )
         )
     gravity = list(PlantGrade)
@@ -94,16 +94,16 @@ def _of_shaping(found: Found) -> Reasons:
         reasons.append(
             (
                 PlantGrade.DO_NOT_FLY if grave else PlantGrade.USABLE,
-                f"saturation: speed was held at {shaping.speed_max_m_s:.1f} m/s for {100 * shaping.speed_share:.0f} % "
-                "of the time; fly smaller or slower setpoints",
+                f"saturation: speed was limited to {shaping.speed_max_m_s:.1f} m/s for "
+                f"{100 * shaping.speed_share:.0f} % of the time; fly smaller or slower setpoints",
             )
         )
     if shaping.acceleration_share > 0.03:
         reasons.append(
             (
                 PlantGrade.USABLE,
-                f"acceleration was held at {shaping.acceleration_max_m_s2:.1f} m/s2 for "
-                f"{100 * shaping.acceleration_share:.0f} % of the time: true of motions like these only",
+                f"acceleration was limited to {shaping.acceleration_max_m_s2:.1f} m/s2 for "
+                f"{100 * shaping.acceleration_share:.0f} % of the time: valid for similar motions only",
             )
         )
     return reasons
@@ -113,22 +113,22 @@ def _of_delay(found: Found, unbounded_s: float, deviation_s: float) -> Reasons:
     delay = found.delay_s
     if delay.value > DELAY_MAX_S - 0.01:
         words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
-        return [(PlantGrade.DO_NOT_FLY, f"{words}: other clocks, or a vehicle that was not flown by these setpoints")]
+        return [(PlantGrade.DO_NOT_FLY, f"{words}: the clocks differ, or the vehicle was not flown by these setpoints")]
     if unbounded_s < min(-0.05, -3.0 * deviation_s):
         return [
             (
                 PlantGrade.USABLE,
-                f"the vehicle seems to move {-unbounded_s:.2f} s before it is asked to: its log stamps setpoints late, "
-                "or it is shaped; the delay was taken as 0",
+                f"the vehicle seems to respond {-unbounded_s:.2f} s before the setpoint: its log time-stamps setpoints "
+                "late, or the autopilot shapes them; the delay was taken as 0",
             )
         ]
     if found.delay_spread_s > DELAY_SPREAD_GOOD_S:
         words = f"the delay differs by {found.delay_spread_s:.2f} s (rms) from time to time"
-        return [(PlantGrade.USABLE, f"{words}: a busy link, or a vehicle that is not quite of this kind")]
+        return [(PlantGrade.USABLE, f"{words}: a busy link, or a vehicle that is not exactly of second order")]
     half_s = max(delay.high - delay.value, delay.value - delay.low)
     if half_s > DELAY_WIDE_GOOD_S:
         verdict = PlantGrade.DO_NOT_FLY if half_s > DELAY_WIDE_USABLE_S else PlantGrade.USABLE
-        return [(verdict, f"{_why_wide(found)}: the delay is known to {half_s:.2f} s")]
+        return [(verdict, f"{_why_wide(found)}: uncertainty of the delay {half_s:.2f} s")]
     return []
 
 
@@ -138,10 +138,10 @@ def _of_feedforward(found: Found) -> Reasons:
         return []
     words = f"the feed-forward is {gain.value:.2f} ({gain.low:.2f} to {gain.high:.2f})"
     if gain.low <= 0.0:
-        step = "see that the autopilot takes them, or fly position setpoints alone"
-        return [(PlantGrade.DO_NOT_FLY, f"{words}: the velocities beside the setpoints show no effect; {step}")]
+        step = "check that the autopilot uses them, or fly position setpoints only"
+        return [(PlantGrade.DO_NOT_FLY, f"{words}: the feed-forward velocities show no effect; {step}")]
     if gain.low > FEEDFORWARD_MAX:
-        return [(PlantGrade.DO_NOT_FLY, f"{words}, and no autopilot has more than {FEEDFORWARD_MAX:g}: other units")]
+        return [(PlantGrade.DO_NOT_FLY, f"{words}, more than any autopilot's {FEEDFORWARD_MAX:g}: check the units")]
     if gain.relative > WIDE_GOOD:
         verdict = PlantGrade.DO_NOT_FLY if gain.relative > WIDE_USABLE else PlantGrade.USABLE
         return [(verdict, f"{_why_wide(found)}: {words}")]
@@ -149,9 +149,7 @@ def _of_feedforward(found: Found) -> Reasons:
 
 
 def _why_wide(found: Found) -> str:
-    return (
-        "too little excitation for so much noise" if found.consistent else "uncertain, as it is not quite of this kind"
-    )
+    return "too little excitation for this noise" if found.consistent else "the vehicle is not exactly of second order"
 
 
 def _of_axes(found: Found) -> Reasons:
@@ -159,15 +157,15 @@ def _of_axes(found: Found) -> Reasons:
     wide: list[tuple[float, str]] = []
     for name, axis in zip(_AXES, found.axes, strict=True):
         wide += [
-            (interval.relative, f"{parameter} along {name} to {100 * min(interval.relative, 9.99):.0f} %")
+            (interval.relative, f"{parameter} along {name} {100 * min(interval.relative, 9.99):.0f} %")
             for parameter, interval in (("a0", axis.a0_per_s2), ("a1", axis.a1_per_s))
             if interval.relative > WIDE_GOOD
         ]
         if axis.fit_percent < FIT_GOOD_PERCENT:
             verdict = PlantGrade.DO_NOT_FLY if axis.fit_percent < FIT_USABLE_PERCENT else PlantGrade.USABLE
-            reasons.append((verdict, f"along {name} the fit on what was not fitted is {axis.fit_percent:.0f} %"))
+            reasons.append((verdict, f"along {name} the validation fit is {axis.fit_percent:.0f} %"))
     if wide:
         verdict = PlantGrade.DO_NOT_FLY if max(relative for relative, _ in wide) > WIDE_USABLE else PlantGrade.USABLE
         words = ", ".join(words for _, words in wide)
-        reasons.insert(0, (verdict, f"{_why_wide(found)}: known are {words}"))
+        reasons.insert(0, (verdict, f"{_why_wide(found)}: uncertainty of {words}"))
     return reasons

@@ -1,4 +1,4 @@
-"""What an identification has found: values with intervals, and whether to fly by them."""
+"""The result of an identification: values with intervals, and the verdict."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
 
 METHOD = "output error 2"
-"""What identifies, and its version."""
+"""The method and its version."""
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A value, and the bounds that hold the truth in 95 of 100 identifications."""
+    """A value with its 95 % interval."""
 
     value: float
     low: float
@@ -34,8 +34,8 @@ class Interval:
 class AxisResult:
     """One axis: a0 [1/s2], a1 [1/s], natural frequency [rad/s] and damping.
 
-    `fit_percent` is the fit on what was not fitted, `error_rms_m` the error of the simulation over all; `white_share`
-    says how much of the whitened errors' correlation is within the bounds of white noise.
+    `fit_percent` is the validation fit, `error_rms_m` the error of the simulation over all data; `white_share` is the
+    share of the whitened errors' autocorrelation within the bounds of white noise.
     """
 
     a0_per_s2: Interval
@@ -49,9 +49,9 @@ class AxisResult:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What a third order, a lag of the actuators, would give: its fits on what was not fitted, and its errors' ratio.
+    """Comparison with a third order, an actuator lag: the validation fits, and the ratio of errors.
 
-    `error_ratio` is how large the third order's errors on what was fitted are against those of the second.
+    `error_ratio` is the ratio of the errors on the fitted data, third order to second order.
     """
 
     lag_s: float
@@ -61,13 +61,13 @@ class Order:
 
     @property
     def second_is_enough(self) -> bool:
-        """Whether a third order would explain no more that matters."""
+        """Whether a third order gives no relevant improvement."""
         return self.error_ratio > 0.9 or self.fit_third_percent < self.fit_second_percent + 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validation:
-    """What the figures of an identification are drawn from."""
+    """The data of an identification's figures."""
 
     excerpts: tuple[Excerpt, ...]
     best: Fit
@@ -76,14 +76,14 @@ class Validation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """The numbers of a plant, x and y, with their covariance (k, k) in the order of `covariance_of`.
+    """The parameters of a plant, x and y, with their covariance (k, k) in the order of `covariance_of`.
 
-    `feedforward` is the gain of the velocities beside the setpoints; None where none were sent that tell of it.
-    `whitened` says whether errors were whitened; they are not where that foretells markedly worse. `consistent` says
-    whether it makes no difference beyond the uncertainty, `axes_alike` whether both axes were fitted as one. `baseline`
-    is the plant by plain least squares, None where that is unstable; fits of other plants go by their names.
-    `delay_spread_s` is how far the delay differs from time to time (rms). `noise` is what the own-state filter needs to
-    know, None where the flights tell no velocities.
+    `feedforward` is the feed-forward gain, None if no varying velocities were sent. `whitened` is whether errors were
+    whitened, which is not done if it predicts markedly worse. `consistent` is whether whitening makes no difference
+    beyond the uncertainty, `axes_alike` whether both axes were fitted as one. `baseline` is the plant by ordinary least
+    squares, None if that is unstable; fits of other plants are listed by name. `delay_spread_s` is the variation of the
+    delay over the flights (rms). `noise` holds the settings of the own filter, None if the flights have no reported
+    velocities.
     """
 
     axes: tuple[AxisResult, AxisResult]
@@ -113,7 +113,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The verdict with its reasons, how much was used, and what was found if anything could be."""
+    """The verdict with its reasons, the amount of data used, and the result if there is one."""
 
     verdict: PlantGrade
     reasons: tuple[str, ...]

@@ -1,10 +1,10 @@
-"""System identification: from recordings of flights to a plant, how sure it is, and whether to fly by it.
+"""System identification: from recordings of flights to a plant with its uncertainty and verdict.
 
-The plant is fitted by its output error (Ljung, System Identification, 1999, ch. 7 and 10): simulated from the setpoints
-alone. Two weightings are tried. Whitening of the errors is efficient if the plant is of the assumed kind and the rest
-is noise; equal weights give the plant that simulates best even where it is not, but take the slow wander of an
-estimator for motion. They are used where they foretell markedly better what was not fitted. That the two disagree by
-more than their uncertainty allows (Hausman 1978) is reported: slow and quick motions then ask for different numbers.
+The plant is fitted by its output error (Ljung, System Identification, 1999, ch. 7 and 10): it is simulated from the
+setpoints only. Two weightings are compared. Whitened errors are efficient if the plant has the assumed order and the
+rest is noise. Equal weights give the plant that simulates best even otherwise, but fit the estimator's slow drift as
+motion; they are used if their validation fit is markedly better. A difference beyond the uncertainty (Hausman 1978) is
+reported: slow and fast motions then fit different parameters.
 
 Autopilots have the same gains along both axes. Unless the axes differ by more than their uncertainty allows (Wald's
 test), they are fitted as one: that halves the scatter of a0 and a1.
@@ -33,14 +33,14 @@ TRAINED_SHARE = 0.7
 _HAUSMAN_SURE = 0.999
 _AXES_DIFFER_SURE = 0.95
 _PLAIN_ERRORS_MAX = 0.85
-"""Of what the whitened fit leaves unexplained; less than that and the fit with equal weights is taken."""
+"""The fit with equal weights is used if it leaves less than this share of the whitened fit's validation error."""
 _MISFIT_PERCENT = 80.0
 _STAGES = 9
 
 
 @dataclass(slots=True)
 class _Counter:
-    """Called with the share of the work that is done."""
+    """Reports the share of the work that is done."""
 
     on_progress: Callable[[float], None]
     done: int = 0
@@ -55,9 +55,9 @@ def identify(
     on_progress: Callable[[float], None] = lambda _: None,
     others: Mapping[str, Plant] = MappingProxyType({}),
 ) -> Identified:
-    """Return what can be learnt of one vehicle from recordings of its flights; bad ones get a verdict, not an error.
+    """Identify one vehicle from recordings of its flights; unsuitable recordings give a verdict, not an error.
 
-    Other plants, by name, are held against the same part of the flights as the one that is found.
+    Other plants, by name, are compared on the same part of the flights as the identified one.
     """
     excerpts = [excerpt for recording in recordings for excerpt in excerpts_of(recording)]
     if (refusal := refused(recordings, excerpts)) is not None:
@@ -75,9 +75,9 @@ def identify(
 
 @dataclass(frozen=True, slots=True)
 class _Chosen:
-    """The fit to everything, and that to the first part.
+    """The fit to all data, and the fit to the first part.
 
-    `whitened` says whether errors were whitened, `consistent` whether it makes no difference beyond the uncertainty.
+    `whitened` is whether errors were whitened, `consistent` whether this makes no difference beyond the uncertainty.
     """
 
     best: Fit
@@ -97,7 +97,7 @@ class _Parts:
 
 
 def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
-    """Return the whitened fit, with the given behaviour between setpoints, or the most likely one."""
+    """Return the whitened fit, with the given assumption about the input between setpoints or the most likely one."""
     sampled = any(recording.sampled for recording in recordings)
     candidates = (Between.MIXED, Between.LINEAR, Between.MIDWAY) if sampled else (Between.HELD,)
     fed = any(excerpt.fed for excerpt in excerpts)
@@ -135,7 +135,7 @@ def _weighted(excerpts: Sequence[Excerpt], white: Fit, counter: _Counter) -> _Ch
 
 
 def _axes_agree(apiece: Fit) -> bool:
-    """Return whether a0 and a1 of the two axes, each fitted by itself, differ by no more than their uncertainty."""
+    """Return whether a0 and a1 of the two axes, fitted separately, differ by no more than their uncertainty."""
     difference = np.zeros((2, apiece.parameters.size))
     difference[:, :4] = (1.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, -1.0)
     apart = difference @ apiece.parameters
@@ -144,7 +144,7 @@ def _axes_agree(apiece: Fit) -> bool:
 
 
 def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool) -> Fit:
-    """Return a fit whose delay is not below 0: plants are causal."""
+    """Return a fit with a delay of at least 0, because plants are causal."""
     if best.parameters[4] >= 0.0:
         return best
     at_zero = fit(excerpts, replace(best.model, delayed=False), best.parameters, share, whitened)
@@ -152,7 +152,7 @@ def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool
 
 
 def _order(excerpts: Sequence[Excerpt], chosen: _Chosen) -> Order:
-    """Return what a third order - a lag of the actuators - would give beyond the second."""
+    """Return the comparison with a third order, an actuator lag."""
     second = chosen.trained
     start = np.append(second.parameters, np.log(0.1))
     third = fit(excerpts, replace(second.model, lag=True, delayed=True), start, TRAINED_SHARE, chosen.whitened)
@@ -166,7 +166,7 @@ def _order(excerpts: Sequence[Excerpt], chosen: _Chosen) -> Order:
 
 
 def _is_misfit(excerpts: Sequence[Excerpt], chosen: _Chosen) -> bool:
-    """Return whether the plant explains so little that it is worth looking for bounds of speed and acceleration."""
+    """Return whether the plant explains so little that bounds of speed and acceleration have to be fitted."""
     if not (chosen.whitened and chosen.consistent):
         return True
     return min(_prediction_fits(excerpts, chosen.trained)) < _MISFIT_PERCENT
@@ -227,7 +227,7 @@ def _axis(parts: _Parts, axis: int, a0: Interval, a1: Interval, percent: float) 
 
 
 def _of_another(parts: _Parts, plant: Plant) -> tuple[float, float]:
-    """Return the fit of another plant on what was not fitted."""
+    """Return the validation fit of another plant."""
     trained = parts.chosen.trained
     return _prediction_fits(parts.excerpts, replace(trained, parameters=parameters_of(plant, trained.model)))
 

@@ -1,6 +1,6 @@
-"""Plain least squares on the difference equation of a plant (ARX): what a fit has to be better than.
+"""Ordinary least squares on the difference equation of a plant (ARX), the baseline of a fit.
 
-It is biased by noise in the positions: they stand on both sides of the equation.
+It is biased by noise in the positions, which are on both sides of the equation.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ _DELAYS = range(7)
 
 
 def baseline_of(excerpts: Sequence[Excerpt], share: float) -> Plant | None:
-    """Return the plant by plain least squares over the first share of each excerpt; None if that is no stable plant."""
+    """Return the plant by ordinary least squares over the first share of each excerpt; None if it is unstable."""
     best, least, fed = None, np.inf, any(excerpt.fed for excerpt in excerpts)
     for delay in _DELAYS:
         axes = [_axis(excerpts, share, delay, axis, fed=fed) for axis in range(2)]
@@ -31,7 +31,7 @@ def baseline_of(excerpts: Sequence[Excerpt], share: float) -> Plant | None:
 def _axis(
     excerpts: Sequence[Excerpt], share: float, delay: int, axis: int, *, fed: bool
 ) -> tuple[float, tuple[float, float, float] | None]:
-    """Return what is left over, and a0, a1 and the feed-forward of one axis if it is stable."""
+    """Return the residual, and a0, a1 and the feed-forward of one axis if it is stable."""
     rows, outputs = [], []
     for excerpt in excerpts:
         count = round(share * excerpt.position_m.shape[0])
@@ -52,6 +52,6 @@ def _axis(
         return cost, None
     poles = np.log(discrete) / GRID_S
     a0, a1 = float(np.prod(poles).real), float(-np.sum(poles).real)
-    # At rest a velocity shifts the place by g a1 / a0 times it, a setpoint by itself.
+    # In steady state a velocity shifts the position by g a1 / a0 times the velocity, a setpoint by its own change.
     gain = float(weights[4:6].sum() / weights[2:4].sum()) * a0 / a1 if fed else 0.0
     return cost, (a0, a1, gain)

@@ -1,4 +1,4 @@
-"""Fitting a plant to flights by its output error: simulated from the setpoints alone, held against the positions."""
+"""Output-error fit of a plant: simulated from the setpoints only, compared with the positions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,26 +14,27 @@ from estimation.plant.model import Plant
 from estimation.state import Vector
 
 DELAY_MIN_S, DELAY_MAX_S = -0.3, 0.6
-"""A delay below zero is not causal, but it shows faulty clocks or sampling: the fit may have one."""
+"""A negative delay is not causal, but the fit allows it because it reveals faulty clocks or sampling."""
 _NO_DELAY_S = 1e-5
 A0_RANGE, A1_RANGE, LAG_RANGE_S, FEEDFORWARD_RANGE = (0.02, 60.0), (0.05, 60.0), (0.005, 2.0), (-1.0, 3.0)
 PLANT_NAMES = ("x.a0_per_s2", "x.a1_per_s", "y.a0_per_s2", "y.a1_per_s", "delay_s")
 BLOCK_S = 8.0
-"""Errors this far apart are taken to be independent when confidence is computed."""
+"""Errors this far apart are assumed to be independent in the confidence intervals."""
 SENT_S = 0.05
-"""Setpoints are sent at 20 Hz or more: MAVSDK sees to that. A log that samples them may be in step with the sender, and
-then all its setpoints are late by the same unknown part of that time."""
+"""MAVSDK sends setpoints at 20 Hz or more. A log that samples them may be synchronous with the sender; all its
+setpoints are then late by the same unknown share of the period.
+"""
 _ROUNDS = 2
 _PLAIN = np.array([1.0])
 _PRIOR_DEVIATION = 3.0
-"""Of parameters as fitted, before anything is known: a factor of twenty either way."""
+"""Prior standard deviation of the fitted parameters: a factor of twenty either way."""
 _NUDGE = 1e-5
 _TRAINING_MIN = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What is fitted beside a0, a1 and the delay, and what is taken to happen between setpoints.
+    """The parameters fitted in addition to a0, a1 and the delay, and the assumed input between setpoints.
 
     With `alike`, both axes have the same a0 and a1.
     """
@@ -46,30 +47,30 @@ class Model:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the fitted parameters are called, in order."""
+        """The names of the fitted parameters, in order."""
         return PLANT_NAMES + ("feedforward",) * self.feedforward + ("lag_s",) * self.lag
 
     @property
     def directions(self) -> Vector:
-        """Return the directions (k, d) in which the fitted parameters are free to move."""
+        """Return the directions (k, d) in which the fitted parameters are free."""
         every = np.eye(len(self.names))
         return np.column_stack((every[0] + every[2], every[1] + every[3], every[:, 4:])) if self.alike else every
 
     def responses(self, parameters: Vector) -> tuple[Response, Response]:
-        """Return each axis' response; parameters are as fitted: a0 and a1 by their logarithms."""
+        """Return each axis' response; fitted parameters hold the logarithms of a0 and a1."""
         x0, x1, y0, y1 = np.exp(parameters[:4]).tolist()
         # A longer lag would be unstable (Hurwitz).
         lag_s = min(float(np.exp(parameters[-1])), 0.95 * x1 / x0, 0.95 * y1 / y0) if self.lag else 0.0
         return response_of(x0, x1, lag_s), response_of(y0, y1, lag_s)
 
     def leads_s(self, parameters: Vector) -> tuple[float, float]:
-        """Return how far ahead of the setpoint a velocity beside it puts each axis' aim, g a1 / a0."""
+        """Return the lead time of each axis' aim by the feed-forward velocity, g a1 / a0."""
         gain = float(parameters[5]) if self.feedforward else 0.0
         x, y = np.exp(parameters[1:4:2] - parameters[0:4:2]).tolist()
         return gain * x, gain * y
 
     def bounds(self) -> tuple[Vector, Vector]:
-        """Return the least and the greatest parameters as fitted."""
+        """Return the lower and upper bounds of the fitted parameters."""
         logs = [np.log(A0_RANGE), np.log(A1_RANGE)] * 2
         least_s = 0.0 if self.lag else DELAY_MIN_S
         delay_range_s = (least_s, DELAY_MAX_S) if self.delayed else (-_NO_DELAY_S, _NO_DELAY_S)
@@ -81,10 +82,10 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """What was fitted: parameters (k,) as fitted, their covariance from so many blocks, and the noise of each axis.
+    """A fit: fitted parameters (k,), their covariance with its number of blocks, and the noise of each axis.
 
     `errors` are the whitened errors, one array for each axis and excerpt; `score` is -2 times the logarithm of their
-    likelihood. `unbounded_delay_s` is the delay that would have fitted best where it is less than any plant's.
+    likelihood. `unbounded_delay_s` is the delay that fits best if it is not bounded to causal values.
     """
 
     model: Model
@@ -97,7 +98,7 @@ class Fit:
 
     @property
     def score(self) -> float:
-        """How unlikely the flights are by this fit."""
+        """-2 times the log-likelihood of the flights under this fit."""
         pairs = zip(self.errors, self.whitening, strict=True)
         return float(
             sum(each @ each - 2.0 * each.size * np.log(whitening[0]) for axis, whitening in pairs for each in axis)
@@ -110,21 +111,21 @@ class Fit:
 
     @property
     def quantile95(self) -> float:
-        """How many standard deviations a 95 % interval reaches to either side, by Student's distribution."""
+        """Half the width of a 95 % interval in standard deviations, by Student's distribution."""
         return float(student.ppf(0.975, max(self.blocks - 1, 1)))
 
     def unbounded_delay(self) -> float:
-        """Return the delay that fitted best [s], of a plant or not."""
+        """Return the delay that fits best [s], causal or not."""
         return float(self.parameters[4]) if self.unbounded_delay_s is None else self.unbounded_delay_s
 
     @property
     def count(self) -> int:
-        """How many errors there are."""
+        """The number of errors."""
         return sum(each.size for axis in self.errors for each in axis)
 
 
 def parameters_of(plant: Plant, model: Model) -> Vector:
-    """Return a plant's parameters as fitted by a model without a lag."""
+    """Return a plant's parameters in the form of a model without a lag."""
     (x0, y0), (x1, y1) = np.log(plant.a0_per_s2), np.log(plant.a1_per_s)
     return np.array([x0, x1, y0, y1, plant.delay_s, *[plant.feedforward] * model.feedforward])
 
@@ -138,7 +139,7 @@ def fit(
 ) -> Fit:
     """Fit the model to the first `share` of each excerpt, with whitening of the errors estimated in rounds.
 
-    What each excerpt began with, and a constant disturbance, are fitted beside for each excerpt and axis.
+    The initial state and a constant disturbance are fitted as well for each excerpt and axis.
     """
     problem = _Problem(excerpts, model, share)
     filters = (_PLAIN, _PLAIN)
@@ -158,7 +159,7 @@ def fit(
 
 
 def delay_spread_s(excerpts: Sequence[Excerpt], fitted: Fit) -> float:
-    """Return how far the delay differs from block to block of the flights (rms), beyond what the errors explain."""
+    """Return the variation of the delay between blocks of the flights (rms) beyond what the errors explain."""
     problem, late = _Problem(excerpts, fitted.model, 1.0), fitted.parameters.copy()
     late[4] += _NUDGE
     information = wanted = 0.0
@@ -176,12 +177,12 @@ def delay_spread_s(excerpts: Sequence[Excerpt], fitted: Fit) -> float:
 
 
 def _levelled(errors: Sequence[Vector]) -> Vector:
-    """Return the filter that makes errors of variance 1, and leaves their colour."""
+    """Return the filter that scales errors to variance 1 without whitening."""
     return _PLAIN / max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 1e-9)
 
 
 def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> Vector:
-    """Return where to begin: the best of a coarse grid of plants, each axis by itself, with velocities fed in full."""
+    """Return the start of the fit: the best of a coarse grid of plants, by axis, with full feed-forward."""
     problem, nominal = _Problem(excerpts, replace(model, lag=False), share), [1.0] * model.feedforward
     white = (np.array([1.0]), np.array([1.0]))
     best: Vector = np.zeros(5)
@@ -203,7 +204,7 @@ def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> V
 
 
 class _Problem:
-    """The excerpts as the solver sees them; what is linear in the output is eliminated (Golub and Pereyra 1973)."""
+    """The least-squares problem; linear parameters are eliminated (Golub and Pereyra 1973)."""
 
     def __init__(self, excerpts: Sequence[Excerpt], model: Model, share: float) -> None:
         self._model = model
@@ -216,7 +217,7 @@ class _Problem:
         return np.concatenate([each for axis in self.errors(parameters, filters) for each in axis])
 
     def errors(self, parameters: Vector, filters: tuple[Vector, Vector]) -> list[list[Vector]]:
-        """Return the whitened errors of each axis and excerpt, with what is linear fitted."""
+        """Return the whitened errors of each axis and excerpt, with the linear parameters fitted."""
         delay_s, leads_s = float(parameters[4]), self._model.leads_s(parameters)
         found = []
         for axis, response in enumerate(self._model.responses(parameters)):
@@ -232,7 +233,7 @@ class _Problem:
         return found
 
     def _bases(self, response: Response, whitening: Vector) -> dict[int, Vector]:
-        """Return an orthonormal basis of what is linear, whitened, for each length of excerpts."""
+        """Return an orthonormal basis of the whitened linear regressors for each length of excerpts."""
         counts = {position_m.shape[0] for _, position_m, _ in self._rows}
         free = whitened(whitening, _regressors(response, max(counts)))
         return {count: np.linalg.qr(free[: count + 1 - whitening.size])[0] for count in counts}
@@ -240,7 +241,7 @@ class _Problem:
     def solved(self, start: Vector, filters: tuple[Vector, Vector]) -> Vector:
         """Return the parameters of the least sum of squares."""
         directions = self._model.directions
-        onto = directions.T / directions.sum(axis=0)[:, None]  # parameters that move together: their mean
+        onto = directions.T / directions.sum(axis=0)[:, None]  # parameters that are equal: their mean
         low, high = (onto @ bound for bound in self._model.bounds())
         solution = least_squares(
             lambda free: self.residuals(directions @ free, filters),
@@ -258,13 +259,13 @@ class _Problem:
         return parameters
 
     def jacobian(self, parameters: Vector, filters: tuple[Vector, Vector]) -> Vector:
-        """Return how the errors change with the parameters along the free directions, (N, d)."""
+        """Return the derivatives of the errors along the free directions, (N, d)."""
         here = self.residuals(parameters, filters)
         nudges = _NUDGE * self._model.directions.T
         return np.column_stack([(self.residuals(parameters + nudge, filters) - here) / _NUDGE for nudge in nudges])
 
     def covariance(self, parameters: Vector, filters: tuple[Vector, Vector]) -> tuple[Vector, int]:
-        """Return the parameters' covariance, whatever of the errors' colour is left, and from how many blocks."""
+        """Return the parameters' covariance, which is valid for correlated errors, and its number of blocks."""
         errors = self.errors(parameters, filters)
         jacobian = self.jacobian(parameters, filters)
         parts = np.split(jacobian, np.cumsum([each.size for axis in errors for each in axis])[:-1])
@@ -279,7 +280,7 @@ class _Problem:
 
 
 def _at_least(covariance: Vector, jacobian: Vector) -> Vector:
-    """Return a covariance that is large where the flight has no excitation, which the jackknife does not show."""
+    """Return the covariance, increased in directions without excitation, which the jackknife does not detect."""
     prior = np.eye(covariance.shape[0]) / _PRIOR_DEVIATION**2
     expected = np.diag(np.linalg.inv(jacobian.T @ jacobian + prior))
     found = np.diag(covariance)

@@ -1,8 +1,8 @@
-"""The response of a linear plant to setpoints that change at any time, in closed form: for identification.
+"""The response of a linear plant to setpoints that change at any time, in closed form: used by identification.
 
 Control and simulation step through time with `plant.exact_step`; a fit needs the same plant at measured times, with
-setpoints that take effect between them, for a delay of any size. Here it is as a sum over its poles:
-the unit step's response is 1 + sum c_i exp(p_i t).
+setpoints that act between them, for any delay. Here the response is a sum over the poles: the unit step response is 1 +
+sum c_i exp(p_i t).
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Poles = NDArray[np.complex128]
 
 _POLES_APART = 1e-4
 _JUMP_S, _JUMP_SHARE = 1e-3, 0.2
-"""A change is a jump if those before and after it are less than this share of it."""
+"""A change is a jump if the changes before and after it are smaller than this share of it."""
 
 
 class Between(Enum):
@@ -52,7 +52,7 @@ class AxisInput:
 
 
 def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> Steps:
-    """Return logged setpoints (n,) as what they are taken to have been between their times (n,)."""
+    """Return logged setpoints (n,) at times (n,) as the assumed continuous input."""
     before_m = float(setpoint_m[0])
     if between is Between.MIXED:
         time_s, setpoint_m = _with_jumps(time_s, setpoint_m)
@@ -67,7 +67,7 @@ def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> Steps:
 
 
 def _with_jumps(time_s: Vector, setpoint_m: Vector) -> tuple[Vector, Vector]:
-    """Return setpoints with two more where they jumped: just before the middle as they were, and just after as new."""
+    """Return setpoints with two added at each jump: the old value just before the midpoint, the new one just after."""
     change = np.diff(setpoint_m)
     around = np.maximum(np.abs(np.append(0.0, change[:-1])), np.abs(np.append(change[1:], 0.0)))
     jumps = np.flatnonzero(np.abs(change) * _JUMP_SHARE > around)
@@ -87,7 +87,7 @@ class Response:
 
     def free(self, time_s: Vector) -> Vector:
         """Return a basis of all motions without input at times from 0 (T,), shape (T, k)."""
-        if self.poles.size == 2:  # stays well conditioned where the poles meet
+        if self.poles.size == 2:  # well conditioned also for equal poles
             first, second = (np.exp(pole * time_s) for pole in self.poles)
             apart = self.poles[0] - self.poles[1]
             return np.column_stack((((first + second) / 2.0).real, ((first - second) / apart).real))
@@ -108,11 +108,11 @@ class Response:
     def forced(self, steps: Steps, delay_s: float, begin_s: float, step_s: float, count: int) -> Vector:
         """Return the response (count,) to the setpoint from rest, at begin_s, begin_s + step_s and so on.
 
-        At rest it was where the setpoint stood at `begin_s`.
+        It starts at rest at the setpoint of `begin_s`.
         """
         at_s = steps.time_s + delay_s - begin_s
         late = at_s > 0.0
-        sizes = np.append(steps.size[~late].sum(), steps.size[late])  # what holds at the beginning, as one change
+        sizes = np.append(steps.size[~late].sum(), steps.size[late])  # the setpoint at the beginning, as one change
         since_begin_s = np.append(0.0, at_s[late])
         index = np.ceil(since_begin_s / step_s - 1e-9).astype(np.int64)
         inside = index < count
@@ -123,25 +123,25 @@ class Response:
             level = begin_m + slope * np.arange(count) * step_s - change.summed(change.size * change.time_s, count)
             return level + self._decaying(change, 1.0 / self.poles, slope, step_s, count)
         level = steps.before_m + change.summed(change.size, count)
-        change.size[0] = 0.0  # it stirs nothing: the plant begins at rest
+        change.size[0] = 0.0  # no response: the plant begins at rest
         return level + self._decaying(change, np.ones_like(self.poles), 0.0, step_s, count)
 
     def answer(
         self, inputs: AxisInput, lead_s: float, delay_s: float, begin_s: float, step_s: float, count: int
     ) -> Vector:
-        """Return the response (count,) to setpoints, and to velocities that put the aim `lead_s` ahead of them."""
+        """Return the response (count,) to setpoints and feed-forward velocities, which lead the aim by `lead_s`."""
         answered = self.forced(inputs.position, delay_s, begin_s, step_s, count)
         if inputs.velocity is None or lead_s == 0.0:
             return answered
         return answered + lead_s * self.forced(inputs.velocity, delay_s, begin_s, step_s, count)
 
     def _decaying(self, change: "_Changes", weights: Poles, slope: Vector | float, step_s: float, count: int) -> Vector:
-        """Return what the changes still stir: sum over i of c_i w_i (sum of changes exp(p_i t) - slope), (count,)."""
+        """Return the transient response (count,): sum over i of c_i w_i (sum of changes exp(p_i t) - slope)."""
         total = np.zeros(count)
         since_s = change.index * step_s - change.time_s
         for pole, residue, weight in zip(self.poles, self.residues, weights, strict=True):
             if pole.imag < 0.0:
-                continue  # the conjugate of another
+                continue  # the complex conjugate of another pole
             stirred = change.size * np.exp(pole * since_s)
             injected = change.arriving(stirred.real, count) + 1j * change.arriving(stirred.imag, count)
             mode = lfilter([1.0], [1.0, -np.exp(pole * step_s)], injected)
@@ -151,25 +151,25 @@ class Response:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Changes:
-    """Changes (n,) at times since the beginning, and the first point of the grid that knows of each."""
+    """Changes (n,) at times since the beginning, and the first grid point after each."""
 
     index: NDArray[np.int64]
     time_s: Vector
     size: Vector
 
     def arriving(self, values: Vector, count: int) -> Vector:
-        """Return the sum of the values of the changes that arrive at each point of the grid (count,)."""
+        """Return the sum of the values of the changes that arrive at each grid point (count,)."""
         return np.asarray(np.bincount(self.index, values, count), dtype=np.float64)
 
     def summed(self, values: Vector, count: int) -> Vector:
-        """Return the sum of all that have arrived up to each point of the grid (count,)."""
+        """Return the cumulative sum of the values up to each grid point (count,)."""
         return np.asarray(np.cumsum(self.arriving(values, count)), dtype=np.float64)
 
 
 def response_of(a0_per_s2: float, a1_per_s: float, lag_s: float = 0.0, lead_s: float = 0.0) -> Response:
     """Return the response of lag x''' + x'' = a0 (X_d + lead X_d' - x) - a1 x'.
 
-    Without a lag of the actuators it is of second order; a lead is the setpoint's velocity fed forward.
+    Without an actuator lag it is of second order; the lead is that of velocity feed-forward.
     """
     denominator = np.array([1.0, a1_per_s, a0_per_s2])
     if lag_s > 0.0:
@@ -181,7 +181,7 @@ def response_of(a0_per_s2: float, a1_per_s: float, lag_s: float = 0.0, lead_s: f
 
 
 def _parted(poles: Poles) -> Poles:
-    """Return poles at least a little apart: where two meet, the sum over poles has no terms of its own."""
+    """Return poles with a minimum distance: for equal poles the sum over poles is singular."""
     poles = poles[np.argsort(poles.real, kind="stable")]
     for at in range(poles.size - 1):
         scale = abs(poles[at])

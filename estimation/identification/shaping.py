@@ -1,7 +1,7 @@
-"""Autopilots bound speed and acceleration; a plant that answers in proportion does not know of it. Whether they did.
+"""Detection of speed and acceleration limits of an autopilot, which a linear plant does not model.
 
-Simulated here is what both PX4 and ArduPilot do: the distance to the setpoint asks for a speed, which is bounded; what
-lacks of that speed asks for an acceleration, which is bounded too.
+The simulation follows both PX4 and ArduPilot: the distance to the setpoint determines a speed, which is bounded; the
+speed error determines an acceleration, which is bounded too.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ _SAMPLES_MAX = 3000
 
 @dataclass(frozen=True, slots=True)
 class Shaping:
-    """The bounds under which the flights are explained best: speed [m/s], acceleration [m/s2], and how often they held.
+    """The bounds that explain the flights best: speed [m/s], acceleration [m/s2], and the share of time at each.
 
-    `error_ratio` is how large the errors with bounds are against those without; near 1 there are none that matter.
+    `error_ratio` is the ratio of the errors with bounds to those without; near 1 the bounds do not matter.
     """
 
     speed_max_m_s: float
@@ -35,7 +35,7 @@ class Shaping:
 
     @property
     def matters(self) -> bool:
-        """Whether the flights are explained markedly better with bounds than without."""
+        """Whether the bounds explain the flights markedly better."""
         return self.error_ratio < 0.85
 
 
@@ -44,7 +44,7 @@ UNSHAPED = Shaping(np.inf, 0.0, np.inf, 0.0, 1.0)
 
 
 def shaping_of(excerpts: Sequence[Excerpt], linear: Fit) -> Shaping:
-    """Fit bounds of speed and acceleration beside the plant, beginning from the plant without them."""
+    """Fit bounds of speed and acceleration together with the plant, starting from the plant without them."""
     problem = _Bounded(excerpts, linear)
     (x0, x1, y0, y1), delay_s = linear.parameters[:4], float(np.clip(linear.parameters[4], 0.0, 0.6))
     speed, acceleration = problem.greatest
@@ -70,7 +70,7 @@ _BOUNDS = (
 
 
 class _Bounded:
-    """The flights as the solver sees them; all its nudged parameters are simulated side by side."""
+    """The least-squares problem; all perturbed parameter sets are simulated in parallel."""
 
     def __init__(self, excerpts: Sequence[Excerpt], linear: Fit) -> None:
         self._flights = []
@@ -99,7 +99,7 @@ class _Bounded:
         return np.asarray((above - below).T / 2e-3, dtype=np.float64)
 
     def shares(self, parameters: Vector) -> tuple[float, float]:
-        """Return the share of the time in which the bounds of speed and of acceleration held."""
+        """Return the shares of the time at the bounds of speed and of acceleration."""
         held = np.concatenate([_flown(parameters[None, :], self._leads_s, *flight)[1] for flight in self._flights])
         return float(held[:, 0].mean()), float(held[:, 1].mean())
 
@@ -119,7 +119,7 @@ def _smoothed_speed(position_m: Vector) -> Vector:
 def _flown(
     rows: Vector, leads_s: tuple[float, float], begin_s: float, position_m: Vector, parts: tuple[AxisInput, AxisInput]
 ) -> tuple[Vector, Vector]:
-    """Simulate K parameter sets (K, 7) side by side; velocities beside setpoints put the aims `leads_s` ahead of them.
+    """Simulate K parameter sets (K, 7) in parallel; feed-forward velocities lead the aims by `leads_s`.
 
     Returns positions (K, 2, T), and of the first set whether speed and acceleration were bounded (T, 2), as 0 or 1.
     """
@@ -155,7 +155,7 @@ def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[St
     edges_s = begin_s + np.arange(count * _FINE + 1) * _STEP_S
     inputs = np.empty((count * _FINE, delays_s.size, 2))
     for axis, each in enumerate(steps):
-        # The integral of the setpoint is exact between its knots: straight for steps, and for ramps nearly so.
+        # The integral of the setpoint between its knots is exact for steps, and nearly so for ramps.
         knots_s = np.concatenate(([min(begin_s - 2.0, each.time_s.min(initial=begin_s) - 1.0)], each.time_s))
         if each.ramps:
             knots_s = np.union1d(knots_s, edges_s)

@@ -1,4 +1,4 @@
-"""A plant's simulation of flights, held against what was measured."""
+"""A plant's simulation of flights, compared with the measured positions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,15 +14,16 @@ from estimation.state import Vector
 PREDICTION_HORIZON_S = 10.0
 """Windows of the validation: over longer times the estimator's drift dominates the error."""
 _WANDER_DEGREE = 2
-"""An estimator's wander within a window: its place, rate and curvature, free for every plant alike. With the plant's
-own free motions in their place, a slow plant would take up the wander, and be judged too well."""
+"""The model of an estimator's drift within a window: offset, rate and curvature, free for every plant. With the plant's
+free motions instead, a slow plant would fit the drift and be rated too well.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
     """One axis of an excerpt: times, measured and simulated positions (T,).
 
-    `edges` are where the windows of what was not fitted begin, and where the last ends.
+    `edges` are the begins of the validation windows, and the end of the last.
     """
 
     time_s: Vector
@@ -32,7 +33,7 @@ class Simulated:
 
     @property
     def held_out(self) -> int:
-        """From where on nothing was fitted."""
+        """The index of the first validation sample."""
         return self.edges[0]
 
     @property
@@ -44,10 +45,10 @@ class Simulated:
 def simulated(
     excerpts: Sequence[Excerpt], plant: Fit, axis: int, share: float, window_s: float = inf
 ) -> list[Simulated]:
-    """Simulate each excerpt from its setpoints alone.
+    """Simulate each excerpt from its setpoints only.
 
-    The state it began in and a constant disturbance are taken from the first `share` of it, and nothing from the rest.
-    The rest is cut to windows of about `window_s`, in each of which the estimator's wander is taken out of the errors.
+    Initial state and a constant disturbance are fitted to the first `share`. The rest, for validation, is cut into
+    windows of about `window_s`, in each of which the estimator's drift is removed from the errors.
     """
     response = plant.model.responses(plant.parameters)[axis]
     found = []
@@ -67,7 +68,7 @@ def simulated(
 
 
 def _wander(error_m: Vector) -> Vector:
-    """Return the part of a window's errors (T,) that the estimator's wander explains."""
+    """Return the part of a window's errors (T,) that the estimator's drift explains."""
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, error_m.size), _WANDER_DEGREE + 1))
     return np.asarray(basis @ (basis.T @ error_m), dtype=np.float64)
 
@@ -78,9 +79,9 @@ def _edges(trained: int, count: int, window_s: float) -> tuple[int, ...]:
 
 
 def fit_percent(flights: Sequence[Simulated]) -> float:
-    """Return 100 (1 - rms error / rms motion) over what was not fitted; below 0 it is worse than no motion at all.
+    """Return 100 (1 - rms error / rms motion) over the validation windows; below 0 it is worse than no motion.
 
-    Motion is what a window moves about its mean.
+    Motion is relative to the mean of its window.
     """
     parts = [(flight, slice(*edges)) for flight in flights for edges in pairwise(flight.edges)]
     errors = np.concatenate([flight.error_m[part] for flight, part in parts])

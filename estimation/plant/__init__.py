@@ -1,4 +1,4 @@
-"""The identified plant: its model, where its numbers come from, and whether it still explains the vehicle.
+"""The identified plant: its model, its provenance, and its validation in flight.
 
 It may import state and settings.
 """

@@ -1,11 +1,11 @@
-"""The identified plant: how one horizontal axis of a vehicle answers a position setpoint.
+"""The identified plant: the response of one horizontal axis of a vehicle to a position setpoint.
 
-`x'' = a0 (X_d - x) - a1 x' + w` per axis (section 2 of the paper). One discretisation serves the
-filters, the controllers, the simulation and the stub.
+`x'' = a0 (X_d - x) - a1 x' + w` per axis (section 2 of the paper). Filters, controllers, simulation and stub use the
+same discretisation.
 
-With feed-forward g it takes a velocity V_d beside the setpoint: `x'' = a0 (X_d - x) + a1 (g V_d - x') + w`. That is the
-same plant with one input, its aim `X_d + (g a1 / a0) V_d`: where it would come to rest. Filters, planners and guard
-know aims only; an aim becomes a setpoint and a velocity just before it is sent.
+With feed-forward g it has a velocity V_d as a second input: `x'' = a0 (X_d - x) + a1 (g V_d - x') + w`. This is the
+same plant with one input, the aim `X_d + (g a1 / a0) V_d`, the position where it would come to rest. Filters, planners
+and guard use aims only; an aim becomes a setpoint and a velocity just before it is sent.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ import numpy as np
 from estimation.state import Vector
 
 FEEDFORWARD_MAX = 2.0
-"""Of g: PX4's and ArduCopter's is 1; no plant that was identified rightly is far from there."""
+"""The largest g: PX4's and ArduCopter's is 1, and correctly identified plants are near that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class PlantAxis:
 class Plant:
     """Both horizontal axes of the mission frame, and the delay between a setpoint and its effect [s].
 
-    `feedforward` is the gain g of the velocity beside the setpoint; 0 is a plant that takes none.
+    `feedforward` is the gain g of the velocity sent with the setpoint; 0 is a plant without feed-forward.
     """
 
     x: PlantAxis
@@ -67,12 +67,12 @@ class Plant:
 
     @property
     def lead_s(self) -> tuple[float, float]:
-        """How far ahead of the setpoint a velocity puts the aim, g a1 / a0 along both axes [s]."""
+        """The lead time of the aim by a velocity, g a1 / a0 along both axes [s]."""
         x, y, gain = self.x, self.y, self.feedforward
         return gain * x.a1_per_s / x.a0_per_s2, gain * y.a1_per_s / y.a0_per_s2
 
     def aim_m(self, setpoint_m: Sequence[float], velocity_m_s: Sequence[float]) -> Vector:
-        """Return the aim (2,) of a setpoint with a velocity beside it, which is empty where there is none."""
+        """Return the aim (2,) of a setpoint and its velocity, which is empty if none is sent."""
         x, y = setpoint_m[0], setpoint_m[1]
         if velocity_m_s and self.feedforward:
             lead_x, lead_y = self.lead_s
@@ -85,7 +85,7 @@ class PlantStep:
     """The plant over one time step: `next = transition @ state + input_gain @ aim + disturbance_gain @ w`.
 
     Shapes (4, 4), (4, 2) and (4, 2); the state is [x y x' y'], aim and `w` are held over the step. Without feed-forward
-    the aim is the setpoint itself.
+    the aim is the setpoint.
     """
 
     transition: Vector

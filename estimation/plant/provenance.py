@@ -1,4 +1,4 @@
-"""Where the numbers of a plant come from: what was identified, from which logs, and how far it can be trusted."""
+"""The provenance of a plant: how it was identified, from which logs, and with which verdict."""
 
 from enum import Enum
 from typing import Annotated
@@ -13,12 +13,12 @@ _DATE = r"^\d{4}-((0[13578]|1[02])-(0[1-9]|[12]\d|3[01])|(0[469]|11)-(0[1-9]|[12
 
 
 def covariance_of(*, feedforward: bool) -> tuple[str, ...]:
-    """Return what the rows and columns of an identification's covariance are of; `feedforward` is the last if any."""
+    """Return the parameters in the order of an identification's covariance; `feedforward`, if any, is the last."""
     return (*COVARIANCE_OF, FEEDFORWARD) if feedforward else COVARIANCE_OF
 
 
 class PlantGrade(Enum):
-    """Whether a controller may be built on what was identified."""
+    """Whether a controller may use the identified plant."""
 
     GOOD = "good"
     USABLE = "usable"
@@ -26,7 +26,7 @@ class PlantGrade(Enum):
 
 
 def _tuples(value: object) -> object:
-    """Return lists as tuples: TOML knows lists only, and strict validation takes no list for a tuple."""
+    """Return lists as tuples: TOML has lists only, and strict validation does not accept a list for a tuple."""
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
@@ -35,12 +35,12 @@ def _verdict(value: object) -> object:
 
 
 def _iso(value: object) -> object:
-    """Return a date of TOML's as text: nothing here reckons with it."""
+    """Return a TOML date as text."""
     return value.isoformat() if hasattr(value, "isoformat") else value
 
 
 class IdentifiedLog(Settings):
-    """A log that was identified from: the name of its file, and the SHA-256 of its bytes."""
+    """A log used for identification: the name of its file, and the SHA-256 of its bytes."""
 
     name: str
     sha256: str = Field(pattern="^[0-9a-f]{64}$")
@@ -49,11 +49,11 @@ class IdentifiedLog(Settings):
 class Identification(Settings):
     """`[identified]`: how the plant of a profile was identified.
 
-    `method` names the method and its version, `date` is the ISO date; `setpoints` says what was taken to happen between
-    two logged setpoints; `vehicle` is the system id. `fit_x_percent` and `fit_y_percent` are the fit on a part of the
-    flight that nothing was fitted to: 100 (1 - rms error / rms motion). `delay_spread_s` is how far the delay differs
-    from time to time (rms), None in files of earlier versions. `covariance` is (5, 5) or, with feed-forward, (6, 6) in
-    the order of `covariance_of`.
+    `method` is the method and its version, `date` the ISO date, `setpoints` the assumed input between two logged
+    setpoints, `vehicle` the system id. `fit_x_percent` and `fit_y_percent` are the validation fits: 100 (1 - rms error
+    / rms motion) on a part of the flight that was not fitted. `delay_spread_s` is the variation of the delay (rms),
+    None in files of earlier versions. `covariance` is (5, 5) or, with feed-forward, (6, 6) in the order of
+    `covariance_of`.
     """
 
     method: str
@@ -73,7 +73,7 @@ class Identification(Settings):
 
     @property
     def feeds(self) -> bool:
-        """Whether it is of a vehicle that was sent velocities beside its setpoints."""
+        """Whether velocities were sent with the setpoints."""
         return len(self.covariance) > len(COVARIANCE_OF)
 
     @model_validator(mode="after")

@@ -1,8 +1,8 @@
-"""Whether a plant still explains how its vehicle flies: prediction from the setpoints, held against what happened.
+"""Validation of a plant in flight: predictions from the setpoints, compared with the positions.
 
-The filter's innovations hardly tell: its disturbance follows whatever the plant leaves unexplained. Here nothing
-follows. The flight is cut into windows. In each, the plant answers the setpoints that were sent; free are where it
-began, how fast, and one steady disturbance. What is then left is held against what other plants would leave.
+The filter's innovations hardly show a wrong plant, because its disturbance absorbs the model error. Here the flight is
+cut into windows, and in each the plant is simulated from the setpoints sent, with free initial position, initial
+velocity and one steady disturbance. The remaining error is compared with that of other plants.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,18 +17,18 @@ from estimation.state import POSITION, Vector
 STEP_S = 0.1
 WINDOW_S = 10.0
 SHARES = (0.6, 0.75, 1.0, 1.33, 1.67)
-"""Of stiffness and of damping: the other plants that are tried."""
+"""The factors of stiffness and damping of the other plants."""
 DELAYS_S = (-0.2, -0.1, 0.0, 0.1, 0.2)
 DELAY_MAX_S, DELAY_STEP_S = 1.0, 0.02
 WINDOWS_LEAST = 6
 MOVED_LEAST_M = 0.3
-"""The setpoint has to move by this (rms, about a straight line) for a window to say anything about a plant."""
+"""The smallest motion of the setpoint (rms, about a straight line) in a window that is used."""
 _FREE = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """How far a plant's predictions were off (rms), how far the best of the others' were, and which that was."""
+    """The prediction error of a plant (rms), that of the best other plant, and which plant that is."""
 
     windows: int
     unexplained_m: float
@@ -37,10 +37,9 @@ class Watched:
 
 
 def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
-    """Compare a plant with a flight: setpoints (S, 3) and positions (K, 3), each row a time [s] and a place [m].
+    """Compare a plant with a flight: setpoints (S, 3) and positions (K, 3), each row a time [s] and a position [m].
 
-    Setpoints with velocities beside them are (S, 5).
-    None where too little was asked of the vehicle to tell plants apart.
+    Setpoints with velocities are (S, 5). None without enough excitation to distinguish plants.
     """
     windows = list(_windows(setpoints, samples))
     if len(windows) < WINDOWS_LEAST:
@@ -51,7 +50,7 @@ def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
 
 
 def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | None:
-    """Return the delay with which a plant explains a flight best: from a setpoint to its effect in the positions [s].
+    """Return the delay from setpoint to position with which a plant explains a flight best [s].
 
     Arguments and None as in `watch`.
     """
@@ -64,7 +63,7 @@ def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | 
 
 
 def others(plant: Plant) -> list[Plant]:
-    """Return the plants that a plant is held against; one with feed-forward also against itself without."""
+    """Return the plants that a plant is compared with; for one with feed-forward also the same without."""
     tried = [replace(plant, feedforward=0.0)] if plant.feedforward else []
     for a0, a1, later_s in product(SHARES, SHARES, DELAYS_S):
         x, y = (PlantAxis(axis.a0_per_s2 * a0, axis.a1_per_s * a1) for axis in (plant.x, plant.y))
@@ -76,7 +75,7 @@ def others(plant: Plant) -> list[Plant]:
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A window: when it begins, its positions (N, 2), and all setpoints by time, with their velocities (S, 2)."""
+    """A window: its begin, its positions (N, 2), and all setpoints by time, with their velocities (S, 2)."""
 
     from_s: float
     position_m: Vector
@@ -108,7 +107,7 @@ def _held(at_s: Vector, value: Vector, time_s: Vector) -> Vector:
 
 
 def _means(at_s: Vector, value: Vector, edges_s: Vector) -> Vector:
-    """Return the means of a value that is held from each of its times on, between each edge and the next."""
+    """Return the means of a piecewise constant value between successive edges."""
     total = np.vstack([np.zeros(2), np.cumsum(value[:-1] * np.diff(at_s)[:, None], axis=0)])
     totals = np.column_stack([np.interp(edges_s, at_s, column) for column in total.T])
     return np.diff(totals, axis=0) / STEP_S
@@ -124,7 +123,7 @@ def _aims(plant: Plant, window: _Window) -> Vector:
 
 
 def _unexplained_m(plant: Plant, windows: Sequence[_Window]) -> float:
-    """Return what a plant leaves unexplained (rms over all windows and both axes)."""
+    """Return the error of a plant (rms over all windows and both axes)."""
     step = exact_step(plant, STEP_S)
     count = len(windows[0].position_m)
     begins_s = np.array([window.from_s for window in windows])

@@ -1,4 +1,4 @@
-"""Profiles: the numbers that describe one kind of vehicle, bundled or from a file, and where they come from.
+"""Profiles: the parameters of one type of vehicle and their provenance, bundled or from a file.
 
 It may import plant and settings.
 """

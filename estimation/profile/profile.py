@@ -1,4 +1,4 @@
-"""A profile: all numbers that describe one kind of vehicle, as its TOML file says them."""
+"""A profile: the parameters of one type of vehicle, from its TOML file."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -21,15 +21,15 @@ class ProfileError(Exception):
 
 
 class AxisSection(Settings):
-    """The plant of one horizontal axis, x'' = a0 (X_d - x) - a1 x'. Both numbers are positive."""
+    """The plant of one horizontal axis, x'' = a0 (X_d - x) - a1 x'. Both parameters are positive."""
 
     a0_per_s2: float = Field(le=100.0)
     a1_per_s: float = Field(le=100.0)
 
 
 class LimitsSection(Settings):
-    """`[limits]`: the speed and the acceleration to which the autopilot limits the vehicle, none where unknown. A
-    mission whose ring or line takes more is refused.
+    """`[limits]`: the autopilot's limits of speed and acceleration, none if unknown. A mission whose ring or line needs
+    more is refused.
     """
 
     speed_max_m_s: float | None = Field(None, gt=0.0, le=100.0)
@@ -37,8 +37,8 @@ class LimitsSection(Settings):
 
 
 class ProfileFile(Settings):
-    """The autopilot that a profile is for, none for any; the `delay_s` between a setpoint and its
-    effect; and the share of a setpoint's velocity that the vehicle follows, 0 for setpoints without velocity.
+    """The autopilot of the profile, none for any; the `delay_s` between a setpoint and its effect; and the feed-forward
+    gain of a setpoint's velocity, 0 for setpoints without velocity.
     """
 
     autopilot: Autopilot | None = None
@@ -53,10 +53,10 @@ class ProfileFile(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """One kind of vehicle: its plant, the settings of its own-state filter, its autopilot and the limits of that.
+    """One type of vehicle: its plant, the settings of its own filter, its autopilot and the autopilot's limits.
 
-    `autopilot` is None for a profile of any autopilot, `identified` where the file does not say how the plant was
-    identified.
+    `autopilot` is None for a profile for any autopilot, `identified` is None if the file does not hold how the plant
+    was identified.
     """
 
     plant: Plant
@@ -67,7 +67,7 @@ class Profile:
 
 
 def profile_of(name: str, content: dict[str, object]) -> Profile:
-    """Return the profile that a TOML file of this name holds; raises ProfileError with every fault."""
+    """Return the profile in the content of a TOML file of this name; raises ProfileError with every fault."""
     try:
         file = ProfileFile.model_validate(content)
     except ValidationError as error:

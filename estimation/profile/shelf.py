@@ -1,4 +1,4 @@
-"""Profiles by name: those that come with cordon, files, and texts from a log."""
+"""Profiles by name: bundled ones, files, and texts from a log."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,15 +11,15 @@ _BUNDLED = Path(__file__).parent / "profiles"
 
 
 def bundled_profiles() -> list[str]:
-    """Return the names of the profiles that come with cordon."""
+    """Return the names of the bundled profiles."""
     return sorted(path.stem for path in _BUNDLED.glob("*.toml"))
 
 
 class ProfileShelf:
-    """Profiles by name: bundled ones, files within a folder, or texts that were read before.
+    """Profiles by name: bundled ones, files in a folder, or texts that were read before.
 
-    Nothing outside of the folder is opened; without one no file is.
-    `texts` holds every text that was read, by name: from them alone the same profiles load on any machine.
+    No file outside the folder is opened, and none without a folder. `texts` holds every text that was read, by name:
+    they are sufficient to load the same profiles on any computer.
     """
 
     def __init__(self, folder: Path | None, texts: Mapping[str, str] | None = None) -> None:
@@ -41,13 +41,13 @@ class ProfileShelf:
             return read_plain(self._path(name), 4 * TEXT_MAX_LENGTH).decode("utf-8-sig")
         except UnicodeDecodeError:
             raise
-        except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
+        except (OSError, ValueError) as error:  # a name with a zero byte raises ValueError
             reason = error.strerror if isinstance(error, OSError) else error
             known = ", ".join(bundled_profiles())
             raise ProfileError([f"no profile '{name}' ({reason}); bundled profiles: {known}"]) from error
 
     def _path(self, name: str) -> Path:
-        """Return where a profile is; raises ValueError for a place outside of the folder."""
+        """Return the path of a profile; raises ValueError for a path outside the folder."""
         if name in bundled_profiles():
             return _BUNDLED / f"{name}.toml"
         if self._folder is None:

@@ -1,7 +1,7 @@
-"""The words of logs of format 1, and those that stand for them since format 2.
+"""The texts of earlier versions in logs, and the present ones.
 
-A log keeps the names of tactics, events and conditions as text: in records, in notes and within the messages that the
-vehicles exchanged. The reader renews them, so that a log of format 1 replays bit for bit.
+A log holds names of tactics, events and conditions, and notes, as text in records and in the messages between vehicles.
+The reader replaces earlier texts, so that these logs replay bit for bit.
 """
 
 from collections.abc import Mapping
@@ -28,20 +28,29 @@ FORMER_WORDS: Mapping[str, str] = {
     "the autopilot's position is elsewhere now": "the autopilot's position jumped",
     "too fast to be kept up with": "faster than the vehicles can follow",
     "ring as the mission asks for it": "ring as in the mission",
+    "all operators have left it": "all operators have left the bus",
+    " m from where its setpoints lead": " m from its predicted position",
+    " s of flight left, the way takes ": " s of flight left, the flight home takes ",
+    "reports a velocity that is ": "reports a velocity change of ",
+    " m/s off within ": " m/s within ",
+    "reports a place ": "reports a position ",
+    " m from where its states lead": " m from the one predicted from its states",
+    "reports an altitude that is ": "reports an altitude ",
+    " m off what it can climb": " m beyond its climb limit",
 }
 FORMER_TOPICS: Mapping[str, str] = {"patience": "time_scale"}
-"""Names of topics of format 1, and those of today."""
+"""Names of topics of format 1, and the present ones."""
 _FORMER_TAGS: Mapping[str, str] = {"muster": "start"}
 _BYTES = tuple(word.encode() for word in (*FORMER_WORDS, *_FORMER_TAGS))
 
 
 def holds_former_words(payload: bytes) -> bool:
-    """Return whether a record may hold a word of format 1."""
+    """Return whether a record may hold an earlier text."""
     return any(word in payload for word in _BYTES)
 
 
 def renew(message: Message) -> None:
-    """Replace the words of format 1 in a record, and within the messages to peers that it holds."""
+    """Replace earlier texts in a record, and in the messages to peers that it holds."""
     for field, value in message.ListFields():
         if field.is_repeated:
             _renew_each(value, is_message=field.message_type is not None)
@@ -70,7 +79,7 @@ def _renewed_text(text: str) -> str:
 
 
 def _renewed_payload(payload: bytes) -> bytes:
-    """Return a message to peers in today's words; what is no such message stays as it is, and is refused later."""
+    """Return a message to peers with present texts; other payloads are unchanged, and refused later."""
     if not holds_former_words(payload):
         return payload
     try:

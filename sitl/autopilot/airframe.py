@@ -1,8 +1,8 @@
-"""How the stub's vehicle moves: the identified plant horizontally, a bounded response vertically, the ground.
+"""The motion of a stub vehicle: the identified plant horizontally, a bounded response vertically, and the ground.
 
-Horizontally the plant is exact, or shaped: with bounded speed, acceleration and jerk.
+The horizontal plant is exact, or shaped: with bounded speed, acceleration and jerk.
 
-Mission frame (z up), metres, seconds; heading clockwise from north. Nothing here knows flight modes.
+Mission frame (z up), metres, seconds; heading clockwise from north. Flight modes are in modes.py.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from estimation.state import POSITION, VELOCITY, Vector
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
 
 STEP_S = 0.02
-"""The physics step; also the finest interval of telemetry."""
+"""The physics step, which is also the shortest telemetry interval."""
 
 GRAVITY_M_S2 = 9.81
 CLIMB_GAIN_PER_S = 0.62
-"""Climb rate asked per metre of altitude error: 4 m of take-off take 8.6 s, as measured on PX4."""
+"""Climb rate per metre of altitude error: a take-off to 4 m takes 8.6 s, as measured on PX4."""
 CLIMB_RATE_GAIN_PER_S = 4.0
 CLIMB_ACCELERATION_MAX_M_S2 = 3.0
 YAW_RATE_MAX_RAD_S = pi / 4
@@ -28,9 +28,9 @@ YAW_RATE_MAX_RAD_S = pi / 4
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where to fly: mission position (x, y), altitude, heading (None keeps it), and the speeds allowed.
+    """The target of the motion: mission position (x, y), altitude, heading (None keeps it), and the speed limits.
 
-    `velocity_m_s` is the velocity (x, y, ...) that goes with the position, empty if none does.
+    `velocity_m_s` is the feed-forward velocity (x, y, ...), empty if none was sent.
     """
 
     position_m: tuple[float, float]
@@ -42,12 +42,12 @@ class Target:
 
 
 class Airframe:
-    """The moving body. It stands on the ground until a target above lifts it."""
+    """The moving body. It stands on the ground until it has a target above."""
 
     def __init__(
         self, plant: Plant, start_m: Triple, heading_rad: float = 0.0, shape: ShapeLimits | None = None
     ) -> None:
-        """Stand at `start_m`, which is on the ground; without a `shape` the plant alone rules."""
+        """Stand at `start_m`, which is on the ground; without a `shape` the motion is the linear plant's."""
         self._plant = plant
         self._step = exact_step(plant, STEP_S)
         self._shaped = None if shape is None else ShapedStep(plant, STEP_S, shape)
@@ -73,7 +73,7 @@ class Airframe:
 
     @property
     def acceleration_m_s2(self) -> tuple[float, float]:
-        """Horizontal acceleration over the last step: what the vehicle tilts for."""
+        """Horizontal acceleration over the last step, which determines the tilt."""
         return self._acceleration_m_s2
 
     @property
@@ -83,7 +83,7 @@ class Airframe:
 
     @property
     def on_ground(self) -> bool:
-        """Whether the ground carries the vehicle."""
+        """Whether the vehicle stands on the ground."""
         return self._altitude_m <= self._ground_m
 
     def fly(self, target: Target, disturbance_m_s2: Vector) -> None:

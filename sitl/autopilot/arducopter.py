@@ -1,9 +1,9 @@
-"""A stub autopilot with ArduCopter's manners: GUIDED flies take-off and setpoints alike, and forgets no position.
+"""A stub autopilot that behaves as ArduCopter: GUIDED flies take-off and setpoints, and positions do not expire.
 
-What differs from PX4's: a mode is chosen, not intended, and stays after disarming; no stream of setpoints is needed,
-and its end is no failsafe, but the silence of the ground station may be one (FS_GCS_ENABLE); a position that came with
-a velocity moves on with it until the next one comes, for three seconds at most; take-off is an order to a vehicle armed
-in GUIDED; landing disarms at once. GUIDED is `NavMode.OFFBOARD` here, BRAKE is HOLD, LOITER is POSITION.
+Differences from PX4: a mode change is immediate and persists after disarming; no stream of setpoints is required, and
+its end triggers no failsafe, but a silent ground station may (FS_GCS_ENABLE); a position sent with a velocity moves at
+that velocity until the next setpoint, for three seconds at most; take-off is a command to a vehicle armed in GUIDED;
+landing disarms at once. GUIDED is `NavMode.OFFBOARD` here, BRAKE is HOLD, LOITER is POSITION.
 """
 
 from dataclasses import replace
@@ -22,9 +22,9 @@ from sitl.vehicle.shaping import ShapeLimits
 
 CM = 0.01
 GUIDED_TIMEOUT_S = 3.0
-"""GUID_TIMEOUT: velocities that are older are taken as none."""
+"""GUID_TIMEOUT: older velocities are ignored."""
 LANDING_PAUSE_S = 4.0
-"""LAND_WITH_DELAY_MS: a failsafe's landing begins with a hover."""
+"""LAND_WITH_DELAY_MS: the landing of a failsafe begins with a hover."""
 PREVENTS_ARMING = frozenset({NavMode.HOLD, NavMode.LAND, NavMode.RETURN})
 
 
@@ -68,11 +68,11 @@ class ArduCopter(Autopilot):
 
     @property
     def armable(self) -> bool:
-        """Whether the pre-arm checks pass: whatever the mode, which is looked at on arming."""
+        """Whether the pre-arm checks pass, independent of the mode, which is checked on arming."""
         return self.estimator_ready
 
     def take_off(self, altitude_m: float | None = None) -> CommandResult:
-        """Take off to a mission altitude: armed, in GUIDED, from the ground, and nowhere else; there is no default."""
+        """Take off to a mission altitude, only if armed in GUIDED on the ground; there is no default altitude."""
         if altitude_m is None or not (self.armed and self.landed and self.mode is NavMode.OFFBOARD):
             return CommandResult.REJECTED
         x, y, _ = self.airframe.position_m
@@ -80,7 +80,7 @@ class ArduCopter(Autopilot):
         return CommandResult.ACCEPTED
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
-        """Take a setpoint that arrived at `time_s`; outside GUIDED, and on the ground, it is passed over."""
+        """Take a setpoint that arrived at `time_s`; outside GUIDED and on the ground it is ignored."""
         if self.mode is NavMode.OFFBOARD and not self.landed:
             super().receive_setpoint(time_s, target)
 
@@ -89,7 +89,7 @@ class ArduCopter(Autopilot):
         self._station.receive_heartbeat(time_s, system_id)
 
     def _watch_station(self) -> None:
-        """Act on a silent ground station: the mode stays when it is heard again."""
+        """React to a silent ground station; the mode persists when its heartbeats return."""
         event = self._station.check(self.time_s)
         if event is StationEvent.REGAINED:
             self._say("GCS Failsafe Cleared", Severity.WARNING)
@@ -129,20 +129,20 @@ class ArduCopter(Autopilot):
         return self._intention.mode
 
     def _fence_action(self) -> int:
-        """Play no fence: its own has other parameters."""
+        """Do nothing: ArduCopter's fence has other parameters and is not simulated."""
         return 0
 
     def _on_mode_change(self) -> None:
-        """Forget the setpoints: GUIDED begins with staying here."""
+        """Drop the setpoints: GUIDED begins by holding the position."""
         self._pending.clear()
         self._applied = None
 
     def _on_disarmed(self) -> None:
-        """Stay in the mode, without a setpoint that the next arming would fly off to."""
+        """Keep the mode and drop the setpoint, which the vehicle would otherwise fly to after the next arming."""
         self._on_mode_change()
 
     def _disarm_after_s(self, *, flown: bool) -> float:
-        """Return how long it idles on the ground, armed; landed as told to, not at all; a delay of 0 is for ever."""
+        """Return how long it stays armed on the ground; 0 after a commanded landing; a parameter of 0 is no limit."""
         if flown and self.mode in (NavMode.LAND, NavMode.RETURN):
             return 0.0
         return self.parameters["DISARM_DELAY"] or inf

@@ -1,11 +1,11 @@
-"""What a stub vehicle is equipped with as far as its autopilot depends on it: its battery and its positioning."""
+"""The equipment of a stub vehicle that its autopilot depends on: battery and positioning."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """The battery at boot: its charge as a fraction of 1, and how long a full one keeps the vehicle armed [s]."""
+    """The battery at boot: its charge as a fraction, and the time that a full one lasts while armed [s]."""
 
     fraction: float = 1.0
     endurance_s: float = 1800.0
@@ -15,8 +15,8 @@ class Battery:
 class Positioning:
     """The sources of position.
 
-    Without `gps` the vehicle has a local position only, as from cameras indoors. A vehicle that is not `localised`
-    never has a position; an `external` one has it while it is sent positions.
+    Without `gps` the vehicle has a local position only, as indoors with cameras. A vehicle that is not `localised`
+    never has a position; an `external` one has a position while it receives external positions.
     """
 
     gps: bool = True

@@ -1,4 +1,4 @@
-"""PX4's geofence: zones to stay inside of or out of, the distance from home, and which mode a breach flies.
+"""PX4's geofence: inclusion and exclusion zones, the distance from home, and the mode after a breach.
 
 Mission frame, metres.
 """
@@ -14,12 +14,12 @@ from sitl.autopilot.parameters import Parameters
 from sitl.mavlink_constants import Fields
 
 INCLUSION_POLYGON, EXCLUSION_POLYGON, INCLUSION_CIRCLE, EXCLUSION_CIRCLE = 5001, 5002, 5003, 5004
-"""MAV_CMD_NAV_FENCE_*: a polygon takes one item per corner, with their number in the first parameter."""
+"""MAV_CMD_NAV_FENCE_*: a polygon has one item per corner, with the number of corners in the first parameter."""
 CORNERS_LEAST = 3
 DEG_E7 = 1e7
 
 BREACH_MODES = {2: NavMode.HOLD, 3: NavMode.RETURN, 5: NavMode.LAND}
-"""GF_ACTION -> the mode that a breach flies; the others warn at most, or stop motors, which the stub does not play."""
+"""GF_ACTION -> the mode after a breach; the others only warn, or stop motors, which the stub does not simulate."""
 WARNS = 1
 
 Place = tuple[float, float]
@@ -27,14 +27,14 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """An area to stay inside of, or out of: a polygon, or a circle around its only corner."""
+    """An inclusion or exclusion zone: a polygon, or a circle around its only corner."""
 
     stay_inside: bool
     corners_m: tuple[Place, ...]
     radius_m: float = 0.0
 
     def allows(self, place_m: Place) -> bool:
-        """Say whether a place obeys this zone."""
+        """Return whether a place is allowed by this zone."""
         return self._contains(place_m) is self.stay_inside
 
     def _contains(self, place_m: Place) -> bool:
@@ -51,7 +51,7 @@ class Zone:
 
 
 def zones_of(items: Sequence[Fields], frame: MissionFrame) -> tuple[Zone, ...]:
-    """Return the zones of a fence plan (see `Plans.items`); what makes no zone is left out."""
+    """Return the zones of a fence plan (see `Plans.items`); invalid items are ignored."""
     return tuple(_zones(list(items), frame))
 
 
@@ -63,7 +63,7 @@ def _zones(items: list[Fields], frame: MissionFrame) -> Iterator[Zone]:
         group, items = items[:count], items[count:]
         try:
             corners = tuple(_place_m(item, frame) for item in group)
-        except ValueError:  # no place on the globe, or a frame that lies nowhere on it
+        except ValueError:  # an invalid geodetic position, or a local frame
             continue
         inside = command in (INCLUSION_POLYGON, INCLUSION_CIRCLE)
         if polygon and len(corners) == count >= CORNERS_LEAST:
@@ -79,7 +79,7 @@ def _place_m(item: Fields, frame: MissionFrame) -> Place:
 
 
 def breach(zones: Sequence[Zone], parameters: Parameters, position_m: Triple, home_m: Triple) -> str | None:
-    """Return what PX4 says to a breach, or None where there is none; it has to be inside of one inclusion zone."""
+    """Return PX4's text on a breach, None without one; the vehicle has to be inside one inclusion zone."""
     across_m, up_m = parameters["GF_MAX_HOR_DIST"], parameters["GF_MAX_VER_DIST"]
     x, y, z = position_m
     if 0.0 < across_m < hypot(x - home_m[0], y - home_m[1]):

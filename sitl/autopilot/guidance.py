@@ -1,4 +1,4 @@
-"""Where each flight mode wants the vehicle: hold points, take-off, descent, return, the followed setpoint.
+"""The target of each flight mode: hold points, take-off, descent, return, the followed setpoint.
 
 Mission frame, metres, seconds; headings clockwise from north.
 """
@@ -13,12 +13,12 @@ from sitl.autopilot.modes import NEEDS_STICKS, NavMode
 from sitl.autopilot.parameters import FlightLimits, Parameters
 
 HOVER_THRUST_S = 1.0
-"""From spooled-up motors to lift-off, while the thrust ramps up."""
+"""The time from started motors to lift-off, while the thrust ramps up."""
 LIFT_OFF_MARGIN_M = 0.2
-"""A target less than this above the ground leaves the vehicle standing."""
+"""A vehicle with a target less than this above the ground stays on the ground."""
 CRAWL_BELOW_M = 1.0
 DESCENT_LEAD_M = 10.0
-"""A descent aims this far below, so that the speed limit rules and the ground is pressed on."""
+"""A descent has its target this far below, so that the speed limit is reached and the vehicle stays on the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Guidance:
     """Turns a flight mode into a target for the airframe, step by step."""
 
     def __init__(self, parameters: Parameters, airframe: Airframe) -> None:
-        """Hold where the airframe stands, which is also home."""
+        """Hold the airframe's position, which is also home."""
         self._parameters = parameters
         self._airframe = airframe
         self._hold_m = self.home_m = airframe.position_m
@@ -57,21 +57,21 @@ class Guidance:
 
     @property
     def take_off_complete(self) -> bool:
-        """Whether the take-off altitude is as good as reached."""
+        """Whether the take-off altitude is nearly reached."""
         return self._airframe.position_m[2] > self._take_off_altitude_m - self._limits.altitude_margin_m
 
     def on_arm(self) -> None:
-        """Make this place home."""
+        """Set home to the present position."""
         self._hold_m = self.home_m = self._airframe.position_m
         self._climb_from_s = inf
 
     def plan_take_off(self, altitude_m: float | None) -> None:
-        """Set the altitude to take off to; None is MIS_TAKEOFF_ALT above here."""
+        """Set the take-off altitude; None is MIS_TAKEOFF_ALT above the present one."""
         default = self._airframe.position_m[2] + self._parameters["MIS_TAKEOFF_ALT"]
         self._take_off_altitude_m = default if altitude_m is None else altitude_m
 
     def enter(self, mode: NavMode, *, after: NavMode) -> None:
-        """Take this place as the hold point of `mode`; after a take-off the altitude is the one asked for."""
+        """Set the hold point of `mode` to the present position; after a take-off, at the requested altitude."""
         x, y, altitude = self._airframe.position_m
         if (after, mode) == (NavMode.TAKE_OFF, NavMode.HOLD) and self.take_off_complete:
             altitude = self._take_off_altitude_m
@@ -80,16 +80,16 @@ class Guidance:
         self._hold_m = (x, y, altitude)
         self._descends_from_s = -inf
         distance = hypot(x - self.home_m[0], y - self.home_m[1])
-        # PX4 climbs less for a short way home: its cone rises at 45 degrees.
+        # PX4 climbs less near home: its return cone has a slope of 45 degrees.
         rise = min(distance, self._limits.return_rise_m)
         self._return_altitude_m = max(altitude, self.home_m[2] + rise)
 
     def hover_before_landing(self, until_s: float) -> None:
-        """Let the landing that was just entered begin its descent at `until_s` only."""
+        """Delay the descent of the landing that was just entered until `until_s`."""
         self._descends_from_s = until_s
 
     def target(self, mode: NavMode, setpoint: PositionTarget | None, *, time_s: float, motors_s: float) -> Target:
-        """Return where to fly now; `motors_s` is when the motors were started."""
+        """Return the present target; `motors_s` is when the motors were started."""
         x, y, altitude = self._hold_m
         heading = None
         velocity: tuple[float, ...] = ()
@@ -111,7 +111,7 @@ class Guidance:
         return self._hold_m[:2] == self.home_m[:2]
 
     def _head_home(self) -> Triple:
-        """Rise first, then move the hold point home at cruising speed."""
+        """Climb first, then move the hold point home at cruise speed."""
         x, y, _ = self._hold_m
         if self._airframe.position_m[2] > self._return_altitude_m - self._limits.altitude_margin_m:
             left = self.home_m[0] - x, self.home_m[1] - y
@@ -121,12 +121,12 @@ class Guidance:
         return self._hold_m
 
     def _sink_speed_m_s(self, *, crawl: bool) -> float:
-        """Land slower near the ground; a vehicle without sticks just sinks on."""
+        """Return the descent rate, lower near the ground; a vehicle without stick inputs descends at it."""
         near = crawl and self._airframe.height_m < CRAWL_BELOW_M
         return self._limits.crawl_m_s if near else self._limits.land_m_s
 
     def _climb_limit_m_s(self, mode: NavMode, altitude_m: float, *, time_s: float, motors_s: float) -> float:
-        """Allow no climb while the motors come up, then a ramp, then the mode's own speed."""
+        """Return the climb limit: 0 while the motors start, then a ramp, then the mode's speed."""
         if self._airframe.on_ground:
             lifts_off = altitude_m > self._airframe.position_m[2] + LIFT_OFF_MARGIN_M
             self._climb_from_s = min(self._climb_from_s, time_s) if lifts_off else inf

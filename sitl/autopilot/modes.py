@@ -1,7 +1,7 @@
-"""Flight modes: which may be chosen, which one flies, and what a lost offboard stream does - as tables.
+"""Flight modes: tables of which may be selected, which one is flown, and the failsafes of a lost offboard stream.
 
-As PX4 does it: a user's choice is an *intention* that outlives a failsafe. That is why offboard resumes by itself
-when setpoints come back, and why a vehicle that was landed out of offboard rests in offboard.
+As in PX4, the user's selection is an *intention* that persists during a failsafe. Offboard therefore resumes when
+setpoints return, and a vehicle that a failsafe landed from offboard stays in offboard.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class NavMode(Enum):
 
     @property
     def label(self) -> str:
-        """What PX4 calls the mode when it speaks to people."""
+        """PX4's name of the mode in its texts."""
         return self.name.replace("TAKE_OFF", "takeoff").capitalize()
 
     @property
@@ -34,7 +34,7 @@ class NavMode(Enum):
 
 
 class ModeEvent(Enum):
-    """What changes the intended mode without the user."""
+    """Events that change the intended mode without the user."""
 
     TAKE_OFF_COMPLETE = "take-off complete"
     DISARMED = "disarmed"
@@ -42,10 +42,10 @@ class ModeEvent(Enum):
 
 NEEDS_STICKS = frozenset({NavMode.MANUAL, NavMode.ALTITUDE, NavMode.POSITION, NavMode.STABILIZED})
 NEEDS_GLOBAL_POSITION = frozenset({NavMode.HOLD, NavMode.RETURN})
-"""Modes that a local position alone does not do for: PX4's hold is a place on the globe."""
+"""Modes that need a global position: PX4's hold is a geodetic position."""
 PREVENTS_ARMING = frozenset({NavMode.LAND, NavMode.RETURN})
 NOT_RESTED_IN = PREVENTS_ARMING | {NavMode.TAKE_OFF}
-"""Modes that a disarmed vehicle leaves for the last other one that was chosen."""
+"""Modes that a vehicle leaves on disarming, for the last other mode that was selected."""
 
 OFFBOARD_LOSS = {
     0: NavMode.POSITION,
@@ -55,17 +55,17 @@ OFFBOARD_LOSS = {
     4: NavMode.LAND,
     5: NavMode.HOLD,
 }
-"""COM_OBL_RC_ACT -> the mode flown when setpoints stop; the other values fly as Position, PX4's default."""
+"""COM_OBL_RC_ACT -> the mode after setpoints stop; other values are flown as Position, PX4's default."""
 
 STICKS_LOSS = {1: NavMode.HOLD, 2: NavMode.RETURN, 3: NavMode.LAND}
-"""NAV_RCL_ACT -> the mode flown instead of one that needs sticks; the other values, which stop motors, only sink."""
+"""NAV_RCL_ACT -> the mode in place of one that needs sticks; other values, which stop motors, descend here."""
 
 _NEXT = {(NavMode.TAKE_OFF, ModeEvent.TAKE_OFF_COMPLETE): NavMode.HOLD}
 
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What a mode may need: a local position estimate, a global one, and an offboard stream that flows."""
+    """The requirements of modes: a local position estimate, a global one, and an active offboard stream."""
 
     estimator_ready: bool
     setpoints_flow: bool
@@ -73,19 +73,19 @@ class Conditions:
 
 
 def can_run(mode: NavMode, conditions: Conditions) -> bool:
-    """Say whether a vehicle without a remote control can fly `mode`."""
+    """Return whether a vehicle without a remote control can fly `mode`."""
     if mode in NEEDS_STICKS or (mode in NEEDS_GLOBAL_POSITION and not conditions.global_position):
         return False
     return conditions.estimator_ready and (mode is not NavMode.OFFBOARD or conditions.setpoints_flow)
 
 
 def can_arm(mode: NavMode, conditions: Conditions) -> bool:
-    """Say whether the preflight checks pass in `mode`."""
+    """Return whether the preflight checks pass in `mode`."""
     return mode not in PREVENTS_ARMING and can_run(mode, conditions)
 
 
 class Intention:
-    """The mode the user wants, and the one to rest in once disarmed."""
+    """The mode that the user has selected, and the mode after disarming."""
 
     def __init__(self, mode: NavMode = NavMode.HOLD) -> None:
         """Start in a mode, by default as PX4 boots without a remote control: in hold."""
@@ -93,7 +93,7 @@ class Intention:
         self._resting = mode
 
     def request(self, mode: NavMode, *, armed: bool, conditions: Conditions) -> bool:
-        """Choose `mode` and say whether that was accepted; disarmed, and for landing, it always is."""
+        """Select `mode` and return whether it was accepted; it always is when disarmed and for landing."""
         accepted = not armed or mode is NavMode.LAND or can_run(mode, conditions)
         if accepted:
             self.mode = mode
@@ -102,7 +102,7 @@ class Intention:
         return accepted
 
     def on_event(self, event: ModeEvent) -> None:
-        """Follow what happened."""
+        """Update the intention after an event."""
         if event is ModeEvent.DISARMED:
             self.mode = self._resting
         else:
@@ -111,10 +111,10 @@ class Intention:
     def flown(
         self, *, armed: bool, conditions: Conditions, offboard_loss_action: int, sticks_loss_action: int
     ) -> NavMode:
-        """Return the mode that flies: the intended one, or while offboard has no setpoints its failsafe.
+        """Return the mode to fly: the intended one, or the failsafe of offboard without setpoints.
 
-        There are no sticks: a failsafe that would need them is the one for lost sticks (since PX4 1.17; before, it
-        sank in Position mode). One that needs to know its place on the globe, and does not, lands.
+        There are no sticks: a failsafe that needs them becomes the one for lost sticks (since PX4 1.17; earlier
+        versions descend in Position mode). A failsafe that needs a global position lands without one.
         """
         if not (armed and self.mode is NavMode.OFFBOARD and not conditions.setpoints_flow):
             return self.mode

@@ -1,4 +1,4 @@
-"""The stub's parameters: an autopilot's names, types and defaults, as far as a ground station looks for them."""
+"""The stub's parameters: names, types and defaults of an autopilot, as far as a ground station reads them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ Value = int | float
 
 @dataclass(frozen=True, slots=True)
 class FlightLimits:
-    """What a vehicle flies by, whatever its autopilot calls it: speeds, ramps and margins in SI units."""
+    """The flight limits of a vehicle, independent of parameter names: speeds, ramps and margins in SI units."""
 
     cruise_m_s: float
     climb_m_s: float
@@ -25,7 +25,7 @@ class FlightLimits:
 
 @dataclass(frozen=True, slots=True)
 class ParameterTable:
-    """One autopilot's parameters: names with defaults, and how the limits of flight follow from them."""
+    """One autopilot's parameters: names with defaults, and the function that derives the flight limits."""
 
     defaults: Mapping[str, Value]
     limits: Callable[[Mapping[str, Value]], FlightLimits]
@@ -119,7 +119,7 @@ ARDUCOPTER_DEFAULTS: Mapping[str, Value] = MappingProxyType(
         "WPNAV_SPEED_UP": 250.0,
     }
 )
-"""ArduCopter's: centimetres, as its names do not say. GUID_TIMEOUT ends velocities; a position is held for ever."""
+"""ArduCopter's, in centimetres although the names do not show it. GUID_TIMEOUT ends velocities, not positions."""
 
 
 def _arducopter_limits(values: Mapping[str, Value]) -> FlightLimits:
@@ -141,7 +141,7 @@ PX4_TABLE = ParameterTable(DEFAULTS, _px4_limits)
 ARDUCOPTER_TABLE = ParameterTable(ARDUCOPTER_DEFAULTS, _arducopter_limits)
 
 REAL_MAX = 1e4
-"""Reals outside 0 to this are refused: the stub applies its parameters, and must stay near its origin."""
+"""Floats outside 0 to this are refused: the stub applies its parameters, and must stay near its origin."""
 
 
 class Parameters:
@@ -162,11 +162,11 @@ class Parameters:
         return self._values[name]
 
     def __contains__(self, name: str) -> bool:
-        """Say whether there is such a parameter."""
+        """Return whether the parameter exists."""
         return name in self._values
 
     def set(self, name: str, value: Value) -> bool:
-        """Set a known parameter to a value of its own type, in range, and say whether that was done."""
+        """Set a known parameter to a value of its type and range; return whether it was set."""
         if type(value) is not type(self._values[name]):
             return False
         if isinstance(value, float) and not 0.0 <= value <= REAL_MAX:

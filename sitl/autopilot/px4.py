@@ -1,6 +1,6 @@
-"""A stub autopilot with PX4's manners: arming, modes, offboard and its timeout, take-off, landing, return.
+"""A stub autopilot that behaves as PX4: arming, modes, offboard and its timeout, take-off, landing, return.
 
-A state machine in time: nothing happens but through its methods, and `step` alone lets time pass. Positions are in
+A state machine that changes only in its methods; time passes only in `step`. Positions are in
 the mission frame, headings clockwise from north, times simulated seconds since boot.
 """
 
@@ -21,11 +21,11 @@ from sitl.autopilot.parameters import Parameters
 from sitl.vehicle.shaping import ShapeLimits
 
 ESTIMATOR_READY_S = 2.0
-"""From boot to a position estimate."""
+"""The time from boot to a position estimate."""
 DEAD_RECKONING_S = 5.0
-"""So long there is a position estimate without a position from outside (EKF2_NOAID_TOUT)."""
+"""The position estimate remains valid for this long without an external position (EKF2_NOAID_TOUT)."""
 CHECK_PERIOD_S = 0.1
-"""PX4 looks at the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
+"""PX4 checks the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
 LANDED_AFTER_S = 1.0
 """From touching the ground to having landed."""
 SETPOINTS_PENDING_MAX = 1000
@@ -105,12 +105,12 @@ class Autopilot:
 
     @property
     def time_s(self) -> float:
-        """Simulated seconds since boot, up to which `step` has come."""
+        """Simulated seconds since boot, as advanced by `step`."""
         return self._steps * STEP_S
 
     @property
     def home_m(self) -> Triple:
-        """Where the vehicle was last armed."""
+        """The position of the last arming."""
         return self._guidance.home_m
 
     @property
@@ -120,17 +120,17 @@ class Autopilot:
         return self._localised and located and self.time_s >= ESTIMATOR_READY_S
 
     def receive_external_position(self, time_s: float) -> None:
-        """Take that a position from outside has arrived."""
+        """Take the arrival of an external position."""
         self._located_s = max(self._located_s, time_s)
 
     @property
     def global_position_known(self) -> bool:
-        """Whether it knows its place on the globe as well: home, and the origin of its local frame."""
+        """Whether it also has a global position: home, and the origin of its local frame."""
         return self.gps and self.estimator_ready
 
     @property
     def conditions(self) -> Conditions:
-        """What the flight modes may count on now."""
+        """The present conditions of flight modes."""
         age_s = self.time_s - self._heard_s
         flow = age_s <= self.parameters["COM_OF_LOSS_T"] + CHECK_PERIOD_S
         return Conditions(self.estimator_ready, flow, self.global_position_known)
@@ -142,24 +142,24 @@ class Autopilot:
 
     @property
     def failsafe(self) -> bool:
-        """Whether a failsafe flies instead of the mode that the user wants."""
+        """Whether a failsafe is flown instead of the user's mode."""
         return self.mode is not self._intention.mode
 
     @property
     def landed_state(self) -> LandedState:
-        """On the ground, or what the vehicle does in the air."""
+        """On the ground, or the phase of flight."""
         if self.landed:
             return LandedState.ON_GROUND
         doing = {NavMode.TAKE_OFF: LandedState.TAKE_OFF, NavMode.LAND: LandedState.LANDING}
         return doing.get(self.mode, LandedState.IN_AIR)
 
     def take_texts(self) -> list[tuple[Severity, str]]:
-        """Return what the autopilot has said since the last call."""
+        """Return the autopilot's texts since the last call."""
         texts, self._texts = self._texts, []
         return texts
 
     def arm(self) -> CommandResult:
-        """Arm if the preflight checks pass; already armed is fine. As on PX4, no client can force it."""
+        """Arm if the preflight checks pass; accepted if already armed. As on PX4, clients cannot force it."""
         if self.armed:
             return CommandResult.ACCEPTED
         fault = self._arming_fault()
@@ -172,7 +172,7 @@ class Autopilot:
         return CommandResult.ACCEPTED
 
     def disarm(self, *, force: bool = False) -> CommandResult:
-        """Disarm on the ground; `force` does so anywhere, and the vehicle drops."""
+        """Disarm on the ground; with `force` also in the air, and the vehicle falls."""
         if self.armed and not (self.landed or force):
             return self._reject("Disarming denied: not landed")
         if self.armed:
@@ -180,15 +180,15 @@ class Autopilot:
         return CommandResult.ACCEPTED
 
     def select(self, mode: NavMode) -> CommandResult:
-        """Ask for a flight mode."""
+        """Select a flight mode."""
         if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
             return self._reject(self.MODE_REFUSED_TEXT and self.MODE_REFUSED_TEXT.format(mode=mode.label))
-        self._breach_mode = None  # choosing a mode permits flight outside the fence
+        self._breach_mode = None  # selecting a mode permits flight outside the fence
         self._update_mode()
         return CommandResult.ACCEPTED
 
     def take_off(self, altitude_m: float | None = None) -> CommandResult:
-        """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above here; disarmed, wait to be armed."""
+        """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above the present one; if disarmed, on arming."""
         result = self.select(NavMode.TAKE_OFF)
         if result is CommandResult.ACCEPTED:
             self._guidance.plan_take_off(altitude_m)
@@ -210,10 +210,10 @@ class Autopilot:
         self._pending.append((time_s + self._delay_s, target))
 
     def receive_heartbeat(self, time_s: float, system_id: int) -> None:
-        """Take the heartbeat of another system: PX4's failsafe for a silent one, NAV_DLL_ACT, is not played."""
+        """Take the heartbeat of another system: PX4's failsafe for a silent system, NAV_DLL_ACT, is not simulated."""
 
     def step(self, to_time_s: float, disturbance_m_s2: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Let time pass in whole steps of STEP_S up to `to_time_s`; the disturbance is a horizontal acceleration."""
+        """Advance in whole steps of STEP_S to `to_time_s`; the disturbance is a horizontal acceleration."""
         disturbance = np.array(disturbance_m_s2)
         while self.time_s + STEP_S <= to_time_s + 1e-9:
             self._apply_due_setpoints()
@@ -231,7 +231,7 @@ class Autopilot:
             self._watch_station()
 
     def _apply_due_setpoints(self) -> None:
-        # A setpoint acts from the step nearest to its due time: on average nothing is added to the delay.
+        # A setpoint acts from the step nearest to its due time, so that steps do not increase the mean delay.
         while self._pending and self._pending[0][0] <= self.time_s + STEP_S / 2:
             self._applied = self._pending.popleft()[1]
         if self._applied is not None and not self.conditions.setpoints_flow:
@@ -247,13 +247,13 @@ class Autopilot:
                 self._say("Failsafe activated", Severity.CRITICAL)
 
     def _watch_take_off(self) -> None:
-        # Where hold cannot be flown, PX4 goes on hovering in take-off.
+        # If hold cannot be flown, PX4 continues to hover in take-off.
         arrived = self.mode is NavMode.TAKE_OFF and self._guidance.take_off_complete
         if self.armed and arrived and can_run(NavMode.HOLD, self.conditions):
             self._intention.on_event(ModeEvent.TAKE_OFF_COMPLETE)
 
     def _watch_ground(self) -> None:
-        """Notice lift-off at once and landing after a while on the ground; then disarm."""
+        """Detect lift-off at once, and landing after some time on the ground; then disarm."""
         if not self.airframe.on_ground:
             if self.landed:
                 self._say(self.TAKE_OFF_TEXT)
@@ -267,7 +267,7 @@ class Autopilot:
             self._disarm_when_idle()
 
     def _watch_fence(self) -> None:
-        """Act once on leaving what the fence allows, in the air: the mode stays until somebody chooses another."""
+        """React once to a fence breach in the air; the mode persists until another one is selected."""
         before, action = self._breached, self._fence_action()
         words = None
         if action and self.armed and not self.landed and self.global_position_known:
@@ -278,7 +278,7 @@ class Autopilot:
             self._breach_mode = BREACH_MODES.get(action)
 
     def _watch_station(self) -> None:
-        """Act on a silent ground station; as played here, PX4 does nothing."""
+        """React to a silent ground station; the simulated PX4 does nothing."""
 
     def _disarm_when_idle(self) -> None:
         flown = self._landed_s > self._armed_s
@@ -304,7 +304,7 @@ class Autopilot:
         return None if self.armable else "Arming denied: Resolve system health failures first"
 
     def _flown(self) -> NavMode:
-        """Return the mode to fly: the one the user wants, or a failsafe; of several the one that ends the flight."""
+        """Return the mode to fly: the user's, or a failsafe's; of several failsafes the one that ends the flight."""
         flown = self._intention.flown(
             armed=self.armed,
             conditions=self.conditions,
@@ -316,19 +316,19 @@ class Autopilot:
         return max(flown, self._breach_mode, key=lambda mode: MODES_BY_SEVERITY.get(mode, 0))
 
     def _fence_action(self) -> int:
-        """Return GF_ACTION, or 0 where the fence does nothing."""
+        """Return GF_ACTION, or 0 if the fence does nothing."""
         action = int(self.parameters["GF_ACTION"])
         return action if action == WARNS or action in BREACH_MODES else 0
 
     def _on_mode_change(self) -> None:
-        """Follow a change of the mode that flies: setpoints are kept."""
+        """Handle a change of the flown mode: setpoints are kept."""
 
     def _on_disarmed(self) -> None:
-        """Leave the mode that was flown for the one to rest in."""
+        """Change to the mode after disarming."""
         self._intention.on_event(ModeEvent.DISARMED)
 
     def _disarm_after_s(self, *, flown: bool) -> float:
-        """Return how long the vehicle idles on the ground, armed, after a flight or before; a limit of 0 is none."""
+        """Return how long it stays armed on the ground, after a flight or before; a parameter of 0 is no limit."""
         if flown:
             return self.parameters["COM_DISARM_LAND"] or inf
         limit_s = self.parameters["COM_DISARM_PRFLT"]

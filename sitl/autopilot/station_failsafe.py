@@ -1,7 +1,7 @@
-"""ArduCopter's failsafe for a silent ground station: what FS_GCS_ENABLE makes of heartbeats that no longer come.
+"""ArduCopter's failsafe for a silent ground station: the reaction of FS_GCS_ENABLE to missing heartbeats.
 
-Source: ArduCopter's `failsafe_gcs_check` and `failsafe_gcs_on_event`. Only the system SYSID_MYGCS counts, and only
-once it has been heard.
+Source: ArduCopter's `failsafe_gcs_check` and `failsafe_gcs_on_event`. Only the system SYSID_MYGCS is monitored, from
+its first heartbeat on.
 """
 
 from collections.abc import Mapping
@@ -13,30 +13,30 @@ from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
 
 CHECK_PERIOD_S = 1.0 / 3.0
-"""ArduCopter looks three times a second: FS_GCS_TIMEOUT is noticed up to that much later."""
+"""ArduCopter checks three times a second, so FS_GCS_TIMEOUT is detected up to a third of a second late."""
 DISABLED = 0
 ACTIONS: Mapping[int, NavMode] = MappingProxyType({4: NavMode.LAND, 5: NavMode.LAND, 7: NavMode.HOLD})
-"""FS_GCS_ENABLE -> the mode; all others return. 7 is BRAKE.
+"""FS_GCS_ENABLE -> the mode; all other values return. 7 is BRAKE.
 
-SmartRTL (3, 4), which the stub has not, falls back as ArduCopter's does without a recorded path: to RTL and LAND."""
+SmartRTL (3, 4), which the stub does not have, falls back to RTL and LAND, as ArduCopter's without a recorded path."""
 CONTINUE_LANDING, CONTINUE_PILOT_CONTROL = 1 << 3, 1 << 4
 """Bits of FS_OPTIONS."""
 BY_PILOT = frozenset({NavMode.STABILIZED, NavMode.ALTITUDE, NavMode.POSITION, NavMode.HOLD})
-"""Modes that ArduCopter does not count as its own: BRAKE is among them."""
+"""Modes that ArduCopter does not consider autonomous, including BRAKE."""
 
 
 class StationEvent(Enum):
-    """What a check found to have changed."""
+    """The changes that a check detects."""
 
     LOST = "lost"
     REGAINED = "regained"
 
 
 class StationFailsafe:
-    """Notices that the ground station falls silent, and that it is heard again."""
+    """Detects the loss and the return of the ground station's heartbeats."""
 
     def __init__(self, parameters: Parameters) -> None:
-        """Watch the station that the parameters name, as they stand at each check."""
+        """Monitor the station of the parameters, with their values at each check."""
         self._parameters = parameters
         self._heard_s: float | None = None
         self._lost = False
@@ -48,7 +48,7 @@ class StationFailsafe:
             self._heard_s = time_s
 
     def check(self, time_s: float) -> StationEvent | None:
-        """Return what has changed since the last check; nothing where none is due, or the failsafe is off."""
+        """Return the change since the last check; None if no check is due or the failsafe is off."""
         if time_s < self._checked_s + CHECK_PERIOD_S or self._parameters["FS_GCS_ENABLE"] == DISABLED:
             return None
         self._checked_s = time_s

@@ -1,4 +1,4 @@
-"""MAVLink commands to the stub: what each does, and how it is acknowledged."""
+"""MAVLink commands to the stub: their effects and acknowledgements."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -21,7 +21,7 @@ Params = tuple[float, float, float, float, float, float, float]
 
 
 class CommandId(IntEnum):
-    """MAV_CMD, as far as it is understood."""
+    """The supported MAV_CMD."""
 
     NAV_RETURN_TO_LAUNCH = 20
     NAV_LAND = 21
@@ -47,7 +47,7 @@ class Commander:
         reporter: Reporter,
         schedule: Schedule,
     ) -> None:
-        """Command `autopilot`, and answer requests for messages from `reporter` and `schedule`."""
+        """Pass commands to `autopilot`; answer requests for messages with `reporter` and `schedule`."""
         self._autopilot = autopilot
         self._dialect = dialect
         self._frame = frame
@@ -67,9 +67,9 @@ class Commander:
         }
 
     def execute(self, command: int, params: Params, sender: Sender) -> list[Outgoing]:
-        """Carry out a command; return its acknowledgements, then what it asked for.
+        """Execute a command; return its acknowledgements, then the requested messages.
 
-        PX4 acknowledges DO_SET_MODE twice: accepted on arrival, whatever comes of it; then the truth.
+        PX4 acknowledges DO_SET_MODE twice: always accepted on arrival, then the actual result.
         """
         handler = self._handlers.get(command)
         result, answers = handler(params) if handler else (Result.UNSUPPORTED, [])
@@ -89,7 +89,7 @@ class Commander:
         return self._select(mode)
 
     def _take_off(self, params: Params) -> tuple[Result, list[Outgoing]]:
-        """Take off to an altitude above the geodetic datum or home, or NaN: to the vehicle's own default, if any."""
+        """Take off to an altitude above the geodetic datum or home; NaN is the vehicle's default, if any."""
         origin = None if self._dialect.take_off_from_home else self._frame.origin
         datum_m = -self._autopilot.home_m[2] if origin is None else origin.altitude_m
         altitude_m = params[6] - datum_m if isfinite(params[6]) else None
@@ -121,7 +121,7 @@ class Commander:
         return Result.ACCEPTED, [(MessageId.MESSAGE_INTERVAL, (int(message), interval_us))]
 
     def _set_interval(self, params: Params) -> tuple[Result, list[Outgoing]]:
-        """Set a message's interval in simulated microseconds; the heartbeat's is fixed."""
+        """Set a message's interval in simulated microseconds; the heartbeat's interval is fixed."""
         message, interval_us = params[:2]
         if message == MessageId.HEARTBEAT or message not in self._reporter.known or not isfinite(interval_us):
             return Result.FAILED, []

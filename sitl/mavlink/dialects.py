@@ -1,4 +1,4 @@
-"""What the stub says otherwise on the wire as one autopilot or the other: PX4, ArduCopter."""
+"""The differences between the MAVLink dialects of the simulated autopilots, PX4 and ArduCopter."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from sitl.mavlink_constants import PX4_RATES_HZ, MessageId, Result
 
 
 class AutopilotKind(Enum):
-    """Which autopilot a stub plays."""
+    """The simulated autopilot of a stub."""
 
     PX4 = "px4"
     ARDUPILOT = "ardupilot"
@@ -20,9 +20,9 @@ class AutopilotKind(Enum):
 class Dialect:
     """One autopilot's MAVLink.
 
-    `autopilot` is its MAV_AUTOPILOT, `modes` each mode's number in heartbeats and the two parameters that DO_SET_MODE
-    selects it by, `rates_hz` what it streams unasked, `streams` what REQUEST_DATA_STREAM asks for by stream,
-    `estimator_message` how its estimator reports on itself, `truth_message` how its simulator tells the true motion.
+    `autopilot` is its MAV_AUTOPILOT, `modes` each mode's number in heartbeats and its two parameters of DO_SET_MODE,
+    `rates_hz` the default streams, `streams` the messages of REQUEST_DATA_STREAM by stream, `estimator_message` the
+    message of the estimator's status, `truth_message` the message of the simulator's true motion.
     """
 
     autopilot: int
@@ -45,7 +45,7 @@ class Dialect:
         return self.modes[mode][0]
 
     def mode_of(self, main: float, sub: float) -> NavMode | None:
-        """Return the mode that DO_SET_MODE's second and third parameters mean; None if there is none."""
+        """Return the mode of DO_SET_MODE's second and third parameters, None if there is none."""
         return next((mode for mode, (_, *numbers) in self.modes.items() if tuple(numbers) == (main, sub)), None)
 
 

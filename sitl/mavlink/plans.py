@@ -1,6 +1,6 @@
 """The receiving end of MAVLink's mission protocol: missions (type 0), fences (1) and rally points (2).
 
-The stub stores plans and hands them back; of them all it flies by the fence only.
+The stub stores plans and returns them; only the fence affects its flight.
 """
 
 from dataclasses import dataclass, field
@@ -12,10 +12,10 @@ PLAN_TYPES = frozenset({0, 1, 2})
 FENCE_PLAN, ALL_PLANS = 1, 255
 ITEMS_MAX = 500
 ACCEPTED, ERROR, NO_SPACE, INVALID_SEQUENCE = 0, 1, 4, 13
-"""MAV_MISSION_RESULT, as far as it is used."""
+"""The MAV_MISSION_RESULT values that are used."""
 
 Sender = tuple[int, int]
-"""System and component id of who sends or asks."""
+"""System and component id of the sender."""
 
 
 @dataclass(slots=True)
@@ -26,10 +26,10 @@ class _Upload:
 
 
 class Plans:
-    """Stored plans by type, and at most one upload under way."""
+    """Stored plans by type, and at most one upload in progress."""
 
     def __init__(self) -> None:
-        """Start with none."""
+        """Start without plans."""
         self._stored: dict[int, tuple[Fields, ...]] = {}
         self._upload: _Upload | None = None
 
@@ -38,14 +38,14 @@ class Plans:
         return self._stored.get(plan_type, ())
 
     def clear(self, plan_type: int, sender: Sender) -> list[Outgoing]:
-        """Forget one plan, or all."""
+        """Clear one plan, or all."""
         if plan_type == ALL_PLANS:
             self._stored.clear()
         self._stored.pop(plan_type, None)
         return [_ack(sender, ACCEPTED, plan_type)]
 
     def begin_upload(self, plan_type: int, count: int, sender: Sender) -> list[Outgoing]:
-        """Ask for the first of `count` items; none means the plan is cleared."""
+        """Request the first of `count` items; a count of 0 clears the plan."""
         if plan_type not in PLAN_TYPES:
             return [_ack(sender, ERROR, plan_type)]
         if count > ITEMS_MAX:
@@ -56,7 +56,7 @@ class Plans:
         return [(MessageId.MISSION_REQUEST_INT, (*sender, 0, plan_type))]
 
     def receive_item(self, plan_type: int, seq: int, item: Fields, sender: Sender) -> list[Outgoing]:
-        """Take an item, then ask for the next or acknowledge the plan; a repeated item is asked past again."""
+        """Take an item, then request the next one, also after a repeated item, or acknowledge the plan."""
         upload = self._upload
         if upload is None or upload.plan_type != plan_type or seq > len(upload.items):
             return [_ack(sender, INVALID_SEQUENCE, plan_type)]
@@ -69,7 +69,7 @@ class Plans:
         return [_ack(sender, ACCEPTED, plan_type)]
 
     def count(self, plan_type: int, sender: Sender) -> list[Outgoing]:
-        """Answer how many items a plan has."""
+        """Answer with the number of items of a plan."""
         return [(MessageId.MISSION_COUNT, (*sender, len(self.items(plan_type)), plan_type))]
 
     def item(self, plan_type: int, seq: int, sender: Sender) -> list[Outgoing]:

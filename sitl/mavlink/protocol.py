@@ -1,7 +1,7 @@
-"""A stub vehicle as MAVLink bytes: bytes in, bytes out, no sockets and no clock.
+"""The MAVLink interface of a stub vehicle: bytes in, bytes out, without sockets and clock.
 
-The only importer of pymavlink that sends messages; the readers of flight logs parse with it. Messages that are
-malformed, for another system or unknown are counted and dropped, never raised.
+It is the only module that sends messages with pymavlink; the readers of flight logs parse with it. Messages that are
+malformed, for another system or unknown are counted and dropped; they raise no exception.
 """
 
 import struct
@@ -11,7 +11,7 @@ from enum import Enum
 from math import isfinite, isnan
 from typing import Any
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink  # all of common, and EKF_STATUS_REPORT
+from pymavlink.dialects.v20 import ardupilotmega as mavlink  # common and EKF_STATUS_REPORT
 
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
@@ -36,13 +36,13 @@ REACH_MAX_M = 100e3
 """A setpoint farther than this from the vehicle's origin is dropped."""
 DEG_E7 = 1e7
 TEXT_MAX = 50
-"""The longest text of one STATUSTEXT; a longer one is sent in several."""
+"""The longest text of one STATUSTEXT; longer texts are sent in several."""
 
 _SPOKEN = {message: mavlink.mavlink_map[message] for message in MessageId}
 
 
 class Drop(Enum):
-    """Why a received message was dropped."""
+    """The reasons for dropping a received message."""
 
     GARBAGE = "garbage"
     SIGNATURE = "signature"
@@ -56,7 +56,7 @@ class Drop(Enum):
 
 
 class _Outbox:
-    """Collects what pymavlink writes."""
+    """Collects the packets that pymavlink writes."""
 
     def __init__(self) -> None:
         self.packets: list[bytes] = []
@@ -70,7 +70,7 @@ class _Outbox:
 
 
 class MavlinkVehicle:
-    """One autopilot behind its MAVLink interface, with system id and local NED origin of its own."""
+    """One autopilot behind its MAVLink interface, with its system id and local NED origin."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class MavlinkVehicle:
         self._handlers = self._message_handlers()
 
     def _message_handlers(self) -> dict[str, Callable[[Any, float], list[Outgoing]]]:
-        """Return what handles each message, by its name."""
+        """Return the handler of each message by name."""
         return {
             "COMMAND_INT": self._on_command_int,
             "COMMAND_LONG": self._on_command_long,
@@ -144,7 +144,7 @@ class MavlinkVehicle:
         return self._outbox.take()
 
     def _chunked(self, text: str) -> Iterator[tuple[bytes, int, int]]:
-        """Yield a text's parts, each with the text's id and its place; texts that fit one message have no id."""
+        """Yield a text's parts, each with the text's id and its index; texts that fit one message have no id."""
         whole = text.encode()
         starts = range(0, len(whole), TEXT_MAX)
         if len(starts) > 1:
@@ -157,7 +157,7 @@ class MavlinkVehicle:
         self._writer.send(_SPOKEN[message](*fields))
 
     def _parse(self, data: bytes) -> list[Any]:
-        """Return the messages of one datagram; damage in one does not affect the next."""
+        """Return the messages of one datagram; a damaged one does not affect the next."""
         messages = self._parser.parse_buffer(data) or []
         if self._parser.buf_len() > 0:
             self.dropped[Drop.GARBAGE] += 1
@@ -222,7 +222,7 @@ class MavlinkVehicle:
             return self._drop(Drop.POSITION_MASKED)
         # PX4 keeps its present yaw when the field is NaN.
         heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
-        # A masked velocity is none; to PX4 also one of NaN.
+        # A masked velocity is not used; on PX4 NaN is not used either.
         fed = not m.type_mask & VELOCITY_IGNORED and not any(map(isnan, (m.vx, m.vy, m.vz)))
         numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz) if fed else (m.x, m.y, m.z)
         if not all(map(isfinite, numbers)):
@@ -231,7 +231,7 @@ class MavlinkVehicle:
             return self._drop(Drop.OUT_OF_REACH)
         x, y, z = self._config.frame.mission_from_ned((m.x, m.y, m.z))
         x0, y0, z0 = self._config.origin_m
-        # The vehicle flies to the setpoint in its own, possibly shifted, estimate.
+        # The vehicle flies to the setpoint in its own estimate, which may be shifted.
         dx, dy, dz = self._faults.estimate_offset_m
         velocity = self._config.frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
         target = PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading, velocity)
@@ -239,7 +239,7 @@ class MavlinkVehicle:
         return []
 
     def _on_external_position(self, m: Any, time_s: float) -> list[Outgoing]:
-        """Take a position from outside; the stub's estimate is of its own body all the same."""
+        """Take an external position; the stub's estimate still uses its own motion."""
         if not all(map(isfinite, (m.x, m.y, m.z))):
             return self._drop(Drop.NOT_FINITE)
         self.autopilot.receive_external_position(time_s)
@@ -256,7 +256,7 @@ class MavlinkVehicle:
         return []
 
     def _on_setup_signing(self, m: Any, _time_s: float) -> list[Outgoing]:
-        """Take a signing key, unless armed; there is no acknowledgement but that messages are signed from now on."""
+        """Take a signing key, unless armed; there is no acknowledgement, but messages are signed from now on."""
         if self.autopilot.armed:
             return [(MessageId.STATUSTEXT, (int(Severity.WARNING), b"Signing is not set up while armed", 0, 0))]
         self._signing.set_up(bytes(m.secret_key), m.initial_timestamp)
@@ -272,7 +272,7 @@ class MavlinkVehicle:
         return [self._param_value(index)] if 0 <= index < len(names) else self._drop(Drop.PARAMETER)
 
     def _on_param_set(self, m: Any, _time_s: float) -> list[Outgoing]:
-        """Set a parameter and answer with its value; to an unknown name, or on PX4 a wrong type, with nothing."""
+        """Set a parameter and answer with its value; no answer to an unknown name or, on PX4, a wrong type."""
         index = self._index(m.param_id)
         if index < 0:
             return self._drop(Drop.PARAMETER)
@@ -304,12 +304,12 @@ def _sender(message: Any) -> tuple[int, int]:
 
 
 def _timesync(message: Any, time_s: float) -> list[Outgoing]:
-    """Answer a request of the autopilot's time; an answer to one of its own is none."""
+    """Answer a request for the autopilot's time; answers to its own requests are ignored."""
     return [] if message.tc1 else [(MessageId.TIMESYNC, (round(time_s * 1e9), message.ts1))]
 
 
 def _encoded(value: Value, *, bytewise: bool) -> tuple[float, int]:
-    """Return a parameter as it is sent: PX4's integers keep their bytes in the float field, ArduPilot's their value."""
+    """Return an encoded parameter: in the float field PX4's integers keep their bytes, ArduPilot's their value."""
     if not isinstance(value, int):
         return value, REAL32
     return struct.unpack("<f", struct.pack("<i", value))[0] if bytewise else float(value), INT32
@@ -323,7 +323,7 @@ def _decoded(field: float, kind: int) -> Value | None:
 
 
 def _cast(field: float, *, like: Value) -> Value | None:
-    """Return the parameter in a float field as ArduPilot reads it: a number, of the type that the parameter has."""
+    """Return the parameter in a float field as ArduPilot decodes it: the number, converted to the parameter's type."""
     if not isfinite(field) or abs(field) >= 2**31:
         return None
     return round(field) if isinstance(like, int) else field

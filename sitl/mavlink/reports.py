@@ -1,6 +1,6 @@
-"""What the stub reports about itself: the fields of each message, in wire units.
+"""The messages of the stub: the fields of each, in MAVLink units.
 
-Metres and the mission frame stop here: the wire speaks north-east-down, degE7, millimetres and centidegrees.
+It converts from metres and the mission frame to north-east-down, degE7, millimetres and centidegrees.
 """
 
 from collections.abc import Callable
@@ -38,9 +38,9 @@ from sitl.mavlink_constants import (
 )
 
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
-"""What the estimators' tests let through: five standard deviations of a GPS that is good to 0.5 m and 0.3 m/s."""
+"""The gates of the estimators' tests: five standard deviations of a GPS with errors of 0.5 m and 0.3 m/s."""
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-"""The attitude of a vehicle that keeps level, as a quaternion."""
+"""The attitude of a level vehicle, as a quaternion."""
 MOTION_MESSAGES = frozenset(
     {
         MessageId.ATTITUDE,
@@ -50,7 +50,7 @@ MOTION_MESSAGES = frozenset(
         MessageId.SIM_STATE,
     }
 )
-"""What tells a client where the vehicle is and how it moves."""
+"""The messages with the vehicle's position and motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +71,7 @@ class MavlinkConfig:
     """A stub vehicle's MAVLink system id, the mission frame, and how its estimates differ from the truth.
 
     `origin_m` is the origin of its local NED in the mission frame [m]. `seed` is that of the `noise`. With a
-    `signing_key` it signs its messages, and accepts signed ones only. `uid` is the unique id that it reports (none:
-    that of a stub).
+    `signing_key` it signs its messages, and accepts signed ones only. `uid` is the reported unique id (None: a stub's).
     """
 
     system_id: int
@@ -85,7 +84,7 @@ class MavlinkConfig:
 
     @property
     def reported_uid(self) -> int:
-        """The unique id that it reports."""
+        """The reported unique id."""
         return UID_OF_STUBS + self.system_id if self.uid is None else self.uid
 
 
@@ -99,10 +98,10 @@ class Estimate:
 
 
 class Reporter:
-    """Computes each message's fields from the autopilot's state; one estimate serves all messages of a time."""
+    """Computes each message's fields from the autopilot's state; messages of the same time share one estimate."""
 
     def __init__(self, autopilot: Autopilot, dialect: Dialect, config: MavlinkConfig, faults: VehicleFaults) -> None:
-        """Report about `autopilot`, with those of the `faults` that concern its motion."""
+        """Report the state of `autopilot`, with the `faults` that affect its motion."""
         self._autopilot = autopilot
         self._dialect = dialect
         self._config = config
@@ -135,11 +134,11 @@ class Reporter:
 
     @property
     def known(self) -> frozenset[int]:
-        """The ids of all messages that can be asked for."""
+        """The ids of all messages that can be requested."""
         return frozenset(self._builders)
 
     def report(self, message: int) -> list[Outgoing]:
-        """Return a message, or nothing while the estimator has nothing to say; KeyError if it is not known."""
+        """Return a message, or nothing while the estimator is not ready; KeyError if the message is unknown."""
         if self._faults.motion_silent and message in MOTION_MESSAGES:
             return []
         fields = self._builders[message]()
@@ -158,7 +157,7 @@ class Reporter:
         return self._autopilot.global_position_known
 
     def _estimate(self) -> Estimate:
-        """Return the estimate of now: the truth, what it is off, and noise drawn once per time."""
+        """Return the present estimate: the truth, its offset, and noise that is drawn once per time."""
         now_s = self._autopilot.time_s
         if self._estimated.time_s != now_s:
             airframe = self._autopilot.airframe
@@ -187,7 +186,7 @@ class Reporter:
         autopilot = self._autopilot
         if autopilot.armed:
             return CRITICAL if autopilot.failsafe else ACTIVE
-        # PX4 stands by only where it could be armed.
+        # PX4 reports standby only if it can be armed.
         return STANDBY if autopilot.armable or not self._dialect.tells_checks_in_heartbeat else UNINITIALISED
 
     def _sys_status(self) -> Fields:
@@ -238,7 +237,7 @@ class Reporter:
         return self._boot_ms, *self._place(estimate.position_m), relative_mm, *velocity, heading_cdeg
 
     def _hil_state_quaternion(self) -> Fields | None:
-        """PX4's simulator: place and velocity are true, the rest is that of a vehicle that keeps level."""
+        """PX4's simulator: position and velocity are true, the other values are those of a level vehicle."""
         if self._config.frame.is_local:
             return None
         airframe = self._autopilot.airframe
@@ -247,7 +246,7 @@ class Reporter:
         return 0, LEVEL, *rates, *self._place(airframe.position_m), *velocity, *speeds, *forces
 
     def _sim_state(self) -> Fields | None:
-        """ArduPilot's simulator: place and velocity are true, the rest is that of a vehicle that keeps level."""
+        """ArduPilot's simulator: position and velocity are true, the other values are those of a level vehicle."""
         if self._config.frame.is_local:
             return None
         airframe = self._autopilot.airframe
@@ -268,24 +267,24 @@ class Reporter:
 
     def _battery_status(self) -> Fields:
         voltages = [*self._cell_mv(), *[UNKNOWN_U16] * (10 - CELLS)]
-        endurance_s = round(self._faults.endurance_s or 0.0)  # 0 says that it is unknown
+        endurance_s = round(self._faults.endurance_s or 0.0)  # 0 is unknown
         return 0, 1, 1, 2500, voltages, -1, -1, -1, self._battery_percent(), endurance_s, 1
 
     def _extended_sys_state(self) -> Fields:
         return 0, int(self._autopilot.landed_state)
 
     def _estimator_status(self) -> Fields:
-        """PX4's: its test ratios are squares."""
+        """PX4's: its test ratios are squared."""
         ratios = (share**2 for share in self._shares_of_gates())
         accuracy_m = self._config.noise.position_m
         return self._boot_ms * 1000, int(self._estimator_flags()), *ratios, 0.0, 0.0, 0.0, accuracy_m, accuracy_m
 
     def _ekf_status_report(self) -> Fields:
-        """ArduPilot's: what it calls variances are the roots of its test ratios."""
+        """ArduPilot's: its "variances" are the square roots of its test ratios."""
         return int(self._estimator_flags()), *self._shares_of_gates(), 0.0, 0.0
 
     def _shares_of_gates(self) -> tuple[float, float, float]:
-        """Return how far the estimate is off, of what the tests let through: velocity, horizontal position, height."""
+        """Return the errors of the estimate relative to the gates: velocity, horizontal position, height."""
         estimate, airframe = self._estimate(), self._autopilot.airframe
         position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
         velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
@@ -293,7 +292,7 @@ class Reporter:
         return float(np.linalg.norm(velocity)), horizontal, abs(float(position[2]))
 
     def _estimator_flags(self) -> EstimatorFlag:
-        """Gyros and barometer tell attitude and height at all times; the rest takes something that tells the place."""
+        """Attitude and height, from gyros and barometer, are always valid; the rest needs a source of position."""
         flags = EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_VERT | EstimatorFlag.POS_VERT_ABS
         if not self._ready:
             return flags | EstimatorFlag.CONST_POS_MODE

@@ -1,17 +1,17 @@
-"""Which telemetry message is due when, in simulated time."""
+"""The schedule of telemetry messages, in simulated time."""
 
 from collections.abc import Iterable, Mapping
 from math import inf
 
 TOLERANCE_S = 1e-6
-"""Less than this before its time a message is on time: physics steps add up with rounding."""
+"""A message is due up to this long before its time, because the sum of physics steps has rounding errors."""
 
 
 class Schedule:
     """Message ids with an interval each; ids without a default rate are sent on request only."""
 
     def __init__(self, rates_hz: Mapping[int, float], known: Iterable[int]) -> None:
-        """Start every message of `rates_hz` at once; `known` are all ids that an interval may be set for."""
+        """Start every message of `rates_hz` at once; `known` are the ids with a settable interval."""
         self._default_s = {message: 1.0 / rate for message, rate in rates_hz.items()}
         self._known = frozenset(known)
         self._interval_s = dict(self._default_s)
@@ -23,7 +23,7 @@ class Schedule:
         return self._interval_s.get(message)
 
     def set_interval(self, message: int, interval_s: float | None, *, now_s: float) -> bool:
-        """Set an interval (0 restores the default, None stops) and say whether the message is known."""
+        """Set an interval (0 restores the default, None stops); return whether the message is known."""
         if message not in self._known:
             return False
         interval = self._default_s.get(message) if interval_s == 0.0 else interval_s
@@ -36,7 +36,7 @@ class Schedule:
         return True
 
     def due(self, now_s: float) -> list[int]:
-        """Return the messages due at `now_s` and plan the next ones; what was missed is not made up for."""
+        """Return the messages due at `now_s` and schedule the next ones; missed ones are not made up."""
         if now_s + TOLERANCE_S < self._next_s:
             return []
         latest_s = now_s + TOLERANCE_S

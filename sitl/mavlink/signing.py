@@ -1,4 +1,4 @@
-"""MAVLink 2 signing of a stub vehicle, by pymavlink, as ArduPilot does it: with a key, nothing unsigned is accepted."""
+"""MAVLink 2 signing of a stub vehicle, by pymavlink, as in ArduPilot: with a key, unsigned messages are refused."""
 
 import hashlib
 from dataclasses import dataclass
@@ -19,19 +19,19 @@ class SigningKey:
     time: int = 0
 
     def __post_init__(self) -> None:
-        """Check what can be checked."""
+        """Check length and time."""
         if len(self.secret) != KEY_LENGTH or self.time < 0:
             raise ValueError("a signing key has 32 bytes, and no negative time")
 
     def __repr__(self) -> str:
-        """Return no secret."""
+        """Return a text without the key."""
         return f"SigningKey(time={self.time})"
 
 
 class Signing:
-    """What a vehicle signs with and requires: its key, and the times of the messages that it sent and received.
+    """The signing state of a vehicle: its key, and the times of the messages sent and received.
 
-    Its time follows that of the messages it accepts; it has no clock of its own for that.
+    Its time follows that of accepted messages; it has no clock for signing.
     """
 
     def __init__(self, key: SigningKey | None) -> None:
@@ -40,7 +40,7 @@ class Signing:
             self.set_up(key.secret, key.time)
 
     def set_up(self, secret: bytes, time: int) -> None:
-        """Use another key from now on; none of it and no time ends signing."""
+        """Use another key from now on; an all-zero key with time 0 ends signing."""
         on = any(secret) or time > 0
         self._state.secret_key = bytes(secret) if on else None
         self._state.sign_outgoing = on
@@ -48,13 +48,13 @@ class Signing:
         self._state.stream_timestamps.clear()
 
     def writer(self, outbox: Any, system_id: int, component: int) -> Any:
-        """Return pymavlink's object that signs what it sends."""
+        """Return pymavlink's object that signs sent messages."""
         writer = mavlink.MAVLink(outbox, system_id, component)
         writer.signing = self._state
         return writer
 
     def parser(self) -> Any:
-        """Return pymavlink's object that parses received bytes; what is not signed as required is bad data to it."""
+        """Return pymavlink's object that parses received bytes; a missing or wrong signature makes bad data."""
         parser = _Parser(None)
         parser.robust_parsing = True
         parser.signing = self._state
@@ -63,7 +63,7 @@ class Signing:
 
 class _Parser(mavlink.MAVLink):  # type: ignore[misc]  # pymavlink is untyped
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:  # noqa: N803  # pymavlink's
-        """Compare the signature before the time: pymavlink notes the time of a forged message too."""
+        """Check the signature before the time: pymavlink also stores the time of a forged message."""
         digest = hashlib.sha256(self.signing.secret_key + bytes(msgbuf[:-DIGEST_LENGTH])).digest()
         if digest[:DIGEST_LENGTH] != bytes(msgbuf[-DIGEST_LENGTH:]):
             return False

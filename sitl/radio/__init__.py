@@ -1,1 +1,1 @@
-"""An emulated radio: what it does to the frames that it carries. Pure: bytes and times are arguments."""
+"""An emulated radio: delay, loss and noise of frames. Pure: bytes and times are arguments."""

@@ -1,4 +1,4 @@
-"""One direction of an emulated radio, and the air that directions share."""
+"""One direction of an emulated radio, and the air time that directions share."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from sitl.radio.spec import RadioSpec
 
 @dataclass(slots=True)
 class Counts:
-    """What went into one direction, and what became of it: frames lost in the air, and dropped for want of room."""
+    """The counts of one direction: frames sent, lost in the air, and dropped because the buffer was full."""
 
     sent_frames: int = 0
     sent_bytes: int = 0
@@ -20,7 +20,7 @@ class Counts:
 
 
 class Air:
-    """What one frame at a time uses: of one direction, or of all that share it."""
+    """The air time, used by one frame at a time: of one direction, or of all that share it."""
 
     def __init__(self, bytes_s: float | None) -> None:
         self._bytes_s = inf if bytes_s is None else bytes_s
@@ -28,7 +28,7 @@ class Air:
         self.busy_s = 0.0
 
     def take(self, length: int, now_s: float) -> float:
-        """Send so many bytes after all that was sent before; return when the last of them has left [s]."""
+        """Send this many bytes after all sent before; return when the last one has left [s]."""
         takes_s = length / self._bytes_s
         self.busy_s += takes_s
         self._free_s = max(self._free_s, now_s) + takes_s
@@ -36,7 +36,7 @@ class Air:
 
 
 class Channel:
-    """Carries frames one way. Of one seed, the same frames at the same times arrive the same.
+    """Carries frames one way. With the same seed, the same frames at the same times arrive identically.
 
     Losses follow Gilbert's model: the channel is good or bad, and each frame of a bad one is lost.
     """
@@ -80,7 +80,7 @@ class Channel:
         return self._flying[0][0] if self._flying else inf
 
     def waiting_bytes(self, now_s: float) -> int:
-        """Return how many bytes have not left."""
+        """Return the number of bytes that have not left."""
         while self._waiting and self._waiting[0][0] <= now_s:
             self._waiting.popleft()
         return sum(length for _, length in self._waiting)

@@ -1,4 +1,4 @@
-"""What an emulated radio is like."""
+"""The properties of an emulated radio."""
 
 from typing import Self
 
@@ -12,10 +12,10 @@ BUFFER_MIN_BYTES = 280
 
 
 class RadioSpec(Settings):
-    """A radio of `baud` bits a second, ten for each byte (none: no bound), each way, or with `shared` both ways and all
-    vehicles together. A frame arrives `latency_ms` and up to `jitter_ms` after its last bit; frames never overtake each
-    other. A share `loss` of the frames is lost, `burst` in a row on average (none: independently), and a share `noise`
-    of the bytes that arrive has one bit turned. What waits beyond `buffer_bytes` is dropped.
+    """A radio of `baud` bits a second, ten per byte (none: unlimited), in each direction, or with `shared` in total for
+    both directions and all vehicles. A frame arrives `latency_ms`, plus up to `jitter_ms`, after its last bit; frames
+    keep their order. A share `loss` of the frames is lost, `burst` in a row on average (none: independently), and a
+    share `noise` of the bytes that arrive has one bit flipped. Frames beyond `buffer_bytes` are dropped.
     """
 
     baud: int | None = Field(None, ge=300, le=10_000_000)
@@ -31,10 +31,10 @@ class RadioSpec(Settings):
     @model_validator(mode="after")
     def _loses_frames_in_bursts(self) -> Self:
         if self.burst is not None and self.loss > self.burst / (1.0 + self.burst):
-            raise ValueError("frames that are lost so often are lost in longer rows: raise burst, or lower loss")
+            raise ValueError("bursts of this length cannot lose this share of frames: raise burst, or lower loss")
         return self
 
     @property
     def bytes_s(self) -> float | None:
-        """What it carries [bytes/s], None without a bound."""
+        """The capacity [bytes/s], None if unlimited."""
         return None if self.baud is None else self.baud / BITS_A_BYTE

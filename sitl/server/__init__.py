@@ -1,4 +1,4 @@
-"""The stub vehicles as a server: sockets, the clock and a process of their own.
+"""The stub vehicles as a server: sockets, the clock and a separate process.
 
 It may import all of sitl.
 """

@@ -1,4 +1,4 @@
-"""The stub vehicles as a process of their own: its entry, and the parent's handle on it."""
+"""The stub vehicles in a separate process: its entry point, and the parent's handle."""
 
 import asyncio
 import multiprocessing
@@ -21,14 +21,14 @@ class StubReady:
 
 @dataclass(frozen=True, slots=True)
 class StubFailed:
-    """Sent to the parent when the stub cannot run: why."""
+    """Sent to the parent with the reason why the stub cannot run."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class StubInjection:
-    """Sent by the parent: what is injected into the vehicle of a system id."""
+    """Sent by the parent: an injection into the vehicle of a system id."""
 
     vehicle_id: int
     injection: VehicleInjection
@@ -44,10 +44,10 @@ def run_in_process(configs: Sequence[StubConfig], speed: float, connection: Conn
     """Serve stubs: the target of a spawned multiprocessing.Process.
 
     Sends StubReady or StubFailed, takes StubInjections, runs until None arrives through `connection`, then sends its
-    StubRecord. It ends by itself when the parent is gone, and leaves Ctrl-C to the parent.
+    StubRecord. It also ends when the parent has ended, and ignores Ctrl-C, which the parent handles.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_SETMASK, ())  # the parent may hold signals back
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())  # the parent may block signals
     with suppress(BrokenPipeError):
         try:
             record = asyncio.run(_serve_until_told(configs, speed, connection))
@@ -63,7 +63,7 @@ async def _serve_until_told(configs: Sequence[StubConfig], speed: float, connect
     served: dict[int, Stub] = {}
 
     def listen() -> None:
-        with suppress(EOFError, OSError):  # the parent is gone: the same as being told to stop
+        with suppress(EOFError, OSError):  # the parent has ended: stop as well
             while (message := connection.recv()) is not None:
                 loop.call_soon_threadsafe(served[message.vehicle_id].inject, message.injection)
         with suppress(RuntimeError):  # the loop is closed already
@@ -88,7 +88,7 @@ class StubProcess:
 
     @property
     def pid(self) -> int | None:
-        """The process id once started."""
+        """The process id, None before the start."""
         return self._process.pid
 
     def start(self) -> None:
@@ -109,11 +109,11 @@ class StubProcess:
             raise OSError(answer.reason)
 
     def inject(self, vehicle_id: int, injection: VehicleInjection) -> None:
-        """Let the vehicle of a system id fail from now on; raises OSError when the stub is gone."""
+        """Inject faults into the vehicle of a system id from now on; raises OSError if the stub has ended."""
         self._connection.send(StubInjection(vehicle_id, injection))
 
     def stop(self) -> StubRecord:
-        """Stop and return the record; raises OSError when the stub did not live to send one."""
+        """Stop and return the record; raises OSError if the stub ended without one."""
         try:
             self._connection.send(None)
             answer = self._connection.recv()

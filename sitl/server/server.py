@@ -1,4 +1,4 @@
-"""The stub vehicles on UDP: one socket and one MAVLink stream each, in scaled time, and their true tracks."""
+"""The stub vehicles on UDP: one socket and one MAVLink stream per vehicle, in scaled time, and their true tracks."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
@@ -25,11 +25,11 @@ from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
 
 WAKE_PERIOD_S = 0.004
-"""Wall time between two catch-ups at the least: at high speed several steps are taken at once."""
+"""The shortest wall time between two updates: at high speed an update takes several steps."""
 CATCH_UP_MAX_S = 0.5
-"""Simulated time that one catch-up may take; what exceeds it is given up, and slows the reached speed.
+"""The largest simulated time of one update; time beyond it is dropped, which lowers the speed reached.
 
-Less than the offboard timeout: a stall of the stub must not look to it like a client that fell silent.
+It is shorter than the offboard timeout: a stall of the stub must not trigger that timeout.
 """
 TRUTH_STEPS = round(0.1 / STEP_S)
 DATAGRAM_MAX = 1400
@@ -41,17 +41,17 @@ Address = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class StubConfig:
-    """One stub vehicle: who it is, where its client listens, where it stands and how it flies.
+    """One stub vehicle: its identity, the address of its client, its start and its flight properties.
 
     The vehicle id is its MAVLink system id. Mission frame; `origin_offset_m` is the estimator's origin seen from the
-    start position, `wind_m_s2` a constant disturbance acceleration. Raises ValueError for what makes no vehicle.
+    start position, `wind_m_s2` a constant disturbance acceleration. Raises ValueError for invalid values.
 
-    Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 flown indoors by
-    external position: neither hold nor return can be flown, and it arms in take-off or offboard only. Not `localised`,
-    it knows nothing of where it is and cannot be armed; an `external` one knows it while it is sent positions. `port`
-    is where clients may call it; 0 is any. `parameters` are those that somebody has set to other values than the
-    firmware's own. With a `signing_key` it accepts signed messages only, and signs its own. A `uid` and SYS_HITL among
-    its `parameters` let it pose as a board.
+    Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 that is flown
+    indoors by external position: neither hold nor return can be flown, and it arms in take-off or offboard only. If it
+    is not `localised`, it has no position and cannot be armed; an `external` one has a position while it receives
+    external positions. `port` is its own port for clients; 0 is any. `parameters` are values that differ from the
+    firmware's defaults. With a `signing_key` it accepts signed messages only, and signs its own. A `uid` and SYS_HITL
+    among its `parameters` make it look like a board.
     """
 
     vehicle_id: int
@@ -75,7 +75,7 @@ class StubConfig:
     uid: int | None = None
 
     def __post_init__(self) -> None:
-        """Check what can be checked."""
+        """Check ranges."""
         if not 1 <= self.vehicle_id <= 254:
             raise ValueError(f"vehicle_id = {self.vehicle_id}: a MAVLink system id lies between 1 and 254")
         if not (1 <= self.client_port <= 65535 and 0 <= self.port <= 65535):
@@ -90,7 +90,7 @@ class StubConfig:
 
 @dataclass(frozen=True, slots=True)
 class TruthTrack:
-    """Where one vehicle truly was, ten times a second: `time_s` (T,) on the common clock, the rest (T, 3)."""
+    """The true track of one vehicle, ten times a second: `time_s` (T,) on the common clock, the rest (T, 3)."""
 
     vehicle_id: int
     time_s: Vector
@@ -99,7 +99,7 @@ class TruthTrack:
 
     @classmethod
     def of(cls, vehicle_id: int, motions: Sequence[Telemetry]) -> "TruthTrack":
-        """Return the track of true motions; there is at least one."""
+        """Return the track of at least one true motion."""
         time_s = np.array([each.time_s for each in motions])
         position_m = np.array([each.position_m for each in motions])
         return cls(vehicle_id, time_s, position_m, np.array([each.velocity_m_s for each in motions]))
@@ -107,7 +107,7 @@ class TruthTrack:
 
 @dataclass(frozen=True, slots=True)
 class StubRecord:
-    """What a run leaves: tracks, the speed it kept, the simulated time it gave up, messages dropped by vehicle."""
+    """The record of a run: tracks, the speed reached, the simulated time dropped, and messages dropped by vehicle."""
 
     tracks: tuple[TruthTrack, ...]
     speed_reached: float
@@ -137,7 +137,7 @@ class _Endpoint(asyncio.DatagramProtocol):
             self._carry(lambda: self._send(packets))
 
     def _carry(self, deliver: Callable[[], None]) -> None:
-        """Deliver what the link carries: at once, late, or not at all."""
+        """Deliver packets as the link's faults demand: at once, late, or not at all."""
         if self._faults.link_cut:
             return
         if self._faults.link_delay_s > 0.0:
@@ -154,7 +154,7 @@ class _Endpoint(asyncio.DatagramProtocol):
 
 
 class _Pace:
-    """The stubs' uptime: what the common clock has run since the start, less what was given up."""
+    """The stubs' uptime: the common clock's time since the start, less the dropped time."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
@@ -170,7 +170,7 @@ class _Pace:
         return self._now_s() - self.clock_offset_s
 
     def steps_due(self) -> range:
-        """Return the steps to take now; those beyond what one catch-up may take are given up."""
+        """Return the steps to take now; those beyond one update are dropped."""
         late_s = self.uptime_s() - self.step * STEP_S
         self.slipped_s += max(0.0, late_s - CATCH_UP_MAX_S)
         first = self.step + 1
@@ -189,7 +189,7 @@ _MANNERS: Mapping[AutopilotKind, tuple[type[Autopilot], Dialect]] = {
 
 
 class Stub:
-    """One vehicle being served: its protocol, its socket, its track, and what is wrong with it."""
+    """One served vehicle: its protocol, its socket, its track, and its faults."""
 
     def __init__(self, config: StubConfig, pace: _Pace) -> None:
         x, y = config.start_position_m
@@ -220,7 +220,7 @@ class Stub:
         self._truth: list[tuple[float, ...]] = []
 
     def advance(self, steps: range) -> None:
-        """Take the steps one by one, note the truth, and send what fell due."""
+        """Take the steps one by one, record the truth, and send the messages that are due."""
         packets: list[bytes] = []
         (wind_x, wind_y), (push_x, push_y) = self.config.wind_m_s2, self.faults.push_m_s2
         for step in steps:
@@ -233,7 +233,7 @@ class Stub:
         self.endpoint.send(packets)
 
     def inject(self, injection: VehicleInjection) -> None:
-        """Let it fail from now on."""
+        """Inject faults from now on."""
         self.faults.add(injection.faults)
         if injection.battery_fraction is not None:
             self.autopilot.battery_fraction = injection.battery_fraction
@@ -241,12 +241,12 @@ class Stub:
             self.autopilot.select(NavMode.HOLD)
 
     def track(self) -> TruthTrack:
-        """Return where it truly was so far."""
+        """Return the true track so far."""
         rows = np.array(self._truth).reshape(-1, 7)
         return TruthTrack(self.config.vehicle_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
 
     def dropped(self) -> dict[str, int]:
-        """Return how many messages it dropped so far, by reason."""
+        """Return the counts of messages dropped so far, by reason."""
         return {drop.value: count for drop, count in self._vehicle.dropped.items()}
 
 
@@ -258,16 +258,16 @@ async def serve(
     stop: asyncio.Event,
     on_ready: Callable[[Sequence[Stub]], None] | None = None,
 ) -> StubRecord:
-    """Fly the stubs until `stop` is set, then return their record; `on_ready` is given them when all can be reached.
+    """Run the stubs until `stop` is set, then return their record; `on_ready` receives them when all can be reached.
 
     `now_s` is the clock that all processes share: monotonic simulated seconds, `speed` times as fast as the wall's.
-    Raises OSError when a socket cannot be had, ValueError for a speed that is not positive.
+    Raises OSError when a socket cannot be bound, ValueError for a speed that is not positive.
     """
     if not (isfinite(speed) and speed > 0.0):
         raise ValueError(f"speed = {speed}: it must be positive")
     for config in configs:
         if not config.frame.is_local:
-            config.frame.geodetic_from_mission((0.0, 0.0, 0.0))  # its first use loads a library: not in flight
+            config.frame.geodetic_from_mission((0.0, 0.0, 0.0))  # its first use loads a library
     pace = _Pace(now_s)
     stubs = [Stub(config, pace) for config in configs]
     async with AsyncExitStack() as stack:

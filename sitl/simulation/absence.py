@@ -1,18 +1,18 @@
-"""When a simulated vehicle's agent is not there: it has not come yet, dies in flight, or comes back as a new one."""
+"""The absence of a simulated vehicle's agent: it starts late, ends in flight, or is replaced by a new one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
 LANDED_AFTER_S = 15.0
-"""A vehicle whose agent died hovers, and its autopilot lands it: so long it is in the air, and in others' way."""
+"""The time in the air of a vehicle whose agent has ended: it hovers, and its autopilot lands it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Absence:
-    """The agent of `vehicle_id` is gone from `from_s` on (0: it has not come yet) until `to_s` (inf: for good).
+    """The agent of `vehicle_id` is absent from `from_s` (0: it starts late) until `to_s` (inf: to the end).
 
-    Then a new one is up, at rest at `at_m`; None is where the vehicle was before.
+    Then a new agent begins with the vehicle at rest at `at_m` (None: its present position).
     """
 
     vehicle_id: int
@@ -27,5 +27,5 @@ class Absence:
 
 
 def absence_at(absences: Sequence[Absence], now_s: float) -> Absence | None:
-    """Return the absence that a moment lies in, None if the agent is there."""
+    """Return the absence at a time, None if the agent is present."""
     return next((absence for absence in absences if absence.from_s <= now_s < absence.to_s), None)

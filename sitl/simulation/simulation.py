@@ -1,6 +1,6 @@
-"""The in-process simulation: the cores that fly, with simulated time, plants and network; seeded, deterministic.
+"""The in-process simulation: the real cores with simulated time, plants and network; seeded and deterministic.
 
-It knows a core only by what goes in and out of it, as a vehicle link and a peer bus would.
+It uses only the inputs and outputs of a core, as a vehicle link and a peer bus do.
 """
 
 from array import array
@@ -26,7 +26,7 @@ from sitl.vehicle.telemetry_schedule import TelemetrySchedule
 
 
 class Sensor(Protocol):
-    """A sensor of the target that travels with one vehicle."""
+    """A target sensor on board one vehicle."""
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return a sighting when one is due and in range."""
@@ -34,16 +34,16 @@ class Sensor(Protocol):
 
 
 class WantedPosition(Protocol):
-    """A setpoint as far as a simulated vehicle obeys it."""
+    """The parts of a setpoint that a simulated vehicle uses."""
 
     @property
     def position_m(self) -> tuple[float, float, float]:
-        """Mission frame."""
+        """The position in the mission frame."""
         ...
 
     @property
     def velocity_m_s(self) -> tuple[float, ...]:
-        """The velocity beside it, empty if there is none."""
+        """The feed-forward velocity, empty if none is sent."""
         ...
 
 
@@ -56,16 +56,16 @@ class Packet(Protocol):
 
 
 class Output(Protocol):
-    """What a core asks for in a tick."""
+    """The output of a core's tick."""
 
     @property
     def setpoint(self) -> WantedPosition | None:
-        """The position wanted."""
+        """The setpoint, if any."""
         ...
 
     @property
     def messages(self) -> Sequence[Packet]:
-        """What peers shall hear."""
+        """The messages to peers."""
         ...
 
 
@@ -74,7 +74,7 @@ OutputT_co = TypeVar("OutputT_co", bound=Output, covariant=True)
 
 
 class Core(Protocol[OutputT_co]):
-    """A vehicle's decision making: see `agents.core.VehicleCore`."""
+    """The core of an agent: see `agents.core.VehicleCore`."""
 
     def on_telemetry(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""
@@ -89,7 +89,7 @@ class Core(Protocol[OutputT_co]):
         ...
 
     def on_presence(self, vehicle_id: int, present: bool) -> None:
-        """Take the news that a peer has come or gone."""
+        """Take that a peer has joined or left the bus."""
         ...
 
     def tick(self, now_s: float) -> OutputT_co:
@@ -99,7 +99,7 @@ class Core(Protocol[OutputT_co]):
 
 @dataclass(frozen=True, slots=True)
 class NetworkModel:
-    """The peers' radio: how far it reaches, how late a message comes, and the share that never comes."""
+    """The peers' radio: its range, its delay, and the share of lost messages."""
 
     range_m: float
     delay_s: float = 0.0
@@ -107,7 +107,7 @@ class NetworkModel:
 
 
 class SimulatedVehicle(Generic[OutputT]):
-    """One simulated vehicle: its true motion, what it carries, and what its instruments make of it."""
+    """One simulated vehicle: its true motion, its core, its sensor and its instruments."""
 
     def __init__(
         self,
@@ -145,20 +145,20 @@ class SimulatedVehicle(Generic[OutputT]):
 
     @property
     def comes_and_goes(self) -> bool:
-        """Whether its agent is away at times."""
+        """Whether its agent has absences."""
         return len(self._model.absences) > 0
 
     @property
     def present(self) -> bool:
-        """Whether its agent is there."""
+        """Whether its agent is present."""
         return self._away is None
 
     def aloft(self, now_s: float) -> bool:
-        """Return whether it is in the air: one whose agent has died is landed by its autopilot."""
+        """Return whether it is in the air: without an agent its autopilot lands it."""
         return self._away is None or 0.0 < self._away.from_s > now_s - LANDED_AFTER_S
 
     def attend(self, now_s: float) -> Absence | None:
-        """Let its agent come or go, if it is time; return the absence that begins or ends now, None if none does."""
+        """Start or end an absence of its agent if it is due; return that absence, None if there is none."""
         before, self._away = self._away, absence_at(self._model.absences, now_s)
         if before is self._away:
             return None
@@ -172,10 +172,10 @@ class SimulatedVehicle(Generic[OutputT]):
         return before
 
     def sense(self, now_s: float) -> tuple[list[Telemetry], Sighting | None]:
-        """Return what its instruments have said since they were asked last, and its sensor if it sees the target now.
+        """Return the samples of its instruments since the last call, and its sensor's sighting if it sees the target.
 
-        The sensor sees the target from where the vehicle is, and says where it is from where the vehicle took itself to
-        be at that time: the error of the vehicle's position is in the sighting too.
+        The sensor measures relative to the true position; the sighting is relative to the estimated position at that
+        time, so it includes the error of the vehicle's position.
         """
         samples, self._samples = self._samples, []
         if self._telemetry_schedule is None or now_s == 0.0:
@@ -190,7 +190,7 @@ class SimulatedVehicle(Generic[OutputT]):
         return msgspec.structs.replace(sighting, position_m=(x + off_x, y + off_y))
 
     def think(self, now_s: float, samples: Sequence[Telemetry], sighting: Sighting | None) -> OutputT:
-        """Let the core take in what was sensed, and decide."""
+        """Pass the samples and the sighting to the core, and tick it."""
         for telemetry in samples:
             self.core.on_telemetry(telemetry)
         if sighting is not None:
@@ -198,19 +198,19 @@ class SimulatedVehicle(Generic[OutputT]):
         return self.core.tick(now_s)
 
     def command(self, now_s: float, wanted: WantedPosition | None) -> None:
-        """Send a setpoint on its way; it acts one delay later."""
+        """Send a setpoint, which acts one delay later."""
         if wanted is not None:
             self._body.command(now_s, self._aim_m(wanted))
             if self._model.climbs:
                 self._wanted_altitude_m = wanted.position_m[2]
 
     def _aim_m(self, wanted: WantedPosition) -> Pair:
-        """Return what `Plant.aim_m` does, as numbers."""
+        """Return the same as `Plant.aim_m`, as numbers."""
         (x, y, _), velocity_m_s, (lead_x, lead_y) = wanted.position_m, wanted.velocity_m_s, self._lead_s
         return (x + lead_x * velocity_m_s[0], y + lead_y * velocity_m_s[1]) if velocity_m_s else (x, y)
 
     def advance(self, from_s: float, to_s: float) -> None:
-        """Move the true vehicle, changing setpoints when they take effect, and take the samples that are due."""
+        """Move the true vehicle, apply setpoints when they take effect, and take the samples that are due."""
         if self._telemetry_schedule is not None:
             for due_s in self._telemetry_schedule.due_s(to_s):
                 if due_s > from_s:
@@ -242,15 +242,15 @@ class SimulatedVehicle(Generic[OutputT]):
 
 
 CLIMB_PER_S = 0.62
-"""Climb rate per metre that the altitude is off, as of the stub vehicles (sitl/autopilot/airframe.py)."""
+"""Climb rate per metre of altitude error, as for the stub vehicles (sitl/autopilot/airframe.py)."""
 _WIND, _DRIFT, _TELEMETRY = range(3)
-"""Each kind of chance has its own generator: one that is switched off leaves the others as they were."""
+"""Each random process has its own generator, so that disabling one does not change the others."""
 _ROUNDING_S = 1e-9
-"""A delay of whole ticks arrives on a tick, whatever its last binary digit says."""
+"""A delay of whole ticks ends on a tick in spite of rounding."""
 
 
 class _Flying(NamedTuple):
-    """Messages of one sender on their way: when they arrive, and where."""
+    """Messages of one sender in transit: arrival time and receivers."""
 
     arrive_s: float
     messages: Sequence[object]
@@ -258,7 +258,7 @@ class _Flying(NamedTuple):
 
 
 class _Network:
-    """Packets between `count` vehicles. All take the same time, so that they arrive in the order of their sending."""
+    """Packets between `count` vehicles. All have the same delay, so that they arrive in the order of sending."""
 
     def __init__(self, model: NetworkModel, count: int, seed: int) -> None:
         self._model = model
@@ -268,7 +268,7 @@ class _Network:
         self._reached: Sequence[Sequence[int]] = self._others
 
     def place(self, positions_m: Sequence[Pair]) -> None:
-        """Put the vehicles at their places (count,): who is in range of whom follows from that."""
+        """Set the positions of the vehicles (count,), which determine who is in range of whom."""
         x, y = zip(*positions_m, strict=True)
         if hypot(max(x) - min(x), max(y) - min(y)) <= self._model.range_m:
             self._reached = self._others
@@ -279,7 +279,7 @@ class _Network:
         self._reached = [np.flatnonzero(row).tolist() for row in apart_m <= self._model.range_m]
 
     def send(self, now_s: float, sender: int, packets: Sequence[Packet]) -> None:
-        """Send to every other vehicle in range, decoded once for all; each copy is lost on its own."""
+        """Send to every other vehicle in range, decoded once for all; each copy is lost independently."""
         receivers, loss = self._reached[sender], self._model.loss
         if not packets or not receivers:
             return
@@ -292,7 +292,7 @@ class _Network:
             self._flying.append(_Flying(arrive_s, kept, (receiver,)))
 
     def arrived(self, now_s: float) -> list[list[object]]:
-        """Take out what has arrived, by receiver."""
+        """Return and remove the messages that have arrived, by receiver."""
         arrived: list[list[object]] = [[] for _ in self._others]
         while self._flying and self._flying[0].arrive_s <= now_s + _ROUNDING_S:
             _, messages, receivers = self._flying.popleft()
@@ -303,10 +303,10 @@ class _Network:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedFlight:
-    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), altitudes and what each tick cost [us] (T, N).
+    """The truth of a simulated flight: `time_s` (T,), motions (T, N, 4), altitudes and tick times [us] (T, N).
 
-    A tick's cost is all a vehicle's core does in one period: what peers say, its own sensors, decision and plan.
-    `aloft` (T, N) says who is in the air.
+    The computing time of a tick includes everything that a core does in one period: messages, sensors, decision and
+    plan. `aloft` (T, N) is which vehicles are in the air.
     """
 
     time_s: Vector
@@ -317,7 +317,7 @@ class SimulatedFlight:
 
 
 class _Truth:
-    """Writes down where the vehicles truly are, tick by tick, and what each tick cost."""
+    """Records the true motions, tick by tick, and the computing time of each tick."""
 
     def __init__(self, ticks: int, vehicles: Sequence[SimulatedVehicle[OutputT]]) -> None:
         self._vehicles = vehicles
@@ -327,7 +327,7 @@ class _Truth:
         self.tick_us = array("d")
 
     def note(self, tick: int, now_s: float) -> list[Motion]:
-        """Write down a tick's motions and return them."""
+        """Record a tick's motions and return them."""
         motions = [vehicle.motion for vehicle in self._vehicles]
         for motion in motions:
             self._motion.extend(motion)
@@ -337,7 +337,7 @@ class _Truth:
         return motions
 
     def flight(self, time_s: Vector) -> SimulatedFlight:
-        """Return all of it."""
+        """Return the recorded flight."""
         shape = self._aloft.shape
         motion, altitude_m, tick_us = map(np.frombuffer, (self._motion, self._altitude_m, self.tick_us))
         return SimulatedFlight(
@@ -355,7 +355,7 @@ def simulate(
     observe: Callable[[int, int, OutputT], None],
     progress: Callable[[float], None],
 ) -> SimulatedFlight:
-    """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` sees every decision."""
+    """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` is called for every tick."""
     time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
     truth, air = _Truth(time_s.size, vehicles), _Network(network, len(vehicles), seed)
     comers = [vehicle for vehicle in vehicles if vehicle.comes_and_goes]
@@ -383,7 +383,7 @@ def simulate(
 
 
 def _attend(vehicle: SimulatedVehicle[OutputT], vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None:
-    """Let a vehicle's agent come or go, if it is time, and tell all that are there."""
+    """Start or end an absence of a vehicle's agent if it is due, and notify all agents that are present."""
     changed = vehicle.attend(now_s)
     if changed is None:
         return

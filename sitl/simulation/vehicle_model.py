@@ -1,4 +1,4 @@
-"""What one simulated vehicle is: its plant, its start, its imperfections and its seed."""
+"""The model of one simulated vehicle: plant, start, imperfections and seed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ class VehicleModel:
 
     `plant` is its true plant, which may differ from the one that its core assumes. `seed` seeds all its random
     generators. `disturbance_m_s2` is a constant acceleration (x, y). A vehicle that `climbs` follows the altitude of
-    its setpoints; any other keeps `altitude_m`. During `absences` its agent is away. `step` is any dynamics in place of
-    the plant's equation and of bounds on the motion's shape; delay and feed-forward remain the plant's.
+    its setpoints; any other keeps `altitude_m`. During `absences` its agent is absent. `step` is a dynamics function in
+    place of the plant's equation and the shaping limits; delay and feed-forward remain the plant's.
     """
 
     plant: Plant

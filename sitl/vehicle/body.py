@@ -1,4 +1,4 @@
-"""The true motion of one simulated vehicle: its plant, bounded or not, in the wind, with setpoints that come late."""
+"""The true motion of one simulated vehicle: its plant, shaped or not, in wind, with delayed setpoints."""
 
 from collections import deque
 from collections.abc import Callable
@@ -13,9 +13,9 @@ from sitl.vehicle.shaping import ShapedStep
 from sitl.vehicle.wind import Wind, low_altitude
 
 STEP_S = 0.02
-"""The physics step wherever the motion is not exact: shaped, or in a wind that changes or drags."""
+"""The physics step of motion without an exact solution: shaped, or in wind that changes or causes drag."""
 _STEPS_KEPT = 16
-"""Steps of different lengths that are kept discretised: setpoints and samples divide each tick in the same few ways."""
+"""The number of cached discretisations: setpoints and samples divide each tick in few different ways."""
 
 
 class Body:
@@ -31,7 +31,7 @@ class Body:
         random: np.random.Generator,
         step: StepFunction | None = None,
     ) -> None:
-        """Put it at rest at `start_m`, at time 0; `step` moves it in place of the plant and the bounds on its shape."""
+        """Put it at rest at `start_m`, at time 0; `step` replaces the plant and the shaping limits."""
         x, y = start_m
         self._motion: Motion = (x, y, 0.0, 0.0)
         self._disturbance = disturbance_m_s2
@@ -52,7 +52,7 @@ class Body:
 
     @property
     def motion(self) -> Motion:
-        """The true motion now; since the last whole physics step it goes on straight."""
+        """The present true motion, extrapolated from the last whole physics step."""
         ahead_s = self._now_s - self._flown_s
         if not self._in_steps or ahead_s <= 0.0:
             return self._motion
@@ -60,11 +60,11 @@ class Body:
         return x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate
 
     def command(self, now_s: float, aim_m: Pair) -> None:
-        """Send an aim on its way: a setpoint, with the velocity beside it where the plant takes one."""
+        """Send an aim: a setpoint, with its velocity if the plant has feed-forward."""
         self._pending.append((now_s + self._delay_s, aim_m))
 
     def rest(self, at_m: Pair | None = None) -> None:
-        """Let the autopilot hold it where it is, or put it at rest at a place; setpoints on their way are lost."""
+        """Hold the present position, or put the vehicle at rest at a place; pending setpoints are dropped."""
         if at_m is not None:
             self._motion = (*at_m, 0.0, 0.0)
         self._pending.clear()
@@ -72,9 +72,9 @@ class Body:
         self._aim_m = x + off_x, y + off_y
 
     def advance(self, from_s: float, to_s: float, off_m: Pair) -> None:
-        """Move on while the vehicle's own estimate is off by `off_m`: what it steers to a setpoint is its estimate.
+        """Move with the estimation error `off_m`: the autopilot steers the estimate to the setpoint.
 
-        An exact motion changes setpoints exactly when they take effect, any other at its next step.
+        In exact motion setpoints act exactly when they are due, otherwise at the next step.
         """
         self._off_m = off_m
         self._now_s = to_s
@@ -96,7 +96,7 @@ class Body:
 
     @property
     def _steered_m(self) -> Pair:
-        """Where the autopilot steers it: its aim, less what its estimate is off."""
+        """The true position that the autopilot steers to: the aim less the error of its estimate."""
         (x, y), (off_x, off_y) = self._aim_m, self._off_m
         return x - off_x, y - off_y
 
@@ -108,7 +108,7 @@ class Body:
             self._flown_s = round(self._flown_s + STEP_S, 9)
 
     def _pushed(self, wind: Wind) -> Pair:
-        """Return the disturbance in the wind of the next step."""
+        """Return the disturbance by the wind of the next step."""
         (x, y), (push_x, push_y) = wind.blow(), self._disturbance
         _, _, x_rate, y_rate = self._motion
         return push_x + self._drag_per_s * (x - x_rate), push_y + self._drag_per_s * (y - y_rate)

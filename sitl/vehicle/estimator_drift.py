@@ -9,14 +9,15 @@ import numpy as np
 from sitl.draws import AHEAD, normals
 
 _REMEMBERED = 512
-"""Errors that are kept: of five seconds, as late as a sensor may be, at 100 Hz."""
+"""The number of stored errors: five seconds, the largest delay of a sensor, at 100 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorDriftModel:
     """The error's standard deviation per axis, its correlation time, and the mean interval and size of its jumps.
 
-    Each axis is a first-order Gauss-Markov process. A jump, as after a reset of the estimator, decays with the error.
+    Each axis is a first-order Gauss-Markov process. A jump, such as after a reset of the estimator, decays with the
+    error.
     """
 
     sigma_m: float
@@ -53,7 +54,7 @@ class EstimatorDrift:
         return self._error_m
 
     def earlier_error_m(self, time_s: float) -> tuple[float, float]:
-        """Return the error as it was at a time up to the last one asked for: that of the nearest time before."""
+        """Return the error at an earlier time, as stored for the nearest time before it."""
         if time_s >= self._time_s:
             return self._error_m
         return next((error_m for at_s, error_m in reversed(self._past) if at_s <= time_s), self._error_m)

@@ -7,11 +7,11 @@ from sitl.vehicle.shaping import ShapeLimits
 from sitl.vehicle.telemetry_schedule import TelemetryTiming
 
 DRAG_PER_S = 0.05
-"""Acceleration per speed of the air past the vehicle: 8 m/s of wind push by 0.4 m/s².
+"""Acceleration per airspeed: a wind of 8 m/s causes 0.4 m/s².
 
 The rotors and body of a quadrotor of 1.5 to 2 kg cause 0.1 to 0.3 1/s. But the plant is the closed position loop of an
-autopilot, whose velocity loop has an integral part that the plant lacks: it removes slow disturbances and about half of
-the gusts. The remainder is modelled as one share for wind and gusts, which is the harder case for an observer.
+autopilot, whose velocity loop has an integrator that the plant does not model: it removes slow disturbances and about
+half of the gusts. The remainder is modelled as one share for wind and gusts, the harder case for an observer.
 """
 
 
@@ -19,7 +19,7 @@ the gusts. The remainder is modelled as one share for wind and gusts, which is t
 class Imperfections:
     """Limits of the motion's shaping, wind [m/s], gusts, drag, drift of the estimator, timing of the telemetry.
 
-    None is the ideal: no limits, no drift, one sample every tick.
+    None is ideal: no limits, no drift, one sample per tick.
     """
 
     shape: ShapeLimits | None = None

@@ -1,4 +1,4 @@
-"""The plant over one time step on plain numbers: for two axes arrays cost more than their arithmetic."""
+"""The plant over one time step on plain numbers, because for two axes arrays cost more than their arithmetic."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -9,11 +9,10 @@ Pair = tuple[float, float]
 Motion = tuple[float, float, float, float]
 """[x y x' y'] in the mission frame."""
 StepFunction = Callable[[Motion, Pair, Pair, float], Motion]
-"""Any dynamics: from motion, aim [m], disturbance [m/s²] and the duration of a step [s] to the motion after it.
+"""A dynamics function: from motion, aim [m], disturbance [m/s²] and step duration [s] to the motion after the step.
 
-A step is any part of a period of the loop: it ends where a setpoint comes into force. Aims come one delay of the plant
-after they were sent, and hold a velocity beside the setpoint by its feed-forward. A function that keeps a state of its
-own serves one vehicle in one flight.
+A step is any part of a period of the loop: it ends when a setpoint begins to act. Aims act one delay of the plant after
+they were sent, and include the feed-forward of velocities. A function with state serves one vehicle in one flight.
 """
 _Axis = tuple[float, float, float, float, float, float, float, float]
 
@@ -27,7 +26,7 @@ class MotionStep(Protocol):
 
 
 class FunctionStep:
-    """Any dynamics, by a function."""
+    """Dynamics by a function."""
 
     def __init__(self, function: StepFunction, step_s: float) -> None:
         self._function, self._step_s = function, step_s
@@ -38,7 +37,7 @@ class FunctionStep:
 
 
 class NumericStep:
-    """Does what `estimation.plant.model.PlantStep` does, to the last bit: none of its entries couples the axes."""
+    """The same as `estimation.plant.model.PlantStep`, bit for bit: none of its entries couples the axes."""
 
     def __init__(self, plant: Plant, step_s: float) -> None:
         """Discretise the plant exactly."""

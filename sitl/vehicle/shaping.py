@@ -1,6 +1,6 @@
-"""Motion as ArduCopter shapes it: the identified plant as long as speed, acceleration and jerk allow.
+"""Motion shaping as in ArduCopter: the identified plant within limits of speed, acceleration and jerk.
 
-A small motion is the linear plant's own, exactly; a large one is as fast as the limits let it be.
+A small motion is exactly the linear plant's; a large one is as fast as the limits allow.
 """
 
 from dataclasses import dataclass, fields
@@ -9,19 +9,19 @@ from estimation.plant.model import Plant
 from sitl.vehicle.plant_step import Motion, NumericStep, Pair
 
 SPEED_KEPT = 0.98
-"""The share of the speed limit that is steered for: the jerk limit lets the speed swing over by less than the rest."""
+"""The share of the speed limit that is aimed at: the overshoot due to the jerk limit is less than the rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShapeLimits:
-    """Bounds on a horizontal motion: norms in the plane. Raises ValueError unless all are positive."""
+    """Limits of a horizontal motion, as norms in the plane. Raises ValueError unless all are positive."""
 
     speed_m_s: float
     acceleration_m_s2: float
     jerk_m_s3: float
 
     def __post_init__(self) -> None:
-        """Refuse what would nail the vehicle down."""
+        """Refuse limits that are not positive."""
         for each in fields(self):
             if not getattr(self, each.name) > 0.0:
                 raise ValueError(f"{each.name} = {getattr(self, each.name)}: it must be positive")
@@ -38,7 +38,7 @@ class ShapedStep:
         self._limits = limits
 
     def advance(self, motion: Motion, before_m_s2: Pair, aim_m: Pair, disturbance_m_s2: Pair) -> Motion:
-        """Return the motion one step later; `before_m_s2` is the acceleration over the step before."""
+        """Return the motion one step later; `before_m_s2` is the acceleration over the previous step."""
         step_s, limits = self._step_s, self._limits
         x, y, x_rate, y_rate = motion
         linear = self._linear.advance(motion, self._nearer(x, y, aim_m, disturbance_m_s2), disturbance_m_s2)
@@ -55,7 +55,7 @@ class ShapedStep:
         return later_x, later_y, later_x_rate, later_y_rate
 
     def _nearer(self, x: float, y: float, aim_m: Pair, disturbance_m_s2: Pair) -> Pair:
-        """Draw the aim nearer, until the speed that the plant tends to is one allowed."""
+        """Move the aim nearer until the plant's steady speed is within the limit."""
         (aim_x, aim_y), (push_x, push_y) = aim_m, disturbance_m_s2
         (stiff_x, stiff_y), (damped_x, damped_y) = self._stiffness, self._damping
         tended = (stiff_x * (aim_x - x) + push_x) / damped_x, (stiff_y * (aim_y - y) + push_y) / damped_y
@@ -66,9 +66,9 @@ class ShapedStep:
 
 
 def _shortened(vector: Pair, longest: float) -> Pair:
-    """Return what `estimation.vectors.clipped` does, with the length of complex numbers, which is that of C's `hypot`.
+    """Return the same as `estimation.vectors.clipped`, with the length of complex numbers, which is C's `hypot`.
 
-    That of `math` differs in the last digit of one length in 170, and the simulations recorded so far were made with C.
+    `math.hypot` differs in the last digit of one length in 170, which would change recorded simulations.
     """
     length = abs(complex(*vector))
     if length <= longest:

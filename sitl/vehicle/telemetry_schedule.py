@@ -1,4 +1,4 @@
-"""When a vehicle samples telemetry: at a rate, with jitter and gaps."""
+"""The telemetry sample times of a vehicle: a rate with jitter and gaps."""
 
 from dataclasses import dataclass
 from math import inf
@@ -10,7 +10,7 @@ import numpy as np
 class TelemetryTiming:
     """The rate, the jitter as a share of the period, and the mean interval and duration of gaps.
 
-    Raises ValueError when samples could get out of order.
+    Raises ValueError if samples could be out of order.
     """
 
     rate_hz: float

@@ -1,6 +1,6 @@
 """The wind at a vehicle: a steady part, and Dryden turbulence at low altitude (MIL-F-8785C, section 3.7.2.5).
 
-Turbulence is a frozen pattern that the wind carries past the vehicle (Taylor's hypothesis). The vehicle's own speed is
+Turbulence is a frozen field that moves past the vehicle with the wind (Taylor's hypothesis). The vehicle's speed is
 neglected.
 """
 
@@ -11,13 +11,13 @@ import numpy as np
 
 FEET_M = 0.3048
 SPEED_LEAST_M_S = 1.0
-"""Lower bound of the pattern's speed: in less wind the vehicle's own motion carries it past."""
+"""Lower bound of the field's speed: in weaker wind the vehicle's own motion dominates."""
 _BLOCK = 512
 
 
 @dataclass(frozen=True, slots=True)
 class Turbulence:
-    """Dryden's parameters: scale length [m] and intensity [m/s], both horizontal, and the pattern's speed [m/s]."""
+    """Dryden's parameters: scale length [m] and intensity [m/s], both horizontal, and the field's speed [m/s]."""
 
     length_m: float
     intensity_m_s: float
@@ -63,7 +63,7 @@ class _Shaping:
 
         span_s = gusts.length_m / gusts.speed_m_s
         flow = np.array([[-1.0 / span_s, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0 / span_s**2, -2.0 / span_s]])
-        # White noise of unit density enters the last state of each chain; the outputs make of it the spectra above.
+        # White noise of unit density drives the last state of each chain; the outputs have the spectra above.
         noise = np.diag([1.0, 0.0, 1.0])
         block = expm(np.block([[-flow, noise], [np.zeros((3, 3)), flow.T]]) * step_s)
         self._step = block[3:, 3:].T
@@ -89,7 +89,7 @@ class _Shaping:
         return along, across
 
     def _block(self) -> list[list[float]]:
-        """Return gusts of many steps at once, the last one first."""
+        """Return gusts of many steps, the last one first."""
         pushes = self._random.standard_normal((_BLOCK, 3)) @ self._root.T
         (aa, _, _), (_, bb, bc), (_, cb, cc) = self._step.tolist()  # no entry couples along and across
         along, across, slope = self._state

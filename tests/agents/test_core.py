@@ -97,7 +97,7 @@ class Pilot:
         return outputs
 
 
-def test_before_any_telemetry_there_is_nothing_to_ask_for(make_config: Maker) -> None:
+def test_before_any_telemetry_there_is_no_setpoint(make_config: Maker) -> None:
     output = VehicleCore(make_config()).tick(0.0)
     assert output.setpoint is None
     assert output.messages == ()
@@ -397,7 +397,9 @@ def test_on_its_way_to_the_ring_a_vehicle_sends_at_the_full_rate(make_config: Ma
     assert all(output.messages for output in joining)
 
 
-def test_followers_hear_the_setpoint_without_wind_compensation_at_the_time_of_the_message(make_config: Maker) -> None:
+def test_followers_receive_the_undisturbed_setpoint_at_the_time_of_the_message(
+    make_config: Maker,
+) -> None:
     pilot = Pilot(make_config())
     wind = np.array([0.2, -0.1])
     output = next(each for each in reversed(pilot.fly(40.0, wind=wind)) if each.messages)
@@ -429,7 +431,7 @@ def test_the_same_inputs_give_the_same_outputs_bit_for_bit(make_config: Maker) -
     assert flight() == flight()
 
 
-def test_a_vehicle_that_stood_down_asks_for_nothing_and_tells_its_peers_so(make_config: Maker) -> None:
+def test_a_vehicle_in_pilot_override_sends_no_setpoint_and_publishes_its_tactic(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     pilot.fly(5.0)
     pilot.core.on_event(Event.PILOT_TOOK_OVER)
@@ -507,7 +509,7 @@ def test_in_another_shape_it_flies_to_its_new_slot(make_config: Maker) -> None:
     assert "the formation's shape is 'wedge'" in [note.text for output in outputs for note in output.status.notes]
 
 
-def test_behind_somebodys_back_it_keeps_off_the_ring_and_says_nothing_of_its_bearing(make_config: Maker) -> None:
+def test_without_a_gap_ahead_it_stays_off_the_ring_and_does_not_publish_its_bearing(make_config: Maker) -> None:
     def flight(bearing_off: float) -> list[TickOutput]:
         config = make_config(safety={"separation_m": 3.0, "guard": False}, decision={"distance_max_m": 50.0})
         pilot = Pilot(config, motion=(20.0, 0.0, 0.0, 0.0))
@@ -539,7 +541,7 @@ def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> No
     assert not any(map(sightings_of, sent_by(output)))
 
 
-def test_a_target_too_fast_for_the_ring_slows_it_down_and_everybody_is_told(make_config: Maker) -> None:
+def test_a_target_too_fast_for_the_ring_slows_it_and_this_is_published(make_config: Maker) -> None:
     ring = {"radius_m": 10.0, "angular_rate_rad_s": 0.15, "speed_max_m_s": 3.0, "acceleration_max_m_s2": 4.0}
     pilot, outputs = Pilot(make_config(encirclement=ring)), []
     for tick in range(90):

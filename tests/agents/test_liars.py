@@ -211,7 +211,7 @@ def test_a_lie_that_no_vehicle_flies_is_found_and_all_keep_apart(name: str, scen
 
 @pytest.mark.parametrize("scene", [on_the_ring, crossing])
 @pytest.mark.parametrize("name", NOT_FOUND)
-def test_a_lie_that_a_vehicle_could_fly_is_not_found_and_the_honest_keep_apart(
+def test_false_states_that_a_vehicle_could_fly_are_not_detected_and_the_others_keep_apart(
     name: str, scene: Callable[[], Scene]
 ) -> None:
     outcome = flown(NOT_FOUND[name], scene())
@@ -221,7 +221,7 @@ def test_a_lie_that_a_vehicle_could_fly_is_not_found_and_the_honest_keep_apart(
 
 
 @pytest.mark.parametrize("scene", [on_the_ring, crossing])
-def test_a_constant_offset_from_the_start_is_not_found_and_the_honest_keep_apart(scene: Callable[[], Scene]) -> None:
+def test_a_constant_offset_from_the_start_is_not_detected_and_the_others_keep_apart(scene: Callable[[], Scene]) -> None:
     lie = about_state(lambda _, state: [shifted(state, -5.0, 0.0)])
     outcome = flown(lie, replace(scene(), from_s=0.0))
     print("MEASURED", scene.__name__, outcome)
@@ -261,7 +261,9 @@ def test_a_lie_about_the_target_does_not_move_the_estimates_of_those_who_see_it(
 
 
 @pytest.mark.parametrize("scene", [on_the_ring, crossing])
-def test_honest_teams_raise_no_doubt_with_losses_delays_and_drifting_estimates(scene: Callable[[], Scene]) -> None:
+def test_teams_without_faults_raise_no_doubt_with_loss_delay_and_drift(
+    scene: Callable[[], Scene],
+) -> None:
     mission = scene().mission
     mission["network"] = {"loss": 0.4, "delay_s": 0.2}
     mission["simulation"] = {"wander_m": 0.5, "position_noise_m": 0.1, "velocity_noise_m_s": 0.1, "gusts": True}

@@ -46,7 +46,7 @@ def test_one_alone_flies_its_line_and_another_one_joins_it() -> None:
     assert separation_left_m(scene, flight) >= 0.0
 
 
-def test_a_leader_that_comes_back_disturbs_nobody() -> None:
+def test_a_returning_leader_does_not_disturb_the_others() -> None:
     build, in_formation, _ = SCENES["leader back in formation"]
     draw = measured(build, in_formation, 2)  # comes from the side, from beyond the end of the line
     assert draw.settled_s <= 25.0

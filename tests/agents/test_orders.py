@@ -96,7 +96,7 @@ def test_what_is_done_and_answered(before: Tactic, verb: Verb, did: str, after: 
 
 
 @pytest.mark.parametrize("verb", ["hold", "land", "rtl", "abort"])
-def test_a_vehicle_that_was_taken_says_who_has_it_and_what_helps(verb: Verb) -> None:
+def test_a_vehicle_in_pilot_override_reports_the_pilot_and_the_next_step(verb: Verb) -> None:
     vehicle = Vehicle(Tactic.PILOT_OVERRIDE)
     did = vehicle.told(verb)
     assert not obeyed(did)
@@ -223,7 +223,7 @@ def test_whatever_follows_an_abort_but_a_resume_or_return_it_is_landing_in_time(
     assert vehicle.does(Tactic.LAND)
 
 
-def test_a_kill_is_told_of_twice_meant_and_done() -> None:
+def test_a_kill_is_answered_when_it_begins_and_when_it_is_done() -> None:
     vehicle = Vehicle()
     did = vehicle.told("kill", number=7)
     assert (did, final("kill", did), vehicle.orders.kills) == (CUTTING, False, True)
@@ -235,7 +235,7 @@ def test_a_kill_is_told_of_twice_meant_and_done() -> None:
     assert vehicle.told("kill", number=8) == CUTTING
 
 
-def test_all_who_asked_for_a_kill_hear_why_it_failed() -> None:
+def test_all_operators_of_a_kill_receive_why_it_failed() -> None:
     vehicle = Vehicle()
     vehicle.told("kill", number=7)
     vehicle.told("kill", number=8)
@@ -263,7 +263,7 @@ def test_what_is_remembered_is_bounded() -> None:
     assert len(vehicle.orders.answers(0.0)) == NUMBERS_KEPT
 
 
-def test_a_core_answers_in_its_next_tick_even_before_it_knows_where_it_is(make_config: Maker) -> None:
+def test_a_core_answers_in_its_next_tick_even_without_telemetry(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
     core.on_message(OperatorCommand(1.0, "kill", 2, "pat@here", 7), 1.0)
     assert core.orders.kills
@@ -305,7 +305,7 @@ def test_the_newest_shape_spreads_from_vehicle_to_vehicle(make_config: Maker) ->
     assert told_shape(core, 2.4) == ("column", 2.1)
 
 
-def test_a_flight_for_identification_knows_no_shapes(make_config: Maker) -> None:
+def test_an_identification_flight_has_no_shapes(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2, excitation=ExcitationSettings()))
     core.on_message(reshaping("wedge"), 1.0)
     assert told_shape(core, 1.0) == (None, 0.0)

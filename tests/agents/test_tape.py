@@ -88,7 +88,7 @@ def test_what_is_played_from_the_tape_comes_out_the_same(make_config: Callable[.
     assert len(told) == len(set(told)) >= 2
 
 
-def test_an_output_follows_its_tick_and_nothing_is_told_twice(make_config: Callable[..., AgentConfig]) -> None:
+def test_an_output_follows_its_tick_and_nothing_is_recorded_twice(make_config: Callable[..., AgentConfig]) -> None:
     tape = ListTape()
     flown(TapedCore(make_config(), tape))
     for before, item in zip(tape.items, tape.items[1:], strict=False):

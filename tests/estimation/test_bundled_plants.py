@@ -43,7 +43,7 @@ def bundled(name: str) -> Bundled:
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
-def test_a_profile_is_what_its_log_says(name: Autopilot) -> None:
+def test_a_profile_equals_the_identification_of_its_log(name: Autopilot) -> None:
     here = bundled(name)
     assert here.numbers == pytest.approx([each.value for each in intervals_of(here.found)], rel=2e-3)
     noise, filtered = here.found.noise, here.profile.own_filter

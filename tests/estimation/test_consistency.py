@@ -28,7 +28,7 @@ def test_the_larger_the_errors_the_lower_the_authority() -> None:
     assert AUTHORITY_LEAST < shares[2] < 1.0
 
 
-def test_doubt_comes_fast_and_goes_slowly_but_goes() -> None:
+def test_authority_falls_fast_and_recovers_slowly() -> None:
     consistency = watched(1.0)
     for _ in range(60):
         consistency.see(20.0, 0.05, MOST)
@@ -41,7 +41,7 @@ def test_doubt_comes_fast_and_goes_slowly_but_goes() -> None:
     assert consistency.authority == 1.0
 
 
-def test_one_outlier_however_far_says_little(subtests: pytest.Subtests) -> None:
+def test_one_outlier_at_any_distance_has_little_effect(subtests: pytest.Subtests) -> None:
     for squared in [1e9, float("inf"), float("nan")]:
         with subtests.test(squared=squared):
             consistency = watched(1.0)

@@ -46,14 +46,14 @@ def test_noise_of_positions_and_velocities_is_measured() -> None:
     assert noise.velocity_noise_m_s == pytest.approx(0.26, rel=0.1)  # with what the positions' noise adds in a second
 
 
-def test_a_push_that_swings_asks_for_a_quicker_disturbance_and_room_for_it() -> None:
+def test_an_oscillating_push_gives_a_larger_random_walk_and_bound() -> None:
     calm, pushed = (told(position_m=0.01, velocity_m_s=0.0, push_m_s2=push) for push in (0.0, PUSH_M_S2))
     assert pushed.disturbance_noise_m_s2 > 3.0 * calm.disturbance_noise_m_s2
     assert PUSH_M_S2 < pushed.disturbance_max_m_s2 < 2.0 * PUSH_M_S2
     assert calm.predicted_rms_m < 0.03
 
 
-def test_a_log_without_velocities_tells_nothing_of_the_filter() -> None:
+def test_a_log_without_velocities_gives_no_filter_settings() -> None:
     assert found_in(recorded(TRUTH, 1)).noise is None
 
 

@@ -51,7 +51,7 @@ class Watched:
         return np.array(self.offsets.offset_m(sensor))
 
 
-def test_differences_of_wandering_frames_are_found_as_well_as_stated_and_their_sum_is_left_alone() -> None:
+def test_differences_of_drifting_frames_are_estimated_consistently_and_their_sum_is_unchanged() -> None:
     watched, errors, offsets = Watched({1: SIGMA_M, 2: SIGMA_M, 3: SIGMA_M}, 1), [], []
     for step in range(6000):
         watched.step()
@@ -77,7 +77,7 @@ def test_a_frame_that_does_not_wander_fixes_the_others() -> None:
     assert watched.offsets.offset_m(1000) == (0.0, 0.0)
 
 
-def test_a_frame_that_hardly_wanders_counts_for_more_than_one_that_does() -> None:
+def test_a_frame_with_a_small_error_has_more_weight() -> None:
     watched, errors = Watched({1: SIGMA_M, 2: 0.02}, 3), []
     for step in range(6000):
         watched.step()
@@ -86,7 +86,7 @@ def test_a_frame_that_hardly_wanders_counts_for_more_than_one_that_does() -> Non
     assert np.sqrt(np.mean(np.square(errors))) < 0.14
 
 
-def test_a_blind_sensor_keeps_its_offset_which_fades_and_becomes_less_sure() -> None:
+def test_the_offset_of_a_blind_sensor_decays_and_its_variance_grows() -> None:
     watched = Watched({1: SIGMA_M, 2: SIGMA_M, 3: SIGMA_M}, 4)
     for _ in range(500):
         watched.step()

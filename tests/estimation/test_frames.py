@@ -135,14 +135,14 @@ def test_a_bearing_that_is_not_finite_is_refused() -> None:
 
 
 @given(st.tuples(metres, metres, metres))
-def test_rows_of_ned_turn_as_the_mission_frame_of_bearing_zero_does(ned: tuple[float, float, float]) -> None:
+def test_rows_of_ned_convert_as_the_mission_frame_of_bearing_zero(ned: tuple[float, float, float]) -> None:
     rows = np.array([ned, (1.0, 2.0, 3.0)])
     frame = MissionFrame(None)
     assert up_from_ned(rows).tolist() == [list(frame.mission_from_ned(ned)), [1.0, -2.0, -3.0]]
     assert up_from_ned(up_from_ned(rows)).tolist() == rows.tolist()
 
 
-def test_many_places_at_once_are_where_each_is_by_itself() -> None:
+def test_many_places_are_converted_as_each_alone() -> None:
     """In NED about the origin, against the mission frame of bearing 0 place by place."""
     frame = MissionFrame(ZURICH)
     places = [Geodetic(47.3979, 8.5454, 500.0), Geodetic(47.39, 8.55, 480.0), ZURICH]

@@ -39,7 +39,7 @@ def test_without_noise_the_plant_is_found_as_it_is() -> None:
     assert min(axis.fit_percent for axis in found.axes) > 99.0
 
 
-def test_the_share_of_the_velocities_that_is_fed_forward_is_found() -> None:
+def test_the_feed_forward_gain_is_identified() -> None:
     fed = replace(TRUTH, feedforward=0.8)
     recording = recorded(fed, 1, noise_m=1e-3, setpoints_hz=25.0, sampled=False, fed=True)
     identified = identify([recording])
@@ -52,10 +52,10 @@ def test_the_share_of_the_velocities_that_is_fed_forward_is_found() -> None:
     assert found.baseline.feedforward == pytest.approx(0.8, abs=0.1)
 
 
-def test_a_vehicle_that_leaves_the_velocities_aside_is_not_to_be_flown_with_them() -> None:
+def test_a_vehicle_that_ignores_velocities_must_not_be_flown_with_them() -> None:
     identified = identify([recorded(TRUTH, 13, fed=True)])
     assert identified.verdict is PlantGrade.DO_NOT_FLY
-    assert "the velocities beside the setpoints show no effect" in identified.reasons[0]
+    assert "the feed-forward velocities show no effect" in identified.reasons[0]
 
 
 def test_velocities_that_stay_the_same_tell_nothing() -> None:
@@ -108,7 +108,7 @@ def test_several_flights_are_one_identification() -> None:
     assert max(interval.relative for interval in intervals_of(found)[:4]) < 0.06
 
 
-def test_a_good_flight_is_called_good_and_progress_rises_to_the_end() -> None:
+def test_a_good_flight_is_graded_good_and_progress_rises_to_the_end() -> None:
     shares: list[float] = []
     identified = identify([recorded(TRUTH, 5, noise_m=0.05)], shares.append)
     assert (identified.verdict, identified.reasons) == (PlantGrade.GOOD, ())
@@ -137,7 +137,7 @@ def unmoved(recording: Recording) -> Recording:
         (replace(recorded(TRUTH, 6), resets_s=np.arange(0.0, 150.0, 7.0).tolist()), "too short: 0 s were flown"),
     ],
 )
-def test_nothing_is_learnt_from_a_bad_flight_and_the_reason_is_told(recording: Recording, reason: str) -> None:
+def test_a_bad_flight_identifies_nothing_and_the_reason_is_reported(recording: Recording, reason: str) -> None:
     identified = identify([recording])
     assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert identified.found is None
@@ -145,10 +145,10 @@ def test_nothing_is_learnt_from_a_bad_flight_and_the_reason_is_told(recording: R
     assert identified.reasons[0].startswith(reason)
 
 
-def test_a_vehicle_at_its_greatest_speed_is_noticed_and_the_speed_told() -> None:
+def test_a_vehicle_at_its_speed_limit_is_detected_with_the_speed() -> None:
     identified = identify([saturated(TRUTH, 7, speed_max_m_s=1.0)])
     assert identified.verdict is PlantGrade.DO_NOT_FLY
-    assert identified.reasons[0].startswith("saturation: speed was held at 1.0 m/s for ")
+    assert identified.reasons[0].startswith("saturation: speed was limited to 1.0 m/s for ")
     shaping = found_in(identified).shaping
     assert shaping.speed_max_m_s == pytest.approx(1.0, rel=0.05)
     assert shaping.speed_share == pytest.approx(0.6, abs=0.15)
@@ -161,34 +161,34 @@ def test_a_delay_beyond_any_plants_is_noticed() -> None:
     assert any(reason.startswith("the delay is at its bound of 0.6 s") for reason in identified.reasons)
 
 
-def test_a_vehicle_that_moves_before_it_is_asked_is_noticed() -> None:
+def test_a_response_before_the_setpoint_is_detected() -> None:
     """The log stamps setpoints 0.2 s late: the plant is found all the same, without a delay."""
     flight = recorded(replace(TRUTH, delay_s=0.0), 9, noise_m=0.02, setpoints_hz=25.0, sampled=False)
     identified = identify([replace(flight, setpoint_time_s=flight.setpoint_time_s + 0.2)])
     assert identified.verdict is PlantGrade.USABLE
-    assert any("before it is asked to" in reason for reason in identified.reasons)
+    assert any("s before the setpoint" in reason for reason in identified.reasons)
     assert found_in(identified).delay_s.value == 0.0
 
 
-def test_a_flight_with_little_in_it_leaves_little_certainty() -> None:
+def test_a_flight_without_excitation_leaves_large_uncertainty() -> None:
     """One slow ramp: no wish of a plant's can be told from another's."""
     ramp_m = np.column_stack([np.linspace(0.0, 20.0, round(60.0 / SENT_S))] * 2)
     identified = identify([recorded(TRUTH, 10, noise_m=0.1, setpoint_m=ramp_m)])
     assert identified.verdict is PlantGrade.DO_NOT_FLY
-    assert identified.reasons[0].startswith("too little excitation for so much noise: known are a0 along x to ")
+    assert identified.reasons[0].startswith("too little excitation for this noise: uncertainty of a0 along x ")
 
 
-def test_another_order_is_noticed() -> None:
+def test_another_order_is_detected() -> None:
     """A lag of half a second in the actuators."""
     identified = identify([recorded(TRUTH, 11, noise_m=0.02, lag_s=0.5)])
     order = found_in(identified).order
     assert not order.second_is_enough
     assert order.lag_s == pytest.approx(0.5, rel=0.3)
-    assert any(reason.startswith("a second order is not quite enough") for reason in identified.reasons)
+    assert any(reason.startswith("second order is not sufficient") for reason in identified.reasons)
     assert found_in(identify([recorded(TRUTH, 11, noise_m=0.02)])).order.second_is_enough
 
 
-def test_what_an_estimator_wanders_in_a_minute_is_not_held_against_the_plant() -> None:
+def test_an_estimators_drift_does_not_lower_the_validation_fit() -> None:
     recording = recorded(TRUTH, 13, noise_m=0.02)
     wander_m = 0.6 * np.sin(2.0 * np.pi * recording.position_time_s / 80.0)
     found = found_in(identify([replace(recording, position_m=recording.position_m + wander_m[:, None])]))
@@ -199,7 +199,7 @@ def test_what_an_estimator_wanders_in_a_minute_is_not_held_against_the_plant() -
     assert [axis.a0_per_s2.value for axis in found.axes] == pytest.approx(TRUTH.a0, rel=0.05)
 
 
-def test_plain_least_squares_is_told_beside_and_is_worse() -> None:
+def test_ordinary_least_squares_is_reported_too_and_is_worse() -> None:
     found = found_in(identify([recorded(TRUTH, 12, noise_m=0.03, memory_s=0.5)]))
     assert found.baseline is not None
     errors = [abs(found.axes[0].a0_per_s2.value - 1.5), abs(found.baseline.a0_per_s2[0] - 1.5)]

@@ -104,7 +104,7 @@ def test_the_plant_answers_with_the_polar_acceleration_wanted(polar: Polar, want
     assert at_once == pytest.approx(wanted, abs=1e-5)
 
 
-def test_a_vehicle_on_its_circle_keeps_to_it_about_a_moving_target() -> None:
+def test_polar_coordinates_of_a_circle_about_a_moving_target_are_constant() -> None:
     polar, step_s = Polar(10.0, 0.0, 0.0, 0.15), 1e-3
     motion, target = motion_from_polar(polar, TARGET), TARGET.copy()
     for _ in range(10_000):
@@ -116,7 +116,7 @@ def test_a_vehicle_on_its_circle_keeps_to_it_about_a_moving_target() -> None:
     assert after.angular_rate_rad_s == pytest.approx(0.15, abs=2e-3)
 
 
-def test_a_cartesian_acceleration_is_what_the_plant_does() -> None:
+def test_a_cartesian_acceleration_matches_the_plant() -> None:
     motion, wanted = np.array([3.0, -2.0, 1.0, 0.5]), (0.4, -0.9)
     x_d, y_d = aim_for_acceleration(motion, wanted, WIND, PLANT)
     assert 0.80 * (x_d - 3.0) - 0.87 * 1.0 + 0.2 == pytest.approx(0.4)

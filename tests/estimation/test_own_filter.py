@@ -103,7 +103,7 @@ def test_the_covariance_settles_where_the_riccati_equation_says() -> None:
     assert estimate.covariance == pytest.approx((np.eye(6) - gain @ OBSERVATION) @ prior, rel=1e-5, abs=1e-10)
 
 
-def test_errors_are_as_large_as_the_filter_believes() -> None:
+def test_errors_match_the_filters_covariance() -> None:
     transition, gain, noise = model(PERIOD_S)
     random = np.random.default_rng(7)
     root, flights, squares = np.linalg.cholesky(noise), 80, []
@@ -135,7 +135,7 @@ def test_a_link_delays_setpoints_as_a_slower_plant_does() -> None:
     assert over_link.predicted(6.4, 0.05) == pytest.approx(whole.predicted(6.4, 0.05), abs=1e-12)
 
 
-def test_a_setpoint_does_not_overtake_the_one_before_it() -> None:
+def test_a_setpoint_does_not_act_before_its_predecessor() -> None:
     """The delay falls from 0.5 s to none: the setpoints of this time act at once then, the newest last."""
     own = OwnFilter(PLANT, SETTINGS)
     own.measure(telemetry(0.0, np.zeros(4)))
@@ -149,7 +149,7 @@ def test_a_setpoint_does_not_overtake_the_one_before_it() -> None:
 
 
 @pytest.mark.parametrize(("turning_rad_s", "motion_error"), [(0.15, 1e-3), (0.0, 0.05)])
-def test_a_disturbance_that_turns_leaves_no_error_if_that_is_known(turning_rad_s: float, motion_error: float) -> None:
+def test_the_oscillator_removes_a_ring_frequency_disturbance(turning_rad_s: float, motion_error: float) -> None:
     settings = OwnFilterSettings(position_noise_m=0.05, velocity_noise_m_s=1.0)
     own, motion = OwnFilter(PLANT, settings), np.zeros(4)
     own.turn_disturbance(turning_rad_s)
@@ -274,7 +274,7 @@ def test_outliers_that_go_on_are_the_new_truth() -> None:
     assert estimated(own, 6.3) == pytest.approx([30.0, -5.0, 0.0, 0.0, 0.0, 0.0], abs=1e-6)
 
 
-def test_a_plant_that_is_another_resets_the_filter_but_is_no_jump() -> None:
+def test_a_wrong_plant_resets_the_filter_but_is_no_jump() -> None:
     # It flies off at 3 m/s2, as no setpoint tells it: every sample is where its velocity leads.
     own = settled()
     for tick in range(1, 31):
@@ -300,7 +300,7 @@ def circled(own: OwnFilter, plant: Plant, *, rate_rad_s: float, duration_s: floa
     return np.array(off)
 
 
-def test_what_a_wrong_plant_errs_by_on_a_circle_is_found_without_a_lag() -> None:
+def test_the_disturbance_of_a_wrong_plant_on_a_circle_is_estimated_without_lag() -> None:
     # Each axis is wrong by another share: no disturbance that turns as a whole would do.
     wrong = Plant(
         PlantAxis(PLANT.x.a0_per_s2 * 1.2, PLANT.x.a1_per_s), PlantAxis(PLANT.y.a0_per_s2, PLANT.y.a1_per_s * 0.7)
@@ -335,7 +335,7 @@ def test_the_swinging_part_is_not_lost_when_the_ring_is_left() -> None:
     assert own.predicted(100.0, 0.0)[4:] == pytest.approx(before[4:], abs=0.02)
 
 
-def test_a_plant_that_is_another_lowers_the_authority_and_one_that_is_right_does_not() -> None:
+def test_a_wrong_plant_lowers_the_authority_and_a_right_one_does_not() -> None:
     own = settled()
     assert own.authority == 1.0
     for tick in range(1, 31):
@@ -344,7 +344,7 @@ def test_a_plant_that_is_another_lowers_the_authority_and_one_that_is_right_does
     assert own.authority < 0.5
 
 
-def test_a_frame_that_moves_takes_estimate_and_setpoints_along() -> None:
+def test_a_shift_of_the_frame_shifts_estimate_and_setpoints() -> None:
     """As if all telemetry and setpoints had been in the other frame from the start."""
     moved_m = np.array([3.0, -2.0])
     found = []

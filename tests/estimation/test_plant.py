@@ -59,7 +59,7 @@ def test_advance_agrees_with_numerical_integration(plant: Plant) -> None:
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_a_velocity_beside_the_setpoint_acts_as_the_aim_says(plant: Plant) -> None:
+def test_a_feed_forward_velocity_acts_as_its_aim(plant: Plant) -> None:
     """x'' = a0 (X_d - x) + a1 (g V_d - x') + w, integrated as it is written."""
     fed = Plant(plant.x, plant.y, 0.0, 0.8)
     start = np.array([1.0, -2.0, 0.7, 0.3])

@@ -38,7 +38,7 @@ def flown(steps: int, walk_m: float, seed: int = 1) -> tuple[list[Telemetry], Ve
 
 
 @pytest.mark.parametrize("walk_m", [0.02, 0.1])
-def test_what_remains_of_the_error_has_the_deviation_and_correlation_it_states(walk_m: float) -> None:
+def test_the_remaining_error_has_the_stated_deviation_and_correlation(walk_m: float) -> None:
     left = []
     for seed in range(60):
         wander, (samples, truth) = PositionWander(settings(walk_m)), flown(1200, walk_m, seed)
@@ -71,7 +71,7 @@ def test_it_is_the_kalman_filter_of_position_and_error() -> None:
         assert wander.sigma_m**2 == pytest.approx(reference.P[1, 1], rel=1e-6)
 
 
-def test_a_jump_of_the_position_is_not_taken_for_wander() -> None:
+def test_a_position_jump_is_not_estimated_as_a_slow_error() -> None:
     samples, _ = flown(600, 0.02)
     wander = PositionWander(settings(0.02))
     for telemetry in samples[:500]:
@@ -84,7 +84,7 @@ def test_a_jump_of_the_position_is_not_taken_for_wander() -> None:
     assert wander.sigma_m == pytest.approx(SIGMA_M)
 
 
-def test_a_velocity_with_a_steady_error_does_not_carry_the_estimate_away() -> None:
+def test_a_velocity_with_a_steady_error_keeps_the_estimate_bounded() -> None:
     wander = PositionWander(settings(0.01))
     for step in range(6000):
         wander.measure(Telemetry(step * STEP_S, (0.0, 0.0, 8.0), (0.2, 0.0, 0.0)))

@@ -77,7 +77,7 @@ def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
         ProfileShelf(tmp_path).load("stubb")
 
 
-def test_a_fault_is_told_with_its_place(subtests: pytest.Subtests, tmp_path: Path) -> None:
+def test_a_fault_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: Path) -> None:
     rows: tuple[tuple[bytes, str], ...] = (
         (b"a0 = = 1", "'own.toml' is not TOML"),
         (b"\xff\xfe", "'own.toml' is not TOML"),
@@ -103,7 +103,7 @@ def test_a_fault_is_told_with_its_place(subtests: pytest.Subtests, tmp_path: Pat
 
 
 @pytest.mark.parametrize("wrong", [{"0.5": "-0.5", "0.6": "0.0"}, {"a0_per_s2 = 0.5\n": "", "1.1": "true"}])
-def test_all_faults_are_told_at_once(wrong: dict[str, str], tmp_path: Path) -> None:
+def test_all_faults_are_reported_at_once(wrong: dict[str, str], tmp_path: Path) -> None:
     content = AXES
     for right, fault in wrong.items():
         content = content.replace(right, fault)
@@ -113,7 +113,7 @@ def test_all_faults_are_told_at_once(wrong: dict[str, str], tmp_path: Path) -> N
     assert [fault.split(":")[1].strip()[0] for fault in caught.value.faults] == ["x", "y"]
 
 
-def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
+def test_a_file_holds_how_its_plant_was_identified(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
     file = ProfileShelf(tmp_path).load("own.toml")
     assert file.plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1))
@@ -124,12 +124,12 @@ def test_a_file_tells_how_its_plant_was_identified(tmp_path: Path) -> None:
     assert [identified.covariance[at][at] for at in range(5)] == [0.01] * 5
 
 
-def test_a_file_without_that_section_tells_nothing_of_it(tmp_path: Path) -> None:
+def test_a_file_without_that_section_has_no_identification(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES)
     assert ProfileShelf(tmp_path).load("own.toml").identified is None
 
 
-def test_a_fault_in_how_it_was_identified_is_told_with_its_place(subtests: pytest.Subtests, tmp_path: Path) -> None:
+def test_a_fault_in_the_identified_section_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: Path) -> None:
     rows: tuple[tuple[str, str, str], ...] = (
         ('verdict = "usable"', 'verdict = "fine"', "identified.verdict: Input should be"),
         ("vehicle = 3", "vehicle = 3\nextra = 1", "identified.extra: Extra inputs are not permitted"),

@@ -12,7 +12,7 @@ CASES = [(0.8, 0.87), (1.5, 1.9), (0.25, 1.0), (0.2, 1.5), (1.0, 2.0)]
 """Underdamped, nearly so, critically damped, overdamped, critically damped."""
 
 
-def test_held_setpoints_on_the_grid_are_answered_as_by_the_exact_step(subtests: pytest.Subtests) -> None:
+def test_the_response_to_held_setpoints_on_the_grid_equals_the_exact_step(subtests: pytest.Subtests) -> None:
     for a0, a1 in CASES:
         with subtests.test(a0=a0, a1=a1):
             random = np.random.default_rng(1)
@@ -29,7 +29,7 @@ def test_held_setpoints_on_the_grid_are_answered_as_by_the_exact_step(subtests: 
 
 @pytest.mark.parametrize("between", [Between.HELD, Between.MIDWAY, Between.LINEAR])
 @pytest.mark.parametrize(("lag_s", "lead_s"), [(0.0, 0.0), (0.15, 0.0), (0.0, 0.4)])
-def test_setpoints_at_any_time_are_answered_as_a_solver_has_it(between: Between, lag_s: float, lead_s: float) -> None:
+def test_the_response_to_setpoints_at_any_time_equals_a_solvers(between: Between, lag_s: float, lead_s: float) -> None:
     random = np.random.default_rng(2)
     time_s = np.cumsum(random.uniform(0.1, 0.9, 12)) - 1.0
     setpoint_m = random.normal(size=12)
@@ -73,7 +73,7 @@ def test_free_motion_spans_that_of_the_exact_step(subtests: pytest.Subtests) -> 
             assert basis @ coefficients == pytest.approx(np.array(positions), abs=1e-7)
 
 
-def test_a_jump_between_samples_is_one_and_a_ramp_is_another() -> None:
+def test_a_jump_between_samples_and_a_ramp_are_distinguished() -> None:
     """Sampled: stood at 0, jumped to 2 and stood, then rose steadily by 1 a second; simulated as it was."""
     time_s = np.linspace(0.0, 8.0, 41)
     setpoint_m = np.where(time_s < 1.9, 0.0, 2.0) + np.maximum(time_s - 5.0, 0.0)

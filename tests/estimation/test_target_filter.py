@@ -151,7 +151,7 @@ def test_a_first_sighting_that_is_an_outlier_is_outvoted_by_two_that_agree_and_n
     assert target.resets == 0
 
 
-def test_a_late_first_outlier_is_not_confirmed_by_what_another_sighting_explains() -> None:
+def test_a_late_first_outlier_is_not_confirmed_by_a_sighting_of_another_track() -> None:
     # As seed 18 of target_turns.py drew it: the third sensor knows little, the outlier is within its gate.
     target = TargetFilter(SETTINGS)
     target.sight(sighting(0.2, (-0.58, -0.46), (0.25, 0.0, 0.25), 2), sighting(0.2, (-0.7, 1.6), (1.0, 0.0, 1.0), 3))
@@ -162,7 +162,7 @@ def test_a_late_first_outlier_is_not_confirmed_by_what_another_sighting_explains
 
 
 @pytest.mark.parametrize("seed", [0, 4])
-def test_a_steady_target_is_not_taken_for_one_that_turns(seed: int) -> None:
+def test_a_steady_target_triggers_no_manoeuvre(seed: int) -> None:
     random, target, before = np.random.default_rng(seed), TargetFilter(SETTINGS), None
     for tick in range(3000):
         time_s = tick / 5.0
@@ -176,14 +176,14 @@ def test_a_steady_target_is_not_taken_for_one_that_turns(seed: int) -> None:
         before = now
 
 
-def test_one_that_somebody_confirms_is_not_outvoted() -> None:
+def test_a_confirmed_sighting_is_not_outvoted() -> None:
     target = TargetFilter(SETTINGS)
     for tick, x in enumerate((8.0, 0.0, 8.0, 0.0, 0.0, 0.0)):
         target.sight(sighting(tick * 0.1, (x, 0.0), (0.25, 0.0, 0.25)))
     assert mean_of(target, 0.5)[0] == pytest.approx(8.0, abs=0.5)
 
 
-def test_a_sighting_is_put_where_it_belongs_unless_it_comes_too_late() -> None:
+def test_a_sighting_is_inserted_at_its_time_unless_it_is_too_late() -> None:
     target = settled()
     target.sight(sighting(4.05, (0.1, 0.0)))
     assert (target.late, target.refused) == (1, 0)
@@ -226,7 +226,7 @@ def test_a_sighting_that_makes_no_sense_is_refused(subtests: pytest.Subtests) ->
             Sighting(*fields)
 
 
-def test_a_sighting_of_absurd_accuracy_does_not_spoil_the_belief_for_ever() -> None:
+def test_a_sighting_of_absurd_accuracy_does_not_lock_the_estimate() -> None:
     target = TargetFilter(SETTINGS)
     with np.errstate(all="ignore"):
         for _ in range(2):
@@ -271,7 +271,7 @@ def test_a_target_that_manoeuvres_is_followed_to_half_a_metre_through_outliers(k
     assert target.refused > 30
 
 
-def test_what_is_believed_of_a_steady_target_is_as_uncertain_as_it_says() -> None:
+def test_the_errors_for_a_steady_target_match_the_covariance() -> None:
     """Chi-squared with two degrees of freedom: sightings fade out of the belief, so that few errors are independent."""
     squares = [watched(*of_track("steady", seed, outliers=0.0))[2].mean() for seed in range(3)]
     assert 1.0 <= np.mean(squares) <= 3.0
@@ -315,7 +315,7 @@ def test_late_sightings_change_nothing_even_through_turns_and_outliers(kind: str
     assert as_it_came.covariance.tolist() == in_order.covariance.tolist()
 
 
-def test_a_silent_sensor_and_one_of_other_accuracy_are_made_up_for() -> None:
+def test_a_silent_sensor_and_one_of_other_accuracy_are_compensated() -> None:
     seen, told = of_track("turns", 5)
     told = [one for one in told if one.sensor_id != 3 or not 20.0 < one.time_s < 60.0]
     told = [msgspec.structs.replace(one, covariance_m2=(1.0, 0.0, 1.0)) if one.sensor_id == 2 else one for one in told]
@@ -323,7 +323,7 @@ def test_a_silent_sensor_and_one_of_other_accuracy_are_made_up_for() -> None:
     assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) <= 0.5
 
 
-def test_a_target_out_of_sight_goes_on_then_rests_and_may_be_ever_farther_off() -> None:
+def test_a_target_out_of_sight_decelerates_to_rest_with_growing_variance() -> None:
     target = TargetFilter(SETTINGS.model_copy(update={"stale_after_s": 60.0}))
     for tick in range(50):
         target.sight(sighting(tick * 0.2, (2.0 * tick * 0.2, 0.0)))
@@ -340,7 +340,7 @@ def test_a_target_out_of_sight_goes_on_then_rests_and_may_be_ever_farther_off() 
     assert sigmas[4] > 5.0
 
 
-def test_a_flood_of_sightings_is_forgotten_as_it_comes() -> None:
+def test_a_flood_of_sightings_does_not_grow_the_memory() -> None:
     target = TargetFilter(SETTINGS)
     for tick in range(3 * HISTORY_MAX):
         target.sight(sighting(tick * 1e-3, (0.0, 0.0)))

@@ -1,7 +1,7 @@
-"""Fly missions with one part of the control off in turn, and print what each part contributes.
+"""Ablation: fly missions with one part of the control disabled in turn, and print the contribution of each part.
 
-Every switch is a change of the mission's text, so that `cordon sim` and `cordon fly` fly the same; `--write FOLDER`
-writes those missions (of px4-trio too) there instead of flying them.
+Every switch is a change of the mission file, so that `cordon sim` and `cordon fly` can fly the same; `--write FOLDER`
+writes these missions, also of px4-trio, instead of flying them.
 """
 
 import os
@@ -41,7 +41,7 @@ def _without(sections: Mapping[str, Mapping[str, object]]) -> Switch:
 
 
 def _undelayed(mission: Content) -> Content:
-    """Let the profile say that there is no delay: the truth keeps its own."""
+    """Set the profile's delay to 0; the true delay is unchanged."""
     undelayed = [each | {"profile": f"{each['profile']}-undelayed.toml"} for each in mission["vehicles"]]
     return mission | {"vehicles": undelayed}
 
@@ -67,7 +67,7 @@ def undelayed_profile(name: str) -> str:
 
 
 def ablated(mission_name: str, switch: str) -> Mission:
-    """Return a bundled mission with one part off, whose vehicles truly are what they were."""
+    """Return a bundled mission with one part disabled and the same true vehicles."""
     text = content((MISSIONS / f"{mission_name}.toml").read_text(encoding="utf-8"))
     profiles = {vehicle["profile"] for vehicle in text["vehicles"]}
     texts = {f"{name}-undelayed.toml": undelayed_profile(name) for name in profiles}
@@ -79,7 +79,7 @@ def ablated(mission_name: str, switch: str) -> Mission:
 
 @dataclass(frozen=True)
 class Row:
-    """The figures of one mission with one part off, by the truth; the worst vehicle's."""
+    """The true errors of one mission with one part disabled, of the worst vehicle."""
 
     radius_rms_m: float
     rate_error: float
@@ -89,7 +89,7 @@ class Row:
 
 
 def row(mission_name: str, switch: str, seed: int) -> Row:
-    """Fly one mission with one part off."""
+    """Fly one mission with one part disabled."""
     mission = ablated(mission_name, switch)
     record = fly_simulated(mission, seed, mission.mission.duration_s, lambda _: None)
     result = evaluate(record, ring_reference(mission), formation_reference(mission), verdict_tolerances(mission))
@@ -109,7 +109,7 @@ def _worst(figures: Iterable[float | None]) -> float:
 
 
 def write(folder: Path) -> None:
-    """Write every mission with every part off, and the profiles that they need."""
+    """Write every mission with every part disabled, and the profiles that they need."""
     for name, (switch, change) in product((*SIMULATED, *FLOWN), SWITCHES.items()):
         text = content((MISSIONS / f"{name}.toml").read_text(encoding="utf-8"))
         for vehicle in text["vehicles"]:
@@ -121,7 +121,7 @@ def write(folder: Path) -> None:
 
 
 def main(count: int) -> None:
-    """Fly each mission with each switch over so many seeds, and print the means."""
+    """Fly each mission with each switch over a number of seeds, and print the means."""
     seeds = range(count)
     print(f"{'mission':12} {'':26} radius rms  rate off  spacing rms  formation rms  closest")
     with ProcessPoolExecutor(initializer=os.nice, initargs=(10,)) as pool:

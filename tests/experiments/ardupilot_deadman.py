@@ -1,7 +1,7 @@
 """Kill cordon while it flies ardupilot-trio on three ArduCopter simulators, and time their failsafe (FS_GCS_ENABLE).
 
 CORDON_ARDUCOPTER names the simulator. Each vehicle has another value of the parameter, by default land, return, and off
-as the control. Between each autopilot and cordon is a relay, which sees cordon's heartbeats and the vehicle's modes.
+as the control. A relay between each autopilot and cordon records cordon's heartbeats and the vehicle's modes.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ LAND, RETURN, OFF = 5, 1, 0
 REACTIONS = {LAND: "land", RETURN: "return", OFF: OFFBOARD, 3: "SmartRTL", 4: "SmartRTL", 7: "brake"}
 MODES = {4: OFFBOARD, 6: "return", 9: "land", 17: "brake", 21: "SmartRTL"}
 TIMEOUT_S, CHECK_S = 5.0, 0.5
-"""FS_GCS_TIMEOUT, and how much later the reaction may be seen."""
+"""FS_GCS_TIMEOUT, and the tolerance of the reaction time."""
 
 
 class CopterFlight(DrillFlight):
@@ -44,7 +44,7 @@ class CopterFlight(DrillFlight):
         assert frame.longitude_deg is not None
         assert frame.altitude_m is not None
         for instance, vehicle in enumerate(self.mission.vehicles):
-            _, north_m = vehicle.section.start_m  # east of the origin there is none
+            _, north_m = vehicle.section.start_m  # all starts are on the north axis
             place = (frame.latitude_deg + north_m / METRES_PER_DEGREE, frame.longitude_deg, frame.altitude_m)
             port = free_port()
             own = {**OWN_DEFAULTS, "FS_GCS_ENABLE": self.enabled[vehicle.id]}
@@ -71,11 +71,11 @@ class CopterFlight(DrillFlight):
         stack.push_async_callback(relay.close)
 
     def observe(self, now_s: float) -> None:
-        """Leave it to the relays."""
+        """Do nothing: the relays connect the vehicles."""
 
 
 async def main(values: Sequence[int]) -> int:
-    """Fly, kill, watch, and print what each vehicle did; return whether all reacted as they should."""
+    """Fly, kill cordon, and print each vehicle's reaction; return whether all are as expected."""
     text, faults, enabled_of = drill_mission(MISSION), 0, dict(enumerate(values, start=1))
     async with CopterFlight(text, 1.0, enabled_of) as flight:
         roles = Roles(flight.mission)

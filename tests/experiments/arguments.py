@@ -1,11 +1,11 @@
-"""How the experiments read their command line."""
+"""The command line of the experiments."""
 
 from argparse import ArgumentParser, ArgumentTypeError
 from math import isfinite
 
 
 def parser(name: str, description: str) -> ArgumentParser:
-    """Return the parser of `tests.experiments.NAME`; the first line of `description` says what is measured."""
+    """Return the parser of `tests.experiments.NAME`; the first line of `description` is its description."""
     return ArgumentParser(prog=f"python -m tests.experiments.{name}", description=description.splitlines()[0])
 
 

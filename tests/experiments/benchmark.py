@@ -1,8 +1,8 @@
-"""Measure what the control loop costs, against a reference of the same run.
+"""Benchmark: measure the computing time of the control loop, relative to a reference of the same run.
 
-The reference is one predict and update of filterpy's own `KalmanFilter` with six states and four measurements: pure
-Python and numpy like the loop itself, so that the ratio says more than microseconds on an unknown machine. It is
-measured again and again while a mission flies, because machines that others work on as well are fast and slow by turns.
+The reference is one predict and update of filterpy's own `KalmanFilter` with six states and four measurements: Python
+and numpy like the loop, so that the ratio is comparable between computers. It is measured repeatedly during a mission,
+because the speed of a shared computer varies.
 """
 
 from collections.abc import Callable, Iterator
@@ -43,7 +43,7 @@ PAUSES_S, PAUSED_FLIGHT_S = (0.0, 0.002, 0.016), 60.0
 
 
 class Reference:
-    """Measures the reference every so often in a flight."""
+    """Measures the reference periodically in a flight."""
 
     def __init__(self) -> None:
         self._kalman = KalmanFilter(dim_x=6, dim_z=4)
@@ -53,7 +53,7 @@ class Reference:
         self._times_us: list[float] = []
 
     def __call__(self, _now_s: float) -> None:
-        """Take note that a tick of the flight is over: a simulation's `progress`."""
+        """Take the end of a tick, as a simulation's `progress`."""
         self._calls += 1
         if self._calls % REFERENCE_EVERY == 0:
             self._times_us += [self._run_us() for _ in range(REFERENCE_RUNS)]
@@ -84,7 +84,7 @@ class PausedReference(Reference):
 
 
 def meeting(count: int) -> Mission:
-    """Return a mission like crossing in which vehicles on a circle change places with those opposite."""
+    """Return a mission like crossing in which vehicles on a circle swap places with the opposite ones."""
     mission = content((MISSIONS / "crossing.toml").read_text(encoding="utf-8"))
     radius_m = max(12.0, count * 5.0 / (2.0 * pi))
     turns = [2.0 * pi * number / count for number in range(count)]
@@ -105,13 +105,13 @@ def meeting(count: int) -> Mission:
 
 
 class Stopwatch:
-    """Adds up what calls take until it is read; those within one another must not be timed both."""
+    """Sums the time of calls until it is read; nested calls must not both be timed."""
 
     def __init__(self) -> None:
         self._took_us = 0.0
 
     def timed(self, call: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the same call, under this watch."""
+        """Return the timed call."""
 
         def timed_call(*arguments: Any) -> Any:
             began = perf_counter()
@@ -122,14 +122,14 @@ class Stopwatch:
         return timed_call
 
     def read_us(self) -> float:
-        """Return what the calls since the last reading took [us]."""
+        """Return the time of the calls since the last reading [us]."""
         took_us, self._took_us = self._took_us, 0.0
         return took_us
 
 
 @contextmanager
 def guard_watched(told: Callable[[float, bool], None]) -> Iterator[None]:
-    """Tell of every tick how long bodies and guard took [us], and whether the guard intervened."""
+    """Report the time of bodies and guard in every tick [us], and whether the guard intervened."""
     watch = Stopwatch()
     check = watch.timed(Guard.check)
 
@@ -148,7 +148,7 @@ def guard_watched(told: Callable[[float, bool], None]) -> Iterator[None]:
 
 @contextmanager
 def ticks_watched() -> Iterator[list[float]]:
-    """Note what every tick takes by itself [us], with the own sensor's sighting: what a live agent times."""
+    """Record the time of every tick [us], with the own sensor's sighting, as a live agent does."""
     watch, took_us = Stopwatch(), list[float]()
     tick = watch.timed(VehicleCore.tick)
 
@@ -165,7 +165,7 @@ def ticks_watched() -> Iterator[list[float]]:
 
 
 def print_guard(count: int) -> None:
-    """Let vehicles meet, and print what the guard costs each of them in a tick."""
+    """Fly vehicles that meet, and print the guard's time per vehicle and tick."""
     ticks: list[tuple[float, bool]] = []
     reference = Reference()
     with guard_watched(lambda us, intervened: ticks.append((us, intervened))):
@@ -185,7 +185,7 @@ def print_guard(count: int) -> None:
 
 
 def print_recording() -> None:
-    """Fly in pairs, one of them on record, and print what that adds to a tick and costs between ticks."""
+    """Fly in pairs, one recorded, and print the time that recording adds to a tick and takes between ticks."""
     mission, plain, taped, written = load_mission("case2"), [], [], []
     reference = Reference()
     with TemporaryDirectory() as folder:
@@ -206,7 +206,7 @@ def print_recording() -> None:
 
 
 class TimedRecording(SimulationRecording):
-    """A recording that knows how long its writing took."""
+    """A recording that measures its writing time."""
 
     took_us = 0.0
 
@@ -221,7 +221,7 @@ def _tick_us(record: FlightRecord) -> float:
 
 
 def print_tick(name: str, mission: Mission, duration_s: float) -> None:
-    """Fly in simulation, and print what all that a core does in a period costs, and what of it is the tick itself."""
+    """Fly in simulation, and print the time of a core per period, and the tick's share."""
     reference = Reference()
     with ticks_watched() as alone_us:
         record = fly_simulated(mission, 0, duration_s, reference)
@@ -233,7 +233,7 @@ def print_tick(name: str, mission: Mission, duration_s: float) -> None:
 
 
 def print_pauses() -> None:
-    """Print what a tick takes after a pause, as in flight: what it needs has left the processor's caches by then."""
+    """Print the time of a tick after a pause, with cold processor caches, as in flight."""
     mission = alone_on_the_ring(0).mission
     for pause_s in PAUSES_S:
         reference = PausedReference(pause_s)
@@ -245,7 +245,7 @@ def print_pauses() -> None:
 
 
 def main() -> None:
-    """Fly each bundled mission in simulation, and print what a tick costs."""
+    """Fly each bundled mission in simulation, and print the time of a tick."""
     for name in ("case1", "case2", "case2-field"):
         mission = load_mission(name)
         print_tick(name, mission, mission.mission.duration_s)

@@ -1,7 +1,7 @@
-"""Measure what a flooded bus costs a team in flight, and what admission costs a message.
+"""Measure the effect of a flooded bus on a team in flight, and the admission time of a message.
 
-A team of stubs flies case2 on a plain bus in a process of its own, at real time. A stranger in another process sends
-junk, then states in the names of the vehicles, then payloads of 100 MB. Each time an operator commands hold and resume.
+A team of stubs flies case2 on a bus without keys in real time. An attacker in another process sends random bytes, then
+states with the vehicles' ids, then payloads of 100 MB. An operator commands hold and resume during each flood.
 """
 
 import asyncio
@@ -34,7 +34,7 @@ _MESSAGES = 20_000
 
 
 def insecure(folder: Path) -> Path:
-    """Write case2 with a plain bus and a team's name of its own."""
+    """Write case2 with a bus without keys and a unique team name."""
     path = folder / "flooded.toml"
     text = re.sub(r'(?m)^team = ".*"$', "", CASE2.replace(*INSECURE))
     path.write_text(text.replace("[network]\n", f'[network]\nteam = "flooded-{os.getpid()}"\n'), encoding="utf-8")
@@ -54,7 +54,7 @@ def resident_mb(session: int) -> float:
 
 
 async def hold_s(mission: Mission) -> float:
-    """Command hold, then resume, a few times; return the longest time until all had answered a hold."""
+    """Command hold, then resume, a few times; return the longest time until all vehicles answered a hold."""
     longest_s = 0.0
     verbs: tuple[Verb, ...] = ("hold", "resume")
     for verb in verbs * HOLDS:
@@ -66,7 +66,7 @@ async def hold_s(mission: Mission) -> float:
 
 
 def flooded(kind: str, mission: Mission, lasting_s: float, rate_hz: float) -> tuple[int, float]:
-    """Flood a team; return how many messages were sent, and how long a hold took."""
+    """Flood a team; return the number of messages sent, and the time of a hold."""
     ends = [vehicle.section.endpoint for vehicle in mission.vehicles]
     arguments = [kind, mission.network.team, str(lasting_s), str(2.0 if kind == "large" else rate_hz), *ends]
     command = [sys.executable, "-m", "tests.support.stranger", *arguments]
@@ -77,7 +77,7 @@ def flooded(kind: str, mission: Mission, lasting_s: float, rate_hz: float) -> tu
 
 
 def fly(kind: str, lasting_s: float, rate_hz: float) -> bool:
-    """Fly under one kind of flood, print what it cost, and return whether all limits hold."""
+    """Fly under one kind of flood, print its effects, and return whether all limits are kept."""
     with TemporaryDirectory() as folder:
         path = insecure(Path(folder))
         mission = load_mission(str(path))
@@ -106,7 +106,7 @@ def fly(kind: str, lasting_s: float, rate_hz: float) -> bool:
 
 
 def message_us() -> float:
-    """Return what it takes to admit a peer's message and to give it to a core [us]."""
+    """Return the time to admit a peer's message and to pass it to a core [us]."""
     mission = load_mission("case2")
     core = VehicleCore(mission.agent_config(mission.vehicle(1)))
     here = (0.0, 0.0)
@@ -124,7 +124,7 @@ def message_us() -> float:
 
 
 def main() -> int:
-    """Measure; return 1 where a limit does not hold."""
+    """Measure; return 1 if a limit is exceeded."""
     reader = parser("bus_flood", __doc__ or "")
     reader.add_argument("--rate", type=float, default=10_000.0, help="messages a second (default: %(default)s)")
     reader.add_argument("--lasting", type=float, default=20.0, help="seconds of each flood (default: %(default)s)")

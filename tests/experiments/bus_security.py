@@ -1,7 +1,7 @@
-"""Measure what keys cost on the bus: the start, a message's way there and back, and computing time.
+"""Measure the cost of keys on the bus: start, round-trip time of a message, and computing time.
 
-The vehicles of a team share one session, as in one process, or have one each, as in a process each. All sessions are in
-this process, and an operator's as well.
+The vehicles of a team share one session, as in one process, or have one each, as in separate processes. All sessions,
+including an operator's, are in this process.
 """
 
 import asyncio
@@ -24,13 +24,13 @@ from tests.support.wire import free_ports
 
 TEAM = "measured"
 RATE_HZ = 20.0
-"""Messages of each vehicle: twice as many as in a flight."""
+"""Message rate of each vehicle: twice that of a flight."""
 ROUND_TRIPS = 200
 LOADED_S = 5.0
 
 
 class Counter:
-    """What one participant has received: messages, and vehicles that are present. A vehicle answers commands."""
+    """One participant's record: messages received, and vehicles present. A vehicle answers commands."""
 
     def __init__(self, bus: ParticipantBus) -> None:
         self.bus = bus
@@ -60,7 +60,7 @@ async def until(condition: partial[bool]) -> None:
 async def opened(
     stack: AsyncExitStack, keys: TeamKeys, ids: tuple[int, ...], processes: int
 ) -> tuple[list[Counter], ParticipantBus, Counter]:
-    """Open the buses of all vehicles at once, and then an operator's; return once all vehicles know each other."""
+    """Open the buses of all vehicles at once, then an operator's; return when all vehicles are connected."""
     team, ends = BusTeam(TEAM, ids), [f"tcp/127.0.0.1:{port}" for port in free_ports(processes)]
     counters = []
     for k, end in enumerate(ends):
@@ -94,7 +94,7 @@ async def round_trip_s(bus: ParticipantBus, received: Counter, vehicles: int) ->
 
 
 async def loaded_share(counters: list[Counter]) -> float:
-    """Return the share of a core that messages at their flight's rate take."""
+    """Return the share of a processor core that messages take at the rate of a flight."""
     began_s, cpu_s = time.perf_counter(), time.process_time()
     period_s, sent, still = 1.0 / RATE_HZ, 0, (0.0, 0.0)
     while time.perf_counter() < began_s + LOADED_S:

@@ -1,8 +1,8 @@
-"""Measure what each vehicle of a team sends to its peers: messages and bytes a second, on one ring and in formation.
+"""Measure the traffic of each vehicle to its peers: messages and bytes a second, on one ring and in formation.
 
-All vehicles see the target; in formation they are 5 m apart, and noise and plants are those of membership.py. What they
-send counts once the team has settled. The bytes are those of the messages, which Zenoh and the network add to. Each
-observer is sent a report a second of each vehicle as well; the share is that with one observer.
+All vehicles see the target; in formation they are 5 m apart, and noise and plants are those of membership.py. Traffic
+is counted once the team has settled. The bytes are those of the payloads, without Zenoh's and the network's overhead.
+Each observer also receives a report per second from each vehicle; the share is with one observer.
 """
 
 import sys
@@ -24,11 +24,11 @@ from tests.experiments.scaling import SETTLED_S, ring
 from tests.support.mission_text import parsed
 
 RADIO_BYTES_S = 5760.0
-"""What a radio of 57600 baud carries, with ten bits a byte."""
+"""The capacity of a radio of 57600 baud, with ten bits per byte."""
 
 
 def formation(count: int) -> Mission:
-    """Return a mission of vehicles abreast, which a target that they all see does not draw out of their line."""
+    """Return a mission of vehicles abreast that all see a target but do not engage."""
     random, radius_m = np.random.default_rng(count), 2.0 * count
     mission = field(
         random, abreast(count), radius_m=radius_m, rate_rad_s=0.5 / radius_m, target_m=(radius_m + 4.0, -5.0)
@@ -38,7 +38,7 @@ def formation(count: int) -> Mission:
 
 
 def report_size(output: TickOutput) -> int:
-    """Return the bytes of the report that goes with a tick."""
+    """Return the bytes of the report of a tick."""
     target = target_report(output.status)
     known = (True, True, 0.05, 1.234, 0.712, 1234.0, 3, 14, "good", 1.7e9, 600.0, "", target)
     return len(encode(VehicleReport(output.status.vehicle_id, 1.7e9, "offboard", *known)))

@@ -1,8 +1,8 @@
-"""Fly the conformance list, exercises of a MAVLink client, on the stub and on PX4, and print both side by side.
+"""Conformance: fly a list of exercises of a MAVLink client on the stub and on PX4, and print both side by side.
 
-Each exercise flies a `Client` and returns its observation: words and numbers by name. The expectations come from what
-PX4 did (1.17, its built-in simulator), never from the stub. The same list is flown against the stub in every test run
-and against PX4 under the marker `px4`. The table marks differences.
+Each exercise flies a `Client` and returns its observation: texts and numbers by name. The expectations are those of PX4
+(1.17, its built-in simulator), not of the stub. The same list is flown against the stub in every test run and against
+PX4 under the marker `px4`. The table marks differences.
 """
 
 import struct
@@ -36,7 +36,7 @@ OFFBOARD, POSITION, RETURN = (1, 6, 0), (1, 3, 0), (1, 4, 5)
 
 @dataclass(frozen=True, slots=True)
 class Is:
-    """What has to be observed to the letter; `why` explains how a stub may differ and conform."""
+    """An exact expectation; `why` explains a permitted difference of the stub."""
 
     value: Value
     why: str = ""
@@ -76,18 +76,18 @@ class Within:
 
 @dataclass(frozen=True, slots=True)
 class Exercise:
-    """One thing that clients do, and what they have to find."""
+    """One exercise, and its expectations."""
 
     run: Callable[[Client], Observation]
     expected: Mapping[str, Is | Within]
 
     @property
     def name(self) -> str:
-        """What it is called in tables and tests."""
+        """Its name in tables and tests."""
         return self.run.__name__.replace("_", " ")
 
     def faults(self, observation: Observation) -> list[str]:
-        """Return what does not conform, in words."""
+        """Return what does not conform, as text."""
         wrong = [
             f"{item} is {shown(observation[item])}, expected {expected}"
             for item, expected in self.expected.items()
@@ -98,14 +98,14 @@ class Exercise:
 
 
 def shown(value: Value) -> str:
-    """Return a value as the table has it."""
+    """Return a value as in the table."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return value if isinstance(value, str) else f"{value:.4g}"
 
 
 def observed(**values: Value) -> Observation:
-    """Return an observation that nobody changes any more."""
+    """Return an immutable observation."""
     return MappingProxyType(values)
 
 
@@ -113,7 +113,7 @@ EXERCISES: list[Exercise] = []
 
 
 def exercise(**expected: Is | Within) -> Callable[[Callable[[Client], Observation]], Callable[[Client], Observation]]:
-    """Put a function on the list, with what it has to observe."""
+    """Add a function to the list, with its expectations."""
 
     def add(run: Callable[[Client], Observation]) -> Callable[[Client], Observation]:
         EXERCISES.append(Exercise(run, MappingProxyType(expected)))
@@ -127,7 +127,7 @@ def exercise(**expected: Is | Within) -> Callable[[Callable[[Client], Observatio
 
 @exercise(system_id=Is(SYSTEM_ID), autopilot=Is("PX4"), vehicle=Is("MULTICOPTER"), version=Is("1.17"))
 def connect(client: Client) -> Observation:
-    """Say who it is."""
+    """Identify the vehicle."""
     version = client.info.get_version()
     return observed(
         system_id=client.system.get_system_id(),
@@ -149,9 +149,9 @@ def connect(client: Client) -> Observation:
     EXTENDED_SYS_STATE=Within(0.8, 1.2),
 )
 def telemetry_unasked(client: Client) -> Observation:
-    """Count what is sent by itself [Hz]; MAVSDK has turned EXTENDED_SYS_STATE down."""
+    """Measure the default message rates [Hz]; MAVSDK has lowered EXTENDED_SYS_STATE."""
     client.be_ready()
-    client.wait(3.0)  # what MAVSDK asks for by itself is asked for by now
+    client.wait(3.0)  # MAVSDK's own requests are sent by now
     slow = ("HEARTBEAT", "SYS_STATUS", "GPS_RAW_INT", "HOME_POSITION", "BATTERY_STATUS", "EXTENDED_SYS_STATE")
     rates = dict(client.rates_hz(slow, 10.0))
     for name in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ATTITUDE"):
@@ -161,7 +161,7 @@ def telemetry_unasked(client: Client) -> Observation:
 
 @exercise(twenty=Within(19.0, 21.0), five=Within(4.5, 5.5), unasked_again=Within(28.0, 32.0), unknown=Is("FAILED"))
 def telemetry_at_rates_asked_for(client: Client) -> Observation:
-    """Set the rate of LOCAL_POSITION_NED [Hz], restore it, and ask for a message that there is not."""
+    """Set the rate of LOCAL_POSITION_NED [Hz], restore it, and request an unknown message."""
     rates: list[float] = []
     for rate_hz in (20.0, 5.0):
         client.telemetry.set_rate_position_velocity_ned(rate_hz)
@@ -177,7 +177,7 @@ def telemetry_at_rates_asked_for(client: Client) -> Observation:
     fix=Is("FIX_3D"), satellites=Within(8, 20), battery_percent=Within(90.0, 100.0), mode=Is("HOLD"),
 )  # fmt: skip
 def health(client: Client) -> Observation:
-    """Read what preflight checks look at."""
+    """Read the inputs of preflight checks."""
     client.be_ready()
     said, gps = client.telemetry.health(), client.telemetry.gps_info()
     calibrations = (said.is_gyrometer_calibration_ok, said.is_accelerometer_calibration_ok)
@@ -203,7 +203,7 @@ def health(client: Client) -> Observation:
     frames_agree_within_m=Within(0.0, 0.1),
 )
 def origin_and_home(client: Client) -> Observation:
-    """Compare start, home, the estimator's origin, and the two ways to tell a position."""
+    """Compare start, home, the estimator's origin, and the two position messages."""
     client.be_ready()
     home, origin = client.telemetry.home(), client.telemetry.get_gps_global_origin()
     start = (client.simulator.place[0], client.simulator.place[1])
@@ -229,7 +229,7 @@ PARAMETERS: Mapping[str, int | float] = {
     "COM_DISARM_LAND": 2.0, "COM_DISARM_PRFLT": 10.0, "RTL_RETURN_ALT": 30.0, "COM_RC_IN_MODE": 1, "MAV_TYPE": 2,
     "MAV_SYS_ID": SYSTEM_ID,
 }  # fmt: skip
-"""What clients read, with PX4's values; COM_OF_LOSS_T is 1.0 too, but PX4's simulator sets it to the speed factor."""
+"""Parameters that clients read, with PX4's values; PX4's simulator sets COM_OF_LOSS_T (1.0) to the speed factor."""
 
 
 @exercise(different=Is("none"), asked=Is(len(PARAMETERS)))
@@ -248,7 +248,7 @@ def parameters_by_default(client: Client) -> Observation:
     wrong_type_read=Is("WRONG_TYPE"), integer=Is(4), real=Is(7.5), out_of_any_sense=Is(99),
 )  # fmt: skip
 def parameters_set(client: Client) -> Observation:
-    """Read and set, count the answers to what is unknown or of the wrong type, and set a value that means nothing."""
+    """Read and set, count the answers to an unknown name and to a wrong type, and set an invalid value."""
     param, by_name = client.param, {"param_index": -1}
     answers = {
         "known_read": client.parameter_answers("PARAM_REQUEST_READ", "NAV_DLL_ACT", **by_name),
@@ -297,7 +297,7 @@ DENIED_TEXT = "Arming denied: Resolve system health failures first"
     says=Is(DENIED_TEXT), armable_in_hold=Is(True), unknown_command=Is("UNSUPPORTED"), unknown_message=Is("DENIED"),
 )  # fmt: skip
 def refused_on_the_ground(client: Client) -> Observation:
-    """Arm in modes that no flight starts from; disarmed, every mode may be chosen. MAVSDK leaves return by itself."""
+    """Arm in modes that no flight starts from; disarmed, every mode may be selected. MAVSDK leaves return by itself."""
     client.be_ready()
     found: dict[str, Value] = {}
     for name, mode, told in (("return", RETURN, "RETURN_TO_LAUNCH"), ("offboard", OFFBOARD, "OFFBOARD")):
@@ -340,7 +340,7 @@ def arm_and_wait(client: Client) -> Observation:
     says=Is("Using default takeoff altitude: 4.0 m"),
 )  # fmt: skip
 def take_off(client: Client) -> Observation:
-    """Take off to 4 m; the modes lag behind by the heartbeats' second."""
+    """Take off to 4 m; modes are reported with heartbeats, up to one second late."""
     client.be_ready()
     client.action.set_takeoff_altitude(4.0)
     client.action.arm()
@@ -370,7 +370,7 @@ def take_off(client: Client) -> Observation:
     position=Is("ACCEPTED, TEMPORARILY_REJECTED"), position_mode=Is("HOLD"),
 )  # fmt: skip
 def refused_in_the_air(client: Client) -> Observation:
-    """Disarm, start offboard without setpoints, ask for a mode that needs sticks: acknowledged at first."""
+    """Disarm in the air, start offboard without setpoints, select a mode that needs sticks: acknowledged at first."""
     client.hover()
     disarm, disarm_says = client.refusal(client.action.disarm)
     before = len(client.said)
@@ -388,7 +388,7 @@ def refused_in_the_air(client: Client) -> Observation:
 
 @exercise(start=Is("SUCCESS"), mode_after_s=Within(0.0, 2.0), step_90_s=Within(1.5, 4.5), stop=Is("SUCCESS"))
 def offboard_step(client: Client) -> Observation:
-    """Start offboard with setpoints flowing, fly 3 m north, and stop it into hold."""
+    """Start offboard with a stream of setpoints, fly 3 m north, and leave it for hold."""
     client.hover()
     north_m, east_m, _ = client.ned_m
     client.send(north_m, east_m, client.down_m(4.0))
@@ -405,7 +405,7 @@ def offboard_step(client: Client) -> Observation:
 
 
 def stream_lost(client: Client, action: int) -> dict[str, Value]:
-    """Fall silent in offboard, then send again: how soon the failsafe comes, which mode it flies, and what ends it."""
+    """Stop sending in offboard, then send again: the time of the failsafe, its mode, and what ends it."""
     client.param.set_param_float("COM_OF_LOSS_T", 1.0)
     client.param.set_param_int("COM_OBL_RC_ACT", action)
     client.fly_offboard()
@@ -441,7 +441,7 @@ def stream_lost_land(client: Client) -> Observation:
 
 @exercise(failsafe_s=LOSS_S, mode=Is("RETURN_TO_LAUNCH"), resumes_unasked_s=RESUME_S)
 def stream_lost_default(client: Client) -> Observation:
-    """Lose the stream with COM_OBL_RC_ACT = 0: without sticks, what NAV_RCL_ACT says."""
+    """Lose the stream with COM_OBL_RC_ACT = 0: without sticks, the mode of NAV_RCL_ACT."""
     return observed(**stream_lost(client, 0))
 
 
@@ -450,7 +450,7 @@ def stream_lost_default(client: Client) -> Observation:
     speed_m_s=Within(0.0, 1.0, "its estimator wanders"),
 )  # fmt: skip
 def hold(client: Client) -> Observation:
-    """Hold out of offboard at rest, and stay."""
+    """Change from offboard to hold at rest, and stay."""
     client.fly_offboard()
     client.wait(3.0)
     before = client.ned_m
@@ -497,7 +497,7 @@ def geofence_crossed(client: Client) -> Observation:
     armable=Is(False), arm=Is("COMMAND_DENIED"), armable_after_hold=Is(True),
 )  # fmt: skip
 def land_out_of_offboard(client: Client) -> Observation:
-    """Land from 4 m without stopping offboard: it rests in offboard, and cannot be armed before it is told to hold."""
+    """Land from 4 m without leaving offboard: it stays in offboard, and cannot be armed before hold is selected."""
     client.fly_offboard()
     client.wait(4.0)
     start_s, before = client.now_s, len(client.said)
@@ -521,7 +521,7 @@ def land_out_of_offboard(client: Client) -> Observation:
     home_m=Within(0.0, 2.5, "its estimator wanders"), rests_in=Is("HOLD"),
 )  # fmt: skip
 def second_flight_and_return(client: Client) -> Observation:
-    """Fly right after having landed, and return: it lands at home, disarms, and rests in hold."""
+    """Fly again right after landing, and return: it lands at home, disarms, and stays in hold."""
     client.be_ready()
     client.action.set_takeoff_altitude(4.0)
     arm = client.result(client.action.arm)
@@ -542,7 +542,7 @@ def second_flight_and_return(client: Client) -> Observation:
 
 @exercise(kill=Is("SUCCESS"), says=Is("Disarmed by external command"), on_ground_s=Within(0.5, 4.0), armable=Is(True))
 def kill_in_the_air(client: Client) -> Observation:
-    """Kill at 4 m: unlike to disarm, that is accepted; it drops, and could be armed again."""
+    """Kill at 4 m: in contrast to disarming it is accepted; the vehicle falls, and can be armed again."""
     client.hover()
     kill, says = client.refusal(client.action.kill)
     start_s = client.now_s
@@ -557,7 +557,7 @@ def kill_in_the_air(client: Client) -> Observation:
     rate_afterwards=Within(28.0, 32.0), mode=Is("HOLD"), flies_again=Is("SUCCESS"),
 )  # fmt: skip
 def restart(client: Client) -> Observation:
-    """Restart the autopilot: the clock runs back, the rates asked for are gone, it is the same system."""
+    """Restart the autopilot: its clock and the message rates are reset, the system id is the same."""
     client.be_ready()
     client.telemetry.set_rate_position_velocity_ned(10.0)
     asked = client.rates_hz(("LOCAL_POSITION_NED",), 4.0)["LOCAL_POSITION_NED"]
@@ -578,32 +578,32 @@ RESULTS = ("ACCEPTED", "TEMPORARILY_REJECTED", "DENIED", "UNSUPPORTED", "FAILED"
 
 
 def acknowledged(results: Sequence[int]) -> str:
-    """Return acknowledgements in words."""
+    """Return acknowledgements as text."""
     return ", ".join(RESULTS[result] for result in results) or "silence"
 
 
 def offset_m(start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
-    """Return how far north and east a place lies of another, by latitude and longitude [degrees], on a sphere."""
+    """Return the distances north and east between two positions [degrees], on a sphere."""
     north_deg, east_deg = end[0] - start[0], end[1] - start[1]
     return north_deg * METRES_PER_DEGREE, east_deg * METRES_PER_DEGREE * cos(radians(start[0]))
 
 
 def wire_value(value: int | float) -> int | float:
-    """Return a parameter as a client gets it back: reals have been 32-bit floats."""
+    """Return a parameter as a client reads it: floats have 32 bits."""
     return value if isinstance(value, int) else float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
-# The two that are compared
+# The two simulators
 
 
 PLACE = (47.397742, 8.545594, 488.0)
 
 
 class StubSimulator:
-    """The stub as a simulator that can be started again."""
+    """The stub as a simulator that can be restarted."""
 
     def __init__(self, port: int, *, speed: float = STUB_SPEED) -> None:
-        """Prepare a stub that a client on `port` hears."""
+        """Prepare a stub for a client on `port`."""
         self.url = f"udpin://127.0.0.1:{port}"
         self.system_id = SYSTEM_ID
         self.speed = speed
@@ -642,7 +642,7 @@ def client_of(simulator: StubSimulator | Px4Simulator) -> Iterator[Client]:
 
 
 def flown(simulator: StubSimulator | Px4Simulator) -> dict[str, Observation]:
-    """Fly the whole list; an exercise that cannot be finished observes why."""
+    """Fly the whole list; the observation of an unfinished exercise is the reason."""
     observations: dict[str, Observation] = {}
     with client_of(simulator) as client:
         for each in EXERCISES:
@@ -654,7 +654,7 @@ def flown(simulator: StubSimulator | Px4Simulator) -> dict[str, Observation]:
 
 
 def table(stub: Mapping[str, Observation], px4: Mapping[str, Observation]) -> Iterator[str]:
-    """Yield the table's lines: what was expected, what either did, and every difference marked and explained."""
+    """Yield the table's lines: expectation, both observations, and every difference, marked and explained."""
     yield f"{'exercise':30}  {'item':24}  {'expected':34}  {'stub':34}  {'PX4':34}"
     for each in EXERCISES:
         ours, theirs = stub.get(each.name, {}), px4.get(each.name, {})
@@ -668,7 +668,7 @@ def table(stub: Mapping[str, Observation], px4: Mapping[str, Observation]) -> It
 
 
 def remarks(expected: Is | Within, stub: Value | None, px4: Value | None) -> Iterator[str]:
-    """Yield what is remarkable about a line: what does not conform, and where stub and PX4 differ."""
+    """Yield the remarks on a line: what does not conform, and where stub and PX4 differ."""
     for name, value in (("stub", stub), ("PX4", px4)):
         if value is not None and not expected.holds(value):
             yield f"FAILS ({name})"

@@ -1,7 +1,7 @@
-"""End flights in every way, and show what each says of its end: headline, JSON, exit code, and its log's report.
+"""End flights in every way, and print their reported ends: headline, JSON, exit code, and the log's report.
 
-Flights are of stubs in processes of their own, as operators start them; those of a target that is not engaged are
-simulated. It fails where a flight does not end as it should, or its report says something else.
+Flights are of stubs in separate processes, as operators start them; those of a target that is not engaged are
+simulated. It fails if a flight does not end as expected, or its report differs.
 """
 
 import json
@@ -23,7 +23,7 @@ from tests.support.wire import free_ports
 
 SPEED = "5"
 ALOFT_S = 6.0
-"""How long after the first word of formation flight it is ended [wall s]."""
+"""The time from the first line about formation flight to the end [wall s]."""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "TERM": "dumb"}
 NEAR = ("start_m = [35.0, -5.0]\nvelocity_m_s = [0.1, 0.0]", "start_m = [10.0, -5.0]")
 QUICK_BATTERY = ("[target]\n", "[failsafe]\nbattery_low = 0.999\nbattery_s = 1.0\n\n[target]\n")
@@ -35,7 +35,7 @@ FIVE = "".join(
 
 
 class Ended(NamedTuple):
-    """What a flight said of its end, and what the report of its log says."""
+    """A flight's reported end, and that of its log's report."""
 
     code: int
     headline: str
@@ -45,7 +45,7 @@ class Ended(NamedTuple):
 
 
 class Case(NamedTuple):
-    """A way to end a flight of a mission's text, given its process and its file; how it ends, and its exit codes."""
+    """A way to end a flight, given its process and its file; the expected end, and its exit codes."""
 
     name: str
     text: str
@@ -82,7 +82,7 @@ def changed(*changes: tuple[str, str]) -> str:
 
 
 def five() -> str:
-    """Five in a line of which the first passes the target too far away, and the ring has room for all."""
+    """Five in a line, of which the first passes the target too far away; the ring has room for all."""
     text = changed(NEAR, ("radius_m = 10.0", "radius_m = 10.0\nspacing_gain_per_s = 0.3"))
     return text[: text.index("[[vehicles]]")].replace("leader = 2", "leader = 3") + FIVE.lstrip()
 
@@ -161,7 +161,7 @@ def _with_free_ports(text: str) -> str:
 
 
 def main() -> int:
-    """Show the table; return how many rows are not as they should be."""
+    """Print the table; return the number of wrong rows."""
     parser("endings", __doc__ or "").parse_args()
     failed = 0
     print("| flight | headline | `ended.how` | exit code | report | its exit code |\n|---|---|---|---|---|---|")

@@ -1,9 +1,9 @@
-"""Measure what velocity feed-forward contributes on plants that differ from their files.
+"""Measure the contribution of velocity feed-forward on plants that differ from their files.
 
-Flies case2 with vehicles whose true a0 and a1 are up to 30 % off their plant file, with setpoints alone and with
-velocities beside them, each with the disturbance estimate and without; and with vehicles that feed less, or nothing, of
-the velocities forward than their file says. Prints the ring's figures over the last minute (truth of the simulation),
-and fails when with velocities a radius is off by more than 5 mm (mean), or differs from the file's rate by over 0.1 %.
+Flies case2 with vehicles whose true a0 and a1 are up to 30 % off their plant file, without and with velocities, each
+with and without the disturbance estimate; and with vehicles whose feed-forward gain is lower than their file's, or 0.
+Prints the ring's true errors over the last minute, and fails if with velocities a mean radius error exceeds 5 mm, or
+the rate differs from the file's by more than 0.1 %.
 """
 
 import sys
@@ -22,7 +22,7 @@ BIAS_MAX_M, RATE_MAX = 0.005, 0.001
 
 
 def flown(plant: str, a0: float, a1: float, gain: float = 1.0, *, estimates: bool = True) -> tuple[float, float, float]:
-    """Fly case2; return the radius' rms error and mean error [m], and the rate's as a share of what is wanted."""
+    """Fly case2; return the rms and mean error of the radius [m], and the relative error of the rate."""
     told: dict[str, object] = {"profile": plant, "true_scale": {"a0": a0, "a1": a1, "feedforward": gain}}
     mission = content()
     for index, (key, value) in product(range(3), told.items()):

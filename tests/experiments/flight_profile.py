@@ -1,8 +1,8 @@
 """Profile flights of stub vehicles: processor by process, thread and stage, lateness of ticks, memory, start-up.
 
-Each flight is `cordon fly` with default settings, recorded. Cores and memory are those of its processes, which are the
-supervisor, the flying process and the log's; the stubs are a process of their own, with a column of its own.
-The stages are measured in a flight of their own, because measuring costs something.
+Each flight is `cordon fly` with default settings, recorded. Cores and memory are those of its processes: the
+supervisor, the flying process and the log's; the process of the stubs has a separate column. The stages are measured in
+a separate flight, because the measurement takes time.
 """
 
 import json
@@ -31,11 +31,11 @@ from tests.support.wire import free_ports
 INSIDE = "--inside"
 RATE_HZ = 20.0
 SETTLED_S = 5.0
-"""The stages are measured from this time after the first tick in control on."""
+"""The time from the first tick in control to the measurement of the stages."""
 
 CORDON = ("supervisor", "flying", "log")
 PROGRAMS = {"spawn_main": "stubs", "log_process": "log"}
-"""What the command lines of the flying process's children hold."""
+"""Parts of the command lines of the flying process's children."""
 COLUMNS = (
     "vehicles",
     "cores",
@@ -52,7 +52,7 @@ COLUMNS = (
 
 @dataclass
 class Usage:
-    """What a process used at the last look: processor seconds and memory [MB]."""
+    """A process's processor seconds and memory [MB] at the last sample."""
 
     cpu_s: float = 0.0
     memory_mb: float = 0.0
@@ -60,7 +60,7 @@ class Usage:
 
 @dataclass(frozen=True)
 class Profile:
-    """One flight: cores and memory of all its processes but the stubs'; times are wall seconds."""
+    """One flight: cores and memory of all its processes except the stubs'; times are wall seconds."""
 
     vehicles: int
     cores: float
@@ -93,7 +93,7 @@ def profile(
 ) -> Profile:
     """Fly a team and return its profile, with the stages of its event loop if a file for them is given.
 
-    `beside` makes what runs beside the flight, of the mission's file.
+    `beside` returns a context to enter during the flight, from the mission's file.
     """
     with TemporaryDirectory() as folder:
         mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")
@@ -130,7 +130,7 @@ def profile(
 
 
 def lateness_ms(log: FlightLog, vehicle_id: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return how late a vehicle's ticks in control came after their deadlines, which lie on a grid of its own [ms]."""
+    """Return the lateness of a vehicle's ticks in control [ms]; each vehicle has its own grid of deadlines."""
     in_control = {cost.time_s for cost in log.of_kind(vehicle_id, Cost)}
     times_s = np.array([tick.now_s for tick in log.of_kind(vehicle_id, Tick) if tick.now_s in in_control])
     phase = sorted(log.vehicles).index(vehicle_id) / len(log.vehicles)
@@ -138,7 +138,7 @@ def lateness_ms(log: FlightLog, vehicle_id: int) -> np.ndarray[Any, np.dtype[np.
 
 
 def followed(flight: "subprocess.Popen[bytes]") -> tuple[dict[str, Usage], dict[str, float]]:
-    """Follow the processes of a flight to its end; return what each used, and its processor time a second in flight."""
+    """Monitor the processes of a flight to its end; return usage and processor time per second in flight of each."""
     usage = {name: Usage() for name in (*CORDON, "stubs")}
     looks: list[tuple[float, dict[str, float]]] = []
     while flight.poll() is None:
@@ -151,7 +151,7 @@ def followed(flight: "subprocess.Popen[bytes]") -> tuple[dict[str, Usage], dict[
                 continue
         looks.append((time.monotonic(), {name: each.cpu_s for name, each in usage.items()}))
         time.sleep(0.5)
-    # The middle of the flight: neither start-up nor the result's computation.
+    # The middle of the flight, without start-up and computation of the result.
     first, last = looks[len(looks) // 2], looks[len(looks) * 4 // 5]
     lasted_s = max(last[0] - first[0], 1e-3)
     return usage, {name: (last[1][name] - first[1][name]) / lasted_s for name in usage}
@@ -189,7 +189,7 @@ def stage_table(inside: Mapping[str, Any]) -> Iterator[str]:
 
 
 def inside(path: str, duration_s: str, *arguments: str) -> None:
-    """Be `cordon`, measured where this is the flying process."""
+    """Run `cordon`, with measurement in the flying process."""
     from gcs.cli import main as cordon
 
     if is_supervised():
@@ -204,7 +204,7 @@ def main() -> None:
     """Fly teams of the given sizes and print their profiles."""
     reader = parser("flight_profile", __doc__ or "")
     reader.add_argument("vehicles", nargs="*", type=int, default=[3, 8, 16, 32], help="team sizes (default: 3 8 16 32)")
-    reader.add_argument("--duration", type=float, default=60.0, help="of each mission, s (default: %(default)s)")
+    reader.add_argument("--duration", type=float, default=60.0, help="mission duration, s (default: %(default)s)")
     reader.add_argument("--stages", action="store_true", help="fly each once more and print its threads and stages")
     chosen = reader.parse_args()
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)

@@ -1,7 +1,7 @@
-"""Inputs from outside, mutated from valid ones: bus, sightings, profiles, missions and logs.
+"""Fuzzing of external inputs: mutated bus messages, sightings, profiles, missions and logs.
 
-Fails when an input ends in an undeclared error, takes longer than its time, or the memory grows beyond its bound. A
-finding names target, seed and number; --target and --input read that input again.
+Fails if an input causes an undeclared error, exceeds its time limit, or the memory exceeds its limit. A finding states
+target, seed and number; --target and --input reproduce it.
 """
 
 import sys
@@ -16,11 +16,11 @@ PROGRESS_S = 60.0
 
 
 def main() -> int:
-    """Run, print what was found, and return 0 if nothing was."""
+    """Run, print the findings, and return 0 if there are none."""
     reader = parser("fuzz", __doc__ or "")
     reader.add_argument("--count", type=int, default=1_000_000, help="number of inputs in all (default: %(default)s)")
     reader.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")
-    reader.add_argument("--target", help="read inputs of this target alone")
+    reader.add_argument("--target", help="read inputs of this target only")
     reader.add_argument("--input", type=int, help="read the input of this number again")
     options = reader.parse_args()
     with TemporaryDirectory() as folder:
@@ -49,7 +49,7 @@ def _show(findings: Findings) -> None:
 
 
 class _Progress:
-    """Tells now and then how far a run is."""
+    """Prints the progress of a run."""
 
     def __init__(self) -> None:
         self._told_s = monotonic()

@@ -1,10 +1,10 @@
-"""Identify plants that are drawn from a seed, and compare what is found with what was drawn.
+"""Identify random plants, and compare the results with the truth.
 
-Draws plants within 50 % of those that cordon comes with and delays of 0 to 0.4 s, flies 150 s of random steps and a
-swept circle, adds coloured noise of 0.05 to 0.3 m, logs setpoints at 5 or 20 Hz, and identifies. It fails when the 95 %
-intervals hold the truth in less than 90 or more than 99 of 100 cases, or the median error at 0.05 m exceeds 2 %.
-With `--feedforward` the setpoints of the circle come with their velocities, and plants feed 0.7 to
-1.2 of those forward.
+Draws plants within 50 % of the bundled ones and delays of 0 to 0.4 s, flies 150 s of random steps and a swept circle,
+adds coloured noise of 0.05 to 0.3 m, logs setpoints at 5 or 20 Hz, and identifies. It fails if the 95 % intervals
+contain the truth in less than 90 or more than 99 of 100 cases, or the median error at 0.05 m exceeds 2 %. With
+`--feedforward` the setpoints of the circle are sent with their velocities, and plants have feed-forward gains of 0.7 to
+1.2.
 """
 
 import sys
@@ -28,7 +28,7 @@ FED_FROM, FED_TO = 0.7, 1.2
 
 @dataclass(frozen=True)
 class Draw:
-    """One draw: its noise and rate, the errors (k,) as shares (the delay's in seconds), and what was covered (k,)."""
+    """One draw: its noise and rate, relative errors (k,) (the delay's in seconds), and covered truths (k,)."""
 
     noise_m: float
     setpoints_hz: float
@@ -69,7 +69,7 @@ def intervals_of(found: Found) -> tuple[Interval, ...]:
 
 
 def main(count: int, *, fed: bool = False) -> int:
-    """Draw, print what was found, and return the exit code."""
+    """Draw, print the results, and return the exit code."""
     draws = []
     for seed in range(count):
         draws.append(draw := drawn(seed, fed=fed))
@@ -102,6 +102,6 @@ def main(count: int, *, fed: bool = False) -> int:
 if __name__ == "__main__":
     reader = parser("identification_draws", __doc__)
     reader.add_argument("count", nargs="?", type=int, default=100, help="number of draws (default: %(default)s)")
-    reader.add_argument("--feedforward", action="store_true", help="fly the circle with velocities, too")
+    reader.add_argument("--feedforward", action="store_true", help="send the velocities of the circle as well")
     given = reader.parse_args()
     sys.exit(main(given.count, fed=given.feedforward))

@@ -1,7 +1,7 @@
 """Fly one PX4 simulator (CORDON_PX4) around a target indoors: without GPS, its positions sent as vision.
 
-A camera system is played by the simulator's own truth, 30 times a second and 50 ms late, on the team's bus. The ring is
-judged by that truth.
+The simulator's truth serves as the camera system, at 30 Hz and 50 ms late, on the team's bus. The ring is evaluated
+with the same truth.
 """
 
 import asyncio
@@ -49,7 +49,7 @@ INDOORS = {
     "EKF2_TAU_VEL": 0.1,
     "COM_OBL_RC_ACT": 4.0,
 }
-"""As docs/indoor.md has them."""
+"""As in docs/indoor.md."""
 MISSION = f"""
 [mission]
 name = "indoors"
@@ -105,7 +105,7 @@ profile = "px4"
 
 
 class Pose(NamedTuple):
-    """Where the simulator's body is, north, west and up of its start [m], and its yaw counter-clockwise from north."""
+    """The simulator's position north, west and up from its start [m], and its yaw counter-clockwise from north."""
 
     time_s: float
     position_m: Triple
@@ -113,7 +113,7 @@ class Pose(NamedTuple):
 
 
 class Cameras:
-    """Reads the simulator's truth, and keeps all of it."""
+    """Reads and stores the simulator's truth."""
 
     def __init__(self, place: Triple) -> None:
         self._place = place
@@ -123,7 +123,7 @@ class Cameras:
         self._thread = threading.Thread(target=self._read)
 
     def seen(self, at_s: float) -> Pose | None:
-        """Return the newest truth of a time or before it."""
+        """Return the newest truth not after a time."""
         return next((each for each in reversed(tuple(self._recent)) if each.time_s <= at_s), None)
 
     def start(self) -> None:
@@ -159,7 +159,7 @@ class Cameras:
 
 
 async def publish(mission: Mission, cameras: Cameras, ended: threading.Event) -> None:
-    """Put the vehicle's positions on the team's bus until the end."""
+    """Publish the vehicle's positions on the team's bus until the end."""
     while True:
         try:
             bus = guest_bus(mission, team_keys(mission).identity("sensor"))
@@ -181,7 +181,7 @@ async def publish(mission: Mission, cameras: Cameras, ended: threading.Event) ->
 
 @contextmanager
 def cameras_for(mission: Mission, place: Triple) -> Iterator[Cameras]:
-    """Run the cameras, and publish what they see."""
+    """Run the cameras, and publish their positions."""
     cameras, ended = Cameras(place), threading.Event()
     cameras.start()
     publishing = threading.Thread(target=lambda: asyncio.run(publish(mission, cameras, ended)), daemon=True)

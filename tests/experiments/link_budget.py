@@ -1,7 +1,7 @@
-"""Compare the bytes that a shared radio is planned to carry with those that it carries, in flight, at several rates.
+"""Compare the planned and the actual traffic of a shared radio in flight, at several rates.
 
-Three stubs fly px4-trio's mission behind one emulated line, which counts. The last row leaves the rates to cordon, on a
-line of 38400 baud; there they may change in flight, and are not judged.
+Three stubs fly px4-trio's mission behind one emulated line, which counts bytes. In the last row cordon chooses the
+rates, on a line of 38400 baud; they may change in flight, and are not checked.
 """
 
 import json
@@ -31,9 +31,9 @@ from tests.support.wire import cordon
 
 RADIO = RadioSpec(latency_ms=60.0, loss=0.02, shared=True)
 STARTED = "formation: start"
-"""The event of each agent in which the mission begins."""
+"""The event of each agent at the begin of the mission."""
 APART_S = 5.0
-"""Counting begins so long after the mission, and ends so long before it."""
+"""The counting begins this long after the mission's begin, and ends this long before its end."""
 ROWS: tuple[tuple[int, dict[str, object]], ...] = (
     (115200, {"telemetry_rate_hz": 20.0, "status_rate_hz": 2.0}),
     (115200, {"telemetry_rate_hz": 10.0, "status_rate_hz": 1.0, "setpoint_rate_hz": 10.0}),
@@ -41,13 +41,13 @@ ROWS: tuple[tuple[int, dict[str, object]], ...] = (
     (38400, {"rates": "auto"}),
 )
 OFF_MAX = 0.1
-"""By which share the bytes counted may differ from those planned, at rates that the mission states."""
+"""The tolerance between counted and planned bytes, as a share, at rates from the mission."""
 COLUMNS = ("baud", "motion, status, setpoints", "up: planned", "counted", "down: planned", "counted", "radius errors")
 
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """What the line carried [bytes/s], and the result of the flight."""
+    """The traffic of the line [bytes/s], and the result of the flight."""
 
     up_bytes_s: float
     down_bytes_s: float
@@ -83,7 +83,7 @@ def radio(mission: Mission, baud: int) -> Iterator[Emulation]:
 
 
 def counted(path: Path, baud: int, duration_s: float) -> Counted:
-    """Fly, and count what the line carries while the team flies."""
+    """Fly, and count the bytes on the line in flight."""
     with (
         radio(load_mission(str(path)), baud) as emulation,
         cordon("fly", str(path), "--duration", f"{duration_s:g}", "--json", "--no-log") as flight,

@@ -1,7 +1,7 @@
-"""Measure what the relay between MAVSDK and the vehicles adds to each frame, in lateness and computing time.
+"""Measure the delay and computing time that the relay between MAVSDK and the vehicles adds to each frame.
 
-The vehicles and MAVSDK's ends are another process, which dates each frame; this one holds the relays only. The same
-process sends the same frames directly from socket to socket, as the reference.
+The vehicles and MAVSDK's ends are in another process, which time-stamps each frame; this process holds the relays only.
+As the reference, the other process sends the same frames directly from socket to socket.
 """
 
 import multiprocessing
@@ -22,7 +22,7 @@ from tests.experiments.arguments import parser
 from tests.support.wire import LOOPBACK, free_ports
 
 UP_HZ, SETPOINTS_PER_S = 100, 20
-"""Frames of each vehicle, as its telemetry at the rates asked for, and setpoints to each."""
+"""Frame rates of each vehicle: telemetry at the requested rates, and setpoints."""
 MEASURED_S = 10.0
 HEARTBEAT, OWN_MESSAGE, SETPOINT = 0, 30, 84
 HEARTBEAT_PAYLOAD = bytes((0, 0, 0, 0, 2, 12, 0, 4, 3))
@@ -93,7 +93,7 @@ class Vehicle:
 
 
 def play(vehicles: list[Vehicle], control: Connection) -> None:
-    """Be the vehicles and MAVSDK: heartbeats until the relays have verified them, then dated frames."""
+    """Play the vehicles and MAVSDK: heartbeats until the relays have verified them, then time-stamped frames."""
     owners = {source: each for each in vehicles for source in (each.inner, each.outer, each.direct)}
     while not control.poll(REPEATED_S):
         for each in vehicles:

@@ -1,8 +1,8 @@
-"""Fly teams whose members join, leave and are lost, and measure how long rings and formations take to settle.
+"""Fly teams whose members join, leave and are lost, and measure the settling times of rings and formations.
 
-Everything follows from a seed: who it is, when and where, the ring's rate, the target's course, true plants up to 20 %
-off the plant file in each number, and a network that loses and delays; telemetry and sightings are as noisy as in
-case2-field. What is measured is the truth of the simulation. Exit code 1 when a limit is missed.
+A seed determines the member, time and place, the ring's rate, the target's path, true plants with parameters up to 20 %
+off the plant file, and a network with loss and delay; telemetry and sightings are as noisy as in case2-field. Measured
+is the true motion. Exit code 1 if a limit is exceeded.
 """
 
 import sys
@@ -28,9 +28,9 @@ SPACING_DEG, SPACING_M = 5.0, 0.3
 
 @dataclass(frozen=True)
 class Draw:
-    """One flight: how long it took until all was well for good, and what must not happen on the way.
+    """One flight: its settling times, and violations before.
 
-    All are spaced once every spacing is right for good; all is well once the ring is round as well.
+    The spacing has settled once every spacing stays within its limit; the ring, once every radius does as well.
     """
 
     seed: int
@@ -74,7 +74,7 @@ def measured(build: Callable[[int], Scene], in_formation: bool, seed: int) -> Dr
 
 
 def settled_s(time_s: Vector, well: NDArray[np.bool_]) -> float:
-    """Return from when on all is well for good, inf if it is not at the end."""
+    """Return the time from which a condition stays true, inf if it is false at the end."""
     if not well[-1]:
         return inf
     bad = np.flatnonzero(~well)
@@ -84,7 +84,7 @@ def settled_s(time_s: Vector, well: NDArray[np.bool_]) -> float:
 def ring_settled_s(
     time_s: Vector, polar: NDArray[np.complex128], radius_share: float, ring_m: float
 ) -> tuple[float, float]:
-    """Return when every spacing is right for good, and when every radius is as well."""
+    """Return the settling times of the spacings, and of spacings and radii."""
     turns = np.sort(np.angle(polar), axis=1)
     gaps = np.diff(turns, axis=1, append=turns[:, :1] + tau)
     even = np.degrees(np.abs(gaps - tau / polar.shape[1])).max(axis=1) <= SPACING_DEG
@@ -93,7 +93,7 @@ def ring_settled_s(
 
 
 def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return when every spacing between neighbours is right for good after the loss, and how wrong one was."""
+    """Return the settling time of the spacings between neighbours after the loss, and the largest error."""
     config = scene.mission.agent_config(scene.mission.vehicles[0])
     if scene.shape is not None:
         config = config.reshaped(scene.shape)
@@ -105,7 +105,7 @@ def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.
 
 
 def separation_left_m(scene: Scene, flight: SimulatedFlight) -> float:
-    """Return by how much the closest two in the air were farther apart than they must."""
+    """Return the smallest distance between two vehicles in the air beyond the separation."""
     least = inf
     for one, other in combinations(range(flight.motion.shape[1]), 2):
         both = flight.aloft[:, one] & flight.aloft[:, other]
@@ -115,7 +115,7 @@ def separation_left_m(scene: Scene, flight: SimulatedFlight) -> float:
 
 
 def overtakings(polar: NDArray[np.complex128], ring_m: float) -> int:
-    """Return how often one passed another while both were at the ring."""
+    """Return the number of overtakings on the ring."""
     count = 0
     near = np.abs(np.abs(polar) / ring_m - 1.0) <= NEAR_RING_SHARE
     for one, other in combinations(range(polar.shape[1]), 2):
@@ -127,7 +127,7 @@ def overtakings(polar: NDArray[np.complex128], ring_m: float) -> int:
 
 
 def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
-    """Return how far in anybody came who was on the ring, as a share of its radius; absence (NaN) begins anew."""
+    """Return the smallest radius after reaching the ring, as a share of the ring's; absence (NaN) restarts."""
     least = inf
     for radius in np.abs(polar).T:
         reached = False
@@ -138,7 +138,7 @@ def innermost_share(polar: NDArray[np.complex128], ring_m: float) -> float:
 
 
 def main(count: int, chosen: list[str]) -> int:
-    """Fly so many seeds of each scene whose name begins with one of those chosen, of all if none is."""
+    """Fly a number of seeds of each scene whose name begins with one of the given texts; without any, of all."""
     missed = 0
     with ProcessPoolExecutor() as pool:
         for name, (build, in_formation, limit_s) in SCENES.items():

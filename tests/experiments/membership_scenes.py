@@ -1,4 +1,4 @@
-"""Scenes with members that come, go and are lost, each from a seed: what membership.py flies and measures."""
+"""The scenes of membership.py, with members that join, leave and are lost, each from a seed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,11 +27,11 @@ PLANT_OFF_MOST = 0.2
 
 @dataclass(frozen=True)
 class Scene:
-    """A mission, who is away when, how long it is flown, and from when on settling counts.
+    """A scene: its mission, the absences, its duration, and the begin of settling.
 
-    Spacings are to settle, and radii to within `radius_share` of the ring's; where somebody was lost the ring is bent,
-    and no radius counts. Operators have `told` the team these commands, at their times. The radio of `unheard_id` is
-    gone from `CHANGE_S` on, both ways.
+    Spacings have to settle, and radii to within `radius_share` of the ring's; where a vehicle was lost the ring is
+    bent, and radii are not checked. `told` are the operators' commands to the team with their times. The radio of
+    `unheard_id` fails at `CHANGE_S` in both directions.
     """
 
     mission: Mission
@@ -44,17 +44,17 @@ class Scene:
 
     @property
     def shape(self) -> Shape | None:
-        """The formation's shape at last, None for the mission's."""
+        """The final shape of the formation, None for the mission's."""
         return next((command.shape for command in reversed(self.told) if command.shape is not None), None)
 
     @property
     def gone(self) -> set[int | None]:
-        """Who is no member any more at the end."""
+        """The vehicles that are not members at the end."""
         lost = {absence.vehicle_id for absence in self.absences if absence.to_s == inf}
         return lost | {self.unheard_id} | {command.vehicle for command in self.told}
 
     def there(self, time_s: Vector) -> NDArray[np.bool_]:
-        """Return whose agents are there (T, N)."""
+        """Return which agents are present (T, N)."""
         there = np.ones((time_s.size, len(self.mission.ids)), dtype=np.bool_)
         for absence in self.absences:
             away = (time_s >= absence.from_s) & (time_s < absence.to_s)
@@ -63,7 +63,7 @@ class Scene:
 
 
 class _CutOff(VehicleCore):
-    """An agent that hears nothing of one whose radio is gone; that one hears nothing at all."""
+    """An agent that receives nothing from the vehicle with the failed radio; that vehicle receives nothing."""
 
     def __init__(self, unheard_id: int, config: AgentConfig) -> None:
         super().__init__(config)
@@ -89,7 +89,7 @@ def flown(scene: Scene, seed: int) -> SimulatedFlight:
                 if vehicle.present:
                     vehicle.core.on_message(command, now_s)
                     if command.verb == "formation":
-                        break  # one hears it; the others have it from each other
+                        break  # one vehicle receives it; it reaches the others in peers' states
 
     return simulate(
         vehicles,
@@ -132,7 +132,7 @@ def abreast(count: int) -> list[tuple[float, float]]:
 
 
 def beside_target(mission: Content, at_s: float, bearing_rad: float, away_m: float) -> tuple[float, float]:
-    """Return the place at a bearing and a distance from where the target is at a moment."""
+    """Return the place at a bearing and a distance from the target's position at a time."""
     (x, y), (x_rate, y_rate) = mission["target"]["start_m"], mission["target"]["velocity_m_s"]
     return float(x + x_rate * at_s + away_m * cos(bearing_rad)), float(y + y_rate * at_s + away_m * sin(bearing_rad))
 
@@ -151,7 +151,7 @@ def drawn_rate(random: np.random.Generator, least: float, most: float) -> float:
 
 
 def loss_on_the_ring(seed: int) -> Scene:
-    """Three on the ring; one dies."""
+    """Three on the ring; one agent ends."""
     random = np.random.default_rng([1, seed])
     mission = field(random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
     lost = Absence(int(random.integers(1, 4)), CHANGE_S)
@@ -159,7 +159,7 @@ def loss_on_the_ring(seed: int) -> Scene:
 
 
 def cut_off_on_the_ring(seed: int) -> Scene:
-    """Three to eight on the ring; one's radio fails, and it flies on until it notices."""
+    """Three to eight on the ring; one's radio fails, and it flies on until it detects that."""
     random = np.random.default_rng([9, seed])
     count = int(random.integers(3, 9))
     mission, _ = tight(random, count, radius_least_m=10.0, rate_least_rad_s=0.05)
@@ -168,7 +168,7 @@ def cut_off_on_the_ring(seed: int) -> Scene:
 
 
 def leave_the_ring(seed: int) -> Scene:
-    """Three to eight on the ring; one is told to hold there, or to land."""
+    """Three to eight on the ring; one is commanded to hold there, or to land."""
     scene, random = cut_off_on_the_ring(seed), np.random.default_rng([12, seed])
     return replace(scene, unheard_id=None, told=(told_off(random, int(random.choice(scene.mission.ids))),))
 
@@ -178,7 +178,7 @@ def told_off(random: np.random.Generator, vehicle_id: int) -> OperatorCommand:
 
 
 def alone_on_the_ring(seed: int) -> Scene:
-    """One vehicle, one ring, about what it alone sees of the target, with an error of half a metre."""
+    """One vehicle on a ring, about its own sightings of the target with an error of half a metre."""
     random = np.random.default_rng([13, seed])
     mission = field(random, abreast(1), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
     mission["formation"]["leader"] = 1
@@ -186,7 +186,7 @@ def alone_on_the_ring(seed: int) -> Scene:
 
 
 def second_on_the_ring(seed: int) -> Scene:
-    """One alone on the ring; another one comes up somewhere outside of it."""
+    """One alone on the ring; another one starts outside of it."""
     scene = join_on_the_ring(seed)
     (comer,) = scene.absences
     alone = next(vehicle_id for vehicle_id in scene.mission.ids if vehicle_id != comer.vehicle_id)
@@ -199,7 +199,7 @@ def second_on_the_ring(seed: int) -> Scene:
 
 
 def join_on_the_ring(seed: int) -> Scene:
-    """Two on the ring; a third comes up somewhere outside of it, or comes back there."""
+    """Two on the ring; a third starts outside of it, or returns there."""
     random = np.random.default_rng([2, seed])
     mission = field(random, abreast(3), radius_m=10.0, rate_rad_s=drawn_rate(random, 0.05, 0.15), target_m=(14.0, -5.0))
     bearing_rad, away_m = random.uniform(0.0, tau), random.uniform(14.0, 30.0)
@@ -210,7 +210,7 @@ def join_on_the_ring(seed: int) -> Scene:
 
 
 def leader_lost(seed: int) -> Scene:
-    """Three to six in formation; the leader dies."""
+    """Three to six in formation; the leader's agent ends."""
     random = np.random.default_rng([3, seed])
     count = int(random.integers(3, 7))
     mission = field(random, abreast(count), radius_m=10.0, rate_rad_s=0.05, target_m=(14.0, -5.0))
@@ -221,13 +221,13 @@ def leader_lost(seed: int) -> Scene:
 
 
 def leader_cut_off(seed: int) -> Scene:
-    """Three to six in formation; the leader's radio fails, and it flies on until it notices."""
+    """Three to six in formation; the leader's radio fails, and it flies on until it detects that."""
     scene = leader_lost(seed)
     return replace(scene, absences=(), unheard_id=scene.mission.formation.leader)
 
 
 def leader_back(seed: int) -> Scene:
-    """Three to six in formation; the leader dies, and comes back from somewhere behind."""
+    """Three to six in formation; the leader's agent ends, and restarts behind the formation."""
     scene = leader_lost(seed)
     (lost,), random = scene.absences, np.random.default_rng([6, seed])
     back_s = CHANGE_S + float(random.uniform(10.0, 30.0))
@@ -237,7 +237,7 @@ def leader_back(seed: int) -> Scene:
 
 
 def reshaped(seed: int) -> Scene:
-    """Three to six in one shape are told to take another."""
+    """Three to six in one shape are commanded to change to another."""
     scene, random = leader_lost(seed), np.random.default_rng([7, seed])
     before, after = random.permutation(["line", "column", "wedge"])[:2].tolist()
     told = ((0.0, before), (CHANGE_S, after))
@@ -246,7 +246,7 @@ def reshaped(seed: int) -> Scene:
 
 
 def follower_joins(seed: int) -> Scene:
-    """One alone in formation, or up to five; one more comes up somewhere behind."""
+    """One alone in formation, or up to five; one more starts behind."""
     random = np.random.default_rng([10, seed])
     count = int(random.integers(2, 7))
     mission = field(random, abreast(count), radius_m=10.0, rate_rad_s=0.05, target_m=(14.0, -5.0))
@@ -259,7 +259,7 @@ def follower_joins(seed: int) -> Scene:
 
 
 def follower_leaves(seed: int) -> Scene:
-    """Three to six in formation; one that does not lead is told to hold, or to land."""
+    """Three to six in formation; one that does not lead is commanded to hold, or to land."""
     scene, random = leader_lost(seed), np.random.default_rng([11, seed])
     others = [vehicle_id for vehicle_id in scene.mission.ids if vehicle_id != scene.mission.formation.leader]
     return replace(scene, absences=(), told=(told_off(random, int(random.choice(others))),))
@@ -274,7 +274,7 @@ def sixteen(seed: int) -> Scene:
 
 
 def two_groups(seed: int) -> Scene:
-    """Two groups come to one target from two sides, at first out of each other's reach."""
+    """Two groups approach one target from two sides, at first out of each other's radio range."""
     random = np.random.default_rng([8, seed])
     here, there = (int(each) for each in random.integers(1, 5, 2))
     away_m = float(random.uniform(30.0, 40.0))
@@ -286,7 +286,7 @@ def two_groups(seed: int) -> Scene:
 
 
 def coming_and_going(seed: int) -> Scene:
-    """Up to ten at a ring with little room to spare: some come late, some are lost, some of these come back."""
+    """Up to ten at a ring with little spare room: some start late, some are lost, some of these return."""
     random = np.random.default_rng([5, seed])
     count = int(random.integers(4, 11))
     mission, radius_m = tight(random, count, radius_least_m=8.0, rate_least_rad_s=0.04)
@@ -301,7 +301,7 @@ def coming_and_going(seed: int) -> Scene:
     return Scene(parsed(mission), tuple(absences), 240.0, last_s, radius_share=inf)
 
 
-# Each with whether it is flown in formation, and within how many seconds all has to be well.
+# Each with whether it is flown in formation, and its limit of the settling time [s].
 SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
     "3 -> 2 on the ring": (loss_on_the_ring, False, 40.0),
     "told to leave the ring": (leave_the_ring, False, 60.0),

@@ -1,8 +1,8 @@
-"""Cut the operator's laptop off while agents on three computers fly a ring, once for each of the mission's policies.
+"""Disconnect the operator's laptop while agents on three computers fly a ring, once for each policy of the mission.
 
 Five network namespaces: three companion computers with an agent and a stub vehicle each, the laptop, and the computer
 of the router. All have issued keys. The links of companions and laptop are emulated in user space (80 ms and 5 % of
-packets lost each way), as not every kernel has netem. A row fails when its policy is not kept.
+packets lost each way), as not every kernel has netem. A row fails if its policy is not kept.
 """
 
 import os
@@ -38,14 +38,15 @@ from tests.support.mission_text import CASE2
 from tests.support.paths import ROOT
 
 POLICIES = {"go_on": Tactic.ENCIRCLE, "hold": Tactic.HOLD, "return": Tactic.RETURN_AND_LAND}
-"""What a mission may say, and the tactic that it stands for."""
+"""The policies of a mission, with their tactics."""
 NO_OPERATOR_S = 5.0
 REACTS_WITHIN_S = NO_OPERATOR_S + 3.0 + 1.5
-"""The grace time, Zenoh's lease on the router's side, and what the news takes over two links, one loss included."""
+"""The grace time, Zenoh's lease on the router's side, and the transport time over two links, including one loss."""
 RADIUS_M = 6.0
 RING_S, BEFORE_S, CUT_S, BACK_S = 35.0, 15.0, 25.0, 25.0
-"""How long the team is on the ring before the cut, and how much of it is measured; how long the cut lasts, and how long
-it flies on once the laptop is back [s]."""
+"""The time on the ring before the cut, and the part of it that is measured; the duration of the cut, and the flight
+time after it [s].
+"""
 RADIUS_ERROR_MAX_M = 0.25
 READY_S, ALOFT_S = 120.0, 120.0
 SEPARATION_M = tomllib.loads(CASE2)["safety"]["separation_m"]
@@ -56,11 +57,11 @@ HEAD = (
 
 
 class Flown(NamedTuple):
-    """What the logs of a flight say of its cut, by the true motions.
+    """The effects of the cut in the logs of a flight, by the true motions.
 
-    For each vehicle: when its tactic changed, since the cut [s] (infinity: it did not), its tactics before the laptop
-    was back and at the end, and when it noted that, since then. The rms radius error before the cut, and after it while
-    on the ring, and the closest approach [m].
+    For each vehicle: the time from the cut to the change of its tactic [s] (infinity: none), its tactics before the
+    laptop's return and at the end, and the time from that return to its note. The rms radius error before the cut, and
+    after it while on the ring, and the closest approach [m].
     """
 
     reacted_s: list[float]
@@ -73,14 +74,14 @@ class Flown(NamedTuple):
 
 
 class Load(NamedTuple):
-    """What one agent takes, of all its processes."""
+    """The usage of one agent, over all its processes."""
 
     memory_mb: float
     core_share: float
 
 
 class Site:
-    """The five computers with their files, and what runs on them."""
+    """The five computers with their files and processes."""
 
     def __init__(self, network: LossyNetwork, folder: Path, policy: str, stack: ExitStack) -> None:
         self.network, self.folder, self._stack = network, folder, stack
@@ -101,7 +102,7 @@ class Site:
             (self._files(computer) / "mission.toml").write_text(mission)
 
     def run(self, computer: Computer, *arguments: str) -> "subprocess.Popen[bytes]":
-        """Start a command of cordon on a computer; what it prints goes to a file there."""
+        """Start a command of cordon on a computer; its output goes to a file there."""
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"}
         process = subprocess.Popen(
             computer.command(sys.executable, "-m", "gcs", *arguments),
@@ -114,11 +115,11 @@ class Site:
         return process
 
     def said(self, computer: Computer, verb: str, stream: str = "err") -> str:
-        """Return what a command has printed on a computer."""
+        """Return the output of a command on a computer."""
         return (self._files(computer) / f"{verb}.{stream}").read_text()
 
     def log(self, vehicle: int) -> Path:
-        """Return where a vehicle's agent records its flight."""
+        """Return the path of the log of a vehicle's agent."""
         return self._files(self.companions[vehicle - 1]) / "flight.mcap"
 
     def _files(self, computer: Computer) -> Path:
@@ -141,7 +142,7 @@ def mission_text(policy: str, router: Computer) -> str:
 
 
 def fly(policy: str, link: Wireless, seed: int) -> tuple[Flown, Load]:
-    """Fly a ring, cut the laptop off and let it come back; return what became of the team."""
+    """Fly a ring, disconnect and reconnect the laptop; return the effects on the team."""
     with TemporaryDirectory() as folder, ExitStack() as stack:
         network = stack.enter_context(lossy_network((Wireless(), *3 * (link,), link), seed))
         site = Site(network, Path(folder), policy, stack)
@@ -161,7 +162,7 @@ def fly(policy: str, link: Wireless, seed: int) -> tuple[Flown, Load]:
 
 
 def _started(site: Site) -> list["subprocess.Popen[bytes]"]:
-    """Let the team take off by the operator's command, and return its agents once all are on the ring."""
+    """Take off by the operator's command, and return the agents once all are on the ring."""
     site.run(site.router, "router", "mission.toml")
     agents = []
     for vehicle, computer in enumerate(site.companions, start=1):
@@ -185,7 +186,7 @@ def _started(site: Site) -> list["subprocess.Popen[bytes]"]:
 
 
 def _load(agent: "subprocess.Popen[bytes]", for_s: float) -> Load:
-    """Measure an agent's processes for so long: the proportional share of memory, and processor time."""
+    """Measure an agent's processes for some time: the proportional share of memory, and processor time."""
     root = psutil.Process(agent.pid)
     processes = [root, *root.children(recursive=True)]
     before_s = sum(sum(each.cpu_times()[:2]) for each in processes)
@@ -214,7 +215,7 @@ def _flown(paths: Sequence[Path], cut_s: float, back_s: float) -> Flown:
 
 
 def _first_s(record: FlightRecord, vehicle: int, kind: str, text: str, after_s: float) -> float:
-    """Return when something first happened to a vehicle after a time, since then; infinity if it did not."""
+    """Return the time from a moment to the first event of a vehicle after it, infinity without one."""
     events = (each for each in record.events if (each.vehicle, each.kind) == (vehicle, kind))
     last_s = after_s + CUT_S
     return next((e.time_s - after_s for e in events if text in e.text and after_s < e.time_s < last_s), inf)
@@ -228,7 +229,7 @@ def _tactic(record: FlightRecord, vehicle: int, at_s: float) -> str:
 
 
 def _radius_error_m(record: FlightRecord, from_s: float, to_s: float) -> float:
-    """Return the rms error of all radii on the ring between two times; not a number where no vehicle was on it."""
+    """Return the rms error of all radii on the ring between two times; NaN if no vehicle was on it."""
     during = (record.time_s > from_s) & (record.time_s <= to_s)
     errors = []
     for track in record.vehicles:
@@ -245,7 +246,7 @@ def _closest_m(record: FlightRecord, to_s: float) -> float:
 
 
 def faults(policy: str, flown: Flown) -> list[str]:
-    """Return how a flight did not keep its policy."""
+    """Return the violations of a flight's policy."""
     expected, found = POLICIES[policy], []
     allowed = {expected.value, Tactic.LAND.value} if policy == "return" else {expected.value}
     if not {*flown.cut_tactics, *flown.last_tactics} <= allowed:
@@ -268,12 +269,12 @@ def faults(policy: str, flown: Flown) -> list[str]:
 
 
 def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
-    """Fly with each policy; return how many were not kept."""
+    """Fly with each policy; return the number of policies that were not kept."""
     reader = parser("onboard", __doc__ or "")
-    reader.add_argument("policies", nargs="*", help="those to fly (default: all)")
-    reader.add_argument("--delay", type=float, default=0.08, help="of a link, each way [s] (default: %(default)s)")
+    reader.add_argument("policies", nargs="*", help="policies to fly (default: all)")
+    reader.add_argument("--delay", type=float, default=0.08, help="of each link, one way [s] (default: %(default)s)")
     reader.add_argument("--loss", type=float, default=0.05, help="share of packets lost (default: %(default)s)")
-    reader.add_argument("--seed", type=int, default=1, help="of the losses (default: %(default)s)")
+    reader.add_argument("--seed", type=int, default=1, help="seed of the losses (default: %(default)s)")
     options = reader.parse_args(arguments)
     rows, failed = [], 0
     for policy in options.policies or POLICIES:

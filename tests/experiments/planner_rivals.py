@@ -1,16 +1,15 @@
-"""Measure what a plan of the encirclement costs, beside the same plan by do-mpc, cvxpy and CasADi.
+"""Measure the computing time of an encirclement plan, compared with the same plan by do-mpc, cvxpy and CasADi.
 
-All plan as the bundled mission case2 asks: three vehicles, horizon 8, the same bounds and weights. What differs is the
-solver in the place of cordon's own LMPC (planner_solvers.py); references, bounds and feedback linearisation are
-cordon's for all and belong to the time of a plan. Set-up does not. Times are those of the processor, in all threads, so
-that other work on the machine counts little.
+All plan the bundled mission case2: three vehicles, horizon 8, the same bounds and weights. Only the solver in place of
+cordon's LMPC differs (planner_solvers.py); references, bounds and feedback linearisation are cordon's for all and are
+part of a plan's time, set-up is not. Times are processor times of all threads, which other work on the computer affects
+little.
 
-First, each plans for the same approaches to the ring, drawn from seeds and flown by cordon's plans at 10 Hz, a part of
-them on bounds. The planners take turns, approach by approach. All but qrqp start warm from their solution before; the
-first plan of an approach has none, and is not timed. Solvers of the same quadratic programmes have to find their
-optima, which an interior-point method finds to many digits; how many each leaves unsolved or gets wrong is stated.
-do-mpc solves another problem, the polar model itself. So second, each flies a team of three, and the errors on the ring
-have to be small.
+First, each plans for the same random approaches to the ring, flown by cordon's plans at 10 Hz, some with active bounds.
+The planners take turns, approach by approach. All but qrqp start warm from their previous solution; the first plan of
+an approach has none, and is not timed. The solvers of the same quadratic programmes are compared with the optimum of an
+interior-point method; the numbers of unsolved and wrong plans are printed. do-mpc solves another problem, the polar
+model. Second, each flies a team of three, and the errors on the ring have to be small.
 """
 
 import subprocess
@@ -46,9 +45,9 @@ APPROACHES = 25
 TICKS, PERIOD_S = 40, 0.1
 CORDON = Rival("cordon", "agents.control.encirclement", ring_lmpc)
 ERROR_MAX_M_S2 = 5e-3
-"""Of the first acceleration planned: a four-hundredth of what a vehicle may. A plan farther off is wrong."""
+"""Tolerance of the first planned acceleration, 1/400 of a vehicle's limit. A plan with a larger error is wrong."""
 FAILED_MAX = 0.1
-"""The share of a rival's plans that may be unsolved or wrong: what fails more often is not compared. cordon's: none."""
+"""The largest share of a rival's unsolved or wrong plans; rivals above it are not compared. cordon's must be 0."""
 TEAM_S, TEAM_WINDOW_S = 60.0, 20.0
 RADIUS_ERROR_MAX_M, SPACING_ERROR_MAX_DEG = 0.05, 0.5
 TEAM = 3
@@ -62,7 +61,7 @@ TABLE_HEAD = (
 
 @dataclass
 class Plans:
-    """What one planner did: how long its plans took that are timed [us], how many it planned, and how many in vain."""
+    """The results of one planner: the times of its timed plans [us], the number of plans, and of unsolved ones."""
 
     took_us: list[float] = field(default_factory=list)
     planned: int = 0
@@ -70,7 +69,7 @@ class Plans:
 
 
 class Programme(NamedTuple):
-    """What `Lmpc.solve` takes."""
+    """The arguments of `Lmpc.solve`."""
 
     state: Vector
     reference: Vector
@@ -79,7 +78,7 @@ class Programme(NamedTuple):
 
 
 class Recorder:
-    """cordon's own LMPC, on record."""
+    """cordon's LMPC, which records its programmes."""
 
     def __init__(self, config: AgentConfig) -> None:
         self._lmpc = ring_lmpc(config.encirclement)
@@ -103,7 +102,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class RingErrors:
-    """How far a team is off its ring, root mean squares."""
+    """The rms errors of a team on its ring."""
 
     radius_m: float
     spacing_deg: float
@@ -122,9 +121,9 @@ def planner_with(build: Callable[[EncirclementSettings], Solver], config: AgentC
 
 
 def approach(config: AgentConfig, seed: int) -> Draw:
-    """Draw a vehicle near the ring, its neighbours and its target, and fly it there by cordon's plans.
+    """Draw a vehicle near the ring, its neighbours and its target, and fly it to the ring by cordon's plans.
 
-    Its reference is on the ring from the beginning, in the middle between the neighbours: so bounds are active.
+    Its reference is on the ring from the beginning, midway between the neighbours, so that bounds are active.
     """
     random, ring = np.random.default_rng(seed), config.encirclement
     orbit = Orbit(ring.radius_m, ring.angular_rate_rad_s)
@@ -155,7 +154,7 @@ def _moved(target: Vector) -> Vector:
 
 
 def plan_all(planners: Mapping[str, EncirclementPlanner], draws: Sequence[Draw]) -> dict[str, Plans]:
-    """Let the planners plan every approach in turn, each time another one first."""
+    """Plan every approach with all planners, each time in another order."""
     names, plans = list(planners), {name: Plans() for name in planners}
     for number, draw in enumerate(draws):
         for place in range(len(names)):
@@ -177,7 +176,7 @@ def _plan(planner: EncirclementPlanner, draw: Draw, plans: Plans) -> None:
 
 
 def errors_m_s2(solver: Solver, programmes: Sequence[Programme], optima: Sequence[Vector]) -> Vector:
-    """Return how far the first inputs [r'' R phi''] of a solver are off the optima (n,), nan where it is unsolved."""
+    """Return the errors of a solver's first inputs [r'' R phi''] from the optima (n,), NaN if unsolved."""
     found = [solver.solve(*programme) for programme in programmes]
     off_m_s2 = np.linalg.norm(np.array([solution.first_input for solution in found]) - optima, axis=1)
     off_m_s2[[solution.status is QpStatus.FALLBACK for solution in found]] = nan
@@ -185,7 +184,7 @@ def errors_m_s2(solver: Solver, programmes: Sequence[Programme], optima: Sequenc
 
 
 def team_errors(planners: Sequence[EncirclementPlanner], config: AgentConfig, seed: int) -> RingErrors:
-    """Fly a vehicle a planner to the ring, and return the errors on it in the last part of the flight."""
+    """Fly one vehicle per planner to the ring, and return the errors in the last part of the flight."""
     random, ring = np.random.default_rng(seed), config.encirclement
     step, orbit = exact_step(config.plant, PERIOD_S), Orbit(ring.radius_m, ring.angular_rate_rad_s)
     target = np.array([35.0, -5.0, 0.1, 0.0])
@@ -229,7 +228,7 @@ def _errors(away_m: Vector, orbit: Orbit) -> RingErrors:
 
 
 def import_s(module: str) -> float:
-    """Return how long a fresh process takes to import a module, files being cached."""
+    """Return the import time of a module in a new process, with cached files."""
     program = f"import time; began = time.process_time(); import {module}; print(time.process_time() - began)"
     runs = (subprocess.run([sys.executable, "-c", program], check=True, capture_output=True) for _ in range(IMPORTS))
     return median(float(run.stdout.split()[-1]) for run in runs)
@@ -242,10 +241,10 @@ def missing(rivals: Sequence[Rival]) -> list[str]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is measured of a solver.
+    """The measurements of a solver.
 
-    These are its plans, how far it is off the optima (n,), nan where it is unsolved (None: it solves another problem),
-    and the errors of its team.
+    They are its plans, its errors from the optima (n,), NaN if unsolved (None: it solves another problem), and the
+    errors of its team.
     """
 
     rival: Rival
@@ -255,19 +254,19 @@ class Outcome:
 
     @property
     def unsolved(self) -> float:
-        """The share of plans for which it says that it failed."""
+        """The share of plans that it reports as failed."""
         if self.off_m_s2 is None:
             return self.plans.unsolved / self.plans.planned
         return float(np.isnan(self.off_m_s2).mean())
 
     @property
     def wrong(self) -> float:
-        """The share of plans for which it says that it solved them, and did not."""
+        """The share of wrong plans that it reports as solved."""
         return 0.0 if self.off_m_s2 is None else float((self.off_m_s2 > ERROR_MAX_M_S2).mean())
 
     @property
     def faults(self) -> list[str]:
-        """In what it does not solve the problem."""
+        """The reasons why it does not solve the problem."""
         name, ring, found = self.rival.name, self.ring, []
         if not self.unsolved + self.wrong <= (0.0 if self.rival is CORDON else FAILED_MAX):
             found.append(f"{name}: {self.unsolved:.1%} of the plans are unsolved, {self.wrong:.1%} wrong")
@@ -278,7 +277,7 @@ class Outcome:
         return found
 
     def row(self, ours: Plans, bounded: Vector) -> str:
-        """Return its row of the table; `bounded` (n,) says in which of the plans timed bounds are active."""
+        """Return its row of the table; `bounded` (n,) is which timed plans have active bounds."""
         took_us = np.array(self.plans.took_us)
         middle, most = np.percentile(took_us, [50.0, 99.0]).tolist()
         cells = [
@@ -299,9 +298,7 @@ class Outcome:
 
 
 def measured(count: int, first: int, rivals: Sequence[Rival], truth: Rival) -> tuple[list[Outcome], Vector]:
-    """Plan and fly with cordon's solver and the rivals'; return the outcomes, and which of the plans timed (n,) are on
-    bounds.
-    """
+    """Plan and fly with cordon's solver and the rivals'; return the outcomes, and the timed plans (n,) on bounds."""
     config = ring_config()
     draws = [approach(config, seed) for seed in range(first, first + count)]
     programmes = [programme for draw in draws for programme in draw.programmes]
@@ -327,7 +324,7 @@ def main(count: int, first: int, rivals: Sequence[Rival] = RIVALS, truth: Rival 
         print(f"not installed: {', '.join(absent)}; install them by: pip install -e '.[rivals]'", file=sys.stderr)
         return 2
     with catch_warnings():
-        simplefilter("ignore")  # do-mpc warns of extras of its own that are not used here, and of CasADi's next version
+        simplefilter("ignore")  # do-mpc warns of unused extras, and of CasADi's next version
         outcomes, bounded = measured(count, first, rivals, truth)
     print(f"{len(bounded)} plans of {count} approaches; bounds are active in {bounded.mean():.0%} of them\n")
     print(*TABLE_HEAD, sep="\n")

@@ -1,6 +1,6 @@
-"""Solvers that planner_rivals.py puts in the place of cordon's own LMPC: the extra `rivals` installs what they need.
+"""The solvers that planner_rivals.py uses in place of cordon's LMPC; the extra `rivals` installs their modules.
 
-Each takes what `Lmpc.solve` takes and is written as its library's documentation does it: stage by stage, and not from
+Each has the arguments of `Lmpc.solve` and is formulated as in its library's documentation: stage by stage, not with
 cordon's condensed matrices. The bounds on states are soft by one slack, as in `Lmpc`.
 """
 
@@ -21,7 +21,7 @@ OSQP_TOLERANCE = 1e-6
 """With 1e-5, as in agents/control/lmpc.py, OSQP is up to 7e-3 m/s² off the optimum in this form, and no faster."""
 OPTIMUM_TOLERANCE = 1e-10
 QRQP_ITERATIONS_MAX = 100
-"""Where qrqp solves the problem at all, it does so within these. Its own limit of 1000 only takes longer."""
+"""If qrqp solves the problem, it does so within these iterations. Its default of 1000 only takes longer."""
 
 
 class Solver(Protocol):
@@ -34,7 +34,7 @@ class Solver(Protocol):
 
 @dataclass(frozen=True)
 class Rival:
-    """A solver to compare with: the module that it needs, and how it is set up."""
+    """A solver to compare with: the module that it needs, and its set-up."""
 
     name: str
     module: str
@@ -43,7 +43,7 @@ class Rival:
 
 
 def unsolved(previous_input: Vector) -> Solution:
-    """Return what is planned where a solver fails: the vehicle goes on as before."""
+    """Return the plan after a failed solve: the previous input continues."""
     return Solution(previous_input.reshape(1, -1), QpStatus.FALLBACK)
 
 
@@ -112,16 +112,16 @@ def cvxpy_osqp(settings: EncirclementSettings) -> CvxpySolver:
 
 
 def optimum(settings: EncirclementSettings) -> CvxpySolver:
-    """Return what all are compared with: Clarabel, an interior-point method, to many digits."""
+    """Return the reference: Clarabel, an interior-point method, with high accuracy."""
     digits = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), OPTIMUM_TOLERANCE)
     return CvxpySolver(settings, solver="CLARABEL", **digits)
 
 
 class QrqpSolver:
-    """The problem rolled out symbolically from the state, its matrices by differentiation.
+    """The problem unrolled symbolically from the state; its matrices are derivatives.
 
-    qrqp starts cold: from its multipliers before it is a quarter faster, but fails more often, and calls more plans
-    solved that are not.
+    qrqp starts cold: with its previous multipliers it is a quarter faster, but fails more often, and reports more wrong
+    plans as solved.
     """
 
     def __init__(self, settings: EncirclementSettings) -> None:
@@ -183,10 +183,10 @@ def _rolled_out(ca: Any, problem: RingProblem, given: Any, decision: Any) -> tup
 
 
 class DoMpcSolver:
-    """The polar model itself, not linearised, with IPOPT: inputs are the accelerations along and across the radius.
+    """The nonlinear polar model with IPOPT; the inputs are the accelerations along and across the radius.
 
-    do-mpc has no control horizon, so an input is decided for each sample; bounds on states hold from the present sample
-    on, each soft by a slack of its own. It starts from its solution before.
+    do-mpc has no control horizon, so there is an input for each sample; bounds on states apply from the present sample
+    on, each with its own slack. It starts from its previous solution.
     """
 
     def __init__(self, settings: EncirclementSettings) -> None:
@@ -273,4 +273,4 @@ RIVALS = (
     Rival("do-mpc, IPOPT", "do_mpc", DoMpcSolver, nonlinear=True),
 )
 OPTIMUM = Rival("Clarabel", "cvxpy", optimum)
-"""What the others are compared with."""
+"""The reference solver."""

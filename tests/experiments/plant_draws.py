@@ -1,7 +1,7 @@
-"""The family of plants: vehicles of one kind as they come, drawn from a seed about the nominal plant.
+"""The plant family: vehicles of one type, drawn from a seed about the nominal plant.
 
-The bounds are those that a controller with the nominal plant in its file has to bear (README of nobody's aircraft:
-every airframe, payload, tuning and day differs).
+The bounds are the variations of airframe, payload, tuning and weather that a controller with the nominal plant has to
+tolerate.
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ DELAY_MAX_S = 0.4
 SPEED_M_S = (2.0, 12.0)
 ACCELERATION_M_S2 = (1.0, 5.0)
 JERK_M_S3 = 5.0
-"""As ArduCopter's PSC_JERK_XY. With much less, a stiff plant swings for ever after one large step."""
+"""As ArduCopter's PSC_JERK_XY. With much less, a stiff plant oscillates permanently after one large step."""
 WIND_MAX_M_S = 8.0
 WANDER_M = 0.5
-"""Two standard deviations per axis: 19 samples of 20 are within it, as a resting PX4's estimate wanders by +-0.5 m."""
+"""Two standard deviations per axis, which contain 19 of 20 samples: the estimate of a PX4 at rest drifts by +-0.5 m."""
 WANDER_CORRELATION_S = 20.0
 JUMP_M = 1.0
 JUMPS_EVERY_S = 600.0
@@ -34,7 +34,7 @@ GAPS_EVERY_S, GAP_S = 20.0, 0.4
 
 @dataclass(frozen=True, slots=True)
 class Relative:
-    """One vehicle of the family: its true plant, and what else is not ideal."""
+    """One vehicle of the family: its true plant and its imperfections."""
 
     plant: Plant
     imperfections: Imperfections
@@ -61,7 +61,7 @@ def relative(nominal: Plant, wind_m_s: tuple[float, float], random: np.random.Ge
 
 
 def linear_relative(nominal: Plant, wind_m_s: tuple[float, float], random: np.random.Generator) -> Relative:
-    """Return a vehicle of the family's linear part: another plant, in a constant wind, and nothing else."""
+    """Return a vehicle of the family's linear part: only another plant and a constant wind."""
     return Relative(_off(nominal, random), Imperfections(wind_m_s=wind_m_s))
 
 

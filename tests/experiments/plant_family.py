@@ -1,10 +1,10 @@
-"""Encircle with a family of plants drawn about the nominal one, and judge radius, rate and stability.
+"""Encircle with a family of plants drawn about the nominal one, and check radius, rate and stability.
 
-Three vehicles encircle a target that moves at 0.1 to 1 m/s. Their plant file is a nominal plant; each vehicle's truth
-is drawn from the family about it (plant_draws.py), all in one wind. Judged are the true paths after settling: a draw
-holds when the radius error (rms over the three vehicles) and the worst mean rate stay within the limits. Then the same
-for the family's linear part in a constant wind, and for named manoeuvres, each with one of the family's troubles alone.
-Exit code 1 when a limit is missed.
+Three vehicles encircle a target that moves at 0.1 to 1 m/s. Their plant file is the nominal plant; each vehicle's true
+plant is drawn from the family about it (plant_draws.py), all in the same wind. The true paths are evaluated after
+settling: a draw passes if the radius error (rms over the three vehicles) and the worst mean rate are within the limits.
+Then the same for the family's linear part in a constant wind, and for named manoeuvres, each with a single
+imperfection. Exit code 1 if a limit is exceeded.
 """
 
 import os
@@ -50,8 +50,8 @@ from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
 NOMINALS = ("stub", "px4")
-# The noise of case2-field, the disturbance that the wrong plant amounts to, and a gate that takes a jump of the
-# estimator for what it is, and leaves no vehicle to a wrong plant for long.
+# The noise of case2-field, the disturbance equivalent to the plant error, and a gate that detects a jump of the
+# estimator and restarts soon with a wrong plant.
 OWN_FILTER = OwnFilterSettings(
     position_noise_m=0.1, velocity_noise_m_s=0.05, disturbance_max_m_s2=7.0, gate_sigma=8.0, gate_timeout_s=0.3
 )
@@ -60,12 +60,12 @@ LINEAR_DURATION_S, LINEAR_SETTLED_S = 300.0, 150.0
 RADIUS_RMS_M, RATE_SHARE, HELD_SHARE = 0.3, 0.02, 0.95
 LINEAR_RATE_SHARE, LINEAR_BIAS_M = 0.002, 0.02
 DIVERGED_M = 5.0
-"""A radius error that no vehicle may have, once settled: half a ring."""
+"""The largest radius error of a vehicle after settling: half the radius."""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """A mission, and what each of its vehicles truly is."""
+    """A mission with the truth of each vehicle."""
 
     name: str
     mission: Mission
@@ -122,7 +122,7 @@ def _field(nominal: str) -> Content:
     mission["decision"] |= {"distance_max_m": 100.0}
     mission["target"] |= {"start_m": [14.0, 0.0]}
     mission["target"]["sensor"] |= {"range_m": 60.0, "noise_m": 0.3}
-    # The lead that the softest vehicle needs at full speed.
+    # The lead that the plant with the lowest stiffness needs at full speed.
     mission["safety"] |= {"separation_m": 2.0}
     mission["tuning"] = {"safety": {"setpoint_lead_max_m": 10.0}}
     return mission
@@ -160,7 +160,7 @@ MANOEUVRES: dict[str, tuple[Scale, float, Imperfections]] = {
         Imperfections(telemetry_timing=TelemetryTiming(10.0, JITTER, GAPS_EVERY_S, GAP_S)),
     ),
 }
-"""Shares of a0 and a1 on x and on y, the true delay (the plant file says none), and what else is not ideal."""
+"""Factors of a0 and a1 on x and on y, the true delay (the plant file's is 0), and imperfections."""
 
 
 def manoeuvre(name: str) -> Draw:
@@ -182,7 +182,7 @@ def manoeuvre(name: str) -> Draw:
 
 @dataclass(frozen=True)
 class Flown:
-    """What became of one draw, after settling: over all vehicles, or of the worst of them."""
+    """The results of one draw after settling: over all vehicles, or of the worst one."""
 
     name: str
     radius_rms_m: float
@@ -195,7 +195,7 @@ class Flown:
 
     @property
     def diverged(self) -> bool:
-        """Whether a vehicle left the ring, by its own decision or by half its radius; NaN has."""
+        """Whether a vehicle left the ring, by its own decision or by half the radius; also for NaN."""
         return not (self.strayed_m < DIVERGED_M and self.on_ring)
 
     @property
@@ -217,7 +217,7 @@ class Flown:
 
 
 def flown(draw: Draw) -> Flown:
-    """Fly a draw and judge it."""
+    """Fly a draw and evaluate it."""
     mission = draw.mission
     tactics = [""] * len(mission.vehicles)
 
@@ -244,7 +244,7 @@ def _judged(draw: Draw, flight: SimulatedFlight, *, on_ring: bool) -> Flown:
     places = np.array([target.position_m(at_s) for at_s in time_s.tolist()])
     around = (flight.motion[late][..., POSITION] - places[:, None]) @ np.array([1.0, 1.0j])
     error_m = np.abs(around) - ring.radius_m
-    # The slope of the bearing, not the difference of its ends: a wander at either end is no rate.
+    # The slope of the bearing: the difference of its ends would include their errors.
     rates = np.polyfit(time_s - time_s[0], np.unwrap(np.angle(around), axis=0), 1)[0]
     bearings = np.sort(np.angle(around), axis=1)
     gaps = np.diff(bearings, axis=1, append=bearings[:, :1] + 2.0 * pi)
@@ -284,7 +284,7 @@ def named(name: str) -> Flown:
 
 
 def _told(title: str, flights: list[Flown], held: Callable[[Flown], bool]) -> int:
-    """Print what became of many draws; return how many did not hold."""
+    """Print the results of many draws; return the number that failed."""
     failed = [flight for flight in flights if not held(flight)]
     rms = np.array([flight.radius_rms_m for flight in flights])
     print(
@@ -299,7 +299,7 @@ def _told(title: str, flights: list[Flown], held: Callable[[Flown], bool]) -> in
 
 
 def main(count: int, first: int) -> int:
-    """Fly so many draws, from the seed `first` on, on all cores."""
+    """Fly a number of draws, from the seed `first` on, on all cores."""
     seeds: Iterable[int] = range(first, first + count)
     with ProcessPoolExecutor(initializer=os.nice, initargs=(10,)) as pool:
         manoeuvres = list(pool.map(named, MANOEUVRES))

@@ -1,8 +1,8 @@
-"""Fly the drills with px4-trio on three PX4 simulators, found by the environment variable CORDON_PX4.
+"""Fly the drills with px4-trio on three PX4 simulators from the environment variable CORDON_PX4.
 
-Between each autopilot and cordon is a relay: it cuts the link, counts the setpoints, and plays the second client that
-changes a flight mode. Modes are those that PX4 tells twenty times a second (CURRENT_MODE); its heartbeats are kept
-apart, for they are what cordon goes by. At speed 1.
+A relay between each autopilot and cordon cuts the link, counts setpoints, and acts as a second client that changes the
+flight mode. Modes are taken from CURRENT_MODE at 20 Hz; heartbeats, which cordon uses, are recorded separately. At
+speed 1.
 """
 
 import asyncio
@@ -97,7 +97,7 @@ class Px4Flight(DrillFlight):
             self.log.note_mode(now_s, vehicle, mode)
 
     def observe(self, now_s: float) -> None:
-        """Note where they believe to be, and see to it that they tell their modes, after a restart as well."""
+        """Record their position estimates, and request CURRENT_MODE, also after a restart."""
         flying = {i: position_m for i, position_m in self.positions_m.items() if self._armed.get(i)}
         self.log.note_places(now_s, flying)
         if now_s - self._asked_s > ASKED_AGAIN_S:
@@ -119,7 +119,7 @@ class Px4Flight(DrillFlight):
             super().fail(fault, roles)
 
     def clear_faults(self) -> None:
-        """Let the links through again."""
+        """Restore the links."""
         super().clear_faults()
         for relay in self.relays.values():
             relay.cut = False
@@ -129,7 +129,7 @@ FLIGHTS: list[Px4Flight] = []
 
 
 def fly(text: str, speed: float) -> Px4Flight:
-    """Return a flight, and keep it for what is to be said of it later."""
+    """Return a flight, and keep it for later tables."""
     FLIGHTS.append(Px4Flight(text, speed))
     return FLIGHTS[-1]
 
@@ -172,7 +172,7 @@ DRILLS: tuple[Drill[Px4Flight], ...] = (
 
 
 def stood_down_after_s(flight: Px4Flight) -> dict[int, float]:
-    """Return, by vehicle, how long after the heartbeat that showed a foreign mode it first said that it stood down."""
+    """Return, by vehicle, the time from the heartbeat with a mode that was not requested to its pilot override."""
     return {
         i: said[0].time_s - shown_s
         for i, shown_s in flight.foreign_s.items()
@@ -181,7 +181,7 @@ def stood_down_after_s(flight: Px4Flight) -> dict[int, float]:
 
 
 async def main(names: list[str]) -> int:
-    """Fly the drills of these names, all if none is given, and print the table."""
+    """Fly the drills of these names, or all, and print the table."""
     drills = [drill for drill in DRILLS if not names or drill.fault.replace(" ", "-") in names]
     progress = DrillProgress(STDERR, len(drills))
     rows = await DrillRun(MISSION, fly, drills, progress, speed=1.0).run()
@@ -195,7 +195,7 @@ async def main(names: list[str]) -> int:
 
 if __name__ == "__main__":
     reader = parser("px4_drills", __doc__)
-    reader.add_argument("faults", nargs="*", metavar="fault", help="names of faults, as battery-low (default: all)")
+    reader.add_argument("faults", nargs="*", metavar="fault", help="names such as battery-low (default: all)")
     given = reader.parse_args()
     try:
         sys.exit(asyncio.run(main(given.faults)))

@@ -1,9 +1,9 @@
-"""Measure what the errors of PX4's estimates cost a ring, from the log of one px4-trio flight on PX4's simulator.
+"""Measure the effect of PX4's estimation errors on a ring, from the log of one px4-trio flight on PX4's simulator.
 
-The simulator sends the truth beside the estimates. The differences, as they were in that flight, are given to three
-simulated vehicles that are otherwise perfect: the plant of the profile, no noise, no wind, a target that each sees
-relative to itself. PX4's estimates act twice: they are what its telemetry reports, and what its own loops
-fly by, so that an error of the velocity pushes the vehicle. Each error is flown alone as well.
+The simulator sends the truth in addition to the estimates. The recorded differences are applied to three otherwise
+ideal simulated vehicles: the plant of the profile, no noise, no wind, a target that each sees relative to itself. PX4's
+estimates act twice: in its telemetry, and in its control loops, where a velocity error acts as a disturbance. Each
+error is also flown alone.
 """
 
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ SETTLED_S, DELAYS_S = 60.0, np.arange(-0.1, 0.11, 0.01)
 
 
 class Wander(NamedTuple):
-    """How far an estimate was off the truth: times since the first sample (T,), errors (T, 4) of [x y x' y']."""
+    """The errors of an estimate: times since the first sample (T,), errors (T, 4) of [x y x' y']."""
 
     time_s: Vector
     error: Vector
@@ -43,7 +43,7 @@ class Wander(NamedTuple):
 
 
 class Ring(NamedTuple):
-    """Radius errors of a flight (V,) by truth and by what each vehicle knows, rms [m]; and of the spacings [deg]."""
+    """The rms radius errors of a flight (V,), true and estimated [m], and the spacing errors [deg]."""
 
     true_m: Vector
     seen_m: Vector
@@ -51,7 +51,7 @@ class Ring(NamedTuple):
 
 
 def wander_of(log: FlightLog, vehicle_id: int) -> Wander:
-    """Read the wander of a vehicle, at the delay between truth and telemetry that explains most of it."""
+    """Read the estimation errors of a vehicle, at the delay between truth and telemetry that minimises them."""
     truth, telemetry = log.of_kind(vehicle_id, Truth), log.of_kind(vehicle_id, Telemetry)
     (true_s, true), (time_s, reported) = _motions(truth), _motions(telemetry)
     inside = (time_s > true_s[0] - DELAYS_S[0]) & (time_s < true_s[-1] - DELAYS_S[-1])
@@ -70,12 +70,12 @@ def _motions(samples: Iterable[Truth | Telemetry]) -> tuple[Vector, Vector]:
 
 
 def wander_into(vehicle: SimulatedVehicle[TickOutput], wander: Wander) -> None:
-    """Let a simulated vehicle's estimate be off as that of the log was."""
+    """Apply the logged errors to a simulated vehicle's estimate."""
     plant, sense = vehicle._model.plant, vehicle.sense
 
     def off_m(at_s: float) -> tuple[float, float]:
         error = wander.at(at_s)
-        # To x'' = a0 (X - x) - a1 x' an error of the velocity is a setpoint that is off by a1 / a0 of it.
+        # In x'' = a0 (X - x) - a1 x' a velocity error is equivalent to a setpoint error of a1 / a0 times it.
         x, y = (error[POSITION] + plant.a1_per_s / plant.a0_per_s2 * error[VELOCITY]).tolist()
         return x, y
 
@@ -90,7 +90,7 @@ def wander_into(vehicle: SimulatedVehicle[TickOutput], wander: Wander) -> None:
         x, y = (np.array(sighting.position_m) + wander.at(sighting.time_s)[POSITION]).tolist()
         return samples, replace(sighting, position_m=(x, y))
 
-    # Not a nature of its own: no other simulation flies errors out of a log.
+    # Only this experiment simulates errors from a log, so sitl has no model of it.
     vars(vehicle).update(_off_m=off_m, _sample=sample, sense=sensed)
 
 
@@ -136,7 +136,7 @@ def _rms(errors: Vector) -> Vector:
 
 
 def main(path: Path) -> None:
-    """Print how the estimates were off, and what each of their errors leaves in the ring."""
+    """Print the estimation errors, and the effect of each on the ring."""
     log = read_log(path)
     mission = mission_of(log)
     wanders = [wander_of(log, vehicle_id) for vehicle_id in mission.ids]

@@ -1,8 +1,8 @@
-"""Disturb the serial line of one vehicle of a ring, and measure whether the others fly on.
+"""Disturb the serial line of one vehicle on a ring, and check that the others fly on.
 
 Three stubs fly px4-trio's mission, each behind an emulated line of 57600 baud. Once all are on the ring, the line of
-vehicle 2 carries half of what it is asked to, becomes noisy, vanishes for a while, or its autopilot restarts. Fails
-where the others leave the ring or come too near to anything.
+vehicle 2 carries half of its traffic, becomes noisy, disappears for some time, or its autopilot restarts. Fails if the
+others leave the ring or violate a separation.
 """
 
 import json
@@ -34,15 +34,15 @@ from tests.support.wire import cordon, free_ports
 BAUD, FAULTY = 57600, 2
 RADIO = RadioSpec(baud=BAUD, latency_ms=60.0)
 NOISE = 0.01
-"""A bit of so many bytes is turned: a third of the frames is damaged."""
+"""The share of bytes with a flipped bit, which damages a third of the frames."""
 AWAY_S = 12.0
 FAULT_AFTER_S = 75.0
-"""After the mission's start: by then all have settled on the ring."""
+"""Time after the mission's start, when all have settled on the ring."""
 RADIUS_ERROR_MAX_M = 0.3
 
 
 class Lines:
-    """A line for each vehicle of a team, and the stubs behind them; lines change between two turns of the radios."""
+    """A line for each vehicle of a team, with the stubs behind them; lines change between two cycles of the radios."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission, self._ports = mission, stub_ports(mission)
@@ -70,7 +70,7 @@ class Lines:
                 stubs.stop()
 
     def replace_line(self, spec: RadioSpec | None) -> None:
-        """Put another radio in place of the faulty vehicle's, None for no device at all."""
+        """Replace the faulty vehicle's radio, None to remove the device."""
         self._pending.append(lambda: self._replace(spec))
 
     def restart(self) -> None:
@@ -96,26 +96,26 @@ class Lines:
 
 
 def half(lines: Lines, mission: Mission) -> None:
-    """Let the line carry half of what it is asked to."""
+    """Reduce the line's capacity to half of its traffic."""
     asked = link_paces(mission)[mission.vehicle(FAULTY).section.url].load
     most_bytes_s = max(asked.up_bytes_s, asked.down_bytes_s)
     lines.replace_line(RADIO.model_copy(update={"baud": round(BITS_A_BYTE * most_bytes_s / 2.0)}))
 
 
 def noisy(lines: Lines, mission: Mission) -> None:
-    """Turn bits."""
+    """Flip bits."""
     lines.replace_line(RADIO.model_copy(update={"noise": NOISE}))
 
 
 def vanishing(lines: Lines, mission: Mission) -> None:
-    """Take the serial device away, and bring it back."""
+    """Remove the serial device, and restore it."""
     lines.replace_line(None)
     time.sleep(AWAY_S)
     lines.replace_line(RADIO)
 
 
 def restarting(lines: Lines, mission: Mission) -> None:
-    """Restart the autopilot: in mid-air it falls."""
+    """Restart the autopilot: the vehicle falls."""
     lines.restart()
 
 
@@ -123,7 +123,7 @@ FAULTS = {fault.__name__: fault for fault in (half, noisy, vanishing, restarting
 
 
 def mission_text(folder: Path) -> str:
-    """Return px4-trio with each vehicle on a line of its own."""
+    """Return px4-trio with each vehicle on its own line."""
     mission = put(content((MISSIONS / "px4-trio.toml").read_text(encoding="utf-8")), ("network",), {"team": "lines"})
     for index, port in enumerate(free_ports(len(mission["vehicles"]))):
         mission = put(mission, ("vehicles", index, "url"), f"serial://{folder}/line{index + 1}:{BAUD}")
@@ -166,7 +166,7 @@ def _await(condition: Callable[[], bool], within_s: float, said: Sequence[str]) 
 
 
 def fly_on(result: dict[str, Any], separation_m: float) -> bool:
-    """Return whether the other vehicles stayed on the ring, and all of them clear of each other."""
+    """Return whether the other vehicles stayed on the ring, and all kept the separation."""
     others = [each for each in result["vehicles"] if each["id"] != FAULTY]
     errors_m = [each["radius_error_rms_m"] for each in others]
     on_ring = all(error_m is not None and error_m <= RADIUS_ERROR_MAX_M for error_m in errors_m)
@@ -174,7 +174,7 @@ def fly_on(result: dict[str, Any], separation_m: float) -> bool:
 
 
 def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
-    """Fly once with each fault, and print what was reported and what came of it."""
+    """Fly once with each fault, and print the reports and the effects."""
     reader = parser("radio_faults", __doc__ or "")
     reader.add_argument("--duration", type=positive, default=150.0, help="seconds of a flight (default: %(default)s)")
     reader.add_argument(

@@ -1,9 +1,8 @@
 """Fly random missions, and report each that breaks separation, fence, setpoint or speed limits.
 
-Everything follows from a seed: how many vehicles there are and where, their true plants, target, ring, thresholds, and
-a fence that lies as close about starts and ring as the mission check allows. Telemetry and network are as in
-case2-field.
-Exit code 1 when a mission breaks the invariant.
+A seed determines the number of vehicles and their starts, their true plants, target, ring, thresholds, and a fence as
+close to starts and ring as the mission check allows. Telemetry and network are as in case2-field. Exit code 1 if a
+mission breaks the invariant.
 """
 
 import sys
@@ -31,7 +30,7 @@ START_CLEARANCE_M = 0.5
 RING_CLEARANCE_M = 0.05
 
 SEPARATION_SLACK_M = 0.3
-# The bound on a setpoint's lead counts from where the vehicle believes to be once the setpoint acts.
+# The bound of a setpoint's lead is relative to the estimated position when the setpoint acts.
 LEAD_SLACK_M = 0.5
 SPEED_SLACK_M_S = 1.0
 
@@ -83,7 +82,7 @@ def _vehicle(random: np.random.Generator, slot: int, start_m: Corner) -> Content
 def _tight_fence(
     random: np.random.Generator, starts_m: list[Corner], path_m: tuple[Corner, Corner], radius_m: float
 ) -> list[Corner]:
-    """Return a box about starts and ring with dents as deep as these allow: convex when there happen to be none."""
+    """Return a box about starts and ring with random dents as deep as possible; without dents it is convex."""
     rooms = [(start, START_CLEARANCE_M) for start in starts_m]
     steps = np.linspace(path_m[0], path_m[1], 200).tolist()
     rooms += [((x, y), radius_m + RING_CLEARANCE_M) for x, y in steps]
@@ -110,7 +109,7 @@ def _tight_fence(
 def _deepest_dent_m(
     before: list[Corner], after: list[Corner], middle: Corner, inward: Corner, rooms: list[tuple[Corner, float]]
 ) -> float:
-    """Return how far inwards a corner between two others may move until a room is cut."""
+    """Return how far inwards a corner between two others may move before a room is cut."""
 
     def fits(depth_m: float) -> bool:
         dent = middle[0] + depth_m * inward[0], middle[1] + depth_m * inward[1]
@@ -126,7 +125,7 @@ def _deepest_dent_m(
 
 @dataclass(frozen=True)
 class Flown:
-    """How close a flight came to the bounds, positive inside of them; the lead and the speed are what there was."""
+    """The margins of a flight to the bounds, positive inside; lead and speed are the largest values."""
 
     seed: int
     vehicles: int
@@ -138,7 +137,7 @@ class Flown:
 
     @property
     def holds(self) -> bool:
-        """Whether the flight kept the invariant; NaN does not."""
+        """Whether the flight kept the invariant; False for NaN."""
         return (
             self.separation_left_m >= -SEPARATION_SLACK_M
             and self.fence_left_m >= 0.0
@@ -155,7 +154,7 @@ class Flown:
 
 
 def flown(mission: Mission, seed: int) -> Flown:
-    """Fly a mission and measure, on the true paths, what is left of each bound."""
+    """Fly a mission and measure the margins on the true paths."""
     outputs: dict[tuple[int, int], TickOutput] = {}
     network, rate_hz = mission.network, mission.mission.rate_hz
     flight = simulate(
@@ -197,7 +196,7 @@ def random_flight(seed: int) -> Flown:
 
 
 def main(count: int, first: int) -> int:
-    """Fly so many missions, from the seed `first` on, on all cores."""
+    """Fly a number of missions, from the seed `first` on, on all cores."""
     with ProcessPoolExecutor() as pool:
         flights = []
         for flight in pool.map(random_flight, range(first, first + count)):

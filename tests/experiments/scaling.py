@@ -1,9 +1,8 @@
-"""Measure what a vehicle costs in simulation, from 4 vehicles on one ring to 64: a table, and the figure of the docs.
+"""Measure the computing time per vehicle in simulation, from 4 to 64 vehicles on one ring: a table, and a figure.
 
-Each team starts a metre outside of its ring, 6 m apart. Teams take turns over several rounds, and the cheapest round
-of each counts, because machines that others work on as well are fast and slow by turns. What a core costs in a period
-is all that it does: messages, telemetry, sightings and the tick; around it is what the simulation adds. All times are
-processor time, which other work on the machine changes least.
+Each team starts a metre outside of its ring, 6 m apart. Teams take turns over several rounds, and the fastest round of
+each is used, because the speed of a shared computer varies. The time of a core per period includes messages, telemetry,
+sightings and the tick; the rest is the simulation's. All times are processor times, which other work affects least.
 """
 
 from collections.abc import Sequence
@@ -30,7 +29,7 @@ COUNTS = (4, 8, 16, 32, 64)
 RATE_HZ, SPACING_M, SPEED_M_S, OUTSIDE_M = 20.0, 6.0, 1.0, 1.0
 ROUNDS, DURATION_S, SETTLED_S = 3, 20.0, 10.0
 FACTOR_MAX = 1.5
-"""By how much the dearest vehicle of a team of any size may exceed the cheapest."""
+"""The largest ratio of the time per vehicle between team sizes."""
 
 
 def ring(count: int) -> Mission:
@@ -63,7 +62,7 @@ def _vehicle(number: int, bearing_rad: float, radius_m: float) -> dict[str, obje
 
 @dataclass(frozen=True)
 class Cost:
-    """What one vehicle of a team of `count` costs in a tick [us], once the team has settled."""
+    """The time per vehicle and tick of a team of `count` [us], once it has settled."""
 
     count: int
     core_us: float
@@ -72,12 +71,12 @@ class Cost:
 
     @property
     def whole_us(self) -> float:
-        """The core and what is around it."""
+        """The core and the simulation."""
         return self.core_us + self.around_us
 
     @property
     def real_time_factor(self) -> float:
-        """How many times faster than real time the whole team is simulated."""
+        """The real-time factor of the whole team."""
         return 1e6 / (self.whole_us * self.count * RATE_HZ)
 
 
@@ -109,7 +108,7 @@ def measured(count: int) -> Cost:
 
 
 def cheapest(counts: Sequence[int], rounds: int) -> list[Cost]:
-    """Return the cheapest of several rounds for each team, by its ratio to the reference of the same flight."""
+    """Return the fastest of several rounds for each team, relative to the reference of the same flight."""
     costs = [[measured(count) for count in counts] for _ in range(rounds)]
     return [min(each, key=lambda cost: cost.whole_us / cost.reference_us) for each in zip(*costs, strict=True)]
 
@@ -131,7 +130,7 @@ def table(costs: Sequence[Cost]) -> str:
 
 
 def draw(costs: Sequence[Cost], path: Path) -> None:
-    """Draw what a vehicle costs over the size of its team."""
+    """Draw the time per vehicle over the team size."""
     count = [cost.count for cost in costs]
     with rc_context(STYLE):
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")
@@ -150,13 +149,13 @@ def draw(costs: Sequence[Cost], path: Path) -> None:
 
 
 def main() -> int:
-    """Measure all teams, print the table and draw the figure; 1 if the cost of a vehicle grows with its team."""
+    """Measure all teams, print the table and draw the figure; return 1 if the time per vehicle grows with the team."""
     reader = parser("scaling", __doc__)
     reader.add_argument("--rounds", type=int, default=ROUNDS, help="flights of each team (default: %(default)s)")
     reader.add_argument(
         "--counts", type=int, nargs="+", default=COUNTS, help="sizes of the teams (default: %(default)s)"
     )
-    reader.add_argument("--plot", type=Path, help="figure to draw, as docs/scaling.png")
+    reader.add_argument("--plot", type=Path, help="figure to draw, such as docs/scaling.png")
     arguments = reader.parse_args()
     costs = cheapest(arguments.counts, arguments.rounds)
     print(table(costs))

@@ -1,9 +1,9 @@
-"""Measure the operator's page: frame times and memory by team size, and what forty pages cost a flight.
+"""Measure the operator's page: frame times and memory by team size, and the load of forty pages on a flight.
 
-Frames: the real server publishes a team on its ring, without a flight, to Chromium without a window. Without a graphics
-card the processor draws: frames a second then measure that computer, and the main thread's processor time a frame the
-page. Pages: a flight of three stubs alone, then one whose station forty pages read, which are killed halfway, all at
-once, and opened again.
+Frames: the real server publishes a team on its ring, without a flight, to headless Chromium. Without a graphics card
+the processor draws: the frame rate then depends on the computer, and the main thread's processor time per frame
+measures the page. Pages: a flight of three stubs alone, then one with forty pages on its station, which are killed at
+once halfway and reopened.
 """
 
 import subprocess
@@ -34,7 +34,7 @@ SETTLE_S = 5.0
 MEMORY_EVERY_S = 60.0
 LOOKS_MIN = 3
 JUDGED_FROM_LOOKS = 6
-"""Memory is judged over the second half of so many minutes and more: the trails are full after two."""
+"""Memory is checked over the second half if the run has at least this many minutes: the trails are full after two."""
 HEAP_GROWTH_MAX_MB_MIN, SERVER_GROWTH_MAX_MB_MIN = 0.2, 0.2
 TEAM = 3
 TAKE_OFF_S = 12.0
@@ -74,7 +74,7 @@ PAGE_COLUMNS = (
 
 @dataclass(frozen=True)
 class Frames:
-    """What a page was measured to do with a team: times between frames, time spent, and memory by the minute."""
+    """The measurements of a page with a team: times between frames, processor time, and memory by minute."""
 
     vehicles: int
     renderer: str
@@ -115,7 +115,7 @@ class Frames:
         return f"| {' | '.join(cells)} |"
 
     def growth_mb_min(self) -> tuple[float, float]:
-        """Return how the page's heap and the server's memory grow in the second half [MB/min]."""
+        """Return the growth of the page's heap and the server's memory in the second half [MB/min]."""
         half = self.memory[len(self.memory) // 2 :]
         minutes = np.arange(len(half)) * self.memory_every_s / 60.0
         heap, server = ([each.heap_mb for each in half], [each.server_mb for each in half])
@@ -148,7 +148,7 @@ def measured(vehicles: int, minutes: float, size: tuple[int, int], browser_path:
 
 
 def measure_frames(sizes: Sequence[int], minutes: float, size: tuple[int, int], browser_path: str) -> bool:
-    """Print frames and memory by team size; return whether memory stays."""
+    """Print frames and memory by team size; return whether memory is constant."""
     print(f"| {' | '.join(FRAME_COLUMNS)} |\n{'|---' * len(FRAME_COLUMNS)}|", flush=True)
     found = []
     for vehicles in sizes:
@@ -167,7 +167,7 @@ def measure_frames(sizes: Sequence[int], minutes: float, size: tuple[int, int], 
 
 @dataclass
 class Visit:
-    """What a station used while pages read it, and the last that the pages said."""
+    """A station's usage while pages read it, and the last output of the pages."""
 
     cores: float = 0.0
     memory_before_mb: float = 0.0
@@ -177,7 +177,7 @@ class Visit:
 
 @contextmanager
 def visited(mission: Path, pages: int, killed_after_s: float, visit: Visit) -> Iterator[None]:
-    """Run a station of a mission with pages that are killed once, and opened again."""
+    """Run a station of a mission with pages that are killed once and reopened."""
     with cordon("station", "--mission", str(mission), "--address", f"{LOOPBACK}:{free_port()}") as station:
         assert station.stderr is not None
         address, ended = station.stderr.readline(), threading.Event()
@@ -195,7 +195,7 @@ def visited(mission: Path, pages: int, killed_after_s: float, visit: Visit) -> I
 
 
 def visit_twice(address: str, pages: int, killed_after_s: float, ended: threading.Event, visit: Visit) -> None:
-    """Open pages, kill them all at once, and open them again until the end."""
+    """Open pages, kill them all at once, and reopen them until the end."""
     command = [sys.executable, "-m", "tests.support.page.station_pages", address, str(pages)]
     for lasting_s in (killed_after_s, None):
         with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as visitors:
@@ -206,7 +206,7 @@ def visit_twice(address: str, pages: int, killed_after_s: float, ended: threadin
 
 
 def measure_pages(pages: int, duration_s: float, turns: int) -> bool:
-    """Fly alone and with pages by turns and print both; return whether the pages cost no tick."""
+    """Fly alone and with pages in turn and print both; return whether no tick was missed with pages."""
     print(f"| {' | '.join(PAGE_COLUMNS)} |\n{'|---' * len(PAGE_COLUMNS)}|", flush=True)
     missed = {0: 0, pages: 0}
     for opened in (0, pages) * turns:
@@ -236,7 +236,7 @@ def page_row(pages: int, flight: Profile, visit: Visit) -> str:
 
 
 def pixels(text: str) -> tuple[int, int]:
-    """Return width and height; raises ArgumentTypeError for what is not WIDTHxHEIGHT."""
+    """Return width and height; raises ArgumentTypeError unless the text is WIDTHxHEIGHT."""
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
         raise ArgumentTypeError(f"it must be WIDTHxHEIGHT in pixels, for example 1280x800 (given: {text!r})")
@@ -244,14 +244,14 @@ def pixels(text: str) -> tuple[int, int]:
 
 
 def main() -> int:
-    """Measure; return 1 where memory grows or pages cost a flight ticks, 2 without a browser."""
+    """Measure; return 1 if memory grows or ticks are missed with pages, 2 without a browser."""
     reader = parser("station_frames", __doc__ or "")
     reader.add_argument("part", nargs="?", choices=("frames", "pages", "all"), default="all", help="(default: all)")
     reader.add_argument("--vehicles", type=count, nargs="+", default=[3, 16, 32], help="team sizes (default: 3 16 32)")
-    reader.add_argument("--minutes", type=positive, default=10.0, help="of each size (default: %(default)s)")
-    reader.add_argument("--size", type=pixels, default=(1280, 800), help="of the page, pixels (default: 1280x800)")
+    reader.add_argument("--minutes", type=positive, default=10.0, help="minutes of each size (default: %(default)s)")
+    reader.add_argument("--size", type=pixels, default=(1280, 800), help="size of the page, pixels (default: 1280x800)")
     reader.add_argument("--pages", type=count, default=40, help="pages beside a flight (default: %(default)s)")
-    reader.add_argument("--duration", type=positive, default=60.0, help="of a flight, s (default: %(default)s)")
+    reader.add_argument("--duration", type=positive, default=60.0, help="flight duration, s (default: %(default)s)")
     reader.add_argument("--turns", type=count, default=1, help="flights alone and with pages (default: %(default)s)")
     chosen = reader.parse_args()
     holds = True

@@ -1,9 +1,8 @@
-"""Carry out the drill of docs/practice.md from the operator's page, and check all that the document promises.
+"""Execute the drill of docs/practice.md on the operator's page, and check all results that the document states.
 
-The document is what is run. Its commands are started as they stand there. Numbered lines are what the operator does,
-lines with a dash what is to be seen then: words `like these` in the part of the screen that stands before them, with
-`...` for what differs. Pictures are taken where the document shows them. In the end the page's events are compared with
-those of the flight's own log.
+The document is executed: its commands are started as written. Numbered lines are the operator's actions, lines with a
+dash the expected results: words `like these` in the named part of the screen, with `...` for variable parts. Pictures
+are taken where the document shows them. At the end the page's events are compared with those of the flight's log.
 """
 
 import json
@@ -30,23 +29,23 @@ from tests.support.paths import DOCS
 
 DOCUMENT = DOCS / "practice.md"
 TIMEOUT_S = 120.0
-"""How long a promise may take: the way home and the descent take a minute [wall s]."""
+"""The timeout of an expected result: the flight home and the descent take a minute [wall s]."""
 POLL_S = 0.2
 SETTLED_S = 2.0
-"""The map is drawn anew within this time after the page's size has changed [wall s]."""
+"""The map is redrawn within this time after the page's size has changed [wall s]."""
 EVENTS_APART_S = 2.0
-"""The page dates events by the messages that it has received, in whole seconds: so much may the log differ."""
+"""The tolerance of times: the page takes events from received messages, in whole seconds."""
 AT_ONCE_S = 0.2
 """Vehicles send their states five times a second or more often [mission s]."""
 COLOURS = 256
-"""Of a picture: a palette makes its file a third as large."""
+"""The number of colours of a picture: a palette reduces its file to a third."""
 SIZE: ViewportSize = {"width": 1280, "height": 800}
 SIZES: dict[str, ViewportSize] = {
     "1920": {"width": 1920, "height": 1080},
     "1024": {"width": 1024, "height": 768},
     "390": {"width": 390, "height": 844},
 }
-"""Sizes of the page, by the end of a picture's name: one that ends so is taken in all of them."""
+"""Sizes of the page, by suffix of a picture's name: a picture with a suffix is taken in all of them."""
 PARTS = {
     "Top bar": "header",
     "Alarm bar": "#alarm-bar",
@@ -59,14 +58,14 @@ PARTS = {
     "Slider": "#seek-time",
     **{f"Card {number}": f'.card[data-vehicle="{number}"]' for number in (1, 2, 3)},
 }
-"""The parts of the page by the names that the document gives them."""
+"""The parts of the page by their names in the document."""
 TERMINAL, EXIT_CODE, GONE = "Terminal", "Exit code", "is gone"
 
 Seen = TypeVar("Seen")
 
 
 class Row(NamedTuple):
-    """A promise, what was seen of it, and after how many seconds; None where it was not kept."""
+    """An expected result, the text seen, and the time in seconds; None if it did not appear."""
 
     step: str
     expected: str
@@ -75,7 +74,7 @@ class Row(NamedTuple):
 
 
 def not_understood(lines: Sequence[Line]) -> list[str]:
-    """Return what this program cannot carry out or check, each with its step."""
+    """Return the lines that this program cannot execute or check, each with its step."""
     return [f"{line.step}: {line.words}" for line in lines if not _is_understood(line)]
 
 
@@ -89,7 +88,7 @@ def _is_understood(line: Line) -> bool:
 
 
 class Tour:
-    """The walk-through, in a folder of its own: its terminal and its page."""
+    """The walk-through in its own folder: its terminal and its page."""
 
     def __init__(self, browser: Browser, folder: Path, pictures: Path | None) -> None:
         self.rows: list[Row] = []
@@ -104,7 +103,7 @@ class Tour:
         self._acted_s = time.monotonic()
 
     def carry_out(self, lines: Iterable[Line]) -> None:
-        """Do what the lines say, one after the other, until something cannot be done."""
+        """Execute the lines in order, until one cannot be executed."""
         for line in lines:
             if line.step != self._step and self._terminals:
                 self._read_before = len(self._terminals[-1].text())
@@ -116,7 +115,7 @@ class Tour:
                 return
 
     def close(self) -> None:
-        """End what still runs."""
+        """End what is still running."""
         for terminal in self._terminals:
             terminal.close()
 
@@ -133,14 +132,14 @@ class Tour:
         self._acted_s = time.monotonic()
 
     def act(self, words: str) -> None:
-        """Do what a numbered line says."""
+        """Execute a numbered line."""
         for form, do in _ACTIONS.items():
             if found := re.fullmatch(form, words):
                 do(self, *found.groups())
         self._acted_s = time.monotonic()
 
     def see(self, words: str) -> None:
-        """Wait until a promise is kept, and keep a row."""
+        """Wait for an expected result, and add a row."""
         part = words.split("**")[1]
         wanted = [] if GONE in words else re.findall(r"`(.+?)`", words)
         before_s = self._acted_s
@@ -157,7 +156,7 @@ class Tour:
         self.keep(Row(self._step, words, got or f"not kept: {self._text(part)[-300:]}", after_s))
 
     def keep(self, row: Row) -> None:
-        """Keep and print a row."""
+        """Add and print a row."""
         self.rows.append(row)
         after = "failed" if row.after_s is None else f"{row.after_s:.1f} s"
         cells = (" ".join(each.split()).replace("|", "¦") for each in (*row[:3], after))
@@ -172,7 +171,7 @@ class Tour:
         return " ".join(place.inner_text().split()) if place.count() and place.is_visible() else ""
 
     def take_picture(self, name: str) -> None:
-        """Save a picture of the page, of names with a size in all sizes."""
+        """Save a picture of the page; names with a suffix in all sizes."""
         if self._pictures is None:
             return
         stem, _, end = Path(name).stem.rpartition("-")
@@ -194,7 +193,7 @@ class Tour:
             return
         self.page.set_viewport_size(size)
         self.page.wait_for_timeout(1000.0 * SETTLED_S)
-        self.page.locator("#fit").dispatch_event("click")  # no press, which would leave the button marked
+        self.page.locator("#fit").dispatch_event("click")  # a click without focus on the button
         self.page.wait_for_timeout(1000.0 * SETTLED_S)
 
     def open_address(self) -> None:
@@ -207,7 +206,7 @@ class Tour:
         self._page.goto(address[0])
 
     def note_events(self) -> None:
-        """Take the times and texts of the events of the first page, oldest first, before another is opened."""
+        """Read the times and texts of the first page's events, oldest first, before another page is opened."""
         if self._page is None or self.live_events:
             return
         items = self._page.locator("#events li").all()
@@ -215,7 +214,7 @@ class Tour:
         self.live_events = texts[::-1]
 
     def wait_for_time(self, minutes: str, seconds: str) -> None:
-        """Wait until the mission's time on the page is so much."""
+        """Wait until the page shows a mission time."""
         wanted_s = 60 * int(minutes) + int(seconds)
 
         def reached() -> bool | None:
@@ -229,7 +228,7 @@ class Tour:
         self._button(name).click()
 
     def press_until(self, name: str, part: str, words: str) -> None:
-        """Press a button again and again until a part of the page shows some words."""
+        """Press a button repeatedly until a part of the page shows some words."""
 
         def shown() -> bool | None:
             if re.search(pattern(words), self._text(part)):
@@ -257,7 +256,7 @@ class Tour:
         self._terminals[-1].interrupt()
 
     def _button(self, name: str) -> Locator:
-        """Return the visible button whose text begins with a name; in a dialog where one is open."""
+        """Return the visible button whose text begins with a name; in the dialog if one is open."""
         scope = "dialog[open] button" if self.page.locator("dialog[open]").count() else "button:visible"
         return self.page.locator(scope).filter(has_text=re.compile(rf"^\s*{re.escape(name)}")).first
 
@@ -280,7 +279,7 @@ _ACTIONS: dict[str, Callable[..., None]] = {
 
 
 def _until(look: Callable[[], Seen | None], timeout_s: float) -> Seen | None:
-    """Look until there is something to be seen; None where nothing is in time."""
+    """Wait for a result; None after the timeout."""
     end_s = time.monotonic() + timeout_s
     while (seen := look()) is None and time.monotonic() < end_s:
         time.sleep(POLL_S)
@@ -314,7 +313,7 @@ def in_log(events: Sequence[Mapping[str, Any]], kind: str, form: str) -> list[Ha
 def merged(changes: Iterable[Happened]) -> list[Happened]:
     """Return the changes of each vehicle, with those at once as one: `a -> b`, `b -> c` are `a -> c`.
 
-    Vehicles send their states some times a second: the page cannot see more.
+    Vehicles send their states a few times a second, so the page cannot show faster changes.
     """
     whole: list[Happened] = []
     for change in sorted(changes, key=lambda each: (each.vehicle, each.time_s)):
@@ -328,7 +327,7 @@ def merged(changes: Iterable[Happened]) -> list[Happened]:
 
 
 def without_counterpart(some: list[Happened], others: list[Happened]) -> list[Happened]:
-    """Return the events that none of the others is the same as, at nearly the same time."""
+    """Return the events without an equal one among the others at nearly the same time."""
     return [
         one
         for one in some
@@ -363,7 +362,7 @@ def compare_with_log(tour: Tour, command: str, folder: Path) -> None:
 
 
 def main(pictures: Path | None) -> int:
-    """Carry the document out; return 1 if a promise was not kept, 2 if the document is not understood."""
+    """Execute the document; return 1 if an expected result did not appear, 2 if a line cannot be executed."""
     lines = list(lines_of(DOCUMENT.read_text(encoding="utf-8")))
     if faults := not_understood(lines):
         print(*faults, sep="\n", file=sys.stderr)
@@ -386,5 +385,5 @@ def main(pictures: Path | None) -> int:
 
 if __name__ == "__main__":
     reader = parser("station_tour", __doc__ or "")
-    reader.add_argument("--pictures", type=Path, help="the folder that pictures of the page are saved in")
+    reader.add_argument("--pictures", type=Path, help="folder for the pictures of the page")
     sys.exit(main(reader.parse_args().pictures))

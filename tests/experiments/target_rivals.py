@@ -1,6 +1,6 @@
-"""Filters that the target filter was chosen over, for target_tracks.py: they see what it sees.
+"""Alternatives to the target filter, for target_tracks.py, with the same input.
 
-Both take sightings in order of time only, behind the same gate and the same start after a disagreement.
+Both take sightings in order of time only, with the same gate and the same restart.
 """
 
 from math import exp
@@ -17,7 +17,7 @@ ACCELERATION_M_S2, JERK_M_S3, TURNING_M_S2 = 0.02, 2.0, 0.3
 
 
 class _Rival:
-    """What both have in common: the gate, and the start anew."""
+    """The common parts: the gate, and the restart."""
 
     def __init__(self) -> None:
         self._time_s: float | None = None
@@ -25,7 +25,7 @@ class _Rival:
         self._doubted_s: float | None = None
 
     def sight(self, sighting: Sighting) -> None:
-        """Take in the next sighting."""
+        """Take the next sighting."""
         position = np.array(sighting.position_m)
         xx, xy, yy = sighting.covariance_m2
         noise = np.array([[xx, xy], [xy, yy]])
@@ -47,7 +47,7 @@ class _Rival:
             self._time_s, self._doubted_s = None, None
 
     def belief(self, now_s: float) -> tuple[Vector, Vector]:
-        """Return mean (4,) and covariance (4, 4), carried to a moment after the last sighting."""
+        """Return mean (4,) and covariance (4, 4), predicted to a time after the last sighting."""
         raise NotImplementedError
 
     def _begin(self, position: Vector, noise: Vector) -> None:

@@ -1,7 +1,7 @@
-"""Compare the target filter with others on seeded tracks of targets.
+"""Compare the target filter with alternatives on seeded tracks of targets.
 
 Every track lasts 80 s and is seen by three sensors at 5 Hz with 0.5 m of noise per axis; one sighting in 20 is an
-outlier by 3 to 20 m. Exit code 1 when the target filter misses what docs/target.md promises.
+outlier by 3 to 20 m. Exit code 1 if the target filter does not reach the figures of docs/target.md.
 """
 
 import sys
@@ -27,7 +27,7 @@ KINDS = ("steady", "turns", "stop and go", "circle")
 
 @dataclass(frozen=True)
 class Track:
-    """Where a target is (T, 2) and how it moves (T, 2), every hundredth of a second."""
+    """A target's position (T, 2) and velocity (T, 2), every hundredth of a second."""
 
     position_m: Vector
     velocity_m_s: Vector
@@ -39,7 +39,7 @@ class Track:
 
 
 def track(kind: str, seed: int) -> Track:
-    """Return a target that goes on as it does, makes turns of 90 degrees, stops and goes at 1 m/s², or circles."""
+    """Return a target that keeps its velocity, turns by 90 degrees, stops and starts at 1 m/s², or circles."""
     random = np.random.default_rng([seed, KINDS.index(kind)])
     steps = round(DURATION_S / STEP_S)
     fastest_m_s = random.uniform(0.05, 1.0) if kind == "steady" else 2.0
@@ -62,7 +62,7 @@ def track(kind: str, seed: int) -> Track:
 
 
 def sightings(seen: Track, seed: int, noise_m: float = NOISE_M, outliers: float = OUTLIERS) -> list[Sighting]:
-    """Return what the sensors see of a track, in order of time."""
+    """Return the sightings of a track, in order of time."""
     random = np.random.default_rng([seed, len(KINDS)])
     found = []
     for sensor in range(1, SENSORS + 1):
@@ -77,10 +77,10 @@ def sightings(seen: Track, seed: int, noise_m: float = NOISE_M, outliers: float 
 
 
 class Estimator(Protocol):
-    """What the target filter and its rivals are asked here."""
+    """The common interface of the target filter and the alternatives."""
 
     def sight(self, sighting: Sighting) -> None:
-        """Take in a sighting."""
+        """Take a sighting."""
         ...
 
     def belief(self, now_s: float) -> tuple[Vector, Vector]:
@@ -89,7 +89,7 @@ class Estimator(Protocol):
 
 
 class Chosen(TargetFilter):
-    """The target filter, asked as its rivals are."""
+    """The target filter with this interface."""
 
     def __init__(self) -> None:
         super().__init__(TargetFilterSettings())
@@ -103,8 +103,8 @@ class Chosen(TargetFilter):
 
 @dataclass(frozen=True)
 class Figures:
-    """How an estimator fares: errors (T,) of position and velocity at ticks, position's normalised error squared (T,),
-    and what a sighting costs [us].
+    """The results of an estimator: errors (T,) of position and velocity at ticks, the position's normalised error
+    squared (T,), and the time per sighting [us].
     """
 
     position_m: Vector
@@ -123,7 +123,7 @@ FILTERS: dict[str, Callable[[], Estimator]] = {
 
 
 def figures(make: Callable[[], Estimator], kind: str, seed: int) -> Figures:
-    """Let a new estimator watch one track, and compare it with the truth at every tick once it has settled."""
+    """Run a new estimator on one track, and compare it with the truth at every tick once it has settled."""
     truth, estimator = track(kind, seed), make()
     coming, rows, spent_s = iter(sightings(truth, seed)), [], 0.0
     sighting, count = next(coming), 0
@@ -143,7 +143,7 @@ def figures(make: Callable[[], Estimator], kind: str, seed: int) -> Figures:
 
 
 def together(name: str, kind: str, count: int) -> Figures:
-    """Return an estimator's figures over the first so many tracks of a kind."""
+    """Return an estimator's figures over a number of tracks of a kind."""
     each = [figures(FILTERS[name], kind, seed) for seed in range(count)]
     return Figures(
         np.concatenate([one.position_m for one in each]),
@@ -172,7 +172,7 @@ def rms(values: Vector) -> float:
 
 
 def main(count: int) -> int:
-    """Print the table over so many tracks of each kind."""
+    """Print the table over a number of tracks of each kind."""
     for line in table(count):
         print(line, flush=True)
     worst_m = max(rms(together("adaptive noise (the target filter)", kind, count).position_m) for kind in KINDS)

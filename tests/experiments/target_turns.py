@@ -1,8 +1,8 @@
-"""Fly about a target that turns and is lost for a while, and measure how far ring and setpoints jump.
+"""Fly about a target that turns and is not seen for some time, and measure the jumps of ring and setpoints.
 
 Each seed flies case3-turns as it is - 2 m/s, turns of 90 degrees, stops, outliers, late sightings, a silent sensor -
-and twice with nobody seeing the target for 20 s: once with the patience to wait for it, and once as it is shipped, so
-that the vehicles hold and an operator has them go on. Exit code 1 when a flight misses a limit.
+and twice with a blackout of 20 s: once with a longer `stale_after_s`, so that the vehicles wait for the target, and
+once with the mission's, so that they hold and an operator commands resume. Exit code 1 if a flight exceeds a limit.
 """
 
 import sys
@@ -30,7 +30,7 @@ TARGET_ERROR_MAX_M, BROKEN_MAX, JUMP_MAX_M = 0.5, 0.25, 0.5
 
 
 class Flight(Enum):
-    """What is flown: the mission as it is, or with a blackout that is waited for, or that makes vehicles hold."""
+    """The variants: the mission as it is, with a blackout that is waited for, and with one that makes vehicles hold."""
 
     SEEN = "seen"
     AWAITED = "awaited"
@@ -39,9 +39,9 @@ class Flight(Enum):
 
 @dataclass(frozen=True)
 class Turns:
-    """What a flight shows: the target's error rms and the worst share of R by which the ring is broken, both until
-    nobody sees the target; the farthest that a setpoint moves from one tick to the next, from then - without such a
-    blackout, once settled - to the end; and the tactics of the first vehicle, one after the other.
+    """The results of a flight: the target's rms error and the worst radius error as a share of R, both until the
+    blackout; the largest step of a setpoint between ticks, from the blackout - without one, once settled - to the end;
+    and the sequence of the first vehicle's tactics.
     """
 
     target_error_rms_m: float
@@ -51,12 +51,12 @@ class Turns:
 
     @property
     def within_limits(self) -> bool:
-        """Whether the figures are as promised."""
+        """Whether the figures are within the limits."""
         return self.target_error_rms_m <= TARGET_ERROR_MAX_M and self.broken <= BROKEN_MAX and self.jump_m <= JUMP_MAX_M
 
 
 def mission(flight: Flight) -> Mission:
-    """Return case3-turns, but for `SEEN` with nobody seeing the target for a while."""
+    """Return case3-turns, except for `SEEN` with a blackout."""
     text = content(MISSION)
     if flight is not Flight.SEEN:
         nobody = [[BLIND_FROM_S, BLIND_FROM_S + BLIND_S]]
@@ -69,7 +69,7 @@ def mission(flight: Flight) -> Mission:
 
 
 def flown(seed: int, flight: Flight) -> Turns:
-    """Fly once, and look at it against the truth."""
+    """Fly once, and compare with the truth."""
     turning = mission(flight)
     rate_hz, duration_s, count = turning.mission.rate_hz, turning.mission.duration_s, len(turning.vehicles)
     believed_m = np.full((round(duration_s * rate_hz) + 1, count, 2), np.nan)
@@ -119,7 +119,7 @@ def _all(seed: int) -> dict[Flight, Turns]:
 
 
 def main(count: int, first: int) -> int:
-    """Fly so many seeds, from the seed `first` on, and print the figures of each."""
+    """Fly a number of seeds, from the seed `first` on, and print the figures of each."""
     failures = 0
     with ProcessPoolExecutor(2) as pool:
         seeds = range(first, first + count)

@@ -83,7 +83,7 @@ def test_a_small_motion_is_the_linear_plants_own() -> None:
     np.testing.assert_allclose(flown(setpoints, wind)[0], expected, atol=1e-9)
 
 
-def test_a_long_way_takes_the_time_that_the_limits_ask_for() -> None:
+def test_a_long_distance_takes_the_time_of_the_limits() -> None:
     states, accelerations = flown(np.tile((200.0, 0.0), (3000, 1)))
     speed = states[:, 2]
     # Jerk first: 0.5 s until 2.5 m/s2, x = j t^3 / 6.
@@ -143,7 +143,7 @@ def texts(copter: ArduCopter) -> list[str]:
     return [text for _, text in copter.take_texts()]
 
 
-def test_it_boots_in_stabilize_and_arms_once_it_knows_where_it_is() -> None:
+def test_it_boots_in_stabilize_and_arms_once_it_has_a_position() -> None:
     copter = ArduCopter(PLANT)
     assert mode_of(copter) is NavMode.STABILIZED
     assert copter.arm() is CommandResult.REJECTED
@@ -170,7 +170,7 @@ def test_take_off_is_for_vehicles_armed_in_guided_on_the_ground() -> None:
     assert copter.take_off(9.0) is CommandResult.REJECTED
 
 
-def test_a_position_is_held_for_ever_and_its_silence_is_no_failsafe() -> None:
+def test_a_position_setpoint_does_not_expire_and_the_end_of_the_stream_is_no_failsafe() -> None:
     copter = guided()
     copter.receive_setpoint(copter.time_s, PositionTarget((6.0, -3.0, 9.0)))
     wait(copter, 120.0)
@@ -217,7 +217,9 @@ def test_guided_entered_anew_stays_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("mode", [NavMode.LAND, NavMode.RETURN])
-def test_landed_as_told_it_disarms_at_once_stays_in_the_mode_and_cannot_be_armed_in_it(mode: NavMode) -> None:
+def test_after_a_landing_it_disarms_at_once_and_cannot_be_armed_in_that_mode(
+    mode: NavMode,
+) -> None:
     copter = guided()
     assert copter.select(mode) is CommandResult.ACCEPTED
     while not copter.landed:
@@ -315,7 +317,7 @@ def counted(messages: list[Any]) -> Counter[str]:
     return Counter(message.get_type() for message in messages)
 
 
-def test_it_streams_nothing_but_heartbeats_until_asked(client: Client) -> None:
+def test_it_streams_only_heartbeats_until_a_request(client: Client) -> None:
     assert counted(client.run(10.5)) == {"HEARTBEAT": 11}
     assert client.results(INTERVAL, 32, 50_000) == [ACCEPTED]
     assert counted(client.run(10.0)) == {"HEARTBEAT": 10, "LOCAL_POSITION_NED": pytest.approx(200, abs=1)}
@@ -340,7 +342,7 @@ def test_the_heartbeat_says_what_it_is(client: Client) -> None:
 
 
 @pytest.mark.parametrize("mode", [STABILIZE, GUIDED, LOITER, RTL, LANDING, BRAKE])
-def test_a_mode_is_acknowledged_once_and_true(client: Client, mode: int) -> None:
+def test_a_mode_is_acknowledged_once_with_the_actual_result(client: Client, mode: int) -> None:
     client.run(3.0)
     assert client.results(SET_MODE, 1, mode) == [ACCEPTED]
     assert client.heartbeat().custom_mode == mode
@@ -375,7 +377,7 @@ def test_parameters_travel_as_numbers(client: Client, name: str, kind: int, sent
 
 
 @pytest.mark.parametrize("sent", [float("nan"), float("inf"), 3e9])
-def test_a_parameter_that_is_no_number_is_not_taken(client: Client, sent: float) -> None:
+def test_a_parameter_that_is_no_number_is_refused(client: Client, sent: float) -> None:
     (answer,) = client.send(dialect.MAVLink_param_set_message(3, 1, b"FS_GCS_ENABLE", sent, 6))
     assert answer.param_value == 0.0
     assert client.vehicle.dropped[Drop.PARAMETER] == 1
@@ -431,7 +433,7 @@ def left_mode_after_s(copter: ArduCopter, limit_s: float = 30.0) -> float:
     return copter.time_s - began_s
 
 
-def test_a_silent_ground_station_ends_guided_as_its_parameter_says(subtests: pytest.Subtests) -> None:
+def test_a_silent_ground_station_ends_guided_by_its_parameter(subtests: pytest.Subtests) -> None:
     """By ArduCopter's documentation of FS_GCS_ENABLE; it looks for the heartbeats three times a second."""
     rows = (
         (1, 5.0, NavMode.RETURN),
@@ -491,7 +493,7 @@ def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Sub
             assert mode_of(copter) is NavMode.OFFBOARD
 
 
-def test_a_silent_ground_station_counts_by_what_is_flown(subtests: pytest.Subtests) -> None:
+def test_the_reaction_to_a_silent_ground_station_depends_on_the_mode(subtests: pytest.Subtests) -> None:
     """The bits 8 (landing goes on) and 16 (a pilot's mode goes on) of FS_OPTIONS; 16 is the default."""
     rows = (
         (NavMode.HOLD, 16, NavMode.HOLD),

@@ -391,7 +391,7 @@ def test_the_hold_failsafe_stays_up() -> None:
     assert autopilot.airframe.position_m == pytest.approx((0.0, 0.0, 5.0), abs=0.02)
 
 
-def test_a_stream_that_comes_back_resumes_offboard_unasked() -> None:
+def test_a_returning_stream_resumes_offboard() -> None:
     autopilot = offboard(5.0, COM_OBL_RC_ACT=4)
     wait(autopilot, 3.0)
     assert mode_of(autopilot) is NavMode.LAND
@@ -400,7 +400,7 @@ def test_a_stream_that_comes_back_resumes_offboard_unasked() -> None:
     assert autopilot.airframe.position_m == pytest.approx((2.0, 0.0, 5.0), abs=0.05)
 
 
-def test_a_stream_that_comes_back_takes_a_landed_vehicle_off_again() -> None:
+def test_a_returning_stream_takes_a_landed_vehicle_off_again() -> None:
     autopilot = offboard(5.0)
     until(autopilot, lambda: autopilot.landed)
     stream(autopilot, PositionTarget((0.0, 0.0, 5.0)), 20.0)
@@ -466,7 +466,7 @@ def test_what_a_zone_allows(subtests: pytest.Subtests) -> None:
             assert zone.allows(place_m) is allowed
 
 
-def test_a_breach_flies_what_gf_action_says(subtests: pytest.Subtests) -> None:
+def test_gf_action_selects_the_mode_after_a_breach(subtests: pytest.Subtests) -> None:
     breaches: tuple[tuple[dict[str, float], tuple[Zone, ...], tuple[float, float, float], str], ...] = (
         ({}, (SQUARE,), (9.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
         ({}, (KEPT_OUT,), (20.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
@@ -495,7 +495,7 @@ def test_a_breach_flies_what_gf_action_says(subtests: pytest.Subtests) -> None:
                 assert texts.count(says) == 1
 
 
-def test_a_fence_that_does_not_act_stops_nobody(subtests: pytest.Subtests) -> None:
+def test_a_fence_without_action_has_no_effect(subtests: pytest.Subtests) -> None:
     for action in [0, 1, 4]:
         with subtests.test(action=action):
             autopilot = offboard(GF_ACTION=action)

@@ -15,7 +15,7 @@ def drifted(model: EstimatorDriftModel, step_s: float, steps: int, seed: int = 3
 
 
 @pytest.mark.parametrize("step_s", [2.0, 9.0])
-def test_the_error_has_its_deviation_and_forgets_at_its_rate(step_s: float) -> None:
+def test_the_error_has_its_deviation_and_correlation_time(step_s: float) -> None:
     errors = drifted(EstimatorDriftModel(0.25, 20.0), step_s, 40000)
     assert np.std(errors, axis=0) == pytest.approx([0.25, 0.25], rel=0.05)
     for lag in (1, 5):
@@ -24,7 +24,7 @@ def test_the_error_has_its_deviation_and_forgets_at_its_rate(step_s: float) -> N
     assert np.mean(errors[:, 0] * errors[:, 1]) / np.var(errors) == pytest.approx(0.0, abs=0.05)
 
 
-def test_it_jumps_as_far_and_as_often_as_told_in_any_direction() -> None:
+def test_jumps_have_the_given_size_and_interval_in_any_direction() -> None:
     errors = drifted(EstimatorDriftModel(0.0, 1e9, jumps_every_s=50.0, jump_m=1.0), 0.5, 100000)
     steps = np.diff(errors, axis=0)
     jumps = steps[np.hypot(*steps.T) > 0.1]

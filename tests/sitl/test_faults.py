@@ -29,7 +29,7 @@ def client(faults: VehicleFaults) -> Client:
     return made
 
 
-def test_a_vehicle_whose_motion_is_silent_tells_everything_else(client: Client, faults: VehicleFaults) -> None:
+def test_a_vehicle_with_silent_motion_sends_everything_else(client: Client, faults: VehicleFaults) -> None:
     before = Counter(message.get_type() for message in client.run(2.0))
     faults.motion_silent = True
     after = Counter(message.get_type() for message in client.run(2.0))
@@ -39,7 +39,7 @@ def test_a_vehicle_whose_motion_is_silent_tells_everything_else(client: Client, 
     assert {message.get_type() for message in client.run(0.5)} >= MOTION
 
 
-def test_an_estimate_that_is_off_is_told_and_flown_by(client: Client, faults: VehicleFaults) -> None:
+def test_an_estimate_with_an_offset_is_sent_and_flown_by(client: Client, faults: VehicleFaults) -> None:
     fly(client)
     follow(client, 2.0, 1.0, -5.0, 20.0)
     x, y, _ = client.autopilot.airframe.position_m
@@ -100,7 +100,7 @@ async def opened(bus: Bus) -> tuple[PresentFaults, list[object]]:
     return receiver, heard
 
 
-async def test_a_bus_loses_the_share_it_is_told_to() -> None:
+async def test_a_bus_loses_the_given_share() -> None:
     bus = Bus()
     receiver, heard = await opened(bus)
     for _ in range(1000):

@@ -75,6 +75,6 @@ def test_a_manoeuvre_off_the_model_holds(name: str) -> None:
     assert flown(manoeuvre(name)).holds
 
 
-def test_a_swing_far_larger_than_expected_is_learned_in_time() -> None:
+def test_an_oscillation_far_larger_than_expected_is_estimated_in_time() -> None:
     """Of 500 linear draws the one with most to learn: what its plant file is off by swings by 4.7 m/s²."""
     assert linear(1161).holds_linear

@@ -146,7 +146,7 @@ def test_the_heartbeat_keeps_its_second_whatever_changes(client: Client) -> None
     assert only(after, "HEARTBEAT").base_mode & 128
 
 
-def test_before_the_estimator_is_ready_nothing_is_said_about_position() -> None:
+def test_before_the_estimator_is_ready_no_position_is_sent() -> None:
     messages = Client().run(1.9)
     kinds = {message.get_type() for message in messages}
     assert not kinds & {"LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "HOME_POSITION"}
@@ -193,7 +193,7 @@ def test_velocity_and_tilt_point_where_the_vehicle_goes(client: Client) -> None:
     assert last(messages, "ATTITUDE").time_boot_ms == pytest.approx(client.autopilot.time_s * 1000, abs=1)
 
 
-def test_a_speed_beyond_the_wire_is_told_as_the_greatest_it_can_tell(client: Client) -> None:
+def test_a_speed_beyond_the_field_is_sent_as_its_maximum(client: Client) -> None:
     fly(client)
     messages = follow(client, 50e3, 0.0, -5.0, seconds=0.6)
     assert last(messages, "LOCAL_POSITION_NED").vx > 400.0
@@ -335,7 +335,7 @@ def test_parameters_of_the_wrong_kind_are_dropped_without_an_answer(
     assert client.vehicle.dropped[Drop.PARAMETER] == 1
 
 
-def test_a_parameter_that_is_no_number_is_not_taken_and_the_old_value_told(client: Client) -> None:
+def test_a_parameter_that_is_no_number_is_refused_and_the_old_value_sent(client: Client) -> None:
     assert only(client.send(param_set("COM_OF_LOSS_T", nan, 9)), "PARAM_VALUE").param_value == 1.0
     assert client.vehicle.dropped[Drop.PARAMETER] == 1
 
@@ -389,7 +389,7 @@ def test_without_gps_it_knows_its_local_position_and_nothing_of_the_globe() -> N
     assert [m.get_type() for m in indoors.command(512, 242)] == ["COMMAND_ACK"]
 
 
-def test_not_localised_it_says_nothing_of_any_place_and_stays_disarmed() -> None:
+def test_not_localised_it_sends_no_position_and_stays_disarmed() -> None:
     lost = Client(positioning=Positioning(localised=False))
     messages = lost.run(30.0)
     kinds = {message.get_type() for message in messages}
@@ -418,7 +418,7 @@ def test_the_estimators_report_comes_when_asked_for_and_follows_its_noise() -> N
 
 
 @pytest.mark.parametrize(("positioning", "flags"), [(Positioning(gps=False), 303), (Positioning(localised=False), 165)])
-def test_the_estimator_says_what_it_does_not_know(positioning: Positioning, flags: int) -> None:
+def test_the_estimator_reports_what_is_invalid(positioning: Positioning, flags: int) -> None:
     client = Client(positioning=positioning)
     client.run(3.0)
     assert only(client.command(512, 230), "ESTIMATOR_STATUS").flags == flags

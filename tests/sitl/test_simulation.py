@@ -152,7 +152,7 @@ def gust(now_s: float) -> tuple[float, ...]:
     return 1.3 * np.cos(0.9 * now_s), -0.4, 0.0
 
 
-def test_a_velocity_beside_the_setpoint_pushes_as_the_equation_says(subtests: pytest.Subtests) -> None:
+def test_a_feed_forward_velocity_acts_as_in_the_equation(subtests: pytest.Subtests) -> None:
     """x'' = a0 (X_d - x) + a1 (g V_d - x'), by the matrix exponential over each tick."""
     for gain in [0.0, 0.7, 1.0]:
         with subtests.test(gain=gain):
@@ -178,7 +178,7 @@ def test_a_vehicle_without_setpoints_hovers_where_it_started() -> None:
     assert flight.motion[:, 0] == pytest.approx(np.tile([1.0, -2.0, 0.0, 0.0], (31, 1)))
 
 
-def test_instruments_say_the_truth_plus_the_noise_stated() -> None:
+def test_instruments_measure_the_truth_plus_the_given_noise() -> None:
     core, exact = Recorder(weave), Recorder(weave)
     flight = fly([vehicle(core, noise=TelemetryNoise(0.3, 0.05)), vehicle(exact)], 200.0)
     told = np.array([[*one.position_m[:2], *one.velocity_m_s[:2]] for one in exact.telemetry])
@@ -237,7 +237,7 @@ def test_copies_are_lost_as_the_networks_generator_draws_them() -> None:
     assert [[(round(at_s * RATE_HZ), payload) for at_s, payload in core.heard] for core in cores] == expected
 
 
-def test_a_message_is_decoded_once_however_many_hear_it_and_not_at_all_where_nobody_does() -> None:
+def test_a_message_is_decoded_once_for_all_receivers_and_not_without_receivers() -> None:
     cores = [Recorder(still, packets=1) for _ in range(4)]
     places = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (500.0, 0.0)]
     fly([vehicle(core, start_m=place) for core, place in zip(cores, places, strict=True)], 2.0, NetworkModel(10.0))
@@ -305,7 +305,7 @@ def team(absences: Sequence[Absence]) -> tuple[SimulatedFlight, Recorder, list[R
     return fly([vehicle(other), absent], 40.0), other, cores
 
 
-def test_an_agent_that_dies_is_silent_deaf_and_its_vehicle_hovers_where_it_was() -> None:
+def test_an_absent_agent_neither_sends_nor_receives_and_its_vehicle_hovers() -> None:
     flight, other, (core,) = team([Absence(2, 10.0)])
     assert other.presence == [(2, False)]
     assert [each.time_s for each in core.telemetry][-1] == pytest.approx(9.9)

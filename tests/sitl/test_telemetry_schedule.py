@@ -26,7 +26,7 @@ def test_jitter_moves_every_sample_within_its_share_and_never_past_another() -> 
     assert np.diff(times).min() > 0.0
 
 
-def test_gaps_come_as_often_and_last_as_long_as_told() -> None:
+def test_gaps_have_the_given_interval_and_duration() -> None:
     times = times_s(TelemetryTiming(50.0, gaps_every_s=20.0, gap_s=0.4), 4000.0)
     gaps = np.diff(times)[np.diff(times) > 0.1]
     assert len(gaps) == pytest.approx(4000.0 / 20.0, rel=0.2)

@@ -34,19 +34,19 @@ def test_the_target_sets_out_when_the_mission_does(subtests: pytest.Subtests) ->
             assert TARGET.position_m(time_s) == pytest.approx(place)
 
 
-def test_an_ideal_sensor_sees_the_truth_and_knows_that_it_is_not_quite() -> None:
+def test_an_ideal_sensor_measures_the_truth_with_a_small_covariance() -> None:
     sensor = SimulatedSensor(2, IDEAL, TARGET, start_s=100.0, seed=0)
     assert sensor.sight(110.0, (30.0, 0.0)) == Sighting(110.0, 2, (36.0, -7.0), (1e-4, 0.0, 1e-4), 0.8, 0.2)
 
 
 @pytest.mark.parametrize(("distance", "seen"), [(14.99, True), (15.01, False)])
-def test_a_sensor_sees_as_far_as_it_does(distance: float, seen: bool) -> None:
+def test_a_sensor_has_a_range(distance: float, seen: bool) -> None:
     sensor = SimulatedSensor(1, IDEAL, TARGET, 0.0, seed=0)
     x, y = np.array([35.0, -5.0]) + distance * np.array([0.6, -0.8])
     assert (sensor.sight(0.0, (x, y)) is not None) is seen
 
 
-def test_a_sensor_looks_at_its_rate_however_often_it_is_asked(subtests: pytest.Subtests) -> None:
+def test_a_sensor_measures_at_its_rate_with_any_call_rate(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[float, float], ...] = (
         (5.0, 0.2),
         (10.0, 0.1),
@@ -60,7 +60,7 @@ def test_a_sensor_looks_at_its_rate_however_often_it_is_asked(subtests: pytest.S
             assert np.diff(times_s) == pytest.approx(period_s)
 
 
-def test_noise_is_white_of_the_size_stated_and_the_covariance_says_so() -> None:
+def test_noise_is_white_with_the_stated_covariance() -> None:
     seen = look(SimulatedSensor(1, NOISY, TargetMotion((35.0, -5.0), (0.0, 0.0)), 0.0, seed=3), 400.0)
     errors = np.array([one.position_m for one in seen]) - [35.0, -5.0]
     assert len(errors) == 4000
@@ -70,7 +70,7 @@ def test_noise_is_white_of_the_size_stated_and_the_covariance_says_so() -> None:
     assert {one.covariance_m2 for one in seen} == {(0.09, 0.0, 0.09)}
 
 
-def test_seeds_and_sensors_have_noise_of_their_own_and_the_same_one_again() -> None:
+def test_noise_differs_by_seed_and_sensor_and_is_reproducible() -> None:
     flights = [
         look(SimulatedSensor(sensor, NOISY, TARGET, 0.0, seed), 2.0)
         for sensor, seed in ((1, 7), (1, 7), (2, 7), (1, 8))
@@ -100,14 +100,14 @@ def test_a_target_goes_along_its_legs_pauses_and_goes_around_again(subtests: pyt
             assert FIELD.velocity_at_m_s(time_s) == pytest.approx(velocity)
 
 
-def test_a_path_has_all_its_corners_however_few_points_are_asked_for() -> None:
+def test_a_path_has_all_its_corners_with_any_number_of_points() -> None:
     path = FIELD.path_m(20.0, 2)
     assert {place for _, place in path} >= {(10.0, 0.0), (10.0, 6.0)}
     assert [time_s for time_s, _ in path] == sorted(time_s for time_s, _ in path)
     assert TargetMotion((1.0, 2.0)).path_m(600.0, 200) == [(0.0, (1.0, 2.0))]
 
 
-def test_a_sensor_may_be_late_and_says_when_it_saw() -> None:
+def test_a_late_sensor_states_the_time_of_measurement() -> None:
     late = replace(IDEAL, delay_s=0.3, range_m=inf)
     sensor = SimulatedSensor(1, late, TARGET, 0.0, seed=0)
     told = [(tick / 10.0, one) for tick in range(20) if (one := sensor.sight(tick / 10.0, (35.0, -5.0)))]
@@ -123,7 +123,7 @@ def test_a_sensor_may_be_blind_for_a_while() -> None:
     assert len(times_s) == 50 - 15
 
 
-def test_outliers_are_as_many_and_as_far_off_as_told() -> None:
+def test_outliers_have_the_given_share_and_distance() -> None:
     wild = replace(NOISY, outlier_share=0.05, outlier_m=30.0)
     seen = look(SimulatedSensor(1, wild, TargetMotion((35.0, -5.0)), 0.0, seed=0), 400.0)
     off = np.linalg.norm(np.array([one.position_m for one in seen]) - [35.0, -5.0], axis=1)

@@ -1,4 +1,4 @@
-"""An ArduCopter simulator for tests: found by the environment variable CORDON_ARDUCOPTER, started as a process.
+"""An ArduCopter simulator for tests: a process of the program in the environment variable CORDON_ARDUCOPTER.
 
 CORDON_ARDUCOPTER is the program `arducopter` of ArduPilot's own SITL build, with its file of default parameters beside
 it (copter.parm) or in the folder Tools/autotest/default_params of the sources.
@@ -29,13 +29,13 @@ OWN_DEFAULTS: Mapping[str, float] = MappingProxyType(
 
 
 class ArduCopterMissing(Exception):  # noqa: N818 - it is a reason to skip, no error
-    """There is no ArduCopter simulator here: the reason says what to set."""
+    """No ArduCopter simulator is available; the reason states what to set."""
 
 
 class ArduCopterSimulator:
     """One ArduCopter process, which sends to `port` from its second serial port; instance i has system id i + 1.
 
-    On its first one, which stands for USB, ArduPilot accepts unsigned messages as well: that goes to `usb_port`.
+    Its first port, the USB port, goes to `usb_port`; ArduPilot accepts unsigned messages there.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class ArduCopterSimulator:
             )
 
     def log(self) -> str:
-        """Return what it printed."""
+        """Return its output."""
         return (Path(self._folder.name) / "arducopter.log").read_text(errors="replace")
 
     def stop(self) -> None:
@@ -89,6 +89,6 @@ class ArduCopterSimulator:
             process.wait(STOP_WITHIN_S)
 
     def close(self) -> None:
-        """Stop, and clear away what it wrote."""
+        """Stop, and delete its files."""
         self.stop()
         self._folder.cleanup()

@@ -1,4 +1,4 @@
-"""Several computers on one network, as far as Linux can show them on one: network namespaces joined by a bridge."""
+"""Several emulated computers on one network: network namespaces connected by a bridge."""
 
 import os
 import subprocess
@@ -23,7 +23,7 @@ class Computer:
 
 @contextmanager
 def computers(count: int) -> Iterator[list[Computer]]:
-    """Set up computers that reach each other; skip the test where this is not permitted."""
+    """Set up connected computers; skip the test if this is not permitted."""
     prefix = f"cd{os.getpid() % 100_000}"
     with ExitStack() as stack:
         switch = namespace(f"{prefix}s", stack)

@@ -1,7 +1,6 @@
-"""A MAVLink client as an exercise sees it: MAVSDK's plugins for one vehicle, its own words, and its own clock.
+"""The MAVLink client of the exercises: MAVSDK's plugins for one vehicle, its status texts, and the autopilot's clock.
 
-Times are those of the autopilot's clock, told by its attitudes: what a stub or a simulator does ten times faster than
-the wall still takes its proper time.
+Times are on the autopilot's clock, from its attitude messages, and so independent of the simulation speed.
 """
 
 import json
@@ -25,13 +24,13 @@ POLL_S = 0.005
 TEXT_WITHIN_S = 0.5
 FOUND_WITHIN_S = 30.0
 STALLED_AFTER_S = 15.0
-"""Wall time that no wait may exceed by more than this, should the autopilot's clock stand still."""
+"""The wall time by which a wait may exceed its limit, in case the autopilot's clock stops."""
 AUTOPILOT = 1
 METRES_PER_DEGREE = 111_195.0
 
 
 class Simulator(Protocol):
-    """One simulated vehicle, as a process that can be started again."""
+    """One simulated vehicle in a process that can be restarted."""
 
     url: str
     system_id: int
@@ -39,31 +38,31 @@ class Simulator(Protocol):
     place: tuple[float, float, float]
 
     def start(self) -> None:
-        """Start, and return when its sockets are there."""
+        """Start, and return when its sockets are bound."""
         ...
 
     def stop(self) -> None:
-        """Stop, and return when it is gone."""
+        """Stop, and return when it has ended."""
         ...
 
 
 class NeverHappenedError(AssertionError):
-    """What an exercise waited for did not happen in time."""
+    """A condition of an exercise did not become true in time."""
 
 
 @dataclass(frozen=True, slots=True)
 class LocalCommand:
-    """A status text, and when it was said on the autopilot's clock."""
+    """A status text, and its time on the autopilot's clock."""
 
     time_s: float
     text: str
 
 
 class Client:
-    """One vehicle over MAVSDK: what it does and says, and the commands of the exercises."""
+    """One vehicle over MAVSDK: its telemetry and status texts, and the commands of the exercises."""
 
     def __init__(self, simulator: Simulator) -> None:
-        """Connect; raises NeverHappenedError when the vehicle is not heard."""
+        """Connect; raises NeverHappenedError if the vehicle is not received."""
         self.simulator = simulator
         start_s = time.monotonic()
         self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
@@ -98,7 +97,7 @@ class Client:
     def _take_text(self, text: Any, _user_data: object) -> None:
         self.said.append(LocalCommand(self.now_s, text.text.rstrip("\t ")))
 
-    # What it is like
+    # State
 
     @property
     def mode(self) -> str:
@@ -107,7 +106,7 @@ class Client:
 
     @property
     def armed(self) -> bool:
-        """Whether the last heartbeat said so."""
+        """Whether it is armed by the last heartbeat."""
         return bool(self.telemetry.armed())
 
     @property
@@ -132,11 +131,11 @@ class Client:
 
     @property
     def systems(self) -> int:
-        """How many vehicles are heard."""
+        """The number of vehicles received."""
         return int(self._mavsdk.system_count())
 
     def parameter(self, name: str, kind: type[int] | type[float]) -> int | float:
-        """Read a parameter of a type; NaN when it is not there, or of another type."""
+        """Read a parameter of a type; NaN if it does not exist or has another type."""
         read = self.param.get_param_int if kind is int else self.param.get_param_float
         try:
             return kind(read(name))
@@ -144,7 +143,7 @@ class Client:
             return nan
 
     def fence_around_home(self, reach_m: float) -> Any:
-        """Return an inclusion fence: a square that reaches so far from home to each of its sides."""
+        """Return an inclusion fence: a square about home with this distance to each side."""
         home = self.telemetry.home()
         north_deg = reach_m / METRES_PER_DEGREE
         east_deg = north_deg / cos(radians(home.latitude_deg))
@@ -155,12 +154,12 @@ class Client:
     # Waiting
 
     def wait(self, seconds: float) -> None:
-        """Let time pass on the autopilot's clock."""
+        """Wait for a time on the autopilot's clock."""
         start_s = self.now_s
         self.until(lambda: self.now_s - start_s >= seconds, "time passes", seconds + 5.0)
 
     def until(self, condition: Callable[[], bool], what: str, limit_s: float = 10.0) -> float:
-        """Wait for a condition; return how long that took on the autopilot's clock. Raises NeverHappenedError."""
+        """Wait for a condition; return the waiting time on the autopilot's clock. Raises NeverHappenedError."""
         start_s, wall_end_s = self.now_s, time.monotonic() + limit_s / self.simulator.speed + STALLED_AFTER_S
         while not condition():
             if self.now_s - start_s > limit_s or time.monotonic() > wall_end_s:
@@ -175,7 +174,7 @@ class Client:
         return mode
 
     def until_said(self, words: str, limit_s: float = 10.0, *, since: int = 0) -> float:
-        """Wait until it says something with these words; return when it said so."""
+        """Wait for a status text with these words; return its time."""
 
         def found() -> LocalCommand | None:
             return next((each for each in self.said[since:] if words in each.text), None)
@@ -188,7 +187,7 @@ class Client:
     # Commands
 
     def result(self, function: Callable[..., object], *arguments: object) -> str:
-        """Return the name of what became of a call: SUCCESS, or why not."""
+        """Return the name of a call's result: SUCCESS, or the error."""
         try:
             function(*arguments)
         except MavsdkError as error:
@@ -196,7 +195,7 @@ class Client:
         return "SUCCESS"
 
     def refusal(self, function: Callable[..., object], *arguments: object) -> tuple[str, str]:
-        """Return the result of a call, and what the autopilot said to it; its words may come a little later."""
+        """Return the result of a call, and the autopilot's status texts, which may arrive a little later."""
         before = len(self.said)
         result = self.result(function, *arguments)
         end_s = time.monotonic() + TEXT_WITHIN_S
@@ -205,7 +204,7 @@ class Client:
         return result, " / ".join(each.text for each in self.said[before:])
 
     def command(self, number: int, *params: float, listen_wall_s: float = 0.4) -> list[int]:
-        """Send a bare COMMAND_LONG; return the results of all its acknowledgements, in their order."""
+        """Send a COMMAND_LONG; return the results of all its acknowledgements in order."""
         results: list[int] = []
 
         def take(message: Any, _user_data: object) -> None:
@@ -218,7 +217,7 @@ class Client:
         return results
 
     def parameter_answers(self, message: str, name: str, **fields: float) -> int:
-        """Send a bare PARAM_SET or PARAM_REQUEST_READ; return how often the parameter is told in answer."""
+        """Send a PARAM_SET or PARAM_REQUEST_READ; return the number of PARAM_VALUE answers."""
         answers: list[str] = []
 
         def take(told: Any, _user_data: object) -> None:
@@ -236,7 +235,7 @@ class Client:
         take: Callable[[Any, object], None],
         listen_wall_s: float,
     ) -> None:
-        """Send a message to the autopilot, and take its answers for a while."""
+        """Send a message to the autopilot, and collect its answers for some time."""
         handle = self._direct.subscribe_message(answer, take)
         whom = {"target_system": self.simulator.system_id, "target_component": AUTOPILOT}
         body = json.dumps({**fields, **whom})
@@ -245,7 +244,7 @@ class Client:
         self._direct.unsubscribe_message(handle)
 
     def rates_hz(self, names: tuple[str, ...], seconds: float) -> Mapping[str, float]:
-        """Return how often messages come, per second of the autopilot's clock, from the first to the last."""
+        """Return the message rate on the autopilot's clock, from the first to the last message."""
         heard_s: dict[str, list[float]] = {name: [] for name in names}
 
         def take(message: Any, name: object) -> None:
@@ -265,13 +264,13 @@ class Client:
         self.offboard.set_position_ned(PositionNedYaw(north_m, east_m, down_m, 0.0))
 
     def fall_silent(self) -> float:
-        """Send the last setpoint once more, then none; return when that was."""
+        """Send the last setpoint once more, then none; return the time."""
         self.offboard.destroy()
         self.offboard = Offboard(self.system)
         return self.now_s
 
     def restart_simulator(self) -> None:
-        """Stop the simulator, start it again, and wait until its clock is heard to have begun anew."""
+        """Restart the simulator, and wait until its clock has restarted."""
         resets = self.clock_resets
         self.simulator.stop()
         self.simulator.start()
@@ -281,10 +280,10 @@ class Client:
                 raise NeverHappenedError("the restarted autopilot's clock did not begin anew")
             time.sleep(POLL_S)
 
-    # Where exercises begin
+    # Initial states of exercises
 
     def be_ready(self) -> None:
-        """Stand on the ground, disarmed, in hold, with all parameters as an autopilot has them by itself."""
+        """On the ground, disarmed, in hold, with default parameters."""
         self.fall_silent()
         if self.armed:
             self.action.land()
@@ -309,7 +308,7 @@ class Client:
             self.until(lambda: self.mode == "HOLD", "hold")
 
     def fly_offboard(self) -> None:
-        """Hover in offboard, where it is, 4 m above home, with setpoints flowing."""
+        """Hover in offboard, 4 m above home, with a stream of setpoints."""
         self.hover()
         north_m, east_m, _ = self.ned_m
         self.send(north_m, east_m, self.down_m(4.0))

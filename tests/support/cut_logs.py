@@ -2,7 +2,7 @@
 
 Records stay as they were.
 
-Whole records are left out: other topics, other times, and of fast topics all but every n-th.
+Whole records are left out: other topics, other times, and all but every n-th record of fast topics.
 """
 
 import struct
@@ -27,7 +27,7 @@ ULOG_EVERY = {
     "vehicle_status": 1,
 }
 EXCITATION_ULOG_EVERY = {"trajectory_setpoint": 1, "vehicle_local_position": 12, "vehicle_status": 1}
-"""Positions at 10 Hz: as often as identification looks at them."""
+"""Positions at 10 Hz, the rate that identification uses."""
 ULOG_PARAMETERS = (b"MAV_SYS_ID", b"COM_OF_LOSS_T", b"COM_OBL_RC_ACT", b"MPC_XY_VEL_MAX", b"MPC_TILTMAX_AIR")
 
 BIN_UNTIL_US = 72_600_000

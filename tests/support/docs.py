@@ -1,4 +1,4 @@
-"""The parts of the documentation that are made from the code: `python -m tests.support.docs` writes them anew."""
+"""The parts of the documentation that are generated from the code; `python -m tests.support.docs` writes them."""
 
 import ast
 import tomllib
@@ -112,11 +112,11 @@ GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "logs.md": {"fields": field_tables},
     "sweeps.md": {"columns": sweep_columns},
 }
-"""By document, its generated parts: what makes each, by the mark that it stands between."""
+"""The generated parts of each document: their functions, by the name of their marks."""
 
 
 def renewed(name: str) -> str:
-    """Return a document's text with its generated parts made anew."""
+    """Return a document's text with its generated parts renewed."""
     text = (DOCS / name).read_text(encoding="utf-8")
     for mark, generate in GENERATED[name].items():
         begin, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"

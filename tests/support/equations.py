@@ -1,6 +1,6 @@
-"""The paper's equations, and the functions that implement them: those whose first line ends on their numbers.
+"""The paper's equations, and their functions, whose docstring's first line ends with the numbers.
 
-Such a line reads `Return the bearings of all engaged peers at a moment - (25), (26).`
+For example: `Return the bearings of all engaged peers at a time - (25), (26).`
 """
 
 import ast
@@ -38,14 +38,14 @@ EQUATIONS = {
     25: "prediction of the vehicle in front",
     26: "prediction of the vehicle behind",
 }
-"""By its number in the paper, what an equation states."""
+"""The content of each equation by its number in the paper."""
 NUMBER = r"\((\d{1,2})[a-d]?\)"
 _IMPLEMENTS = re.compile(rf" - ({NUMBER}(?:(?:, | to | and ){NUMBER})*)\.$")
 _SPAN = re.compile(rf"{NUMBER}(?: to {NUMBER})?")
 
 
 def equation_table() -> str:
-    """Return every equation with what it states and the functions that implement it, as Markdown."""
+    """Return every equation with its content and the functions that implement it, as Markdown."""
     by_number = implementations()
     rows = ["| equation | states | in cordon |", "|---|---|---|"]
     for number, statement in EQUATIONS.items():
@@ -68,7 +68,7 @@ def implementations() -> dict[int, list[str]]:
 
 
 def docstrings() -> Iterator[tuple[str, str]]:
-    """Return all docstrings, by the full names of what they describe."""
+    """Return all docstrings by the full names of their objects."""
     for package in ("agents", "estimation", "gcs"):
         for path in sorted((ROOT / package).rglob("*.py")):
             module = ".".join(path.relative_to(ROOT).with_suffix("").parts)

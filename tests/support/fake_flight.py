@@ -1,4 +1,4 @@
-"""One agent with a scripted vehicle, bus, clock and operator, on a loop whose time is simulated."""
+"""One agent with a scripted vehicle, bus, clock and operator, on an event loop in simulated time."""
 
 import asyncio
 from collections.abc import Callable
@@ -32,18 +32,18 @@ PAIR = replace(ALONE, slots=(1, 2))
 EPOCH_S = 1_000.0
 TELEMETRY_PERIOD_S = 0.05
 LOSS_SHOWS_AFTER_S = 3.0
-"""How long after the last heartbeat a link counts as lost."""
+"""The time after the last heartbeat at which a link is lost."""
 
 
 class SimulatedClock(MissionClock):
-    """A mission clock by the running loop's time."""
+    """A mission clock on the event loop's time."""
 
     def now_s(self) -> float:
         return EPOCH_S + asyncio.get_running_loop().time() * self.speed
 
 
 class FakeLink:
-    """A vehicle that does what it is asked after `takes_s`, unless a call is in `refused`, `broken` or `stuck`.
+    """A vehicle that completes each call after `takes_s`, unless the call is in `refused`, `broken` or `stuck`.
 
     `calls` are all calls in order, `send` once for each uninterrupted sequence. A `stuck` call is not answered until
     `release`. Once the link is lost, no call is answered.
@@ -61,7 +61,7 @@ class FakeLink:
         self.telemetry = True
         self.cancelled: list[str] = []
         self.overlapping: list[str] = []
-        """What was called before another call had ended, but for a kill, which waits for none."""
+        """Calls made before another call had ended, except kills, which do not wait."""
         self._under_way: list[str] = []
         self._calls: list[str] = []
         self._lost, self._released = asyncio.Event(), asyncio.Event()
@@ -80,12 +80,12 @@ class FakeLink:
         self.status = replace(self.status, **changes)  # type: ignore[arg-type]
 
     def release(self) -> None:
-        """Let stuck calls go on."""
+        """Continue stuck calls."""
         self.stuck.clear()
         self._released.set()
 
     def lose(self) -> None:
-        """Cut the link: telemetry ends now, the loss shows later."""
+        """Cut the link: telemetry ends now, the loss is detected later."""
         self.telemetry = False
         self._lost.set()
         asyncio.get_running_loop().call_later(LOSS_SHOWS_AFTER_S, lambda: self.change(connected=False))
@@ -94,7 +94,7 @@ class FakeLink:
         self._telling = asyncio.create_task(self._tell(on_telemetry))
 
     async def take_off(self, altitude_m: float) -> None:
-        if not (self._lost.is_set() or "arm" in self.refused):  # it shows late, and whatever becomes of this call
+        if not (self._lost.is_set() or "arm" in self.refused):  # reported late, whatever the result
             arm = partial(self.change, armed=True, mode=FlightMode.TAKE_OFF)
             self._arming = asyncio.get_running_loop().call_later(1.0, arm)
         await self._carry_out("take_off")
@@ -153,7 +153,7 @@ class FakeLink:
             if call in self.refused:
                 raise VehicleRefusedError(f"refused to {call}", "look at it")
         except asyncio.CancelledError:
-            await asyncio.sleep(0.05)  # a real link has to tidy up too
+            await asyncio.sleep(0.05)  # a real link takes time to close as well
             self.cancelled.append(call)
             raise
         finally:
@@ -176,7 +176,7 @@ async def _within(event: asyncio.Event, longest_s: float) -> bool:
 
 
 class FakeBus:
-    """A bus that keeps what is published; the test speaks for the peers."""
+    """A bus that keeps published messages; the test sends the peers' messages."""
 
     alive = True
     operated = False
@@ -202,12 +202,12 @@ class FakeBus:
         pass
 
     def payloads(self, topic: str) -> list[bytes]:
-        """Return what was published on a topic so far."""
+        """Return the messages published on a topic so far."""
         return [payload for each, payload in self.published if each == topic]
 
 
 class FakeHeartbeat:
-    """Keeps what a supervisor would see; ticks once for each uninterrupted sequence."""
+    """Records the heartbeat; one entry for each uninterrupted sequence of ticks."""
 
     def __init__(self) -> None:
         self.all: list[str] = []
@@ -232,7 +232,7 @@ class _NoTarget:
 
 
 class FakeFlight:
-    """An agent with all its parts; `inputs` are what its core was given, in order, and when."""
+    """An agent with all its parts; `inputs` are the inputs of its core in order, with their times."""
 
     def __init__(self, config: AgentConfig = ALONE) -> None:
         self.link, self.bus, self.heartbeat = FakeLink(), FakeBus(), FakeHeartbeat()
@@ -258,12 +258,12 @@ class FakeFlight:
         self.task: asyncio.Task[Outcome] | None = None
 
     def write(self, item: object) -> None:
-        """Take what a taped core writes."""
+        """Take the items of a taped core."""
         if isinstance(item, CoreInput):
             self.inputs.append((self.clock.now_s(), item))
 
     async def begin(self, duration_s: float = 20.0) -> None:
-        """Connect, unless that is done, and fly, in a task of its own."""
+        """Connect if necessary, and fly in a task."""
         if not self.link.connected:
             await self.agent.connect()
         self.agent.announce()
@@ -285,16 +285,16 @@ class FakeFlight:
             await self.agent.close()
 
     def command(self, verb: Verb) -> None:
-        """Give the agent a command of an operator at its computer."""
+        """Pass a command of an operator at the agent's computer."""
         number = next(self._numbers)
         self.agent.obey(OperatorCommand(self.clock.now_s(), verb, None, "test", number))
 
     def events(self) -> list[Event]:
-        """Return the events that the core was given."""
+        """Return the events passed to the core."""
         return [item.event for _, item in self.inputs if isinstance(item, TacticEvent)]
 
     def hear_peer_clock(self, ahead_s: float, times: int = 10) -> None:
-        """Let vehicle 2 be present and tell a time that is `ahead_s` of the agent's."""
+        """Make vehicle 2 present and send a time that is `ahead_s` ahead of the agent's."""
         self.bus.appear(2, True)
         for _ in range(times):
             self.bus.deliver(StartProposal(2, self.clock.now_s() + ahead_s, None, ready=False))

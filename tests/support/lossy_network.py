@@ -1,6 +1,6 @@
 """A network of computers on links with delay and loss, in user space: for kernels without netem.
 
-Each computer is a network namespace with a TUN device whose packets this process passes on, late or not at all.
+Each computer is a network namespace with a TUN device; this process forwards its packets with delay and loss.
 """
 
 import fcntl
@@ -18,10 +18,10 @@ from dataclasses import dataclass
 from tests.support.computers import Computer, ip, namespace
 
 _SET_NAME, _TUN, _NO_HEADER = 0x400454CA, 0x0001, 0x1000
-"""Of the kernel's if_tun.h: the request that names a device, and the flags of one that carries bare IP packets."""
+"""From the kernel's if_tun.h: the request that names a device, and the flags of a device for IP packets."""
 _PACKET_MAX = 65536
 _DESTINATION = slice(16, 20)
-"""Where an IPv4 packet has the address that it is for."""
+"""The position of the destination address in an IPv4 packet."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Wireless:
 
 
 class LossyNetwork:
-    """Passes on packets between computers, over the link of the sender and that of the receiver."""
+    """Forwards packets between computers, over the link of the sender and that of the receiver."""
 
     def __init__(self, links: Sequence[Wireless], seed: int, stack: ExitStack) -> None:
         """Make a computer for each link; skips the test where this is not permitted."""
@@ -58,12 +58,12 @@ class LossyNetwork:
             self._ready.register(device, selectors.EVENT_READ, link)
 
     def cut(self, computer: Computer, cut: bool = True) -> None:
-        """Let nothing pass to or from a computer, or let it pass again."""
+        """Cut or restore the link of a computer."""
         device, _ = self._links[bytes(map(int, computer.address.split(".")))]
         (self._cut.add if cut else self._cut.discard)(device)
 
     def run(self) -> None:
-        """Pass on packets until `stop`."""
+        """Forward packets until `stop`."""
         while not self._stop.is_set():
             wait_s = self._due[0][0] - time.monotonic() if self._due else 0.1
             for key, _ in self._ready.select(min(max(wait_s, 0.0), 0.1)):
@@ -90,7 +90,7 @@ class LossyNetwork:
 
 @contextmanager
 def lossy_network(links: Sequence[Wireless], seed: int = 1) -> Iterator[LossyNetwork]:
-    """Set up a computer for each link, which reach each other while this context lasts."""
+    """Set up a connected computer for each link, for the duration of the context."""
     with ExitStack() as stack:
         network = LossyNetwork(links, seed, stack)
         passing = threading.Thread(target=network.run, daemon=True)
@@ -103,7 +103,7 @@ def lossy_network(links: Sequence[Wireless], seed: int = 1) -> Iterator[LossyNet
 
 
 def _tun(name: str, stack: ExitStack) -> int:
-    """Return a new TUN device of this name, open; it is gone when it is closed."""
+    """Return a new open TUN device of this name, which is deleted when it is closed."""
     device = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
     stack.callback(os.close, device)
     fcntl.ioctl(device, _SET_NAME, struct.pack("16sH", name.encode(), _TUN | _NO_HEADER))

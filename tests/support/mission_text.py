@@ -1,4 +1,4 @@
-"""Missions as dictionaries, for changing single values, back to text, and what is wrong with them."""
+"""Missions as dictionaries with changed values, their TOML text, and their faults."""
 
 import copy
 import json
@@ -19,10 +19,10 @@ Content = dict[str, Any]
 Place = tuple[str | int, ...]
 
 INSECURE = ("[target]\n", "[network.security]\ninsecure = true\n\n[target]\n")
-"""A change of a mission's text: its bus is plain, and whatever connects takes part."""
+"""A change of a mission: its bus is without keys, and any process may connect."""
 LOW_M = 3.0
 LOW = ("endpoint =", f"altitude_m = {LOW_M}\nendpoint =")
-"""Another change: all vehicles fly low, where they arrive soon and from where they land soon."""
+"""A change of a mission: all vehicles fly low, for short take-offs and landings."""
 CASE2 = (MISSIONS / "case2.toml").read_text(encoding="utf-8")
 
 
@@ -52,7 +52,7 @@ def text_of(mission: Content) -> str:
 
 
 def drawn_vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float], most_off: float) -> Content:
-    """Draw a vehicle with the noisy stub's profile, whose true plant is up to a share off the profile's."""
+    """Draw a vehicle with the noisy stub's profile, whose true plant differs from it by up to a share."""
     a0, a1 = random.uniform(1.0 - most_off, 1.0 + most_off, 2).tolist()
     return {
         "id": slot + 1,
@@ -65,7 +65,7 @@ def drawn_vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, 
 
 
 def put(mission: Content, path: Place, value: object) -> Content:
-    """Return the mission with one value put in, and the tables and lists on the way to it."""
+    """Return the mission with one value set, creating tables and lists on its path."""
     mission = copy.deepcopy(mission)
     node: Any = mission
     for key, following in pairwise(path):
@@ -95,7 +95,7 @@ def parsed(mission: Content, folder: Path = MISSIONS) -> Mission:
 
 
 def faults(mission: Content | str, folder: Path = MISSIONS) -> list[str]:
-    """Return the faults, each one line `path: what is wrong` in a user's words."""
+    """Return the faults, each one line `path: fault` as shown to users."""
     text = mission if isinstance(mission, str) else text_of(mission)
     with pytest.raises(MissionError) as caught:
         parse_mission(text, folder)

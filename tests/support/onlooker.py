@@ -1,5 +1,5 @@
-"""A viewer of the Foxglove WebSocket, as far as a test needs one: handshake, subscription, messages. Nothing of it is
-cordon's or the server's own code.
+"""A minimal client of the Foxglove WebSocket for tests: handshake, subscription, messages. It uses no code of cordon or
+of the server's library.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ MESSAGE_DATA = 1
 
 @dataclass
 class Onlooker:
-    """A connected viewer: the channels it was told of by topic, and who it looks at."""
+    """A connected viewer: the advertised channels by topic, and its subscriptions."""
 
     reader: asyncio.StreamReader
     writer: asyncio.StreamWriter
@@ -44,14 +44,14 @@ class Onlooker:
         return cls(reader, writer)
 
     async def know(self, *topics: str) -> None:
-        """Listen until all these topics have been advertised."""
+        """Wait until all these topics have been advertised."""
         while not set(topics) <= set(self.channels):
             kind, payload = await self._frame()
             if kind == TEXT:
                 self._hear(json.loads(payload))
 
     def subscribe(self, *topics: str) -> None:
-        """Ask for the messages of topics."""
+        """Subscribe to topics."""
         first = len(self.topics)
         self.topics |= dict(enumerate(topics, first))
         wanted = [{"id": first + k, "channelId": self.channels[topic]["id"]} for k, topic in enumerate(topics)]
@@ -63,7 +63,7 @@ class Onlooker:
         self._send(TEXT, payload, mask)
 
     async def message(self) -> tuple[str, int, Any]:
-        """Return the next message of a subscription: its topic, its time [ns], and what it decodes to."""
+        """Return the next message of a subscription: its topic, its time [ns], and its decoded content."""
         while True:
             kind, payload = await self._frame()
             if kind == TEXT:
@@ -74,7 +74,7 @@ class Onlooker:
                 return topic, time_ns, self._decoded(topic, payload[13:])
 
     async def close(self) -> None:
-        """Go without a word."""
+        """Close the socket without a closing handshake."""
         self.writer.transport.abort()
 
     def _hear(self, message: dict[str, Any]) -> None:
@@ -91,7 +91,7 @@ class Onlooker:
         return decode(payload)
 
     async def _frame(self) -> tuple[int, bytes]:
-        """Return the next frame that says something: a whole one, since this server sends no other."""
+        """Return the next data frame; this server does not fragment frames."""
         while True:
             first, second = await self.reader.readexactly(2)
             length = second & 0x7F

@@ -1,4 +1,4 @@
-"""Where the parts of the project that tests read stand."""
+"""Paths of the project that tests read."""
 
 from pathlib import Path
 

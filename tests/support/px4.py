@@ -1,4 +1,4 @@
-"""PX4 simulators for tests: found by the environment variable CORDON_PX4, started and stopped as processes.
+"""PX4 simulators for tests: processes of the build directory in the environment variable CORDON_PX4.
 
 CORDON_PX4 is the build directory of PX4's own SITL target with the built-in simulator SIH: it holds bin/px4 and etc/.
 """
@@ -16,7 +16,7 @@ SIH_QUADROTOR = "sihsim_quadx"
 
 
 class Px4Missing(Exception):  # noqa: N818 - it is a reason to skip, no error
-    """There is no PX4 simulator here: the reason says what to set."""
+    """No PX4 simulator is available; the reason states what to set."""
 
 
 def px4_build() -> Path:
@@ -55,7 +55,7 @@ class Px4Simulator:
 
     @property
     def folder(self) -> Path:
-        """Where it works: its parameters, and px4.log with what it prints."""
+        """Its working directory, with its parameters and its output in px4.log."""
         return Path(self._folder.name)
 
     def start(self) -> None:
@@ -90,6 +90,6 @@ class Px4Simulator:
                 process.wait()
 
     def close(self) -> None:
-        """Stop, and clear away what it wrote."""
+        """Stop, and delete its files."""
         self.stop()
         self._folder.cleanup()

@@ -1,6 +1,6 @@
-"""A UDP relay between one autopilot and cordon: it can be cut, it counts setpoints, and it sees every flight mode.
+"""A UDP relay between one autopilot and cordon: it can be cut, counts setpoints, and reads every flight mode.
 
-It sits where cordon would listen, and passes on to where cordon listens instead. It is also a second MAVLink client.
+It listens at the autopilot's port and forwards to cordon's. It is also a second MAVLink client.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ Address = tuple[str, int]
 
 
 class Message(NamedTuple):
-    """A MAVLink 2 message: who sent it, what it is, and its payload without trailing zeros."""
+    """A MAVLink 2 message: its sender, its id, and its payload without trailing zeros."""
 
     sender: int
     component: int
@@ -29,7 +29,7 @@ class Message(NamedTuple):
 
 
 def messages(datagram: bytes) -> Iterator[Message]:
-    """Return the MAVLink 2 messages of a datagram, as far as it is made of them."""
+    """Return the MAVLink 2 messages at the start of a datagram."""
     while len(datagram) >= HEAD + CHECKSUM and datagram[0] == MAGIC_2:
         length, flags, sender, component = datagram[1], datagram[2], datagram[5], datagram[6]
         kind = int.from_bytes(datagram[7:10], "little")
@@ -50,7 +50,7 @@ class Relay:
         on_setpoint: Callable[[], None],
         on_heartbeat: Callable[[], None] = lambda: None,
     ) -> None:
-        """Take what is told of the autopilot's messages, and of the client's setpoints and heartbeats."""
+        """Take the receivers of the autopilot's messages, and of the client's setpoints and heartbeats."""
         self.cut = False
         self.setpoints = 0
         self._system_id = system_id
@@ -81,7 +81,7 @@ class Relay:
         await asyncio.sleep(0)
 
     def command(self, command: int, *parameters: float) -> None:
-        """Give the autopilot a command, as a client of its own; nothing cuts this."""
+        """Send the autopilot a command as a separate client, also while the link is cut."""
         filled = [*parameters, *[0.0] * (7 - len(parameters))]
         message = self._mavlink.command_long_encode(self._system_id, AUTOPILOT, command, 0, *filled)
         if self._front is not None and self._autopilot is not None:
@@ -117,13 +117,13 @@ class _Socket(asyncio.DatagramProtocol):
 
 
 def flight_mode(message: Message) -> int | None:
-    """Return the custom mode that a heartbeat or a CURRENT_MODE tells, None for other messages."""
+    """Return the custom mode in a heartbeat or CURRENT_MODE, None for other messages."""
     if message.kind not in (HEARTBEAT, CURRENT_MODE):
         return None
     return cast(int, struct.unpack("<I", message.payload[:4].ljust(4, b"\0"))[0])
 
 
 def is_armed(message: Message) -> bool:
-    """Return whether a heartbeat says so."""
+    """Return whether a heartbeat reports it."""
     payload = message.payload.ljust(9, b"\0")
     return bool(payload[6] & 128)

@@ -1,4 +1,4 @@
-"""Flights for the tests of the report: a made-up team with evidence of all kinds, as long and as dense as asked for."""
+"""Synthetic flights for tests of the report, with data of all kinds and a given length and density."""
 
 from math import tau
 

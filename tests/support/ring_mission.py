@@ -54,7 +54,7 @@ slot_m = [{slot_x:.2f}, {y:.2f}]
 def ring_mission(count: int, duration_s: float, links: list[int], endpoints: list[int]) -> str:
     """Return the mission file of `count` vehicles, 6 m apart on a ring about a resting target, at these ports.
 
-    The team has the name of this process: other teams may fly on this computer.
+    The team's name contains the process id, because other teams may fly on this computer.
     """
     radius_m = max(RADIUS_MIN_M, SPACING_M * count / (2.0 * pi))
     rate_rad_s = SPEED_M_S / radius_m

@@ -1,4 +1,4 @@
-"""An event loop without sockets whose time passes at once: a sleep of an hour takes no longer than the work in it."""
+"""An event loop without sockets in simulated time: a sleep of an hour takes no wall time."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -8,7 +8,7 @@ Result = TypeVar("Result")
 
 
 class SimulatedLoop(asyncio.BaseEventLoop):
-    """Advances its time to the next timer as soon as nothing else is to be done."""
+    """Advances its time to the next timer when no callback is ready."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -19,7 +19,7 @@ class SimulatedLoop(asyncio.BaseEventLoop):
         return self._time_s
 
     def select(self, timeout: float | None) -> list[object]:
-        """Take the place of a selector: `timeout` is how long the loop has nothing to do, None for ever."""
+        """Replace a selector: `timeout` is the time until the next timer, None without one."""
         if timeout is None:
             raise RuntimeError("nothing will ever happen again")
         self._time_s += max(timeout, 0.0)
@@ -33,7 +33,7 @@ class SimulatedLoop(asyncio.BaseEventLoop):
 
 
 def run_simulated(main: Coroutine[Any, Any, Result]) -> Result:
-    """Run a coroutine to its end on such a loop; raises what a task or callback of it raised into the void."""
+    """Run a coroutine on such a loop; also raises unhandled exceptions of its tasks and callbacks."""
     lost: list[BaseException] = []
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         loop = runner.get_loop()

@@ -1,4 +1,4 @@
-"""A general solver to hold the exact one and the guard against."""
+"""A general solver as the reference for the exact one and the guard."""
 
 from math import inf
 
@@ -9,7 +9,7 @@ from estimation.state import Vector
 
 
 def slsqp(wanted: Vector, radius: float, normals: Vector, least: Vector) -> Vector | None:
-    """The nearest point as a general solver finds it, from several starts."""
+    """The nearest point by a general solver, from several starts."""
     constraints = [
         {"type": "ineq", "fun": lambda u: normals @ u - least, "jac": lambda u: normals},
         {"type": "ineq", "fun": lambda u: radius**2 - u @ u, "jac": lambda u: -2.0 * u},

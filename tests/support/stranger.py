@@ -1,4 +1,4 @@
-"""A stranger on a team's bus: plain Zenoh, any key, any payload, at any rate.
+"""An attacker on a team's bus: plain Zenoh, any key, any payload, at any rate.
 
 As a program it floods: `python -m tests.support.stranger KIND TEAM SECONDS RATE_HZ ENDPOINT...` sends junk, states in
 the names of vehicles, or large payloads.
@@ -39,7 +39,7 @@ class Stranger:
         self.session = zenoh.open(config)
 
     def put(self, key: str, payload: bytes, *, insists: bool = False) -> None:
-        """Send on a key below the team's; one that insists waits until there is room."""
+        """Send on a key below the team's; optionally wait until there is room."""
         control = zenoh.CongestionControl
         self.session.put(
             f"{self._prefix}/{key}", payload, congestion_control=control.BLOCK if insists else control.DROP
@@ -51,12 +51,12 @@ class Stranger:
 
 
 def state(sender: int, time_s: float, alert: str = "") -> MemberState:
-    """Return the state of a vehicle that is said to be far away."""
+    """Return a forged state of a vehicle far away."""
     return MemberState(sender, time_s, "formation", FAR_M, (0.0, 0.0), FAR_M, (0.0, 0.0), 8.0, 0.1, alert)
 
 
 def messages(kind: str) -> Iterator[tuple[str, bytes]]:
-    """Return what a flood of a kind sends, without end: keys and payloads."""
+    """Yield the keys and payloads of a kind of flood, without end."""
     for number in cycle(range(1, 4)):
         if kind == "junk":
             yield f"junk/{number}", os.urandom(64)
@@ -68,7 +68,7 @@ def messages(kind: str) -> Iterator[tuple[str, bytes]]:
 
 
 def flood(stranger: Stranger, kind: str, lasting_s: float, rate_hz: float) -> int:
-    """Send as many messages a second as asked for, in bursts of a few milliseconds; return how many were sent."""
+    """Send messages at a rate, in bursts of a few milliseconds; return the number sent."""
     began_s = time.monotonic()
     for sent, (key, payload) in enumerate(messages(kind), start=1):
         stranger.put(key, payload, insists=kind == "large")

@@ -1,4 +1,4 @@
-"""Flights of a known plant, flown by another arithmetic than the one that identifies them."""
+"""Flights of a known plant, simulated by other code than identification uses."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ SENT_S = 0.04
 
 @dataclass(frozen=True)
 class Truth:
-    """A plant as it truly is."""
+    """The true plant."""
 
     a0: tuple[float, float]
     a1: tuple[float, float]
@@ -23,7 +23,7 @@ class Truth:
 
 
 def excitation_m(random: np.random.Generator, steps_s: float = 90.0, circle_s: float = 60.0) -> Vector:
-    """Return setpoints (n, 2) at SENT_S: random steps within 3 m, then a circle ever faster."""
+    """Return setpoints (n, 2) at SENT_S: random steps within 3 m, then a circle at rising speed."""
     columns = []
     for _ in range(2):
         column: list[float] = []
@@ -37,14 +37,14 @@ def excitation_m(random: np.random.Generator, steps_s: float = 90.0, circle_s: f
 
 
 def circle_velocity_m_s(setpoint_m: Vector, steps_s: float = 90.0) -> Vector:
-    """Return the velocities (n, 2) that go with such setpoints: those of the circle, and none beside steps."""
+    """Return the velocities (n, 2) of such setpoints: the circle's, and none with steps."""
     velocity = np.gradient(setpoint_m, SENT_S, axis=0)
     velocity[: round(steps_s / SENT_S) + 1] = 0.0
     return np.asarray(velocity)
 
 
 def coloured(random: np.random.Generator, count: int, step_s: float, deviation_m: float, memory_s: float) -> Vector:
-    """Return noise (count,) of a standard deviation that forgets itself within `memory_s`."""
+    """Return noise (count,) of a standard deviation with the correlation time `memory_s`."""
     keep = np.exp(-step_s / memory_s)
     white = random.normal(size=count) * np.sqrt(1.0 - keep**2)
     white[0] = random.normal()
@@ -54,7 +54,7 @@ def coloured(random: np.random.Generator, count: int, step_s: float, deviation_m
 def flown(
     truth: Truth, setpoint_m: Vector, lag_s: float = 0.0, velocity_m_s: Vector | None = None
 ) -> tuple[Vector, Vector]:
-    """Return times and positions (T, 2) at FINE_S of the plant, with a lag if any, that gets setpoints every SENT_S."""
+    """Return times and positions (T, 2) at FINE_S of the plant, with an optional lag, under setpoints every SENT_S."""
     count = round(setpoint_m.shape[0] * SENT_S / FINE_S)
     time_s = np.arange(count) * FINE_S
     at = np.clip(np.floor((time_s - truth.delay_s) / SENT_S + 1e-9).astype(int), 0, setpoint_m.shape[0] - 1)
@@ -84,9 +84,9 @@ def recorded(
     lag_s: float = 0.0,
     fed: bool = False,
 ) -> Recording:
-    """Return what a log holds of an excitation flight: noisy positions, and setpoints sampled now and then.
+    """Return the log of an excitation flight: noisy positions, and sampled setpoints.
 
-    If `fed`, their velocities go with them, whatever the vehicle makes of those.
+    If `fed`, velocities are sent with them, whether the vehicle uses these or not.
     """
     random = np.random.default_rng(seed)
     sent_m = excitation_m(random) if setpoint_m is None else setpoint_m
@@ -110,7 +110,7 @@ def recorded(
 
 
 def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
-    """Return what a log holds of a flight in which the vehicle's speed was bounded along each axis."""
+    """Return the log of a flight with bounded speed along each axis."""
     random = np.random.default_rng(seed)
     sent_m = excitation_m(random)
     step_s, late = 0.01, round(truth.delay_s / 0.01)
@@ -132,9 +132,9 @@ def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
 
 @dataclass(frozen=True)
 class Cascade:
-    """An autopilot's position loop: proportional on position, PI on velocity, behind a lag, on a vehicle with drag.
+    """An autopilot's position loop: P on position, PI on velocity, with an actuator lag, on a vehicle with drag.
 
-    No plant of second order is one: the integral part makes it a third, and a zero.
+    It is not of second order: the integrator adds a pole and a zero.
     """
 
     position_gain_per_s: float
@@ -148,13 +148,13 @@ class Cascade:
 def cascaded(
     vehicle: Cascade, seed: int, setpoint_m: Vector, *, wander_m: float = 0.2, velocity_error_m_s: float = 0.15
 ) -> Recording:
-    """Return what a log holds of a cascade that flies on the estimates of a wandering estimator.
+    """Return the log of a cascade that flies on the estimates of a drifting estimator.
 
-    Position and velocity are off by errors of their own, and the vehicle follows them: to the plant they are an input.
+    Position and velocity have independent errors, and the vehicle follows them: to the plant they are an input.
     """
     random, step_s = np.random.default_rng(seed), 0.01
     count, late = round(setpoint_m.shape[0] * SENT_S / step_s), round(vehicle.delay_s / step_s)
-    keep = np.exp(-step_s / 2.0)  # estimators move smoothly
+    keep = np.exp(-step_s / 2.0)  # an estimator's error is smooth
     off_m, off_m_s = (
         lfilter([1.0 - keep], [1.0, -keep], [coloured(random, count, step_s, size, 8.0) for _ in range(2)]).T
         for size in (wander_m, velocity_error_m_s)

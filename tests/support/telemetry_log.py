@@ -1,4 +1,4 @@
-"""A telemetry log as a ground station keeps it, of stub vehicles flown without sockets: pymavlink plays the station."""
+"""A ground station's telemetry log of stub vehicles flown without sockets, with pymavlink as the station."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ BATTERY_FRACTION = 0.83
 
 @dataclass
 class Flown:
-    """The log, and what truly happened: times on the vehicle's clock, positions x north, y west, z up of its origin."""
+    """The log and the truth: times on the vehicle's clock, positions x north, y west, z up from its origin."""
 
     system_id: int
     origin_m: Triple
@@ -37,7 +37,7 @@ class Flown:
 
 
 class Station:
-    """Flies stub vehicles one after the other's step, and logs every packet behind its stamp."""
+    """Flies stub vehicles step by step, and logs every packet with its time stamp."""
 
     def __init__(self, system_ids: Sequence[int], speed: float, latency_s: float = 0.0) -> None:
         self.log = bytearray()
@@ -80,7 +80,7 @@ class Station:
         self.send(system_id, dialect.MAVLink_command_long_message(system_id, 1, command, 0, *padded))
 
     def ask(self, flown: Flown, time_s: float) -> None:
-        """Ask for a point on a circle around the vehicle's own origin, 5 m up."""
+        """Send a setpoint on a circle around the vehicle's origin, 5 m up."""
         x, y, z = 3.0 * cos(0.4 * time_s), 3.0 * sin(0.4 * time_s), 5.0
         fields = (0, flown.system_id, 1, 1, 0b100111111000, x, -y, -z, *(0.0,) * 8)
         self.send(flown.system_id, dialect.MAVLink_set_position_target_local_ned_message(*fields))

@@ -1,4 +1,4 @@
-"""What the tests that fly over sockets share: ports of their own, stubs that can be watched, and waiting."""
+"""Helpers for tests over sockets: free ports, stubs that count setpoints, and waiting."""
 
 import asyncio
 import os
@@ -25,7 +25,7 @@ from tests.support.paths import ROOT
 LOOPBACK = "127.0.0.1"
 
 
-# Below the range from which systems take ports for connections that do not ask for one: nobody else happens on them.
+# Below the range of ephemeral ports, so that other connections do not take them.
 _PORTS = iter(random.Random(os.getpid()).sample(range(20_000, 32_000), 12_000))
 
 
@@ -50,7 +50,7 @@ def _is_free(port: int) -> bool:
 
 
 class StubWatch:
-    """The stub vehicles of this process by system id, and when each received setpoints; a restart makes a new one."""
+    """The stub vehicles of this process by system id, and the times of their setpoints; a restart makes a new one."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.vehicles: dict[int, Autopilot] = {}
@@ -69,7 +69,7 @@ class StubWatch:
         monkeypatch.setattr(MavlinkVehicle, "_on_setpoint", taken)
 
     def received_since(self, system_id: int, since_s: float) -> int:
-        """Return how many setpoints a vehicle has received since a time of the event loop."""
+        """Return the number of setpoints that a vehicle has received since a time of the event loop."""
         return sum(at_s > since_s for at_s in self.received_s[system_id])
 
 
@@ -86,7 +86,7 @@ async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[N
 
 
 async def until(condition: Callable[[], bool], timeout_s: float = 20.0, waiting_for: str = "it") -> float:
-    """Wait for a condition and return when it came true, on the event loop's clock."""
+    """Wait for a condition and return the time when it became true, on the event loop's clock."""
     loop = asyncio.get_running_loop()
     end_s = loop.time() + timeout_s
     while not condition():
@@ -96,7 +96,7 @@ async def until(condition: Callable[[], bool], timeout_s: float = 20.0, waiting_
 
 
 def until_now(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
-    """Wait for a condition where no event loop runs."""
+    """Wait for a condition without an event loop."""
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s
@@ -105,7 +105,7 @@ def until_now(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
 
 @contextmanager
 def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
-    """Run a command beside the test, on no terminal."""
+    """Run a command in the background, without a terminal."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
     pipe = subprocess.PIPE
     with subprocess.Popen(

@@ -1,6 +1,6 @@
-"""Messages are judged by the facts they tell - names, values, places - and not word for word."""
+"""Tests compare the facts in messages - names, values, paths - not the wording."""
 
 
 def facts_missing(text: str, *facts: str) -> list[str]:
-    """Return the facts that a text does not hold, so that `facts_missing(...) == []` names them when it fails."""
+    """Return the facts that a text does not contain, so that a failing `facts_missing(...) == []` names them."""
     return [fact for fact in facts if fact not in text]

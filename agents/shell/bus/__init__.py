@@ -1,1 +1,1 @@
-"""The bus between peers over Zenoh: sessions, what arrives, and what the participants of a process receive of it."""
+"""The bus between peers over Zenoh: sessions, the mailbox, and the participants of a process."""

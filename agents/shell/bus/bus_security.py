@@ -1,4 +1,4 @@
-"""The security of the bus: mutual TLS, and who may send what, as Zenoh's settings."""
+"""The security of the bus as Zenoh's settings: mutual TLS and access control."""
 
 import base64
 from collections.abc import Iterator, Sequence
@@ -14,12 +14,12 @@ _HEARS = {
         ("ingress", "egress"),
     ),
 }
-"""What the holder of every listed certificate may do: receive what this peer sends, and subscribe to it."""
+"""The rights of every listed certificate: to receive what this peer sends, and to subscribe to it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What the holder of the certificate with this common name may send: keys below the team's, such as `member/3`.
+    """The keys, below the team's, on which the certificate with this common name may send, such as `member/3`.
 
     `presence` holds its liveliness tokens, such as `alive/3`.
     """
@@ -31,9 +31,9 @@ class Grant:
 
 @dataclass(frozen=True, slots=True)
 class BusSecurity:
-    """A peer's certificate and private key, the authority that all peers' certificates must be of, and the grants.
+    """A peer's certificate and private key, the authority that signs all peers' certificates, and the grants.
 
-    All are PEM. A peer whose certificate no grant names is neither heard nor sent anything.
+    All are PEM. Nothing is received from or sent to a peer whose certificate is in no grant.
     """
 
     authority_pem: bytes
@@ -44,8 +44,8 @@ class BusSecurity:
     def settings(self, team: str) -> dict[str, object]:
         """Return Zenoh's settings by path for a peer of a team.
 
-        Certificates are passed on as they are here, not as paths: links that are opened anew in flight do not read
-        files that were changed or removed since.
+        Certificates are passed by content, not by path: links that are reopened in flight then do not read files that
+        were changed or removed since.
         """
         certificate, private_key = _base64(self.certificate_pem), _base64(self.private_key_pem)
         return {
@@ -57,10 +57,10 @@ class BusSecurity:
                 "listen_private_key_base64": private_key,
                 "connect_certificate_base64": certificate,
                 "connect_private_key_base64": private_key,
-                # Who a peer is, its common name says; its address may change with every network.
+                # A peer is identified by its common name; its address may change with every network.
                 "verify_name_on_connect": False,
             },
-            # Only the mission names addresses to connect to.
+            # Addresses to connect to are in the mission only.
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
             "access_control": _access_control(f"cordon/{team}", self.grants),
@@ -68,12 +68,12 @@ class BusSecurity:
 
 
 def secured(endpoint: str) -> str:
-    """Return an endpoint's address under TLS, whatever scheme it is written with."""
+    """Return an endpoint with the scheme of TLS, replacing any other."""
     return f"{_TLS}/{endpoint.partition('/')[2]}"
 
 
 def _access_control(prefix: str, grants: Sequence[Grant]) -> dict[str, object]:
-    """Return the access control of a peer: what is not allowed here is denied."""
+    """Return the access control of a peer, which denies everything that is not allowed here."""
     names = [grant.common_name for grant in grants]
     everything = (f"{prefix}/**", f"{prefix}/{REPORT_TOPIC}/*")
     rules = [_rule(name, messages, flows, everything) for name, (messages, flows) in _HEARS.items()]

@@ -1,7 +1,7 @@
 """The mailbox between the bus's threads and the event loop: bounded in length, rate and number of senders.
 
-What a key or a length refuses is dropped before it is copied or decoded. Of each sender's states the newest waits, of
-messages that each count for themselves the last few.
+Messages with an invalid key or length are dropped before they are copied or decoded. The mailbox keeps the newest state
+of each sender, and the last few of messages that do not supersede each other.
 """
 
 import threading
@@ -17,14 +17,14 @@ from agents.team.sensors import SENSOR_TOPICS
 PAYLOAD_LIMIT_BYTES = 4096
 KEY_LENGTH = 128
 _KEPT = {TOPICS[MemberState].name: 4, TOPICS[CommandAnswer].name: 16}
-"""How many messages of a peer wait on topics where an older one counts too, for its sightings; elsewhere the newest."""
+"""The number of messages kept per peer on topics where older ones matter as well, for their sightings; else one."""
 _OPERATOR_KEPT, _OPERATOR_RATE_HZ = 8, 50.0
 _SENSOR_KEPT, _SENSOR_RATE_HZ = 32, 200.0
 _GUESTS = 32
-"""How many operators, and how many sensors, are told apart at a time."""
+"""The largest number of operators, and of sensors, that are distinguished at a time."""
 _NEW_GUESTS_HZ = 20.0
 _BURST_S = 0.5
-"""A sender may send what its rate allows in this time at once."""
+"""The burst of a sender: what its rate allows in this time."""
 _BURST_MIN = 10.0
 _VERBS = frozenset(get_args(Verb))
 
@@ -52,7 +52,7 @@ class _RateLimit:
 
 
 class _Box:
-    """What waits of one sender on one topic: the key and the payload of its newest messages."""
+    """The waiting messages of one sender on one topic: key and payload of the newest ones."""
 
     __slots__ = ("limit", "waiting")
 
@@ -62,7 +62,7 @@ class _Box:
 
 
 class _Guests:
-    """The boxes of senders whose names are not known before: the ones that were heard last."""
+    """The boxes of senders whose names are not known in advance: those received last."""
 
     def __init__(self, kept: int, rate_hz: float) -> None:
         self._kept = kept
@@ -71,7 +71,7 @@ class _Guests:
         self._newcomers = _RateLimit(_NEW_GUESTS_HZ)
 
     def box(self, name: str, now_s: float) -> _Box | None:
-        """Return the box of a sender, None if too many new ones come."""
+        """Return the box of a sender, None if there are too many new senders."""
         box = self._boxes.get(name)
         if box is None:
             if not self._newcomers.allows(now_s):
@@ -84,10 +84,10 @@ class _Guests:
 
 
 class Mailbox:
-    """Takes messages on any thread, and gives them out on another; `drops` counts what it dropped, by reason.
+    """Takes messages on any thread and returns them on another; `drops` counts the dropped ones by reason.
 
-    `members` are the team's vehicles, `own` those of them that this process flies; `rate_hz` is how many
-    messages a second each vehicle may send on each topic.
+    `members` are the team's vehicles, `own` those that this process flies; `rate_hz` is the largest rate of each
+    vehicle on each topic.
     """
 
     def __init__(self, own: Collection[int], members: Collection[int], rate_hz: float) -> None:
@@ -119,8 +119,8 @@ class Mailbox:
     def put(self, key: str, length: int, read: Read, now_s: float, *, own: bool = False) -> bool:
         """Take a message of `length` bytes on a key below the team's, or drop it; `read` returns its payload.
 
-        It is one of the `own` vehicles' or of another sender. Returns whether `take` has to be called: once until then,
-        whatever else comes.
+        `own` is whether a vehicle of this process sent it. Returns whether `take` has to be called; False while a call
+        is already pending.
         """
         with self._lock:
             box = (self._own if own else self._peers).get(key) or self._guest_box(key, now_s)
@@ -139,7 +139,7 @@ class Mailbox:
             return False
 
     def put_presence(self, name: str, present: bool) -> bool:
-        """Take that a vehicle is present or has gone; returns the same as `put`."""
+        """Take a change of a vehicle's presence; returns the same as `put`."""
         with self._lock:
             vehicle_id = self._ids.get(name)
             if vehicle_id is None:
@@ -149,7 +149,7 @@ class Mailbox:
             return self._calls()
 
     def put_operator(self, name: str, present: bool) -> None:
-        """Take that an operator is present or has gone; of those beyond what is told apart nothing is kept."""
+        """Take a change of an operator's presence; operators beyond the limit are ignored."""
         with self._lock:
             if not present:
                 self._present_operators.discard(name)
@@ -162,7 +162,7 @@ class Mailbox:
         return bool(self._present_operators)
 
     def take(self) -> tuple[dict[int, bool], list[tuple[str, bytes]]]:
-        """Return all that waits: whether vehicles are present, and messages with their keys, oldest sender first."""
+        """Return and remove all that waits: presence of vehicles, and messages with their keys, oldest sender first."""
         with self._lock:
             self._awaited = False
             presence, self._presence = self._presence, {}
@@ -177,7 +177,7 @@ class Mailbox:
         return not awaited
 
     def _guest_box(self, key: str, now_s: float) -> _Box | Reason:
-        """Return the box of an operator or a sensor, or why there is none for a key."""
+        """Return the box of an operator or a sensor, or the reason why a key has none."""
         parts = key.split("/", 3) if len(key) <= KEY_LENGTH else []
         match parts:
             case [topic, verb, name] if topic == OPERATOR_TOPIC and verb in _VERBS and is_name(name):

@@ -1,4 +1,4 @@
-"""The peer bus of a process over Zenoh: each message is received and decoded once, and handed to all participants here.
+"""The peer bus of a process over Zenoh: each message is received and decoded once, and passed to all its participants.
 
 The vehicles that a process flies share one Zenoh session, or one for each certificate where each has its own.
 """
@@ -21,7 +21,7 @@ from agents.team.sensors import SENSOR_TOPICS
 
 RATE_HZ = 100.0
 _SHOWN: dict[Role, str] = {"vehicle": PRESENCE_TOPIC, "operator": OPERATORS_TOPIC}
-"""Whose presence is shown, and on which topic."""
+"""The topics of the presence of participants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +39,18 @@ class Station:
 
 
 class ZenohBus:
-    """Joins a team's bus at explicit endpoints, for all participants of this process.
+    """The bus of a team at explicit endpoints, for all participants of this process.
 
     There is a session for each station; `connect` are the endpoints of other processes. The first session receives for
     all, and connects to the others of this process. Each vehicle may send `rate_hz` messages a second on each topic;
-    of vehicles that are not in the team nothing is received. The first participant that opens its bus opens the
-    sessions, the last one that closes closes them: they are opened and closed once.
+    vehicles outside the team are not received. The sessions are opened with the first participant and closed with the
+    last one, once each.
     """
 
     def __init__(
         self, team: BusTeam, stations: Sequence[Station], connect: Sequence[str] = (), rate_hz: float = RATE_HZ
     ) -> None:
-        """Take the settings; nothing is opened before a participant does."""
+        """Take the settings; the sessions are opened with the first participant."""
         ends = [*(each.listen for each in stations[1:] if each.listen is not None), *connect]
         self._sessions = [
             ZenohSession(team, station.listen, connect if i else ends, station.security)
@@ -77,7 +77,7 @@ class ZenohBus:
 
     @property
     def drops(self) -> Drops:
-        """The messages dropped so far before they were handed over, and own ones that could not be sent."""
+        """The messages dropped so far before delivery, and own messages that could not be sent."""
         unread, read = self._mailbox.drops, self._admission.drops
         return unread if read is NO_DROPS else unread.plus(read)
 
@@ -92,7 +92,7 @@ class ZenohBus:
         return self._mailbox.operated
 
     async def join(self, bus: "ParticipantBus") -> None:
-        """Open the sessions if they are not, and hand over messages to a participant from now on."""
+        """Open the sessions if necessary, and deliver messages to a participant from now on."""
         self._joined.append(bus)
         for peer_id in self._present - {bus.vehicle_id}:
             bus.on_presence(peer_id, True)
@@ -104,7 +104,7 @@ class ZenohBus:
         await asyncio.shield(self._opening)
 
     def leave(self, bus: "ParticipantBus") -> "asyncio.Future[None] | None":
-        """Hand over nothing more to a participant; after the last one, return what closes the sessions."""
+        """Stop deliveries to a participant; for the last one, return the future that closes the sessions."""
         if bus not in self._joined:
             return None
         self._joined.remove(bus)
@@ -112,7 +112,7 @@ class ZenohBus:
         return asyncio.ensure_future(self._close()) if self._closed else None
 
     async def _close(self) -> None:
-        """Close the sessions; a thread that is opening them meanwhile closes them as well, if this is cancelled."""
+        """Close the sessions; if this is cancelled, a thread that is opening them closes them."""
         if self._opening is not None:
             await asyncio.wait([self._opening])
         await asyncio.to_thread(self._close_blocking)
@@ -122,15 +122,15 @@ class ZenohBus:
         self._mailbox.count(reason)
 
     def take_message(self, key: str, length: int, read: Callable[[], bytes], *, own: bool) -> None:
-        """Take one message, on a thread of Zenoh's, or an own one on that which publishes it."""
+        """Take one message, on a Zenoh thread, or an own one on the publishing thread."""
         try:
             if self._mailbox.put(key, length, read, monotonic(), own=own):
                 self._wake()
-        except Exception:  # whatever it is, it must not reach Zenoh's thread
+        except Exception:  # no exception may reach Zenoh's thread
             self._mailbox.count(Reason.MALFORMED)
 
     def take_presence(self, name: str, present: bool) -> None:
-        """Take one change of presence, on a thread of Zenoh's."""
+        """Take one change of presence, on a Zenoh thread."""
         try:
             if self._mailbox.put_presence(name, present):
                 self._wake()
@@ -138,7 +138,7 @@ class ZenohBus:
             self._mailbox.count(Reason.MALFORMED)
 
     def take_operator(self, name: str, present: bool) -> None:
-        """Take one change of an operator's presence, on a thread of Zenoh's."""
+        """Take one change of an operator's presence, on a Zenoh thread."""
         self._mailbox.put_operator(name, present)
 
     def _open_blocking(self) -> None:
@@ -158,12 +158,12 @@ class ZenohBus:
             session.close()
 
     def _wake(self) -> None:
-        """Have the event loop take what waits, unless that is gone; the mailbox calls once until it has."""
+        """Make the event loop take what waits, unless it is closed; the mailbox requests this once until then."""
         if not self._closed and self._handover is not None:
             self._handover.ask()
 
     def _hand_over(self) -> None:
-        """Give out what waits."""
+        """Deliver what waits."""
         presence, messages = self._mailbox.take()
         for peer_id, present in presence.items():
             if present != (peer_id in self._present):
@@ -177,7 +177,7 @@ class ZenohBus:
                 self._deliver(key, payload)
 
     def _deliver(self, key: str, payload: bytes) -> None:
-        """Decode a message, and give it to all but its sender, unless it came on another key than its own."""
+        """Decode a message and deliver it to all but its sender, unless it came on a wrong key."""
         message = self._admission.admitted(key, payload)
         if message is None:
             return
@@ -185,11 +185,11 @@ class ZenohBus:
         self._give([bus.on_message for bus in self._others(sender)], message)
 
     def _others(self, vehicle_id: int | None) -> "list[ParticipantBus]":
-        """Return the participants that have joined, but a vehicle itself."""
+        """Return the participants that have joined, except a vehicle itself."""
         return [bus for bus in self._joined if vehicle_id is None or bus.vehicle_id != vehicle_id]
 
     def _give(self, receivers: Sequence[Callable[..., None]], *received: object) -> None:
-        """Call receivers; one that raises does not keep the others from it."""
+        """Call receivers; an exception of one does not affect the others."""
         assert self._loop is not None
         for receive in receivers:
             try:
@@ -199,13 +199,13 @@ class ZenohBus:
 
 
 class ParticipantBus:
-    """The bus of a process as one of its participants uses it; implements `agents.ports.PeerBus`.
+    """The bus of a process for one of its participants; implements `agents.ports.PeerBus`.
 
-    An observer publishes nothing; vehicles and operators show their presence. It is opened and closed once.
+    Observers publish nothing; vehicles and operators declare their presence. It is opened and closed once.
     """
 
     def __init__(self, bus: ZenohBus, session: ZenohSession, participant: Participant) -> None:
-        """Take what `ZenohBus.of` gives it."""
+        """Take the arguments of `ZenohBus.of`."""
         self.participant = participant
         self.vehicle_id = participant.vehicle_id
         self.on_message: Callable[[BusMessage], None] = _ignore
@@ -217,17 +217,17 @@ class ParticipantBus:
 
     @property
     def alive(self) -> bool:
-        """Whether the sessions that it sends and receives through are open; that peers are heard is another matter."""
+        """Whether the sessions that it sends and receives through are open; peers may be unreachable nevertheless."""
         return not self._closed and self._session.alive and self._bus.alive
 
     @property
     def drops(self) -> Drops:
-        """The messages that the process has dropped so far, and own ones that could not be sent."""
+        """The messages that the process has dropped so far, and own messages that could not be sent."""
         return self._bus.drops
 
     @property
     def operated(self) -> bool:
-        """Whether an operator is on the bus, be it this participant."""
+        """Whether an operator is on the bus, including this participant."""
         return self._bus.operated
 
     async def open(
@@ -236,7 +236,7 @@ class ParticipantBus:
         on_sensor: Callable[[str, bytes], None],
         on_presence: Callable[[int, bool], None],
     ) -> None:
-        """Join the team. Raises VehicleRefusedError when the endpoints cannot be used: a taken port."""
+        """Join the team. Raises VehicleRefusedError if the endpoints cannot be used, such as a port in use."""
         self.on_message, self.on_sensor, self.on_presence = on_message, on_sensor, on_presence
         try:
             await self._bus.join(self)
@@ -247,7 +247,7 @@ class ParticipantBus:
             raise
 
     def _appear(self) -> None:
-        """Show the presence of a vehicle or an operator, as the last step: a peer that sees it may send at once."""
+        """Declare the presence of a vehicle or operator, as the last step: peers may send as soon as they see it."""
         topic = _SHOWN.get(self.participant.role)
         if topic is not None:
             self._session.appear(self.participant.name, topic)

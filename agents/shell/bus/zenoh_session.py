@@ -30,37 +30,39 @@ from agents.team.participant import is_name
 
 _Mode = Literal["peer", "client", "router"]
 _LEASE_MS: dict[_Mode, int] = {"peer": 1000, "client": 3000, "router": 3000}
-"""Who dies is noticed at once, who freezes or is cut off after this. Routers are reached over radio: with 5 % of the
-packets lost, a link falls silent for longer than a second twice a minute."""
+"""A process that ends is detected at once, one that hangs or is cut off after this. Routers are reached over radio:
+with 5 % of the packets lost, a link is silent for longer than a second twice a minute.
+"""
 _ROUTER_TIMEOUT_MS = 10_000
-"""How long a router is tried: without one nothing can be sent."""
+"""The timeout of a connection to a router, without which nothing can be sent."""
 _MESSAGE_LIMIT_BYTES = 16 * PAYLOAD_LIMIT_BYTES
-"""Zenoh drops larger messages before it has put them together."""
+"""Zenoh drops larger messages before it has reassembled them."""
 _GUEST_SESSIONS = 32
-"""How many others than the team's vehicles may be connected to one."""
+"""The largest number of connections to a vehicle from others than the team's vehicles."""
 _KEY_RATE_HZ = 1000.0
-"""Zenoh drops what comes faster on one key: it keeps a burst of distinct messages from being delivered in full, so it
-is far above what any vehicle sends, and on topics of which the newest message alone counts."""
+"""Zenoh drops messages above this rate on one key, and so parts of a burst. The limit is therefore far above the rate
+of any vehicle, and set only on topics where only the newest message matters.
+"""
 _NEWEST_COUNTS = (MemberState, StartProposal, VehicleReport)
 
 
 class PresenceReceiver(Protocol):
-    """Takes who comes and goes, on any thread; it must not raise."""
+    """Takes changes of presence, on any thread; it must not raise."""
 
     def take_presence(self, name: str, present: bool) -> None:
-        """Take that a vehicle, this session's own as well, is present or has gone."""
+        """Take a change of a vehicle's presence, including this session's own."""
         ...
 
     def take_operator(self, name: str, present: bool) -> None:
-        """Take that an operator is present or has gone."""
+        """Take a change of an operator's presence."""
         ...
 
 
 class Receiver(PresenceReceiver, Protocol):
-    """Takes what a session receives, on any thread; it must not raise."""
+    """Takes the messages that a session receives, on any thread; it must not raise."""
 
     def take_message(self, key: str, length: int, read: Callable[[], bytes], *, own: bool) -> None:
-        """Take a message of `length` bytes on a key below the team's, `own` when the session has sent it itself."""
+        """Take a message of `length` bytes on a key below the team's; `own` if this session has sent it."""
         ...
 
 
@@ -81,17 +83,17 @@ class BusTeam:
 
     @property
     def prefix(self) -> str:
-        """What all keys of the team begin with."""
+        """The prefix of all keys of the team."""
         return f"cordon/{self.name}"
 
 
 class ZenohSession:
     """A peer at explicit endpoints such as `tcp/127.0.0.1:7447`; `listen` None opens no port.
 
-    Endpoints at which nothing listens yet are tried again. In a team with a router the session that listens at its
-    endpoint is the router, and all others connect to that alone. With `security` the endpoints are of TLS, whatever
-    scheme they are written with, and only the holders of its certificates are heard, each on its own keys. All methods
-    but `publish` block.
+    Connections to endpoints without a listener are retried. In a team with a router the session that listens at the
+    router's endpoint is the router, and all others connect to it only. With `security` the endpoints use TLS, whatever
+    their scheme, and only holders of its certificates are received, each on its own keys. All methods except `publish`
+    block.
     """
 
     def __init__(self, team: BusTeam, listen: str | None, connect: Sequence[str], security: BusSecurity | None) -> None:
@@ -115,14 +117,14 @@ class ZenohSession:
 
     @property
     def alive(self) -> bool:
-        """Whether it is open; that peers are heard is another matter."""
+        """Whether it is open; peers may be unreachable nevertheless."""
         return self._session is not None and not self._session.is_closed()
 
     def open(self, receiver: Receiver | None, *, own: bool, reports: bool) -> None:
-        """Join, and let a receiver take what others send, and with `own` also what this session sends itself.
+        """Join, and pass to a receiver the messages of others, and with `own` also those of this session.
 
-        The reports of the vehicles, which are for those who look on, come only with `reports`.
-        Raises VehicleRefusedError when the endpoints cannot be used: a taken port, or a router that does not answer.
+        Vehicles' reports, for operators and observers, are received only with `reports`.
+        Raises VehicleRefusedError if the endpoints cannot be used: a port in use, or a router that does not answer.
         """
         try:
             config = zenoh.Config()
@@ -149,13 +151,13 @@ class ZenohSession:
         session.declare_subscriber(keys, callback(take), allowed_origin=zenoh.Locality.REMOTE)
         if reports:
             session.declare_subscriber(f"{self._prefix}/{REPORT_TOPIC}/*", callback(take))
-        if own:  # not by a thread of its own: what is published here is taken before `publish` returns
+        if own:  # without a thread of its own: messages published here are taken before `publish` returns
             take_own = callback(partial(take, own=True), indirect=False)
             session.declare_subscriber(keys, take_own, allowed_origin=zenoh.Locality.SESSION_LOCAL)
         self._watch(session, receiver)
 
     def watch(self, receiver: PresenceReceiver) -> None:
-        """Let a receiver take who is there, comes and goes from now on."""
+        """Pass to a receiver the presence of others, now and on every change."""
         if self._session is not None:
             self._watch(self._session, receiver)
 
@@ -184,7 +186,7 @@ class ZenohSession:
         return True
 
     def appear(self, name: str, topic: str = PRESENCE_TOPIC) -> None:
-        """Show the presence of a vehicle from now on, or on the topic of operators that of one."""
+        """Declare the presence of a vehicle from now on, or of an operator on the topic of operators."""
         if self._session is not None:
             self._tokens[name] = self._session.liveliness().declare_token(f"{self._prefix}/{topic}/{name}")
 
@@ -202,11 +204,11 @@ class ZenohSession:
             self.disappear(name)
         if session is not None:
             with suppress(zenoh.ZError):
-                # It waits for callbacks that are running, and these wait for nothing: no deadlock.
+                # It waits for running callbacks, which do not wait for anything: no deadlock.
                 session.close()  # type: ignore[no-untyped-call]
 
     def _refusal(self, error: Exception) -> VehicleRefusedError:
-        """Put Zenoh's long words in short ones."""
+        """Return a short message for an error of Zenoh."""
         text = str(error)
         if self._router is not None:
             return VehicleRefusedError(
@@ -223,7 +225,7 @@ class ZenohSession:
 
 
 def _show(take: Callable[[str, bool], None], sample: zenoh.Sample) -> None:
-    """Pass on whose presence a liveliness token shows, and whether it begins or ends."""
+    """Pass on the name in a liveliness token, and whether its presence begins or ends."""
     take(str(sample.key_expr).rsplit("/", 1)[-1], sample.kind == zenoh.SampleKind.PUT)
 
 
@@ -240,18 +242,18 @@ def _settings(mode: _Mode, listen: str | None, connect: Sequence[str]) -> dict[s
         "scouting/multicast/enabled": False,
         "adminspace/enabled": False,
         "transport/link/tx/lease": _LEASE_MS[mode],
-        # Room for the messages of one tick. In Zenoh's own two places the third of a burst waits for a
-        # millisecond, inside the control loop, or is lost.
+        # Room for the messages of one tick. With Zenoh's default of two, the third message of a burst blocks the
+        # control loop for a millisecond, or is lost.
         "transport/link/tx/queue/size/data": 16,
-        # Messages are a few hundred bytes: all it would bring is what killed processes leave behind.
+        # Messages are a few hundred bytes, and killed processes leave shared memory behind.
         "transport/shared_memory/enabled": False,
     }
 
 
 def _limits(prefix: str, members: Collection[int]) -> dict[str, object]:
-    """Return Zenoh's own limits by path: they act before anything comes to Python.
+    """Return Zenoh's limits by path, which act before messages reach Python.
 
-    A rule of downsampling is shared by all keys that match it: there is one for each topic and vehicle.
+    All keys that match a downsampling rule share its rate, so there is one rule for each topic and vehicle.
     """
     keys = [f"{prefix}/{TOPICS[kind].name}/{member}" for kind in _NEWEST_COUNTS for member in members]
     return {

@@ -209,7 +209,7 @@ def test_the_plan_minimises_the_papers_cost(
     polar=st.builds(Polar, st.floats(1.5, 55.0), st.floats(-pi, pi), st.floats(-2.5, 2.5), st.floats(-0.5, 0.5)),
     others=st.lists(st.floats(-pi, pi), max_size=3),
 )
-def test_the_acceleration_asked_for_stays_within_its_bounds(
+def test_the_planned_acceleration_stays_within_its_bounds(
     polar: Polar, others: list[float], make_config: Maker
 ) -> None:
     config = make_config()

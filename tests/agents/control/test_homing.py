@@ -139,7 +139,7 @@ def test_vehicles_that_return_cross_in_layers_and_land_in_order_at_their_starts(
         assert dist(each.place, HOMES[i]) < 1.0
 
 
-def test_nobody_sinks_while_one_below_is_still_on_its_way(make_config: MakeConfig) -> None:
+def test_no_vehicle_descends_while_one_below_is_still_returning(make_config: MakeConfig) -> None:
     sky = settled(Sky(make_config, {1: (4.0, 4.0), 2: (4.0, 0.0), 3: (60.0, -4.0)}, **RETURN, landing_order=(3, 1, 2)))
     sky.end()
     first = sky.flyers[3]
@@ -180,7 +180,7 @@ def test_one_that_comes_down_alone_does_not_wait_for_those_that_fly_on(make_conf
     assert [i for i, each in sky.flyers.items() if each.down_s is not None] == [2]
 
 
-def test_nobody_waits_for_ever(make_config: MakeConfig) -> None:
+def test_every_wait_is_bounded(make_config: MakeConfig) -> None:
     sky = settled(Sky(make_config, {1: (0.0, 2.8), 2: (0.0, 0.0)}))
     sky.flyers[1].sink = lambda: None  # type: ignore[method-assign]  # it says that it lands, and never does
     sky.end()

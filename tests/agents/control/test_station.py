@@ -22,7 +22,7 @@ ARRIVED_M = 2.5
     own=st.integers(0, 7),
     start=st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0)),
 )
-def test_from_anywhere_around_it_the_slot_is_reached_and_nobody_met(
+def test_from_anywhere_around_it_the_slot_is_reached_without_a_conflict(
     shape: Shape, count: int, leader: int, own: int, start: tuple[float, float]
 ) -> None:
     slots = [offset_m(shape, place, leader % count, 5.0) for place in range(count)]

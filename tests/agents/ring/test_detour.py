@@ -35,7 +35,7 @@ def test_it_bends_outwards_unless_a_little_inwards_will_do(radius: float, way: f
 
 
 @pytest.mark.parametrize("off_m", [-1.5, -0.1, 0.1, 1.5])
-def test_around_one_that_was_on_the_ring_it_bends_to_one_side_wherever_that_is_believed_to_be(off_m: float) -> None:
+def test_around_one_that_was_on_the_ring_it_bends_to_one_side_for_any_estimate(off_m: float) -> None:
     assert bent_ring_m(40.0, np.array([0.3]), [Obstacle(0.3, 40.0 + off_m, 6.0)])[0] > 40.0
 
 

@@ -25,7 +25,7 @@ def fly(
 
 
 @pytest.mark.parametrize("target_m_s", [0.0, 0.5, 1.0, 1.35])
-def test_a_ring_that_can_be_flown_is_flown_as_asked(target_m_s: float, make_config: Maker) -> None:
+def test_a_feasible_ring_is_flown_as_in_the_mission(target_m_s: float, make_config: Maker) -> None:
     ring_feasibility = RingFeasibility(make_config(encirclement=RING))
     assert fly(ring_feasibility, target_m_s, 0.0, 20.0) == []
     assert (ring_feasibility.needed, ring_feasibility.words) == (FULL_RING, "")
@@ -54,7 +54,7 @@ def test_what_is_lowered_is_the_most_that_the_speed_allows(make_config: Maker) -
     assert ring_feasibility.shares(3.0) == RingScale(0.0, 1.0)
 
 
-def test_a_ring_too_tight_for_a_turn_is_widened_by_what_it_takes(make_config: Maker) -> None:
+def test_a_ring_too_small_for_a_turn_is_widened_as_needed(make_config: Maker) -> None:
     """The smallest R with V²/(0.25 R) + w² R <= A, for V = 2 m/s, w = 0.3 * 0.15 rad/s, A = 1 m/s²: 16.5 m."""
     config = make_config(encirclement=RING | {"acceleration_max_m_s2": 1.0, "speed_max_m_s": 20.0})
     squared = 0.045**2
@@ -63,7 +63,7 @@ def test_a_ring_too_tight_for_a_turn_is_widened_by_what_it_takes(make_config: Ma
     assert RingFeasibility(config).shares(2.0) == RingScale(0.3, 1.7)
 
 
-def test_a_need_is_told_once_taken_up_soon_and_left_late(make_config: Maker) -> None:
+def test_a_feasible_ring_is_reported_once_adopted_soon_and_relaxed_late(make_config: Maker) -> None:
     ring_feasibility = RingFeasibility(make_config(encirclement=RING | {"acceleration_max_m_s2": 4.0}))
     assert fly(ring_feasibility, 0.1, -4.0, 4.0) == []
     assert fly(ring_feasibility, 2.0, 0.0, 0.4) == []
@@ -78,7 +78,7 @@ def test_a_need_is_told_once_taken_up_soon_and_left_late(make_config: Maker) -> 
     assert ring_feasibility.orbit.angular_rate_rad_s == pytest.approx(0.15)
 
 
-def test_how_fast_a_target_seems_to_be_when_it_was_just_found_changes_nothing(make_config: Maker) -> None:
+def test_the_speed_of_a_target_just_found_does_not_change_the_ring(make_config: Maker) -> None:
     ring_feasibility = RingFeasibility(make_config(encirclement=RING))
     assert fly(ring_feasibility, 5.0, 0.0, 2.5) + fly(ring_feasibility, 0.2, 2.5, 10.0) == []
     assert ring_feasibility.orbit == RingFeasibility(make_config(encirclement=RING)).orbit
@@ -104,7 +104,7 @@ def test_who_waits_outside_flies_by_the_ring_of_those_on_it_at_once(make_config:
     assert ring_feasibility.orbit.radius_m == pytest.approx(16.05)
 
 
-def test_everybody_flies_by_the_needs_of_whoever_needs_most_and_nobody_holds_on_to_them(make_config: Maker) -> None:
+def test_all_fly_the_most_restricted_ring_and_return_from_it(make_config: Maker) -> None:
     config = make_config(encirclement=RING)
     one, other = RingFeasibility(config), RingFeasibility(config)
     for tick in range(100):
@@ -118,7 +118,7 @@ def test_everybody_flies_by_the_needs_of_whoever_needs_most_and_nobody_holds_on_
     assert one.orbit == other.orbit == RingFeasibility(config).orbit
 
 
-def test_a_team_knows_the_ring_that_its_engaged_members_can_fly() -> None:
+def test_a_team_has_the_ring_that_its_engaged_members_can_fly() -> None:
     team = a_team()
     for sender, tactic, rate, radius in ((1, "encircle", 0.7, 1.0), (2, "encircle", 1.0, 1.4), (3, "hold", 0.1, 2.0)):
         team.hear(MemberState(sender, 1.0, tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))

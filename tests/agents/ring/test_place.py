@@ -64,7 +64,7 @@ def test_the_fastest_mode_of_a_large_ring_is_bounded(members: int) -> None:
     assert fastest <= 3.0 + 1e-9
 
 
-def test_the_decay_told_of_a_ring_is_its_slowest_mode(subtests: pytest.Subtests) -> None:
+def test_the_stated_decay_of_a_ring_is_that_of_its_slowest_mode(subtests: pytest.Subtests) -> None:
     for members in range(2, 25):
         for gain in [0.05, 0.3, 1.5]:
             with subtests.test(members=members, gain=gain):
@@ -118,7 +118,7 @@ def test_neighbours_by_hand(own: float, others: list[float], lead: float, lag: f
     assert place.desired_rad == pytest.approx(tau / (len(others) + 1))
 
 
-def test_alone_on_the_ring_there_is_nothing_to_keep() -> None:
+def test_alone_on_the_ring_there_is_no_spacing_to_keep() -> None:
     place = ring_place(1.0, [])
     assert place == RingPlace(1, None, None)
     assert spacing_errors_rad([1.0]) == [0.0]

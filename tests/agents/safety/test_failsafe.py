@@ -541,7 +541,7 @@ def test_a_battery_is_no_reason_to_go_on_once_it_reads_better(make_flight: Calla
     assert flight.status.tactic is Tactic.RETURN_AND_LAND
 
 
-def test_a_battery_that_sags_for_a_moment_or_is_not_known_is_borne(make_flight: Callable[..., Flight]) -> None:
+def test_a_short_voltage_sag_or_an_unknown_charge_triggers_no_failsafe(make_flight: Callable[..., Flight]) -> None:
     flight = make_flight(Condition.BATTERY_LOW)
     for _ in range(4):
         flight.battery = 0.05
@@ -571,7 +571,7 @@ def test_who_has_the_vehicle_keeps_it_and_it_returns_by_resume_once_all_is_well(
     assert (flight.status.tactic, flight.told.alert) == (Tactic.FORMATION, "")
 
 
-def test_the_gravest_is_obeyed_and_told(make_flight: Callable[..., Flight]) -> None:
+def test_the_gravest_condition_determines_the_reaction_and_the_report(make_flight: Callable[..., Flight]) -> None:
     flight = make_flight(Condition.TELEMETRY_STALE)
     peers(2)(flight)
     flight.fly(ONSET_S + 3.0)
@@ -622,7 +622,7 @@ def test_the_last_peer_to_fall_silent_counts_beside_those_that_landed(make_fligh
 
 
 @pytest.mark.parametrize("drift_m_s", [0.0, 0.5])
-def test_on_the_ring_who_hears_nobody_stays_clear_of_all_that_the_others_may_fly(
+def test_on_the_ring_a_vehicle_without_bus_stays_clear_of_the_others(
     drift_m_s: float, make_flight: Callable[..., Flight]
 ) -> None:
     flight = make_flight(Condition.TARGET_STALE)

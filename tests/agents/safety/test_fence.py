@@ -134,7 +134,7 @@ def test_from_inside_the_nearest_point_of_every_edge_within_reach_is_found(
 
 
 @given(corners=polygons(), offset=offsets)
-def test_from_outside_the_shortest_way_back_alone_is_told(corners: Corners, offset: Corner) -> None:
+def test_from_outside_only_the_shortest_way_back_is_returned(corners: Corners, offset: Corner) -> None:
     place = near(corners, offset)
     sampled_m = distances_m(corners, place)
     assume(sampled_m.min() > 0.01)

@@ -147,7 +147,7 @@ near = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 
 
 @given(aim=near)
-def test_an_aim_that_keeps_everything_passes_as_it_is(aim: Pair, make_config: Maker) -> None:
+def test_an_aim_that_meets_all_demands_is_unchanged(aim: Pair, make_config: Maker) -> None:
     config = make_config(safety={"fence_m": BOX, "setpoint_lead_max_m": 8.0})
     wanted = np.array(aim)
     guarded = Guard(config).check(situation(), wanted, [body((0.0, 40.0)), body((-40.0, 0.0))])
@@ -155,7 +155,7 @@ def test_an_aim_that_keeps_everything_passes_as_it_is(aim: Pair, make_config: Ma
     assert (guarded.status, guarded.causes, guarded.yielded) == (GuardStatus.PASSED, (), None)
 
 
-def test_a_change_that_nobody_would_notice_is_none(make_config: Maker) -> None:
+def test_a_change_within_the_tolerances_is_not_sent(make_config: Maker) -> None:
     config = make_config(safety={"fence_m": BOX})
     guarded, setpoint = checked(config, situation(place=(9.0, 0.0)), (10.005, 0.0))
     assert setpoint == pytest.approx((10.0, 0.0))
@@ -320,7 +320,7 @@ def test_status_and_cause_say_why(
     assert bool(setpoint[1] < 0.0) is (cause in (Cause.SEPARATION, Cause.KEEP_OUT))  # around it, on the right
 
 
-def test_of_a_target_that_nobody_sees_there_is_nothing_to_keep_out_of(make_config: Maker) -> None:
+def test_a_target_that_is_not_seen_has_no_keep_out(make_config: Maker) -> None:
     guarded, _ = checked(make_config(safety={"keep_out_m": 3.0}), situation(), (5.0, 0.0))
     assert guarded.status is GuardStatus.PASSED
 

@@ -12,7 +12,7 @@ PASSED = Guarded(AIM_M)
 CHANGED = Guarded(AIM_M + np.array([3.0, -4.0]), GuardStatus.CHANGED, (Cause.SPEED, Cause.SEPARATION))
 
 
-def test_an_intervention_is_told_by_its_causes_and_by_how_far_the_aim_was_moved() -> None:
+def test_an_intervention_is_reported_with_its_causes_and_the_motion_of_the_aim() -> None:
     news = Interventions().news(10.0, AIM_M, CHANGED)
     assert news is not None
     causes, because = news
@@ -22,7 +22,7 @@ def test_an_intervention_is_told_by_its_causes_and_by_how_far_the_aim_was_moved(
 
 
 @pytest.mark.parametrize(("quiet_s", "news"), [(0.1, False), (QUIET_S, False), (QUIET_S + 0.1, True)])
-def test_one_that_goes_on_and_off_is_news_once(quiet_s: float, news: bool) -> None:
+def test_an_intermittent_intervention_is_reported_once(quiet_s: float, news: bool) -> None:
     interventions = Interventions()
     told = [interventions.news(10.0 + tick / 10.0, AIM_M, CHANGED) for tick in range(100)]
     assert [each is not None for each in told] == [True] + [False] * 99

@@ -52,7 +52,7 @@ speeds = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 
 
 @given(velocity=speeds, lead=speeds, ahead_s=st.floats(0.01, 0.3))
-def test_a_neighbour_goes_on_as_the_plant_answers_the_setpoint_it_published(
+def test_a_neighbour_is_predicted_by_the_plant_under_its_published_setpoint(
     velocity: tuple[float, float], lead: tuple[float, float], ahead_s: float
 ) -> None:
     position = 3.0, -4.0
@@ -68,7 +68,7 @@ def test_a_neighbour_goes_on_as_the_plant_answers_the_setpoint_it_published(
     assert (soon[2:] - start[2:]) / 1e-5 == pytest.approx(body.acceleration_m_s2, abs=1e-3)
 
 
-def test_no_neighbour_is_taken_to_accelerate_by_more_than_the_limit() -> None:
+def test_a_neighbours_predicted_acceleration_is_limited() -> None:
     (body,) = Neighbours(CONFIG).bodies(situation(10.0, 0.1), [member(setpoint=(1003.0, -996.0))], [])
     limit = CONFIG.safety.acceleration_max_m_s2
     assert body.acceleration_m_s2 == (limit, -limit)
@@ -179,7 +179,7 @@ def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_to
 @pytest.mark.parametrize(
     ("tactic", "height_m", "avoided"), [("formation", HEIGHT_M, True), ("land", HEIGHT_M, True), ("land", 0.2, False)]
 )
-def test_the_core_keeps_away_from_where_somebody_was_lost(
+def test_the_core_keeps_away_from_where_a_vehicle_was_lost(
     tactic: str, height_m: float, avoided: bool, make_config: Maker
 ) -> None:
     core, motion, away_m = VehicleCore(make_config(safety={"lost_avoided_s": 5.0})), np.zeros(4), []
@@ -202,7 +202,7 @@ def test_the_core_keeps_away_from_where_somebody_was_lost(
 @pytest.mark.parametrize(
     ("event", "guarded"), [(Event.HOLD, True), (Event.LAND, False), (Event.PILOT_TOOK_OVER, False)]
 )
-def test_a_setpoint_that_nobody_obeys_is_not_guarded(event: Event, guarded: bool, make_config: Maker) -> None:
+def test_a_setpoint_without_effect_is_not_guarded(event: Event, guarded: bool, make_config: Maker) -> None:
     core = VehicleCore(make_config())
     core.on_event(event)
     for tick in range(5):
@@ -285,7 +285,7 @@ def test_neighbours_in_a_line_that_fly_on_are_not_exposed() -> None:
     assert neighbours.exposed(here, beside, np.array([lead_m, 3.0])) != []
 
 
-def test_one_that_was_last_heard_as_it_flew_ahead_may_have_stopped(make_config: Maker) -> None:
+def test_a_silent_vehicle_that_flew_ahead_may_have_stopped(make_config: Maker) -> None:
     config = make_config(safety={"acceleration_max_m_s2": 0.1})
     here = msgspec.structs.replace(situation(11.2), acting_motion=np.array([0.0, 0.0, 3.0, 0.0]))
     ahead = member(10.0, position=(6.0, 0.0), velocity=(3.0, 0.0), setpoint=(9.0, 0.0))

@@ -29,7 +29,7 @@ def test_the_way_home_is_rising_flying_and_landing_by_hand(config: AgentConfig) 
 
 
 @pytest.mark.parametrize("at_m", [(100.0, 0.0), (-60.0, 80.0)])
-def test_a_head_wind_costs_what_it_costs_the_plant(config: AgentConfig, at_m: tuple[float, float]) -> None:
+def test_a_head_wind_lowers_the_speed_as_on_the_plant(config: AgentConfig, at_m: tuple[float, float]) -> None:
     """Fly the plant home, its setpoint ahead by the lead, and time 100 m of it."""
     back = -np.array(at_m) / 100.0
     head_wind = -0.5 * back
@@ -48,7 +48,7 @@ def test_a_head_wind_costs_what_it_costs_the_plant(config: AgentConfig, at_m: tu
     assert near_s > way_home_s(config, at_m, 8.0, (0.0, 0.0)) + 10.0
 
 
-def test_a_tail_or_cross_wind_is_no_gain_and_no_wind_takes_for_ever(config: AgentConfig) -> None:
+def test_tail_and_cross_wind_give_no_gain_and_the_duration_is_bounded(config: AgentConfig) -> None:
     calm_s = way_home_s(config, (100.0, 0.0), 8.0, (0.0, 0.0))
     assert way_home_s(config, (100.0, 0.0), 8.0, (-0.5, 0.0)) == calm_s
     assert way_home_s(config, (100.0, 0.0), 8.0, (0.0, 0.5)) == pytest.approx(calm_s)
@@ -74,7 +74,7 @@ def test_the_rate_of_discharge_gives_the_time_until_the_charge_is_critical(perce
     assert endurance.left_s(120.0) == pytest.approx(expected_s, rel=0.1)
 
 
-def test_nothing_is_concluded_from_less_than_a_minute_or_from_a_battery_that_stays_as_it_is() -> None:
+def test_the_flight_time_is_unknown_in_the_first_minute_and_for_a_constant_charge() -> None:
     early, steady = Endurance(0.1), Endurance(0.1)
     discharged(early, 58, 0.5)
     assert early.left_s(58.0) == inf

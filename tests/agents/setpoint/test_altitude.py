@@ -59,7 +59,7 @@ def test_what_nobody_tells_is_not_known() -> None:
     assert believed([told(None, each / 5.0) for each in range(20)]) is None
 
 
-def test_sightings_of_one_moment_count_as_much_as_they_are_sure() -> None:
+def test_simultaneous_sightings_are_weighted_by_their_covariance() -> None:
     heights_m, sigmas_m = np.array([5.0, 6.0, 4.4]), np.array([0.5, 1.0, 2.0])
     mean_m = believed(told(*each) for each in zip(heights_m, [1.0] * 3, sigmas_m, strict=True))
     assert mean_m == pytest.approx(np.average(heights_m, weights=sigmas_m**-2.0))
@@ -86,7 +86,7 @@ def test_a_climb_is_followed_half_a_second_late_and_noise_is_smoothed() -> None:
     assert np.std(errors_m[100:]) < 0.4
 
 
-def test_an_outlier_is_refused_and_what_everybody_says_for_a_while_is_not() -> None:
+def test_an_outlier_is_refused_and_persistent_agreement_is_not() -> None:
     steady = [told(5.0, each / 5.0) for each in range(20)]
     assert believed([*steady, told(25.0, 4.0)]) == pytest.approx(5.0)
     raised = [told(25.0, 4.0 + each / 5.0) for each in range(15)]
@@ -107,7 +107,7 @@ def test_a_sighting_with_an_altitude_that_is_none_is_refused() -> None:
 
 
 @pytest.mark.parametrize("altitude_m", [None, 4.25])
-def test_peers_hear_of_it(altitude_m: float | None) -> None:
+def test_peers_receive_it(altitude_m: float | None) -> None:
     sighting, here = told(altitude_m), (0.0, 0.0)
     package = target_package(1, sighting, (2, 3))
     state = MemberState(1, sighting.time_s, "encircle", here, here, here, here, sightings=(package,))

@@ -43,9 +43,7 @@ def test_an_aim_moves_by_one_bound_a_tick_and_the_undisturbed_one_with_it(make_c
 
 
 @pytest.mark.parametrize("tactic", [Tactic.EXCITE, Tactic.LAND, Tactic.PILOT_OVERRIDE])
-def test_steps_for_identification_and_setpoints_that_nobody_obeys_are_left_alone(
-    tactic: Tactic, make_config: Maker
-) -> None:
+def test_identification_steps_and_setpoints_without_effect_are_not_limited(tactic: Tactic, make_config: Maker) -> None:
     increment = SlewLimit(make_config())
     increment.sent(np.zeros(2))
     assert increment.bounded(tactic, plan(9.0, 9.0)).aim_m.tolist() == [9.0, 9.0]

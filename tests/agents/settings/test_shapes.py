@@ -35,7 +35,7 @@ def test_in_no_shape_is_anybody_nearer_than_the_spacing(subtests: pytest.Subtest
 
 
 @pytest.mark.parametrize("leader", [0, 1, 2])
-def test_on_the_straight_way_from_shape_to_shape_nobody_meets(leader: int) -> None:
+def test_on_straight_paths_between_shapes_vehicles_keep_apart(leader: int) -> None:
     # All set out together and fly at one pace: the nearest two are never nearer than half the spacing.
     for before, after in combinations(SHAPES[:3], 2):
         for share in (step / 50.0 for step in range(51)):

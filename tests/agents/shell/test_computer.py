@@ -12,7 +12,7 @@ from agents.shell import computer
 from agents.shell.computer import ComputerClock, computer_clock, short_of
 
 
-def test_nothing_is_short_of_where_limits_are_met_and_both_are_told_where_not(
+def test_nothing_is_short_within_limits_and_both_are_reported_below(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = tmp_path / "flight.mcap"
@@ -30,7 +30,7 @@ def test_nothing_is_short_of_where_limits_are_met_and_both_are_told_where_not(
     assert "disk" in short_of(log)
 
 
-def test_a_folder_that_is_gone_is_no_exception(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_folder_raises_no_exception(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(computer, "MEMORY_SHARE_MIN", 0.0)
     assert short_of(tmp_path / "gone" / "flight.mcap") == ""
 

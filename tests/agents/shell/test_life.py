@@ -149,7 +149,7 @@ def test_what_ends_a_flight_in_the_air_leads_down_or_away() -> None:
 
 
 @pytest.mark.parametrize("phase", sorted(STEERED, key=str))
-def test_a_pilot_who_takes_over_is_obeyed_wherever_the_core_steers(phase: Phase) -> None:
+def test_a_pilot_may_take_over_in_every_phase_with_control(phase: Phase) -> None:
     assert A.HAND_OVER in next_phase(phase, E.PILOT_TOOK_OVER)[1]
 
 

@@ -69,7 +69,7 @@ def test_what_cannot_be_a_message_is_dropped_unread() -> None:
     assert mailbox.drops == Drops(too_long=2)
 
 
-def test_own_vehicles_are_heard_from_this_process_only() -> None:
+def test_own_vehicles_are_received_from_this_process_only() -> None:
     mailbox = Mailbox((1, 2), MEMBERS, 100.0)
     assert mailbox.put("member/1", 1, lambda: b"own", 100.0, own=True)
     assert not mailbox.put("member/2", 1, unread, 100.0)

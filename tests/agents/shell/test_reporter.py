@@ -46,7 +46,7 @@ class Listener:
         return next(at_s for at_s, report in self.reports if report.mode == mode)
 
 
-def test_a_flight_is_reported_once_a_second_and_what_is_new_at_once() -> None:
+def test_a_flight_is_reported_once_a_second_and_changes_at_once() -> None:
     async def main() -> None:
         flight = FakeFlight()
         listener = Listener(flight)

@@ -57,16 +57,14 @@ def exchange(
 
 
 @given(st.tuples(st.floats(0.0, 4.0), st.floats(0.0, 4.0), st.floats(0.0, 4.0)), fates)
-def test_everybody_starts_at_the_earliest_proposal(
-    up_s: tuple[float, float, float], fates: list[tuple[int, float]]
-) -> None:
+def test_all_start_at_the_earliest_proposal(up_s: tuple[float, float, float], fates: list[tuple[int, float]]) -> None:
     vehicles, proposed = exchange(up_s, fates)
     assert proposed
     assert {readiness.start_s for readiness in vehicles} == {min(proposed)}
     assert min(proposed) >= max(up_s) + LEAD_TIME_S
 
 
-def test_nobody_proposes_before_everybody_was_heard_lately() -> None:
+def test_no_start_is_proposed_before_all_members_were_received_recently() -> None:
     readiness = TeamReadiness(1, MEMBERS)
     assert readiness.missing(0.0) == [2, 3]
     assert readiness.message(0.0).start_s is None
@@ -96,7 +94,7 @@ def test_only_the_other_members_are_listened_to(sender: int) -> None:
     assert readiness.missing(0.0) == [2, 3]
 
 
-def test_a_late_message_makes_nobody_look_older() -> None:
+def test_a_late_message_does_not_make_a_peer_older() -> None:
     readiness = TeamReadiness(1, (1, 2))
     readiness.receive(StartProposal(2, 5.0, None))
     readiness.receive(StartProposal(2, 4.0, None))
@@ -120,7 +118,7 @@ def test_who_is_not_ready_yet_is_not_there_and_starts_nothing() -> None:
     assert readiness.start_s == 0.6 + LEAD_TIME_S
 
 
-def test_the_least_lag_tells_how_far_a_peers_clock_is_off_once_it_was_heard_often_enough() -> None:
+def test_the_least_lag_is_the_offset_of_a_peers_clock_after_enough_messages() -> None:
     clocks = PeerClocks()
     for count in range(1, SAMPLES_MIN + 1):
         assert clocks.lags_s() == {}
@@ -133,7 +131,7 @@ def test_the_least_lag_tells_how_far_a_peers_clock_is_off_once_it_was_heard_ofte
 
 
 @pytest.mark.parametrize(("lag_s", "told"), [(0.51, "0.51 s ahead of"), (-0.51, "0.51 s behind"), (0.49, None)])
-def test_nobody_flies_with_a_peer_of_another_time(lag_s: float, told: str | None) -> None:
+def test_a_peer_with_another_clock_is_refused(lag_s: float, told: str | None) -> None:
     clocks = PeerClocks()
     for _ in range(SAMPLES_MIN - 1):
         clocks.receive(3, lag_s)
@@ -194,7 +192,7 @@ def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
     asyncio.run(late())
 
 
-def test_a_late_comer_takes_the_start_it_is_told() -> None:
+def test_a_late_member_joins_at_the_start_that_it_receives() -> None:
     comer = TeamReadiness(2, (1, 2, 3))
     comer.receive(StartProposal(1, 500.0, 102.0))
     assert comer.start_s == 102.0

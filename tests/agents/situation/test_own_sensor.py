@@ -48,7 +48,7 @@ def test_who_agrees_is_used_and_so_is_an_outlier_now_and_then(sensor: OwnSensor)
     assert not sensor.contradictions(20.0)
 
 
-def test_a_sensor_that_admits_how_unsure_it_is_does_not_contradict(sensor: OwnSensor) -> None:
+def test_a_sensor_with_a_large_covariance_does_not_contradict(sensor: OwnSensor) -> None:
     for tick in range(20):
         sensor.accepts(sighting(OWN, tick / 5.0, 10.0))
         assert sensor.accepts(sighting(PEER, tick / 5.0, 22.0, sigma_m=4.0))

@@ -26,7 +26,7 @@ def test_a_step_beyond_the_limit_either_way(by_s: float, off: bool) -> None:
         assert stepped[1].by_s == pytest.approx(by_s, abs=0.03)
 
 
-def test_a_single_message_that_comes_late_is_forgotten_with_the_next() -> None:
+def test_a_single_late_message_is_ignored_after_the_next() -> None:
     watch = watched()
     watch.hear(1, 0.9, 10.0)
     watch.hear(1, 0.05, 10.1)
@@ -40,7 +40,7 @@ def test_a_network_that_slows_down_is_no_clock() -> None:
         assert watch.stepped(10.0 + tick / 10.0, 1.0) == {}
 
 
-def test_the_clocks_of_two_peers_are_told_apart_and_one_set_back_is_well_again() -> None:
+def test_the_clocks_of_two_peers_are_distinguished_and_a_corrected_one_is_cleared() -> None:
     watch = watched()
     for tick in range(10):
         watch.hear(1, 3.0, 10.0 + tick / 10.0)
@@ -51,7 +51,7 @@ def test_the_clocks_of_two_peers_are_told_apart_and_one_set_back_is_well_again()
 
 
 @pytest.mark.parametrize(("time_scale", "after_s"), [(1.0, 1.05), (5.0, 5.05)])
-def test_one_that_says_nothing_any_more_is_silent_rather_than_off(time_scale: float, after_s: float) -> None:
+def test_a_peer_without_messages_is_silent_and_its_clock_not_stepped(time_scale: float, after_s: float) -> None:
     watch = watched()
     watch.hear(1, 3.0, 10.0)
     assert list(watch.stepped(10.0 + after_s - 0.1, time_scale)) == [1]

@@ -46,7 +46,7 @@ def test_a_vehicle_that_jumps_keeps_its_old_state_for_a_second_and_both_places_c
     assert len(places_m(team, 65.9)) == 1
 
 
-def test_a_second_source_replaces_nothing_however_long_it_sends() -> None:
+def test_a_second_source_never_replaces_the_first() -> None:
     team = a_team()
     for tick in range(300):
         time_s = tick * PERIOD_S
@@ -68,7 +68,7 @@ def test_one_contradictory_state_is_not_reported_and_forgotten_soon() -> None:
 
 
 @pytest.mark.parametrize("gap_s", [0.5, 0.9, 3.0, 30.0])
-def test_lost_messages_and_an_agent_that_comes_back_are_not_doubted(gap_s: float) -> None:
+def test_lost_messages_and_a_returning_agent_raise_no_doubt(gap_s: float) -> None:
     team = a_team()
     hear(team, 0.0, 5.0)
     hear(team, 5.0 + gap_s, 10.0 + gap_s)
@@ -76,7 +76,7 @@ def test_lost_messages_and_an_agent_that_comes_back_are_not_doubted(gap_s: float
     assert len(places_m(team, 9.9 + gap_s)) == 1
 
 
-def test_one_that_comes_back_farther_than_it_can_fly_is_doubted_and_its_last_place_counts() -> None:
+def test_a_vehicle_that_returns_farther_than_it_can_fly_is_doubted_and_its_last_position_avoided() -> None:
     team = a_team()
     hear(team, 0.0, 5.0)
     hear(team, 7.0, 9.0, 300.0)
@@ -84,7 +84,7 @@ def test_one_that_comes_back_farther_than_it_can_fly_is_doubted_and_its_last_pla
     assert places_m(team, 8.9) == pytest.approx([317.8, 9.8])
 
 
-def test_late_messages_in_any_order_are_not_doubted() -> None:
+def test_late_messages_in_any_order_raise_no_doubt() -> None:
     team = a_team()
     for time_s in (1.0, 1.3, 1.1, 1.2, 1.6, 1.4, 1.5, 1.5):
         team.hear(state(time_s))
@@ -112,7 +112,7 @@ def test_a_jump_that_the_vehicle_announces_is_not_doubted_and_both_places_count(
     assert places_m(team, 5.9) == pytest.approx([31.8, 9.8])
 
 
-def test_hard_manoeuvres_take_off_and_landing_are_not_doubted() -> None:
+def test_hard_manoeuvres_take_off_and_landing_raise_no_doubt() -> None:
     team = a_team()
     x, speed, altitude = 0.0, 0.0, 0.0
     for tick in range(400):

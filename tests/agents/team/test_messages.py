@@ -110,7 +110,7 @@ def test_what_goes_in_comes_out(message: BusMessage) -> None:
 
 
 @given(states)
-def test_a_state_comes_out_within_half_a_unit_and_goes_on_unchanged(state: MemberState) -> None:
+def test_a_decoded_state_is_within_half_a_unit_and_encodes_unchanged(state: MemberState) -> None:
     again = decode(encode(state))
     assert isinstance(again, MemberState)
     assert decode(encode(again)) == again, "what a log keeps is what was received"
@@ -144,7 +144,7 @@ def near(one: msgspec.Struct, other: msgspec.Struct, *names: str, within: float)
 
 
 @given(reports)
-def test_a_report_comes_out_within_half_a_unit(report: VehicleReport) -> None:
+def test_a_decoded_report_is_within_half_a_unit(report: VehicleReport) -> None:
     again = decode(encode(report))
     assert isinstance(again, VehicleReport)
     assert decode(encode(again)) == again

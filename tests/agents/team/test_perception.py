@@ -133,7 +133,7 @@ def test_nonsense_is_refused(payload: bytes) -> None:
     assert perception.refused == {Refusal.MALFORMED: 1}
 
 
-def test_a_reason_is_told_once_and_counted_ever_after() -> None:
+def test_a_reason_is_reported_once_and_counted_every_time() -> None:
     told: list[str] = []
     perception = Perception(EARTH, told.append)
     for _ in range(5):

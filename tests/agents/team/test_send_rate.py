@@ -73,11 +73,11 @@ def test_close_to_others_the_rate_is_full() -> None:
         {"position_sigma_m": 0.15},
     ],
 )
-def test_news_goes_out_at_once_and_again(changes: dict[str, Any]) -> None:
+def test_a_change_is_sent_at_once_and_repeated(changes: dict[str, Any]) -> None:
     assert settled().sent_s(10.95, 11.55, **changes) == pytest.approx([10.95, 11.05, 11.15, 11.25, 11.35])
 
 
-def test_a_sighting_goes_out_at_once() -> None:
+def test_a_sighting_is_sent_at_once() -> None:
     assert settled().sent_s(10.95, 11.0, sightings=(SIGHTING,)) == [10.95]
     assert settled().sent_s(10.95, 11.0) == []
 

@@ -11,7 +11,7 @@ from tests.experiments.controllers.flights import COURSES, FAMILY, LMPC, NMPC, C
 from tests.experiments.controllers.tables import PLANNERS, tables
 
 UNSOLVED_MAX = {LMPC: 0.0, NMPC: 0.1}
-"""The share of its plans that a planner may leave unsolved: an NMPC that fails more often is not compared fairly."""
+"""The largest share of unsolved plans; with more failures a comparison with the NMPC is not fair."""
 
 
 def flights(courses: dict[str, Course]) -> list[Outcome]:
@@ -32,7 +32,7 @@ def flights(courses: dict[str, Course]) -> list[Outcome]:
 
 
 def faults(outcomes: Sequence[Outcome]) -> list[str]:
-    """Return in what flights and plans fail."""
+    """Return the failures of flights and plans."""
     found = [
         f"{each.job.planner} left the ring: {each.job.scene}, seed {each.job.seed}"
         for each in outcomes

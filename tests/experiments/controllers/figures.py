@@ -18,7 +18,7 @@ _LINES: dict[str, dict[str, Any]] = {LMPC: {"color": COLOURS[0]}, NMPC: {"color"
 
 
 def draw(folder: Path, outcomes: Sequence[Outcome]) -> list[Path]:
-    """Draw what the outcomes hold into a folder: one flight by both planners, and the draws of the plant family."""
+    """Draw the figures into a folder: one flight by both planners, and the draws of the plant family."""
     flights = [each for each in outcomes if each.job.scene == SHOWN and each.job.seed == 0]
     draws = [each for each in outcomes if each.job.scene == FAMILY]
     paths = []

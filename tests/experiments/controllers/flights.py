@@ -1,4 +1,4 @@
-"""The flights that both planners fly, and what is measured of each."""
+"""The flights of both planners, and their measurements."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -34,7 +34,7 @@ FAMILY = "plant family"
 
 @dataclass(frozen=True)
 class Course:
-    """How long a scene is flown, from when on it is judged, and with which seeds."""
+    """The duration of a scene, the begin of its evaluation, and its seeds."""
 
     duration_s: float
     from_s: float
@@ -47,12 +47,12 @@ COURSES = {
     "case2-field": Course(400.0, 315.0, (0, 1, 2)),
     "case3-turns": Course(160.0, 40.0, (0, 1, 2)),
 }
-"""The bundled missions, judged from half a minute after the last engagement on. Without noise one seed is all."""
+"""The bundled missions, evaluated from 30 s after the last engagement; missions without noise have one seed."""
 FAMILY_S, FAMILY_FROM_S = 120.0, 60.0
 
 
 def family(count: int, first: int) -> Course:
-    """Return the course of so many draws of the plant family."""
+    """Return the course of a number of draws of the plant family."""
     return Course(FAMILY_S, FAMILY_FROM_S, range(first, first + count))
 
 
@@ -69,7 +69,7 @@ class Job:
 
 @dataclass
 class Stopwatch:
-    """How long each plan on the ring took [s of the processor, in all threads], and how many were not solved."""
+    """The processor time of each plan on the ring, in all threads [s], and the number of unsolved plans."""
 
     took_s: list[float] = field(default_factory=list)
     unsolved: int = 0
@@ -98,10 +98,10 @@ class TimedNmpc:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is measured of one flight: errors over the time judged, root mean squares over all vehicles on the ring.
+    """The measurements of one flight: rms errors of all vehicles on the ring over the evaluated time.
 
-    `rate_off` is the mean rate's error as a share of the rate, of the worst vehicle. `settled_s` counts from the last
-    engagement to when the ring is within its limits for ten seconds first. None is what does not apply, or never was.
+    `rate_off` is the mean rate's error as a share of the rate, of the worst vehicle. `settled_s` is the time from the
+    last engagement until the ring is first within its limits for ten seconds. None does not apply, or never occurred.
     """
 
     job: Job
@@ -159,7 +159,7 @@ def _measured(job: Job, mission: Mission, record: FlightRecord, watch: Stopwatch
     spacing_rad = (motion.lead_rad - motion.desired_spacing_rad)[:, late]
     spacing_rad = spacing_rad[np.isfinite(spacing_rad)]
     bearings_rad = np.unwrap(motion.bearing_rad[engaged][:, late], axis=1)
-    # The slope of the bearing, not the difference of its ends: noise at either end is no rate.
+    # The slope of the bearing: the difference of its ends would include their noise.
     rates_rad_s = np.polyfit(record.time_s[late], bearings_rad.T, 1)[0]
     return Outcome(
         job,
@@ -179,7 +179,7 @@ def _measured(job: Job, mission: Mission, record: FlightRecord, watch: Stopwatch
 
 
 def _settled_s(result: FlightResult) -> float | None:
-    """Return how long after the last engagement the ring had settled first."""
+    """Return the time from the last engagement until the ring had first settled."""
     ring, engaged_s = result.ring, [each.engaged_at_s for each in result.vehicles if each.engaged_at_s is not None]
     if ring.first_settled_at_s is None or not engaged_s:
         return ring.settling_time_s

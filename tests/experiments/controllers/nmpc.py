@@ -1,8 +1,8 @@
 """Decentralised nonlinear MPC for the encirclement of a target, as a planner in place of cordon's own.
 
-The formulation is that of the paper's references (Marasco et al. 2012, 2013), as far as the paper tells it: each
-vehicle weighs radius, angular rate and spacing over a horizon of the nonlinear polar model, under bounds on its inputs,
-and predicts its neighbours at the ring's rate. Weights, horizon, bounds and estimates are those of cordon's planner.
+The formulation is that of the paper's references (Marasco et al. 2012, 2013), as the paper describes it: each vehicle
+weights radius, angular rate and spacing over a horizon of the nonlinear polar model, with bounded inputs, and predicts
+its neighbours at the ring's rate. Weights, horizon, bounds and estimates are those of cordon's planner.
 """
 
 from math import atan2
@@ -31,7 +31,7 @@ class Nmpc:
         self._before_m_s2 = (0.0, 0.0)
 
     def plan(self, task: Task) -> Plan | None:
-        """See `TaskPlanner`. Where IPOPT finds no optimum, the vehicle goes on with the accelerations before."""
+        """See `TaskPlanner`. If IPOPT finds no optimum, the vehicle continues with the previous accelerations."""
         situation, centre = task.situation, task.situation.acting_centre
         if task.tactic is not Tactic.ENCIRCLE or centre is None:
             self._begin_anew()
@@ -57,7 +57,7 @@ class Nmpc:
 
 
 def _damped(situation: Situation, centre: Vector, radius_m: float, rate_rad_s: float) -> Vector:
-    """Return the motion (4,) to plan from: with less than full authority only that share of its deviation is fed back.
+    """Return the motion (4,) to plan from, with the share `authority` of its deviation.
 
     The deviation is that from the ring at the vehicle's bearing.
     """
@@ -69,7 +69,7 @@ def _damped(situation: Situation, centre: Vector, radius_m: float, rate_rad_s: f
 
 
 def _bearings_rad(peers: tuple[MemberState, ...], at_s: float, centre: Vector) -> list[float]:
-    """Return the bearings about the centre's motion (4,) of the peers that encircle it, each moved on to a moment."""
+    """Return the bearings about the centre's motion (4,) of the peers that encircle it, extrapolated to a time."""
     x, y, *_ = centre.tolist()
     bearings = []
     for peer in peers:

@@ -1,7 +1,7 @@
 """The nonlinear programme of the encirclement: (23) to (26) over the polar model itself, by CasADi and IPOPT.
 
 One vehicle's state about the target is [r phi r' phi']. Its inputs are the accelerations along and across the radius,
-so the model (4), (5) keeps what feedback linearisation cancels:
+so the model (4), (5) contains the terms that feedback linearisation cancels:
 
     r'' = u_r + r phi'^2        phi'' = (u_phi - 2 r' phi') / r
 
@@ -21,7 +21,7 @@ from estimation.polar import Polar
 from estimation.state import Vector
 
 SLACK_WEIGHT = 100.0
-"""As in agents/control/encirclement.py: of a metre, or a metre a second, beyond a bound."""
+"""As in agents/control/encirclement.py: the weight of exceeding a bound by 1 m or 1 m/s."""
 IPOPT = {
     "print_level": 0,
     "sb": "yes",
@@ -55,7 +55,7 @@ class Optimum(NamedTuple):
 class RingProgramme:
     """Solves one vehicle's programme for the inputs and states of all samples (multiple shooting).
 
-    It starts from its solution before.
+    It starts from its previous solution.
     """
 
     def __init__(self, settings: EncirclementSettings, clearance_rad: float) -> None:
@@ -75,11 +75,11 @@ class RingProgramme:
         self._start: dict[str, Any] | None = None
 
     def reset(self) -> None:
-        """Forget the solution before."""
+        """Clear the previous solution."""
         self._start = None
 
     def solve(self, polar: Polar, neighbours: Neighbours | None, before_m_s2: Sequence[float]) -> Optimum:
-        """Plan from a polar state with the input (2,) applied before; alone on the ring there are no neighbours."""
+        """Plan from a polar state with the previous input (2,); without neighbours if alone on the ring."""
         motion = (polar.radius_m, polar.radial_speed_m_s, polar.angular_rate_rad_s)
         angles = (0.0, 0.0, 0.0, 0.0) if neighbours is None else (*neighbours, 1.0)
         if self._start is None:
@@ -95,7 +95,7 @@ class RingProgramme:
 def _rolled_out(
     ca: Any, settings: EncirclementSettings, clearance_rad: float, decision: Any, given: Any
 ) -> tuple[Any, Any, Any]:
-    """Return the cost, the gaps between samples, which are to be zero, and the rows that are not to be positive."""
+    """Return the cost, the equality constraints (gaps between samples), and the inequality constraints (<= 0)."""
     radius, radial_rate, rate, lead, lag, spacing, others = (given[place] for place in range(7))
     state, before, slack = ca.vertcat(radius, 0.0, radial_rate, rate), given[7:9], decision[-1]
     step, metres, rate_wanted = _step(ca, settings.prediction_step_s), settings.radius_m, settings.angular_rate_rad_s
@@ -119,7 +119,7 @@ def _rolled_out(
 
 
 def _step(ca: Any, step_s: float) -> Any:
-    """Return the polar model over one sample with its inputs held: the classical Runge-Kutta method."""
+    """Return the polar model over one sample with held inputs, by the classical Runge-Kutta method."""
     state, inputs = ca.SX.sym("state", _STATES), ca.SX.sym("inputs", _INPUTS)
     slope = ca.Function("slope", [state, inputs], [_slope(ca, state, inputs)])
     first = slope(state, inputs)

@@ -24,7 +24,7 @@ QUANTILES = (("median", 50.0), ("95 %", 95.0), ("worst", 100.0))
 
 
 def flight_rows(scene: str, outcomes: Sequence[Outcome]) -> list[str]:
-    """Return a mission's rows: medians over its seeds, but the largest of what is at most and the closest approach."""
+    """Return a mission's rows: medians over its seeds, and the worst of maxima and of the closest approach."""
     rows = []
     for planner in PLANNERS:
         mine = [each for each in outcomes if (each.job.scene, each.job.planner) == (scene, planner)]
@@ -46,14 +46,14 @@ def flight_rows(scene: str, outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def family_rows(outcomes: Sequence[Outcome]) -> list[str]:
-    """Return the family's rows: the median, the 95 % and the worst of the draws, each figure for itself."""
+    """Return the family's rows: median, 95 % quantile and worst of the draws, for each figure separately."""
     rows = []
     for title, percent in QUANTILES:
         for planner in PLANNERS:
             mine = [each for each in outcomes if (each.job.scene, each.job.planner) == (FAMILY, planner)]
             spacings_deg = [each.spacing_deg for each in mine if each.spacing_deg is not None]
             closest_m = [each.closest_m for each in mine if each.closest_m is not None]
-            # One that never settled counts as the latest of all.
+            # A draw that never settled is the latest.
             settled_s = [np.inf if each.settled_s is None else each.settled_s for each in mine]
             settled = _share(settled_s, percent)
             rows.append(
@@ -73,7 +73,7 @@ def family_rows(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def solve_rows(scene: str, outcomes: Sequence[Outcome]) -> list[str]:
-    """Return what plans of a scene took, and how many were not solved."""
+    """Return the times of a scene's plans, and the number of unsolved ones."""
     rows = []
     for planner in PLANNERS:
         mine = [each for each in outcomes if (each.job.scene, each.job.planner) == (scene, planner)]
@@ -85,7 +85,7 @@ def solve_rows(scene: str, outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def pairs_line(outcomes: Sequence[Outcome]) -> str:
-    """Return in a line in how many draws which planner has the smaller errors."""
+    """Return a line with the number of draws in which each planner has the smaller errors."""
     by = {(each.job.seed, each.job.planner): each for each in outcomes if each.job.scene == FAMILY}
     seeds = sorted({seed for seed, _ in by})
     parts = []
@@ -105,7 +105,7 @@ def tables(scenes: Sequence[str], outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def times_ms(outcomes: Iterable[Outcome]) -> Vector:
-    """Return how long all plans of some flights took (n,)."""
+    """Return the times of all plans of some flights (n,)."""
     return np.concatenate([each.took_s for each in outcomes]) * 1e3
 
 

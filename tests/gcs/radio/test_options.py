@@ -29,7 +29,7 @@ def test_keys_and_values_are_read() -> None:
         ("shared=3", ["--radio.shared: "]),
         ("baud=", ["--radio: 'baud=' is not like latency_ms=60"]),
         ("", ["--radio: '' is not like latency_ms=60"]),
-        ("loss=0.8,burst=2", ["--radio: frames that are lost so often"]),
+        ("loss=0.8,burst=2", ["--radio: bursts of this length"]),
         ("loss=-1,jitter_ms=-1", ["--radio.jitter_ms", "--radio.loss"]),
     ],
 )

@@ -1,1 +1,1 @@
-"""What tests and experiments of the operator's page share: stations, what they show, a browser, and its meter."""
+"""Helpers for tests and experiments of the operator's page: stations, their pictures, a browser, and measurements."""

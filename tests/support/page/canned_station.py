@@ -1,4 +1,4 @@
-"""A station for tests of the page: serves its folder and canned pictures over a real WebSocket, and keeps requests."""
+"""A station for tests of the page: serves its folder and prepared pictures over a WebSocket, and keeps requests."""
 
 import mimetypes
 import threading
@@ -19,7 +19,7 @@ from tests.support.paths import ROOT
 
 PAGE = ROOT / "gcs" / "station" / "page"
 RATE_HZ = 5.0
-"""Half as often as a station: without a graphics card each picture on the map takes much of a core."""
+"""Half a station's rate: without a graphics card each picture on the map takes much processor time."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -29,9 +29,10 @@ Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture
 
 
 class CannedStation:
-    """Serves a live team, whose pictures `team` makes of the seconds since the start, or a recorded flight.
+    """Serves a live team, whose pictures `team` returns for the seconds since the start, or a recorded flight.
 
-    Use it as a context manager. Tests change `team` and `is_silent` at any time; `requests` is what pages asked for.
+    Use it as a context manager. Tests may change `team` and `is_silent` at any time; `requests` are the requests of
+    pages.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Synthetic map tiles: images of one colour, a folder or an MBTiles file of them, and where corners lie."""
+"""Synthetic map tiles: images of one colour, as a folder or an MBTiles file, and the positions of their corners."""
 
 import math
 import sqlite3

@@ -1,4 +1,4 @@
-"""A station whose team moves on a ring, served by the real server in a process of its own: no flight runs.
+"""A station whose simulated team moves on a ring, served by the real server in a separate process, without a flight.
 
 `python -m tests.support.page.moving_station VEHICLES` prints the page's address and serves until it is ended.
 """
@@ -26,7 +26,7 @@ from tests.support.paths import ROOT
 from tests.support.wire import LOOPBACK, free_port, free_ports
 
 EVENTS_HZ = 1.0
-"""More than a flight has: the page's list of events is full after some minutes."""
+"""More events than a flight has: the page's list of events is full after some minutes."""
 
 
 class MovingTeam:
@@ -36,7 +36,7 @@ class MovingTeam:
         self._mission = ring_mission(vehicles)
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
-        """Return the mission with all commands on offer, so that the page shows all its parts."""
+        """Return the mission with all commands enabled, so that the page shows all its parts."""
         return self._mission
 
     async def run(self, publish: Publish) -> None:

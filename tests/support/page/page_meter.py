@@ -1,4 +1,4 @@
-"""Measuring the operator's page in a browser: frames, main thread, memory, and what its processes use."""
+"""Measurement of the operator's page in a browser: frames, main thread, memory, and processor time of its processes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ SCRIPT = f"""(() => {{
   requestAnimationFrame(tick);
   window.meter = meter;
 }})()"""
-"""Keeps the time of every frame that the browser asked the page for, and in how many the map was drawn."""
+"""Keeps the time of every frame that the browser requested, and the number in which the map was drawn."""
 
 _RENDERER = """() => {
   const context = document.createElement("canvas").getContext("webgl2");
@@ -69,19 +69,19 @@ class PageMeter:
         self._page = page
         self._server = psutil.Process(server_pid)
         self._cdp = page.context.new_cdp_session(page)
-        # Processor time: on a computer that draws without a graphics card, the main thread often waits for a core.
+        # Processor time: without a graphics card the main thread often waits for a core.
         self._cdp.send("Performance.enable", {"timeDomain": "threadTicks"})
 
     def renderer(self) -> str:
-        """Return what draws WebGL."""
+        """Return the WebGL renderer."""
         return str(self._page.evaluate(_RENDERER))
 
     def restart(self) -> None:
-        """Forget the frames until now."""
+        """Restart the recording of frames."""
         self._page.evaluate("() => { meter.frames = meter.drawn = 0; }")
 
     def frames(self) -> tuple[NDArray[np.float64], int]:
-        """Return the times between frames since the restart [ms], and in how many the map was drawn."""
+        """Return the times between frames since the restart [ms], and the number of frames with the map drawn."""
         times_ms, drawn = self._page.evaluate("() => [[...meter.times_ms.subarray(0, meter.frames)], meter.drawn]")
         return np.diff(np.array(times_ms)), drawn
 
@@ -97,7 +97,7 @@ class PageMeter:
         )
 
     def memory(self) -> Memory:
-        """Collect the page's garbage, and return what memory is used."""
+        """Collect the page's garbage, and return the memory used."""
         self._cdp.send("HeapProfiler.collectGarbage")
         heap_bytes = self._cdp.send("Runtime.getHeapUsage")["usedSize"]
         browser_bytes = sum(process.memory_info().rss for process in _browser_processes())

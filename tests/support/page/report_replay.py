@@ -1,4 +1,4 @@
-"""The replay in a report, for its tests: recorded flights that are hard to embed, and what a report holds."""
+"""Helpers for tests of the replay in a report: flights that are hard to embed, and a report's embedded files."""
 
 import gzip
 import re
@@ -20,7 +20,7 @@ def nasty_flight(text: str) -> FlightPicture:
 
 
 def noisy_flight(vehicles: int, pictures: int = 16_000) -> FlightPicture:
-    """Return a recorded flight of so many pictures of vehicles, whose numbers hardly repeat."""
+    """Return a recorded flight with this many pictures of vehicles, whose numbers hardly repeat."""
     random = np.random.default_rng(vehicles)
     mission = replace(ring_mission(vehicles), source="log")
     teams = (ring_team(mission, float(second)) for second in range(pictures // vehicles))

@@ -44,7 +44,7 @@ HERE = (0.0, 0.0)
 
 
 class CannedSource:
-    """A source that publishes what the test does."""
+    """A source that publishes the test's pictures."""
 
     def __init__(self) -> None:
         self.publish: Callable[[Published], None] = lambda _picture: None
@@ -78,7 +78,7 @@ class Station:
         return self.access.address.port
 
     def connected(self, **headers: str) -> websockets.connect:
-        """Connect a page; headers in place of its own, an empty one is left out."""
+        """Connect a page; headers replace its own, empty ones are omitted."""
         name = headers.pop("Host", f"{LOOPBACK}:{self.port}")
         own = {"Origin": f"http://{LOOPBACK}:{self.port}", "Cookie": self.headers["Cookie"]}
         given = {key: value for key, value in (own | headers).items() if value}
@@ -94,7 +94,7 @@ class Station:
     async def get(
         self, path: str, method: str = "GET", body: bytes = b"", **headers: str
     ) -> tuple[int, HTTPMessage, bytes]:
-        """Ask for a file; headers in place of its own."""
+        """Request a file; headers replace its own."""
 
         def ask() -> tuple[int, HTTPMessage, bytes]:
             connection = http.client.HTTPConnection(LOOPBACK, self.port, timeout=5.0)
@@ -125,7 +125,7 @@ async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -
 
 @dataclass
 class AnsweringTeam:
-    """Vehicles of a mission that send their states, and answer commands; what each has received."""
+    """Vehicles of a mission that send their states and answer commands, with the commands that each has received."""
 
     received: list[tuple[int, OperatorCommand]] = field(default_factory=list)
     tactics: dict[int, str] = field(default_factory=dict)
@@ -138,7 +138,7 @@ class AnsweringTeam:
 
 @asynccontextmanager
 async def answering_team(mission: Mission, dead: int | None = None) -> AsyncIterator[AnsweringTeam]:
-    """Run a team on the bus of a mission, without a vehicle that is dead."""
+    """Run a team on the bus of a mission, without vehicle `dead`."""
     team = AnsweringTeam(tactics=dict.fromkeys(mission.ids, "encircle"))
     async with AsyncExitStack() as stack:
         for vehicle_id in set(mission.ids) - {dead}:
@@ -185,7 +185,7 @@ def entered(line: str) -> tuple[int, str]:
 
 
 def stream(port: int, cookie: str, **options: Any) -> websockets.connect:
-    """Connect to the pictures as a page does that has entered; `options` are those of the connection."""
+    """Connect to the pictures as an admitted page; `options` are those of the connection."""
     origin = websockets.Origin(f"http://{LOOPBACK}:{port}")
     return websockets.connect(
         f"ws://{LOOPBACK}:{port}/stream", origin=origin, additional_headers={"Cookie": cookie}, **options

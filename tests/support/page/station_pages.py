@@ -1,4 +1,4 @@
-"""Pages of a station without a browser: connections that read its pictures, some slowly and some not at all.
+"""Pages of a station without a browser: connections that read its pictures, some slowly and some never.
 
 `python -m tests.support.page.station_pages ADDRESS COUNT` opens them, again whenever one is closed, and prints once a
 second how many are open, how many messages a second those that read at once receive, and how many were closed by the
@@ -19,14 +19,14 @@ from tests.support.page.station import entered, stream
 from tests.support.wire import LOOPBACK
 
 PAUSES_S = (0.0, 0.0, 0.0, 1.0, 3600.0)
-"""How long pages wait before they read on, by turns: three of five read at once, one slowly, one not at all."""
+"""The pauses of pages between reads, in turn: of five, three read at once, one slowly, one never."""
 _WINDOW_BYTES = 4096
 _AGAIN_S = 0.5
 
 
 @dataclass
 class Readers:
-    """What the pages of this process have come to: how many are open, messages read by quick ones, pages closed."""
+    """The counts of this process's pages: open pages, messages read by fast ones, closed pages."""
 
     opened: int = 0
     messages: int = 0
@@ -38,7 +38,7 @@ async def read(port: int, cookie: str, pause_s: float, readers: Readers) -> None
     while True:
         connection = socket.socket()
         connection.setblocking(False)
-        if pause_s > 0.0:  # else the system's buffers would take in for minutes what the page does not read
+        if pause_s > 0.0:  # otherwise the system's buffers hold the unread messages of minutes
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _WINDOW_BYTES)
         with connection, suppress(WebSocketException, OSError):
             await asyncio.get_running_loop().sock_connect(connection, (LOOPBACK, port))
@@ -55,7 +55,7 @@ async def read(port: int, cookie: str, pause_s: float, readers: Readers) -> None
 
 
 async def report(readers: Readers) -> None:
-    """Print once a second what became of the pages."""
+    """Print the counts once a second."""
     while True:
         before, began_s = readers.messages, time.monotonic()
         await asyncio.sleep(1.0)
@@ -64,7 +64,7 @@ async def report(readers: Readers) -> None:
 
 
 async def read_all(address: str, count: int) -> None:
-    """Read as so many pages do."""
+    """Read as this many pages."""
     port, cookie = entered(address)
     readers = Readers()
     async with asyncio.TaskGroup() as group:

@@ -23,7 +23,7 @@ RADIUS_MIN_M, SPACING_M, SPEED_M_S = 10.0, 6.0, 0.5
 
 
 def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = ALL_VERBS) -> MissionPicture:
-    """Return a mission of so many vehicles, and an operator who may command; the ring has room for all."""
+    """Return a mission of this many vehicles, whose ring has room for all, and an operator who may command."""
     radius_m = max(RADIUS_MIN_M, SPACING_M * vehicles / (2.0 * math.pi))
     return MissionPicture(
         mission="case2",

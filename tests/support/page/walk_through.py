@@ -1,7 +1,7 @@
-"""A walk-through in Markdown that a program carries out: what its lines ask for, and the terminals that it types in.
+"""A walk-through in Markdown that a program executes: the meaning of its lines, and its terminals.
 
-In a walk-through commands stand in blocks of code. Numbered lines are what is done, lines with a dash what is to be
-seen then, with words `like these` and `...` for what differs. Pictures are taken where it shows them.
+Commands are in code blocks. Numbered lines are actions, lines with a dash the expected results, with words `like these`
+and `...` for variable parts. Pictures are taken where the document shows them.
 """
 
 import os
@@ -31,7 +31,7 @@ KINDS: dict[Kind, str] = {
 
 
 class Line(NamedTuple):
-    """A line of the document that is to be carried out: the title of its step, what it is, and its words."""
+    """A line of the document to execute: the title of its step, its kind, and its words."""
 
     step: str
     kind: Kind
@@ -39,7 +39,7 @@ class Line(NamedTuple):
 
 
 def lines_of(document: str) -> Iterator[Line]:
-    """Yield what a document asks for, in its order."""
+    """Yield the lines to execute, in order."""
     step = ""
     for text in document.splitlines():
         if text.startswith("## "):
@@ -50,13 +50,13 @@ def lines_of(document: str) -> Iterator[Line]:
 
 
 def pattern(words: str) -> str:
-    """Return the pattern of words in which `...` stands for what differs."""
+    """Return the pattern of words in which `...` matches any text."""
     return r".{0,80}?".join(re.escape(each) for each in words.split("..."))
 
 
 @dataclass
 class Terminal:
-    """A command in a terminal of its own: what it has printed so far."""
+    """A command in its own terminal, with its output so far."""
 
     process: "subprocess.Popen[str]"
     printed: list[str] = field(default_factory=list)
@@ -82,7 +82,7 @@ class Terminal:
         self.printed.extend(self.process.stdout)
 
     def text(self) -> str:
-        """Return what it has printed."""
+        """Return the output."""
         return "".join(tuple(self.printed))
 
     def exit_code(self) -> str:
@@ -95,7 +95,7 @@ class Terminal:
         self.process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
-        """End the command if it still runs: a flight lands at once."""
+        """End the command if it is still running; a flight lands at once."""
         for _ in range(2):
             if self.process.poll() is None:
                 self.interrupt()

@@ -263,7 +263,7 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
     endings = [outcomes[i].ending for i in (1, 2, 3)]
     assert endings == [Ending.PILOT_OVERRIDE, Ending.COMPLETED, Ending.PILOT_OVERRIDE], outcomes
     assert "is disarmed" in outcomes[1].reason
-    assert outcomes[3].reason == "it disarmed, which cordon did not ask for: its autopilot restarted"
+    assert outcomes[3].reason == "it disarmed, which cordon did not request: its autopilot restarted"
     assert "log" in outcomes[3].next_step
 
 
