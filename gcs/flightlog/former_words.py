@@ -1,4 +1,4 @@
-"""The words of logs of format 1, and those that stand for them since format 2.
+"""The words of logs of format 1, and those that replace them since format 2.
 
 A log keeps the names of tactics, events and conditions as text: in records, in notes and within the messages that the
 vehicles exchanged. The reader renews them, so that a log of format 1 replays bit for bit.
@@ -30,13 +30,13 @@ FORMER_WORDS: Mapping[str, str] = {
     "ring as the mission asks for it": "ring as in the mission",
 }
 FORMER_TOPICS: Mapping[str, str] = {"patience": "time_scale"}
-"""Names of topics of format 1, and those of today."""
+"""Names of topics of format 1, and the present ones."""
 _FORMER_TAGS: Mapping[str, str] = {"muster": "start"}
 _BYTES = tuple(word.encode() for word in (*FORMER_WORDS, *_FORMER_TAGS))
 
 
 def holds_former_words(payload: bytes) -> bool:
-    """Return whether a record may hold a word of format 1."""
+    """Return whether a record may contain a word of format 1."""
     return any(word in payload for word in _BYTES)
 
 
@@ -70,7 +70,7 @@ def _renewed_text(text: str) -> str:
 
 
 def _renewed_payload(payload: bytes) -> bytes:
-    """Return a message to peers in today's words; what is no such message stays as it is, and is refused later."""
+    """Return a message to peers in the present words; other bytes stay unchanged, and are refused later."""
     if not holds_former_words(payload):
         return payload
     try:

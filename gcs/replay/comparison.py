@@ -36,7 +36,7 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
     recorded = {each.name: each.version for each in run.versions}
     installed = {each.name: each.version for each in versions()}
     return tuple(
-        f"{name} {recorded.get(name, 'unknown')} then, {installed.get(name, 'none')} now"
+        f"{name} {recorded.get(name, 'unknown')} in the flight, {installed.get(name, 'none')} now"
         for name in sorted({*recorded, *installed})
         if recorded.get(name) != installed.get(name)
     )
@@ -45,12 +45,12 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
 def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:
     """Return every field that differs between two decisions."""
     one, other = _readable(recorded), _readable(replayed)
-    if recorded.drops is None:  # an earlier version knew no reasons
+    if recorded.drops is None:  # earlier versions recorded no reasons
         for fields in (one, other):
             _forget_reasons(fields)
     for sent, again in zip(one["sent"], other["sent"], strict=False):
         if isinstance(sent["message"], dict) and sent["message"].get("verb", "") is None:
-            for answer in (sent, again):  # an earlier version's answers did not tell the command
+            for answer in (sent, again):  # earlier versions' answers did not name the command
                 _forget_command(answer)
     return list(_compared("", one, other, same))
 

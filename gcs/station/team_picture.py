@@ -1,4 +1,4 @@
-"""What the operator's page shows of a team that flies, from the messages on its bus: messages in, pictures out."""
+"""Pictures of a flying team for the operator's page, from the messages on its bus: messages in, pictures out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from gcs.station.vehicle_picture import LINK_CUT, SILENT, Surroundings, fix_word
 class _Heard:
     """The newest messages of one vehicle, and when they were received [wall s].
 
-    `sighted_s` is when it saw the target last, by its own clock.
+    `sighted_s` is the time of its last sighting of the target, by its own clock.
     """
 
     any_s: float = -inf
@@ -34,7 +34,7 @@ class _Heard:
 
     @property
     def ended(self) -> str:
-        """How its flight ended, empty while it is on."""
+        """How its flight ended, empty before."""
         return "" if self.report is None else self.report.ended
 
     @property
@@ -43,7 +43,7 @@ class _Heard:
         return self.report is not None and self.report.is_link_cut
 
     def received_s(self) -> float:
-        """Return when it was heard: by its newest state, or by any message where it has sent no state yet."""
+        """Return the time of its newest state, or of any message if it has sent no state yet."""
         return self.any_s if self.state is None else self.state_s
 
     def is_stale(self, now_s: float) -> bool:
@@ -52,9 +52,9 @@ class _Heard:
 
 
 class TeamPictures:
-    """Makes pictures of a team; times are seconds of one steady clock, `unix_offset_s` behind Unix time.
+    """Makes pictures of a team; times are seconds of one monotonic clock, `unix_offset_s` behind Unix time.
 
-    A flight that ends, and one that begins after it with the same vehicles, follow each other in the pictures.
+    Successive flights of the same vehicles follow each other in the pictures.
     """
 
     def __init__(self, mission: Mission, unix_offset_s: float) -> None:
@@ -70,7 +70,7 @@ class TeamPictures:
     def receive(self, message: BusMessage, now_s: float) -> None:
         """Take a message of the bus."""
         heard = None if isinstance(message, OperatorCommand) else self._heard.get(message.sender)
-        # A state may arrive after the report that the flight has ended: it does not connect the vehicle again.
+        # A state may arrive after the report that the flight has ended: it does not revive the vehicle.
         if heard is None or not (heard.ended and isinstance(message, MemberState)):
             self._state.receive(message, now_s)
         if heard is None:
@@ -103,7 +103,7 @@ class TeamPictures:
         ]
 
     def picture(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:
-        """Return the team at `now_s`; `link` is what keeps the page from it, and no flight runs if it `is_over`."""
+        """Return the team at `now_s`; `link` is the fault of the link to it, and no flight runs if it `is_over`."""
         self._tell_time(now_s)
         places_m = {i: each.state.position_m for i, each in self._heard.items() if each.state and not each.ended}
         vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._heard)
@@ -119,7 +119,7 @@ class TeamPictures:
         )
 
     def _tell_time(self, now_s: float) -> None:
-        """Tell the mission's time by the vehicles that are heard; it stands still where none is, and after the end."""
+        """Update the mission's time from the vehicles' messages; without messages and after the end it stands still."""
         live = [each for each in self._heard.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended]
         times_s = [max(_time_s(each.state), _time_s(each.report)) for each in live if each.state or each.report]
         missions = [each.report for each in live if each.report is not None and each.report.start_s is not None]
@@ -158,7 +158,7 @@ class TeamPictures:
         return _with_report(_with_state(picture, heard.state), heard, now_s)
 
     def _lead_rad(self, vehicle_id: int, now_s: float) -> float | None:
-        """Return the angle to the vehicle ahead on the ring, None off it and alone."""
+        """Return the angle to the vehicle ahead on the ring, None for a vehicle off the ring or alone on it."""
         bearings_rad = {
             i: each.state.angle.bearing_rad
             for i, each in self._heard.items()
@@ -168,7 +168,7 @@ class TeamPictures:
         return None if own_rad is None else ring_place(own_rad, bearings_rad.values()).lead_rad
 
     def _target(self, now_s: float) -> TargetPicture | None:
-        """Return the estimate of the vehicle that is heard and whose sighting is the newest, as it goes on."""
+        """Return the estimate with the newest sighting among the vehicles that send messages."""
         known = [
             _estimate(each) for each in self._heard.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended
         ]
@@ -180,21 +180,21 @@ class TeamPictures:
             return ""
         by_end: dict[str, list[str]] = {}
         for vehicle_id, ended in heard.items():
-            by_end.setdefault(ended or "not heard at the end: go and look", []).append(str(vehicle_id))
+            by_end.setdefault(ended or "silent at the end: find and inspect it", []).append(str(vehicle_id))
         if len(by_end) == 1:
             return next(iter(by_end))
         return "; ".join(f"{', '.join(ids)} {ended}" for ended, ids in by_end.items())
 
     def _silence(self, now_s: float, *, is_over: bool) -> str:
-        """Return for how long no vehicle has been heard that flies; empty while one is."""
+        """Return for how long no flying vehicle has sent a message; empty while one does."""
         flying = [each.any_s for each in self._heard.values() if each.any_s > -inf and not each.ended]
         if is_over or not flying or now_s - max(flying) <= SILENT_AFTER_S:
             return ""
-        return f"no vehicle heard for {now_s - max(flying):.0f} s"
+        return f"no message from any vehicle for {now_s - max(flying):.0f} s"
 
 
 def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str, Severity]]:
-    """Return what a report says that the one before did not."""
+    """Return the events from the changes between two reports."""
     if before is None or _is_of_another_flight(before, report):
         return []
     news: list[tuple[str, Severity]] = []
@@ -208,7 +208,7 @@ def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str
 
 
 def _is_of_another_flight(before: VehicleReport, report: VehicleReport) -> bool:
-    """Return whether a vehicle flies anew: its last flight ended, or had begun at another time."""
+    """Return whether a vehicle flies another flight: the last one ended, or had begun at another time."""
     return not report.ended and (bool(before.ended) or before.start_s not in (None, report.start_s))
 
 
@@ -249,7 +249,7 @@ def _with_report(picture: VehiclePicture, heard: _Heard, now_s: float) -> Vehicl
 
 
 def _estimate(heard: _Heard) -> TargetPicture | None:
-    """Return the target as a vehicle reported it, at its velocity until the vehicle's newest state."""
+    """Return the target as a vehicle reported it, extrapolated to the vehicle's newest state."""
     report = heard.report
     if report is None or report.target is None:
         return None
