@@ -47,11 +47,11 @@ def differences(recorded: Decision, replayed: Decision, same: Same) -> list[Fiel
     one, other = _readable(recorded), _readable(replayed)
     if recorded.drops is None:  # earlier versions recorded no reasons
         for fields in (one, other):
-            _forget_reasons(fields)
+            _remove_reasons(fields)
     for sent, again in zip(one["sent"], other["sent"], strict=False):
         if isinstance(sent["message"], dict) and sent["message"].get("verb", "") is None:
             for answer in (sent, again):  # earlier versions' answers did not name the command
-                _forget_command(answer)
+                _remove_command(answer)
     return list(_compared("", one, other, same))
 
 
@@ -92,14 +92,14 @@ def _readable(decision: Decision) -> dict[str, Any]:
     return fields
 
 
-def _forget_reasons(decision: dict[str, Any]) -> None:
+def _remove_reasons(decision: dict[str, Any]) -> None:
     del decision["drops"]
     for sent in decision["sent"]:
         if isinstance(sent["message"], dict):
             sent["message"].pop("drops", None)
 
 
-def _forget_command(answer: dict[str, Any]) -> None:
+def _remove_command(answer: dict[str, Any]) -> None:
     if isinstance(answer["message"], dict):
         answer["message"] = {name: value for name, value in answer["message"].items() if name not in _OF_COMMANDS}
 

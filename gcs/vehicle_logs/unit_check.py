@@ -49,7 +49,7 @@ def _against_velocity(position: Series, velocity: Series) -> list[str]:
         return []
     at_s = times_s[int(np.abs(moved).sum(axis=1).argmax())]
     return [
-        f"{position.topic}: the position moves {_told(factor)} as fast as {velocity.topic} says, "
+        f"{position.topic}: the position moves {_factor_text(factor)} as fast as the velocity in {velocity.topic}, "
         f"most of all at {at_s:.1f} s: one of them is not in metres"
     ]
 
@@ -71,7 +71,7 @@ def _against_position(setpoint: Series, position: Series) -> list[str]:
         return []
     at_s = times_s[int(np.abs(asked).sum(axis=1).argmax())]
     return [
-        f"{setpoint.topic}: the setpoints move {_told(factor)} as far as the vehicle in {position.topic}, "
+        f"{setpoint.topic}: the setpoints move {_factor_text(factor)} as far as the vehicle in {position.topic}, "
         f"most of all at {at_s:.1f} s: one of them is not in metres"
     ]
 
@@ -96,6 +96,6 @@ def _factor(reference: Vector, other: Vector) -> tuple[float, float]:
     return (product / scale, sqrt(others) / sqrt(own)) if scale > 0.0 else (0.0, 0.0)
 
 
-def _told(factor: float) -> str:
+def _factor_text(factor: float) -> str:
     exact = 10.0 ** round(log10(factor))
     return f"about {exact:g} times ({factor:.3g})"

@@ -168,7 +168,7 @@ def describe(log: VehicleLog) -> list[str]:
         + f", {log.duration_s:.1f} s"
     ]
     for name, series in log.series().items():
-        lines.append(f"{name.replace('_', ' ')}: {_told(series)}")
+        lines.append(f"{name.replace('_', ' ')}: {_series_text(series)}")
     lines += [f"no {topic} in it" for topic in log.missing]
     external_s = sum(mode.span.end_s - mode.span.begin_s for mode in log.modes if mode.external)
     if log.modes:
@@ -180,11 +180,11 @@ def describe(log: VehicleLog) -> list[str]:
     return lines + [f"note: {note}" for note in log.notes]
 
 
-def _told(series: Series) -> str:
-    told = f"{series.time_s.size} samples from {series.topic}"
+def _series_text(series: Series) -> str:
+    text = f"{series.time_s.size} samples from {series.topic}"
     if series.time_s.size > 1:
         gap_s = max(later - earlier for earlier, later in pairwise(series.time_s.tolist()))
         begin_s, end_s = series.time_s[0], series.time_s[-1]
-        told += f", {series.rate_hz:.3g} Hz, {begin_s:.1f} to {end_s:.1f} s, longest gap {gap_s:.2f} s"
+        text += f", {series.rate_hz:.3g} Hz, {begin_s:.1f} to {end_s:.1f} s, longest gap {gap_s:.2f} s"
     unset = [name for name, column in zip(series.columns, series.values.T, strict=True) if bool(np.isnan(column).all())]
-    return told + (f", without {', '.join(unset)}" if unset else "")
+    return text + (f", without {', '.join(unset)}" if unset else "")

@@ -104,7 +104,7 @@ def _received(connection: socket.socket) -> bytes:
 
 
 def _report(process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor) -> list[str]:
-    """Return lines about a flight that did not end by itself as it should, none if it did."""
+    """Return lines about a flight whose process did not end normally, otherwise none."""
     ended = f"by signal {-code}" if code < 0 else f"with exit code {code}"
     if silences_s:
         loops = ", ".join(f"vehicle {i} for {silence_s:.1f} s" for i, silence_s in silences_s.items())

@@ -70,7 +70,7 @@ class Claims:
         for port in ports:
             if not self.take(f"{_FED}{port}"):
                 inode = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}", "")
-                yield f"udp port {port} receives a vehicle of another run,{process_holding(inode)}"
+                yield f"udp port {port} receives the vehicle of another run,{process_holding(inode)}"
 
 
 @contextmanager

@@ -76,7 +76,7 @@ class Claim:
         self.address: Address | None = None
         self.candidates: dict[Address, bytes] = {}
         self.rejected: dict[Address, Verdict] = {}
-        self._heard_s = -inf
+        self._received_s = -inf
         self._heartbeat = b""
         self._heartbeat_s = self._passed_s = -inf
         self._impostors: Counter[Address] = Counter()
@@ -101,9 +101,9 @@ class Claim:
             self._move(address, verdict)
         if verdict is not Verdict.AUTHENTIC or address != self.address:
             return False
-        if now_s - self._heard_s > BREAK_S:
+        if now_s - self._received_s > BREAK_S:
             self._heartbeat = b""
-        self._heard_s = now_s
+        self._received_s = now_s
         self.sequences.take(header(frame).component, sequence(frame))
         if is_autopilot_heartbeat(frame):
             self._hil = is_hil(frame)
@@ -114,21 +114,21 @@ class Claim:
 
     def repeated(self, now_s: float) -> bytes:
         """Return the newest heartbeat if it must be repeated, because other messages of the vehicle arrive."""
-        is_heard, since_s = now_s == self._heard_s, now_s - self._heartbeat_s
-        if not is_heard or since_s > REPEAT_FOR_S or now_s - self._passed_s < REPEAT_AFTER_S:
+        is_received, since_s = now_s == self._received_s, now_s - self._heartbeat_s
+        if not is_received or since_s > REPEAT_FOR_S or now_s - self._passed_s < REPEAT_AFTER_S:
             return b""
         self._passed_s = now_s
         return self._heartbeat
 
     def verify(self, address: Address, now_s: float) -> None:
         """Accept and address only this sender from now on."""
-        self.address, self._heard_s = address, now_s
+        self.address, self._received_s = address, now_s
 
     def gone(self, address: Address) -> None:
         """Note that the connection to an address has ended: its vehicle may continue from another one at once."""
         self.candidates.pop(address, None)
         if address == self.address:
-            self._heard_s = -inf
+            self._received_s = -inf
 
     def may_move(self, address: Address, now_s: float) -> bool:
         """Return whether the vehicle may continue from another address: after silence, and unsigned on its host only.
@@ -137,7 +137,7 @@ class Claim:
         then only a signature shows that it is the same vehicle.
         """
         same_host = self.address is not None and address[0] == self.address[0]
-        return now_s - self._heard_s > SILENCE_S and (self.signing is not None or same_host)
+        return now_s - self._received_s > SILENCE_S and (self.signing is not None or same_host)
 
     def count_impostor(self, address: Address) -> None:
         """Count a frame that was dropped for its address."""

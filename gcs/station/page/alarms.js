@@ -32,7 +32,7 @@ export class Alarms {
   }
 
   /** Remove alarms that are over: a replay may jump in time. */
-  forgetOver() {
+  removeOver() {
     const over = [...this.alarms].filter(([, alarm]) => !alarm.isPresent);
     for (const [key] of over) this.alarms.delete(key);
     if (over.length) this.#show();
@@ -40,7 +40,7 @@ export class Alarms {
 
   acknowledge() {
     for (const alarm of this.alarms.values()) alarm.isSeen = true;
-    this.#forget();
+    this.#removeOld();
     this.#show();
   }
 
@@ -53,7 +53,7 @@ export class Alarms {
       const isSeen = news.includes(alarm) ? false : this.alarms.get(alarm.key).isSeen;
       this.alarms.set(alarm.key, { ...alarm, isPresent: true, isSeen });
     }
-    this.#forget();
+    this.#removeOld();
     if (news.length) this.#announce(news);
     return this.#state() !== before;
   }
@@ -73,7 +73,7 @@ export class Alarms {
     return [...this.alarms.values()].map((alarm) => `${alarm.key}${alarm.isPresent}${alarm.advice}`).join();
   }
 
-  #forget() {
+  #removeOld() {
     for (const [key, alarm] of this.alarms) if (alarm.isSeen && !alarm.isPresent) this.alarms.delete(key);
   }
 

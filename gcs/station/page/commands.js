@@ -99,10 +99,10 @@ export class Commands {
     this.requests.set(id, request);
     byId("answers").prepend(request.item);
     this.#showRequest(request);
-    this.#forget();
+    this.#removeOld();
   }
 
-  #forget() {
+  #removeOld() {
     for (const [id, request] of this.requests) {
       if (this.requests.size <= REQUESTS_MAX) return;
       request.item.remove();

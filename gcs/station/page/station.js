@@ -174,7 +174,7 @@ function showFlight(flight) {
     const team = flight.teams[index];
     page.show(team, pastOf(flight.teams, index), true);
     page.alarms.update(team, true);
-    page.alarms.forgetOver();
+    page.alarms.removeOver();
     page.events.showUntil(flight.events, team.time_s ?? 0);
   });
 }
