@@ -1,8 +1,8 @@
 """The connection between MAVSDK and its relay: TCP on the loopback interface, within this process.
 
 MAVSDK could also pass frames through its `raw://` connection. But then its threads, and each call that sends a
-setpoint, wait for Python's interpreter lock. A TCP connection accepts MAVSDK's frames at once, and unlike a UDP socket
-other processes cannot write to it.
+setpoint, wait for Python's interpreter lock. A TCP connection accepts MAVSDK's frames at once, and other processes
+cannot write to it, as they could to a UDP socket.
 """
 
 import os
