@@ -57,7 +57,7 @@ class MapTiles:
 def opened_tiles(path: Path, origin_deg: Pair | None) -> MapTiles:
     """Return the tiles at a path, for a mission with this origin; raises InputError if they cannot be drawn."""
     if origin_deg is None:
-        raise InputError([f"map tiles {path}: they need an origin in [frame], and the mission's frame is local"])
+        raise InputError([f"map tiles {path}: they need an origin, and the mission's [frame] is local"])
     try:
         picture, reader = _folder(path) if path.is_dir() else _mbtiles(path)
     except OSError as error:
