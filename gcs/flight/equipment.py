@@ -11,8 +11,8 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import target_sensor
 
 RATE_SHARE = 10.0
-"""How many times as often as every tick a peer may send on a topic: ticks that were late come in a burst, and the speed
-of a simulator may not be known yet."""
+"""How many messages per tick a peer may send on a topic: late ticks come in a burst, and a simulator's speed may be
+unknown."""
 
 
 class Equipment:
@@ -24,7 +24,7 @@ class Equipment:
         """Return the bus of each vehicle that this process flies, by its id, not yet open.
 
         Vehicles with the same keys share a session, which listens at the endpoint of the first. The mission's clock
-        passes `speed` times as fast as the wall's. Raises InputError when keys are not here or do not count.
+        passes `speed` times as fast as the wall's. Raises InputError when keys are missing or not valid.
         """
         here = {vehicle.id: vehicle for vehicle in vehicles}
         stations = [

@@ -1,4 +1,4 @@
-"""A flight for identification: the preview of what it will take, and what it took."""
+"""A flight for identification: the preview of its time, space and speed, and the values flown."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,24 +18,24 @@ from gcs.mission.excitation import box_m
 from gcs.mission.mission import Mission
 
 _FLOWN_SHARE = 0.95
-"""Of its duration: a part that was flown for less was interrupted, or never began."""
+"""Share of its duration: a part that was flown for less was interrupted, or never began."""
 
 
 def preview_view(mission: Mission, planned: Preview) -> RenderableType:
-    """Return what a flight for identification will take, as text."""
+    """Return the time, space and speed of a flight for identification, as text."""
     vehicle, settings = mission.vehicles[0], mission.excitation
     (x_low, y_low), _, (x_high, y_high), _ = box_m(settings, vehicle.section.start_m)
     start_x, start_y = vehicle.section.start_m
-    limits = f"at most {settings.speed_max_m_s:g} m/s, also where the plant is {settings.plant_doubt:.0%} off"
+    limits = f"at most {settings.speed_max_m_s:g} m/s, also with a plant error of {settings.plant_doubt:.0%}"
     rows = {
-        "vehicle": f"{vehicle.id}, profile '{vehicle.section.profile}', which starts at ({start_x:g}, {start_y:g}) m",
+        "vehicle": f"{vehicle.id}, profile '{vehicle.section.profile}', start at ({start_x:g}, {start_y:g}) m",
         "box": f"x from {x_low:g} to {x_high:g} m, y from {y_low:g} to {y_high:g} m, "
-        f"{vehicle.section.altitude_m:g} m high; the guard's fence is around it and the way there",
-        "time": f"{planned.duration_s:.0f} s, take-off and landing not counted",
-        "speed": f"{planned.speed_m_s:.2f} m/s foreseen, {limits}",
-        "acceleration": f"{planned.acceleration_m_s2:.2f} m/s² foreseen",
-        "reach": f"{planned.reach_m:.2f} m from the middle of the box foreseen; {settings.half_width_m:g} m allowed",
-        "distance": f"{planned.distance_m:.0f} m foreseen",
+        f"{vehicle.section.altitude_m:g} m high; the guard's fence encloses it and the way to it",
+        "time": f"{planned.duration_s:.0f} s, without take-off and landing",
+        "speed": f"{planned.speed_m_s:.2f} m/s predicted, {limits}",
+        "acceleration": f"{planned.acceleration_m_s2:.2f} m/s² predicted",
+        "reach": f"{planned.reach_m:.2f} m from the middle of the box predicted; {settings.half_width_m:g} m allowed",
+        "distance": f"{planned.distance_m:.0f} m predicted",
     }
     table = Table.grid(padding=(0, 2))
     for name, words in rows.items():
@@ -60,20 +60,20 @@ class FlownExcitation:
 
 
 def flown_view(planned: Preview, flown: FlownExcitation) -> RenderableType:
-    """Return the figures of the flight beside those of the preview."""
+    """Return the values flown beside those of the preview."""
     table = Table.grid(padding=(0, 2))
     for name, unit, value, foreseen in (
         ("speed", "m/s", flown.speed_m_s, planned.speed_m_s),
         ("reach", "m", flown.reach_m, planned.reach_m),
         ("distance", "m", flown.distance_m, planned.distance_m),
     ):
-        table.add_row(Text(name), Text(f"{value:.2f} {unit}"), Text(f"{foreseen:.2f} {unit} foreseen", style="dim"))
-    table.add_row(Text("guard"), Text(f"{flown.guard_interventions} setpoints changed"))
+        table.add_row(Text(name), Text(f"{value:.2f} {unit}"), Text(f"{foreseen:.2f} {unit} predicted", style="dim"))
+    table.add_row(Text("guard"), Text(f"moved {flown.guard_interventions} setpoints"))
     return table
 
 
 def flown_excitation(mission: Mission, record: FlightRecord) -> FlownExcitation:
-    """Return the figures of a flight, from the samples received: also a simulator's truth may have short gaps."""
+    """Return the figures of a flight from the samples received: a simulator's truth may have short gaps, too."""
     track, settings = record.vehicles[0], mission.excitation
     excited = (track.tactic == Tactic.EXCITE.value) & measured(record)[0]
     start_x, start_y = mission.vehicles[0].section.start_m

@@ -32,12 +32,12 @@ from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
 
 _UNSUPERVISED = Unsupervised()
-_ORPHANED = Outcome(Ending.ORPHANED, "the flight's supervisor was gone")
+_ORPHANED = Outcome(Ending.ORPHANED, "the flight's supervisor process had ended")
 
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """The result: each vehicle's outcome, the record if the mission began, and the speed requested and reached."""
+    """The result: each vehicle's outcome, the record if the mission began, and the speeds requested and reached."""
 
     outcomes: dict[int, Outcome]
     record: FlightRecord | None
@@ -51,11 +51,11 @@ async def fly(
     report: FindingsReport = lambda _findings: None,
     supervisor: SupervisorLink = _UNSUPERVISED,
 ) -> Flight:
-    """Fly; raises VehicleRefusedError when the team cannot take off, or should not: `report` receives the findings.
+    """Fly; raises VehicleRefusedError when the team cannot or must not take off. `report` receives the findings.
 
-    Raises InputError when the keys of the team, or of signed links, are not here or do not count.
+    Raises InputError when the keys of the team, or of signed links, are missing or not valid.
 
-    Ctrl-C makes every vehicle hold and land, a second one land at once.
+    Ctrl-C makes every vehicle hold, then land; a second Ctrl-C makes them land at once.
     """
     if plan.only_stubs and plan.speed is not None:
         plan = replace(plan, speed=_held_speed(plan, plan.speed, view))
@@ -73,7 +73,7 @@ async def fly(
 
 
 def _held_speed(plan: FlightPlan, asked: float, view: LiveView) -> float:
-    """Return the speed that this computer holds, and show it if that is less than what was asked for."""
+    """Return the speed that this computer can keep, and show it if it is below the requested one."""
     held = held_speed(asked, len(plan.vehicles) * plan.mission.mission.rate_hz)
     if held < asked:
         view.print_line(f"this computer holds speed {held:g} of the {asked:g} asked for")
@@ -83,7 +83,7 @@ def _held_speed(plan: FlightPlan, asked: float, view: LiveView) -> float:
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, practice: Practice) -> Flight:
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.speed))
-    # First of all: what stubs cannot serve is bad input, whatever else is in use.
+    # First: a url that stubs cannot serve is bad input, also while a port is in use.
     flight_stubs = FlightStubs(plan.mission, plan.stubs, clock.speed)
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
@@ -101,7 +101,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         stack.push_async_callback(target.close)
         team.view.update([], 0.0, "looking for the vehicles")
         await _unless_stopped(_prepare(team, target, report), team.stop)
-        # Vehicles send to these ports now: a stub server that starts later must not. Where stubs do, they hold these.
+        # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         list(claims.take_fed(fed_ports(plan.vehicles)))
         team.recording.begin(plan.run(clock.speed))
         began_s = perf_counter()
@@ -115,7 +115,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:
-    """Prepare the team; the operator may end that at any time."""
+    """Prepare the team; the operator may end the preparation at any time."""
     task = asyncio.create_task(preparing)
     stopped = asyncio.create_task(stop.wanted.wait())
     try:
@@ -145,7 +145,7 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
     if refused:
         raise VehicleRefusedError(
             f"nothing was armed: {refused} of the {len(findings)} preflight findings forbid take-off",
-            "correct what is listed above, then fly again; `cordon check` runs the checks without flying",
+            "correct the findings above, then fly again; `cordon check` runs the checks without flying",
         )
 
 
@@ -163,7 +163,7 @@ async def _fly_members(team: Team, watch: Watch, practice: Coroutine[None, None,
 async def _fly_member(team: Team, member: Member) -> Outcome:
     try:
         outcome = await member.agent.fly(team.plan.duration_s, team.stop)
-    except Exception as error:  # a bug in one agent must not take the others out of the air uncontrolled
+    except Exception as error:  # a bug in one agent must not leave the other vehicles without control
         traceback.print_exc()
         team.stop.ask(Outcome(Ending.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
         return Outcome(Ending.FAILED, f"{type(error).__name__}: {error}", "report this with the text above", flew=True)

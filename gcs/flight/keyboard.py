@@ -16,13 +16,13 @@ from gcs.errors import InputError
 from gcs.flight.team import Team
 from gcs.keys.identity import Identity, user_name
 
-_HERE_ONLY = "keys command the vehicles of this process only: it has no operator's keys for the others"
+_HERE_ONLY = "the keyboard commands the vehicles of this process only: there is no operator key for the others"
 
 
 async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[], Text]:
-    """Let keys command the team until the stack ends; return what is shown about it below the table.
+    """Let the keyboard command the team until the stack ends; return the text below the table about it.
 
-    Without a terminal nothing is read. Raises VehicleRefusedError when the bus to other vehicles cannot be opened.
+    Without a terminal no key is read. Raises VehicleRefusedError when the bus to other vehicles cannot be opened.
     """
     if not team.view.is_live:
         return Text
@@ -42,14 +42,14 @@ async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[],
 
 
 def _piloted(team: Team) -> set[int]:
-    """Return the vehicles that pilots have, of this process and of others."""
+    """Return the vehicles that pilots fly, of this process and of others."""
     newest, pilot = team.newest.values(), Tactic.PILOT_OVERRIDE
     here = {status.vehicle_id for status in newest if status.tactic is pilot}
     return here | {peer.sender for status in newest for peer in status.peers if peer.tactic == pilot.value}
 
 
 async def _opened(team: Team, identity: Identity, stack: AsyncExitStack) -> PeerBus:
-    """Return the bus to vehicles of other processes: from a vehicle's own bus they take no commands."""
+    """Return the bus to vehicles of other processes, which accept no commands from a vehicle's own bus."""
     bus = guest_bus(team.plan.mission, identity)
     stack.push_async_callback(bus.close)
     await bus.open(lambda _message: None, lambda *_: None, lambda _vehicle, _present: None)

@@ -1,4 +1,4 @@
-"""What a flight over MAVLink and Zenoh is to be, before it is set up."""
+"""The plan of a flight over MAVLink and Zenoh."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from gcs.preflight.preflight import preflight
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """What to fly: mission, duration, vehicles, speed of time (None: measure it), and the agents' equipment.
+    """What to fly: mission, duration, vehicles, speed of the mission clock (None: measure it), and agents' equipment.
 
-    The vehicles with the ids `stubs` are stubs, which start with the flight; the others are at their urls. `log` is the
-    open log, None for a flight that is not recorded. `wait_s` [wall s] is how long vehicles that are about to be ready
-    are waited for on the ground. `faults` are those that stubs are to have, by their times. On the `bench` boards with
-    simulated bodies fly, their propellers off. With `awaits_start` the vehicles wait on the ground until an operator
+    The vehicles with the ids `stubs` are stubs that start with the flight; the others are at their urls. `log` is the
+    open log, None for a flight that is not recorded. `wait_s` [wall s] limits the wait on the ground for vehicles that
+    are about to be ready. `faults` are those to inject into stubs, in order of time. On the `bench`, boards with
+    simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
     starts them (`cordon start`).
     """
 
@@ -54,7 +54,7 @@ class FlightPlan:
         return {vehicle.id for vehicle in self.vehicles} == {*self.stubs}
 
     def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
-        """Return what preflight finds in the mission and in the facts about its vehicles."""
+        """Return the preflight findings about the mission and its vehicles."""
         alone = len(self.vehicles) < len(self.mission.vehicles) and leaves_this_computer(self.mission)
         clock = computer_clock() if alone else None
         return preflight(self.mission, facts, date.today(), stubs=self.only_stubs, bench=self.bench, clock=clock)

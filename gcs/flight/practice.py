@@ -1,4 +1,4 @@
-"""Practice: scheduled faults are injected into a flight of stub vehicles, and each is said when it begins."""
+"""Practice: scheduled faults are injected into a flight of stub vehicles, and each is announced when it begins."""
 
 import asyncio
 import os
@@ -15,20 +15,20 @@ from gcs.flight.team import Team
 
 _PERIOD_S = 0.02
 _SHOWN_S = 0.3
-"""The line that names a fault is shown within this time: some faults end the process [wall s]."""
+"""Time to show the line that names a fault before the fault ends the process [wall s]."""
 
 
 class Practice:
-    """The faults of one flight: those to come, and those present in its equipment."""
+    """The faults of one flight: those scheduled, and those present in its equipment."""
 
     def __init__(self, faults: Sequence[ScheduledFault]) -> None:
-        """Take the faults by their times."""
+        """Take the faults in order of time."""
         self.faults = tuple(faults)
         self._present = PresentFaults()
         self._strangers: list[asyncio.Task[None]] = []
 
     def equipment(self) -> FailingEquipment:
-        """Return the equipment that they fail in."""
+        """Return the equipment that the faults act on."""
         return FailingEquipment(self._present)
 
     async def run(self, team: Team, stubs: FlightStubs) -> None:
@@ -44,12 +44,12 @@ class Practice:
                 stranger.cancel()
 
     async def _begin(self, scheduled: ScheduledFault, team: Team, stubs: FlightStubs) -> None:
-        """Say which fault begins, and inject it if the vehicles that it takes are airborne."""
+        """Announce a fault, and inject it if the vehicles that it needs are airborne."""
         fault, airborne = scheduled.fault, _airborne(team)
         subject = scheduled.vehicle or (last_in_line(team.plan.mission, tuple(airborne)) if airborne else 0)
         words = f"{scheduled.at_s:.1f} s: practice: {fault.name}" + ("" if fault.of_team else f", vehicle {subject}")
         if subject not in airborne or len(airborne) < fault.vehicles_min:
-            team.view.print_line(f"{words}: not injected, because too few vehicles are airborne", "warning")
+            team.view.print_line(f"{words}: not injected: too few vehicles are airborne", "warning")
             return
         team.view.print_line(words)
         scene = Scene(team.plan.mission, subject, tuple(airborne), airborne, team.clock.speed)
@@ -69,7 +69,7 @@ class Practice:
 
 
 def _airborne(team: Team) -> dict[int, Triple]:
-    """Return where the vehicles with running motors are [m], by their own estimates."""
+    """Return the positions [m] of the armed vehicles, from their own estimates."""
     return {
         member.vehicle.id: member.link.motion.position_m
         for member in team.members

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class RecordingOptions:
     """Where a flight is recorded: in the file `path`, in the default folder without one, or not at all.
 
-    `only` is the vehicle whose agent alone this process runs; the default file name holds it. `live_address`
-    (HOST:PORT) is where viewers may connect, `live_origins` the web pages that may beside those of Foxglove.
+    `only` is the only vehicle whose agent this process runs; the default file name contains it. `live_address`
+    (HOST:PORT) is where viewers may connect, `live_origins` are the web pages that may connect beside Foxglove's.
     """
 
     path: Path | None = None
@@ -34,10 +34,10 @@ class RecordingOptions:
 
 
 def flight_log(options: RecordingOptions, mission: Mission) -> LogProcess | None:
-    """Open the log of a flight and serve it to viewers; None if it is neither recorded nor served.
+    """Open the log of a flight and serve it to viewers; return None if it is neither recorded nor served.
 
     Raises InputError when the path or the address cannot be used, VehicleRefusedError when the address is taken.
-    Where no path was given, a log that cannot be opened is a warning: the flight goes on unrecorded.
+    If no path was given, a log that cannot be opened is a warning: the flight continues without a log.
     """
     address = None if options.live_address is None else Address.parsed(options.live_address)
     log = _recorded(LogRequest(mission, options.path, address, options.live_origins), options)
@@ -79,10 +79,10 @@ def report_log(log: "LogProcess | LogWriter | None") -> None:
 
 @contextmanager
 def log_input_errors(path: Path) -> Iterator[None]:
-    """Turn errors of opening the log that the user asked for into InputError."""
+    """Turn errors of opening the log that the user named into InputError."""
     try:
         yield
     except FileExistsError as error:
-        raise InputError([f"--log: {str(path)!r} exists already: nothing is overwritten"]) from error
+        raise InputError([f"--log: {str(path)!r} exists already, and is not overwritten; name another"]) from error
     except OSError as error:
         raise InputError([f"--log: {str(path)!r}: {error.strerror or error}"]) from error

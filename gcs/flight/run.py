@@ -1,4 +1,4 @@
-"""A flight as a command: the log is opened, the plan flown under supervision, the result judged and reported."""
+"""A flight as a command: open the log, fly the plan under supervision, judge and report the result."""
 
 import asyncio
 import gc
@@ -24,7 +24,7 @@ from gcs.preflight.findings_view import findings_view
 _SPEED_REACHED_SHARE = 0.97
 _MISSED_SHARE = 0.01
 FULL_COLLECTION_NEVER = 1_000_000
-"""After as many collections of the middle generation, which is weeks, there is a full one."""
+"""Middle-generation collections before a full one: weeks."""
 
 
 def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[FlightRecord], Exit]) -> Exit:
@@ -54,16 +54,16 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
 
 
 def _forgo_full_collections() -> None:
-    """Collect young garbage only: to traverse all that lives takes 0.1 s with 32 vehicles, and none ticks.
+    """Collect young garbage only: a full collection takes 0.1 s with 32 vehicles and delays every tick.
 
-    What becomes garbage late, in cycles, stays until the flight's end: a few kilobytes a minute.
+    Old cyclic garbage stays until the end of the flight: a few kilobytes a minute.
     """
     gc.freeze()
     gc.set_threshold(*gc.get_threshold()[:2], FULL_COLLECTION_NEVER)
 
 
 def _report_supervisor_lost() -> None:
-    print_problem("this flight's supervisor is gone: the vehicles hold and land")
+    print_problem("this flight's supervisor process has ended: the vehicles hold, then land")
 
 
 def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
@@ -83,7 +83,7 @@ def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
 
 
 def _warn_of_lateness(flight: Flight, record: FlightRecord, *, slower: bool) -> None:
-    """Say that the computer was too slow, and what to do; `slower` says whether the flight could have been slower."""
+    """Report a computer that was too slow, with advice; `slower` is whether the flight could have been slower."""
     if flight.speed_reached < _SPEED_REACHED_SHARE * flight.speed:
         print_line(f"this computer reached speed {flight.speed_reached:.1f}, not {flight.speed:g}", "yellow")
     missed, ticks = record.loop.missed, record.loop.ticks

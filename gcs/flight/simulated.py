@@ -46,11 +46,12 @@ def fly_simulated(
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
-    in line and its output. `planner` makes each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
-    ValueError refuses to record it: no replay could decide again. `steps`, `imperfections`: see `simulated_vehicles`.
+    in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
+    Raises ValueError for a recording with a `planner`: a replay has none. `steps`, `imperfections`: see
+    `simulated_vehicles`.
     """
     if planner is not None and recording is not None:
-        raise ValueError("a flight with a planner of its own cannot be recorded: fly it without a log")
+        raise ValueError("a flight with a plug-in planner cannot be recorded: fly it without a log")
     rate_hz, count = mission.mission.rate_hz, len(mission.vehicles)
     observed = _Observed(round(duration_s * rate_hz) + 1, count)
 
@@ -74,7 +75,7 @@ def fly_simulated(
 
 
 class _Observed:
-    """What is noted of the vehicles' decisions: tactics (T, N), events, what the guard did, and the latest status."""
+    """The vehicles' decisions: tactics (T, N), events, the guard's interventions, and the latest status."""
 
     def __init__(self, ticks: int, vehicles: int) -> None:
         self.tactics = np.full((ticks, vehicles), "unknown", dtype="<U16")
@@ -83,7 +84,7 @@ class _Observed:
         self._latest: list[CoreStatus | None] = [None] * vehicles
 
     def note(self, tick: int, vehicle: int, status: CoreStatus) -> None:
-        """Note one tick of one vehicle; its tactic holds until another one is noted."""
+        """Add one tick of one vehicle; its tactic holds until a later tick changes it."""
         latest, self._latest[vehicle] = self._latest[vehicle], status
         if latest is None or status.tactic is not latest.tactic:
             self.tactics[tick:, vehicle] = status.tactic.value
@@ -92,7 +93,7 @@ class _Observed:
             self.events += [FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes]
 
     def endings(self, vehicle_ids: Sequence[int]) -> tuple[VehicleEnding, ...]:
-        """Return how the flights ended: in the air with the simulation, or before that by a failsafe's landing."""
+        """Return how the flights ended: in the air at the end of the simulation, or earlier by a failsafe landing."""
         return tuple(
             VehicleEnding(vehicle_id, How.FAILSAFE, status.alert)
             if status is not None and status.alert and status.tactic in _COMES_DOWN
@@ -111,8 +112,8 @@ def simulated_vehicles(
 ) -> list[SimulatedVehicle[TickOutput]]:
     """Return the mission's vehicles with their cores, at rest at their starts, active from time 0.
 
-    During `absences` a vehicle's agent is away; the one that returns is new and knows when the mission started.
-    `imperfections` are by vehicle; without them all vehicles have those of the mission's `[simulation]`. `steps` are
+    During `absences` a vehicle has no agent; a new agent follows, with the mission's start time.
+    `imperfections` are by vehicle, by default those of the mission's `[simulation]` for all. `steps` are
     the dynamics of vehicles that do not move by the equation of a plant.
     """
     common = simulated_imperfections(mission)

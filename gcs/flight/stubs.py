@@ -28,11 +28,11 @@ PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
     AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
     AutopilotKind.ARDUPILOT: {"FS_GCS_ENABLE": 5, "SYSID_MYGCS": CORDON_ID},
 }
-"""The failsafe parameters that docs/hardware.md requires where the firmware's defaults differ: to land."""
+"""The failsafe parameters that docs/hardware.md requires where the firmware's defaults differ: land."""
 STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S = 5.0, 3.0
-"""FS_GCS_TIMEOUT: the firmware's default, but no fewer wall seconds than this.
+"""FS_GCS_TIMEOUT: the firmware's default, but at least this many wall seconds.
 
-MAVSDK's heartbeats come once a second of the wall, the autopilot counts in its own time, which may pass faster.
+MAVSDK sends a heartbeat once per wall second; the autopilot counts in its own time, which may pass faster.
 """
 
 
@@ -72,7 +72,7 @@ def url_ports(mission: Mission, ids: Collection[int]) -> dict[int, int]:
     """Return the ports of the urls of these vehicles, by their ids; raises InputError for a url no stub can serve."""
     stubs = [(index, vehicle) for index, vehicle in enumerate(mission.vehicles) if vehicle.id in ids]
     faults = [
-        f"vehicles[{index}].url: a stub serves urls like udpin://127.0.0.1:14540 (given: {vehicle.section.url!r})"
+        f"vehicles[{index}].url: stubs need a url like udpin://127.0.0.1:14540 (given: {vehicle.section.url!r})"
         for index, vehicle in stubs
         if urlsplit(vehicle.section.url).scheme != "udpin"
     ]
@@ -82,9 +82,9 @@ def url_ports(mission: Mission, ids: Collection[int]) -> dict[int, int]:
 
 
 def prepared_configs(mission: Mission, ids: Collection[int], speed: float) -> list[StubConfig]:
-    """Return the stubs of these vehicles with failsafes and signing keys set as an operator should.
+    """Return the stubs of these vehicles, with failsafes and signing keys set as docs/hardware.md requires.
 
-    For flights that start their own vehicles, whose time passes `speed` times as fast as the wall's. Raises InputError
+    For flights that start their own vehicles, whose clock runs `speed` times as fast as the wall's. Raises InputError
     when the keys cannot be read.
     """
     keys = {i: SigningKey(key, wall_ticks()) for i, key in signing_keys(mission).items()}
@@ -133,7 +133,7 @@ class FlightStubs:
         return self
 
     def inject(self, system_id: int, injection: VehicleInjection) -> None:
-        """Let a vehicle fail from now on."""
+        """Inject a fault into a vehicle."""
         if self._process is not None:
             with suppress(OSError):  # they died in flight
                 self._process.inject(system_id, injection)
@@ -143,5 +143,5 @@ class FlightStubs:
     ) -> None:
         """Stop them."""
         if self._process is not None:
-            with suppress(OSError):  # they died in flight: the outcomes say so, and the record falls back to estimates
+            with suppress(OSError):  # they died in flight: outcomes report it, the record uses estimates
                 self.record = await asyncio.to_thread(self._process.stop)

@@ -18,7 +18,7 @@ _EARLY_SHARE = 0.25
 
 
 class TargetVehicle:
-    """Receives the telemetry of the vehicle that `[target]` names, without commanding it; inactive for other sources.
+    """Receives the telemetry of the vehicle that `[target]` names and never commands it; inactive for other sources.
 
     `[target.sensor]` sets the rate and the standard deviation of its sightings. Its messages have to be signed if its
     system id is among the `signing_keys`.

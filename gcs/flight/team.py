@@ -59,9 +59,9 @@ class Member:
 class Team:
     """The members of this process and everything that they share in one flight.
 
-    `stop` is the operator's request to end; `view` is what the terminal shows; `signing_keys` are those of the links,
-    by the vehicle's system id. `newest` is each vehicle's newest status, also on its way up and down; `kinds` is what
-    each vehicle is.
+    `stop` is the operator's request to end; `view` is the live view; `signing_keys` are those of the links,
+    by the vehicle's system id. `newest` is each vehicle's newest status, also during take-off and landing; `kinds` are
+    the vehicles' kinds by id.
     """
 
     plan: FlightPlan
@@ -87,14 +87,14 @@ class Team:
         return self.members[0].agent.start_s
 
     def meet(self, facts: VehicleFacts) -> None:
-        """Record what is known of a vehicle before take-off, and what it is."""
+        """Record what is known of a vehicle before take-off, and its kind."""
         self.recording.meet(facts)
         self.kinds[facts.vehicle_id] = facts.kind.value
 
     def equip(self, hub: MavsdkHub, heartbeat: Callable[[int], Heartbeat]) -> None:
         """Create the links and the agents of all vehicles of this process, not yet connected.
 
-        `heartbeat` is called with a vehicle's id. Raises InputError when keys are not here or do not count.
+        `heartbeat` is called with a vehicle's id. Raises InputError when keys are missing or not valid.
         """
         plan = self.plan
         equipment = plan.equipment or Equipment()
@@ -123,7 +123,7 @@ class Team:
         return link
 
     def _located_from_outside(self, vehicle: MissionVehicle) -> bool:
-        """Return whether a vehicle is sent its positions; the stubs of a flight know theirs."""
+        """Return whether a vehicle needs external positions; the stubs of a flight do not."""
         return self.plan.mission.frame.external_positions and vehicle.id not in self.plan.stubs
 
     def _agent(self, vehicle: MissionVehicle, link: CheckedLink, bus: PeerBus, heartbeat: Heartbeat) -> Agent:
@@ -175,7 +175,7 @@ class Team:
             member.link.set_speed(self.clock.speed)
 
     async def facts(self, settle_s: float) -> Sequence[VehicleFacts]:
-        """Return what the vehicles on the ground report of themselves, once they are well or `settle_s` has passed."""
+        """Return what the vehicles on the ground report, once they are healthy or `settle_s` has passed."""
         return await asyncio.gather(*(member.link.facts(member.vehicle.id, settle_s) for member in self.members))
 
     def record(
@@ -202,7 +202,7 @@ class Team:
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
 
     def _received_truth(self) -> tuple[TruthTrack, ...]:
-        """Return what the vehicles' simulators sent of their true motions; real vehicles send none."""
+        """Return the true motions that the vehicles' simulators sent; real vehicles send none."""
         truths = ((member.vehicle.system_id, member.link.truth) for member in self.members)
         return tuple(
             TruthTrack.of(each, truth.samples) for each, truth in truths if truth is not None and truth.samples
@@ -228,7 +228,7 @@ def ending_of(vehicle_id: int, outcome: Outcome) -> VehicleEnding:
 
 
 def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:
-    """Return the sensor as it sees from where the vehicle's simulator says that the vehicle is, if there is one."""
+    """Return the sensor at the true position of the vehicle, if a simulator sends it."""
     truth = link.truth
     if truth is None:
         return sensor

@@ -1,4 +1,4 @@
-"""A simulated sensor on a simulated vehicle: it sees the target from where the vehicle truly is."""
+"""A simulated sensor on a simulated vehicle: it measures the target from the vehicle's true position."""
 
 from collections import deque
 from collections.abc import Callable
@@ -9,16 +9,16 @@ from agents.ports import TargetSensor
 from estimation.state import Sighting
 
 Place = Callable[[float], tuple[float, float] | None]
-"""Returns a horizontal position in the mission frame at a time of the mission clock; None where it is not known."""
+"""Returns a horizontal position in the mission frame at a time of the mission clock; None if it is unknown."""
 KEPT_S = 10.0
-"""Errors of the estimate are kept for so long at most: no sighting is delayed by more [s of the mission clock]."""
+"""How long errors of the estimate are kept: no sighting is delayed by more [s of the mission clock]."""
 
 
 class TrueSensor:
-    """Implements `agents.ports.TargetSensor`: the error of the vehicle's estimate is in the place of the sighting.
+    """Implements `agents.ports.TargetSensor`: the sighting's position has the error of the vehicle's estimate.
 
-    A camera on board measures the target's place relative to the vehicle; the vehicle adds where it took itself to be
-    at that time. Without the truth, as on real vehicles, the sensor sees from the estimate.
+    A camera on board measures the target's position relative to the vehicle; the vehicle adds its estimate of its own
+    position at that time. Without the truth, as on real vehicles, the sensor measures from the estimate.
     """
 
     def __init__(self, sensor: TargetSensor, true_m: Place, estimated_m: Place) -> None:

@@ -31,7 +31,7 @@ DISARMED = "disarmed"
 
 
 class Watch:
-    """Shows a team in its live view. `report` receives findings, `hint` returns what is shown below the table."""
+    """Shows a team in its live view. `report` receives findings, `hint` returns the text below the table."""
 
     def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], Text]) -> None:
         self._team = team
@@ -64,14 +64,14 @@ class Watch:
         self._update(NO_HINT)
 
     def _show_events(self) -> None:
-        """Print the events since the last time."""
+        """Print the new events."""
         for event in self._team.journal.new_events():
             self._note_alert(event)
             line = event_line(event, self._team.start_s)
             self._team.view.print_line(line, event_severity(event.kind, event.text))
 
     def _note_alert(self, event: FlightEvent) -> None:
-        """Remember which conditions are over of those that a vehicle still names as its alert until it resumes."""
+        """Store which conditions are cleared: a vehicle keeps such a condition as its alert until it resumes."""
         if event.kind == "failsafe" and event.vehicle in self._over:
             alert, _, then = event.text.partition(": ")
             over = self._over[event.vehicle]
@@ -81,11 +81,11 @@ class Watch:
         team, mission = self._team, self._team.plan.mission
         time_s = None if team.start_s is None else max(team.clock.now_s() - team.start_s, 0.0)
         if not team.view.shows_at(time_s or 0.0):
-            return  # the rows of a large team take a noticeable part of a tick
+            return  # building the rows of a large team takes a noticeable part of a tick
         places_m = _places_m(team)
         rows = [self._row(member, team.newest.get(member.vehicle.id), places_m) for member in team.members]
         flying = any(not row.ending for row in rows)
-        message = "holding and landing; Ctrl-C once more: land at once" if flying and team.stop.wanted.is_set() else ""
+        message = "holding, then landing; Ctrl-C again: land at once" if flying and team.stop.wanted.is_set() else ""
         name = f"BENCH {mission.mission.name}" if team.plan.bench else mission.mission.name
         title = flight_title(name, time_s, team.plan.duration_s, _ring_members(team), len(mission.vehicles))
         team.view.update(rows, time_s or 0.0, message, hint, title)
@@ -100,7 +100,7 @@ class Watch:
         fault = self._team.recording.fault
         if fault and not self._log_fault:
             self._log_fault = fault
-            self._team.view.print_line(f"the log is incomplete: {fault}; the flight goes on")
+            self._team.view.print_line(f"the log is incomplete: {fault}; the flight continues")
 
     def _report_clocks(self) -> None:
         """Report each other computer once whose clock differs too much from this one's."""
@@ -170,7 +170,7 @@ class Watch:
 
 
 def _places_m(team: Team) -> dict[int, Place]:
-    """Return where all vehicles in flight are: by their autopilots, or as the others have received it."""
+    """Return the positions of all vehicles in flight: from their autopilots, or from messages to their peers."""
     places_m = {peer.sender: peer.position_m for status in team.newest.values() for peer in status.peers}
     for member in team.members:
         if _ending(member) == DISARMED:
@@ -182,7 +182,7 @@ def _places_m(team: Team) -> dict[int, Place]:
 
 
 def _ring_members(team: Team) -> int:
-    """Return how many vehicles fly on the ring, as they know themselves, or as the others have received it."""
+    """Return how many vehicles fly on the ring, by their own status or by messages to their peers."""
     flying = [member.vehicle.id for member in team.members if not _ending(member)]
     statuses = [team.newest[each] for each in flying if each in team.newest]
     here = {status.vehicle_id for status in statuses if status.place is not None}
@@ -191,7 +191,7 @@ def _ring_members(team: Team) -> int:
 
 
 def _ending(member: Member) -> str:
-    """Return what became of a vehicle whose flight is over, by its own autopilot; empty before."""
+    """Return the state of a vehicle whose flight has ended, by its autopilot; empty before."""
     if member.agent.phase is not Phase.ENDED:
         return ""
     status = member.link.status
@@ -209,6 +209,6 @@ def _gps(vehicle: VehicleStatus) -> str:
 
 
 def _remark(status: CoreStatus, over: str) -> str:
-    ended = f"{over} is over: resume continues the mission" if over else ""
+    ended = f"{over} cleared: resume continues the mission" if over else ""
     dropped = f"messages dropped: {status.drops.text()}" if status.drops.total else ""
     return ", ".join(filter(None, [ended, status.slowed, dropped]))

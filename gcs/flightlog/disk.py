@@ -1,4 +1,4 @@
-"""The file of a log. Disk errors are stored and never raised, so that they cannot disturb a flight."""
+"""The file of a log. Disk errors are stored and never raised, so that they do not affect the flight."""
 
 import os
 from pathlib import Path

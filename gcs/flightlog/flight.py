@@ -1,4 +1,4 @@
-"""Recording a flight: what the agents of this process do, what their vehicles said of themselves, how it ended."""
+"""Recording a flight: the inputs and decisions of this process's agents, the facts of their vehicles, the ending."""
 
 from types import TracebackType
 from typing import Protocol, Self
@@ -16,7 +16,7 @@ from sitl.server.server import TruthTrack
 
 
 class Recording(Protocol):
-    """What a flight is recorded by."""
+    """Records a flight."""
 
     @property
     def fault(self) -> str:
@@ -24,7 +24,7 @@ class Recording(Protocol):
         ...
 
     def begin(self, run: Run) -> None:
-        """Take what is known of the run as a whole; what is said later replaces what was said before."""
+        """Record the run as a whole; a later call replaces an earlier one."""
         ...
 
     def core(self, config: AgentConfig) -> VehicleCore:
@@ -32,59 +32,59 @@ class Recording(Protocol):
         ...
 
     def meet(self, facts: VehicleFacts) -> None:
-        """Take what a vehicle said of itself before take-off."""
+        """Record the facts that a vehicle reported before take-off."""
         ...
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
-        """Take what a tick of a vehicle's control loop took."""
+        """Record the computing time of a tick of a vehicle's control loop."""
         ...
 
     def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
-        """Take how a vehicle's control loop fared."""
+        """Record the totals of a vehicle's control loop, and how its flight ended."""
         ...
 
     def end(self, end: RunEnd) -> None:
-        """Take how the run ended."""
+        """Record how the run ended."""
         ...
 
     def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
-        """Take where a vehicle truly was."""
+        """Record a vehicle's true track."""
         ...
 
     def truth(self, vehicle_id: int, motion: Telemetry) -> None:
-        """Take a true motion that a vehicle's simulator sent."""
+        """Record a true motion that a vehicle's simulator sent."""
         ...
 
 
 class Unrecorded:
-    """Nobody records."""
+    """Records nothing."""
 
     fault = ""
 
     def begin(self, run: Run) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def core(self, config: AgentConfig) -> VehicleCore:
         """Return a plain core."""
         return VehicleCore(config)
 
     def meet(self, facts: VehicleFacts) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def end(self, end: RunEnd) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
-        """Forget it."""
+        """Do nothing."""
 
     def truth(self, vehicle_id: int, motion: Telemetry) -> None:
-        """Forget it."""
+        """Do nothing."""
 
 
 class FlightRecording:
@@ -103,7 +103,7 @@ class FlightRecording:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write what is left."""
+        """Write the remaining records."""
         self._thread.__exit__(kind, error, trace)
 
     @property
@@ -112,25 +112,25 @@ class FlightRecording:
         return self._recorder.fault
 
     def begin(self, run: Run) -> None:
-        """Record what is known of the run as a whole; what is said later replaces what was said before."""
+        """Record the run as a whole; a later call replaces an earlier one."""
         self._recorder.note(0, 0, run)
 
     def core(self, config: AgentConfig) -> VehicleCore:
-        """Return a core that is on tape."""
+        """Return a core whose inputs and outputs are recorded."""
         return TapedCore(config, self._tape(config.vehicle_id))
 
     def meet(self, facts: VehicleFacts) -> None:
-        """Record what a vehicle said of itself before take-off."""
+        """Record the facts that a vehicle reported before take-off."""
         known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
         parameters = tuple(Parameter(name, value) for name, value in known.items())
         self._tape(facts.vehicle_id).note(Vehicle(facts.autopilot.value, facts.firmware, parameters, facts.kind.value))
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
-        """Record what a tick of a vehicle's control loop took."""
+        """Record the computing time of a tick of a vehicle's control loop."""
         self._tape(vehicle_id).note(Cost(time_s, tick_us))
 
     def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
-        """Record how a vehicle's control loop fared."""
+        """Record the totals of a vehicle's control loop, and how its flight ended."""
         self._tape(vehicle_id).note(end)
 
     def end(self, end: RunEnd) -> None:
@@ -138,7 +138,7 @@ class FlightRecording:
         self._recorder.note(0, 0, end)
 
     def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
-        """Record where a vehicle truly was."""
+        """Record a vehicle's true track."""
         tape, rows = self._tape(vehicle_id), (track.time_s, track.position_m, track.velocity_m_s)
         for time_s, (x, y, z), (x_rate, y_rate, z_rate) in zip(*(each.tolist() for each in rows), strict=True):
             tape.note(Truth(time_s, (x, y, z), (x_rate, y_rate, z_rate)), time_s)

@@ -1,7 +1,7 @@
-"""What is said of a log that cannot be used."""
+"""The error of a log that cannot be used."""
 
 from gcs.errors import InputError
 
 
 class LogError(InputError):
-    """A log cannot be read, or not as what it was meant to be; its faults name the file, and where in it and why."""
+    """A log cannot be read, or lacks what is needed; its faults name the file, the place in it, and the reason."""

@@ -1,4 +1,4 @@
-"""Where the log of a flight goes."""
+"""The default path of a flight's log."""
 
 import os
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ FOLDER_VARIABLE = "CORDON_LOGS"
 
 
 def log_folder() -> Path:
-    """Return where logs go unless told otherwise; raises OSError where nobody's home is known."""
+    """Return the default folder of logs; raises OSError without a home folder."""
     told = os.environ.get(FOLDER_VARIABLE)
     if told:
         return Path(told)
@@ -18,11 +18,11 @@ def log_folder() -> Path:
     try:
         return Path(shared or Path.home() / ".local" / "share") / "cordon" / "logs"
     except RuntimeError as error:
-        raise OSError(f"no home folder is known; {FOLDER_VARIABLE} may name a folder for logs") from error
+        raise OSError(f"there is no home folder; set {FOLDER_VARIABLE} to a folder for logs") from error
 
 
 def default_path(mission: str, only: int | None, now: datetime) -> Path:
-    """Return the path of a log that begins now, by date and mission; raises OSError where none can be made."""
+    """Return the path of a log that begins now, by date and mission; raises OSError without a home folder."""
     folder = log_folder()
     folder.mkdir(parents=True, exist_ok=True)
     name = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in mission)

@@ -1,4 +1,4 @@
-"""Reading a log that cordon wrote: closed or not, as far as it is whole."""
+"""Reading a log that cordon wrote, closed or not, as far as it is undamaged."""
 
 import os
 from collections import Counter
@@ -46,14 +46,14 @@ class LogRecord(NamedTuple):
             raise self._damage(error) from error
 
     def message(self) -> Any:
-        """Return it as Protobuf sees it; raises LogError when it is damaged."""
+        """Return it as a Protobuf message; raises LogError when it is damaged."""
         try:
             return self.decoder.message(self.payload)
         except ValueError as error:
             raise self._damage(error) from error
 
     def read(self, kind: type[RecordT]) -> RecordT:
-        """Return it as the type that it is of; raises LogError when it is damaged, or of another version's making."""
+        """Return it as its type; raises LogError when it is damaged, or of an incompatible version."""
         try:
             return msgspec.convert(self.plain(), kind)
         except msgspec.ValidationError as error:
@@ -65,10 +65,9 @@ class LogRecord(NamedTuple):
 
 @dataclass(frozen=True)
 class FlightLog:
-    """What a file holds: the records of the run, and each vehicle's in the order in which they were written.
+    """The content of a file: the records of the run, and each vehicle's in the order in which they were written.
 
-    `faults` says what is not as it should be: an end that is missing, records that are damaged. It `is_damaged` where
-    records between others are lost.
+    `faults` lists what is wrong: a missing end, damaged records. It `is_damaged` if records between others are lost.
     """
 
     path: Path
@@ -79,7 +78,7 @@ class FlightLog:
 
     @property
     def recovered(self) -> str:
-        """How much of it was read, for people."""
+        """How much of it was read, as text."""
         records = [self.run_records, *self.vehicles.values()]
         stamps_ns = [each.time_ns for some in records for each in (some[0], some[-1]) if some]
         seconds = (max(stamps_ns) - min(stamps_ns)) / 1e9 if stamps_ns else 0.0
@@ -87,29 +86,29 @@ class FlightLog:
 
     @cached_property
     def run(self) -> Run:
-        """What was flown, as it was said last; raises LogError where it never was."""
+        """The newest record of the run; raises LogError if there is none."""
         said = [each for each in self.run_records if each.kind is Run]
         if not said:
-            reason = "it does not say what was flown: it ends before that was known, or that is damaged"
+            reason = "it holds no record of the run (mission and vehicles): it ends too early, or that part is damaged"
             raise LogError([f"{self.path}: {each}" for each in (reason, *self.faults)])
         return said[-1].read(Run)
 
     @cached_property
     def end(self) -> RunEnd | None:
-        """How the run ended, None where nobody lived to say so."""
+        """How the run ended, None if its process ended before it was recorded."""
         return next((each.read(RunEnd) for each in reversed(self.run_records) if each.kind is RunEnd), None)
 
     @cached_property
     def carried(self) -> dict[int, BusMessage]:
-        """The messages that cores of its process took, by place; those that cannot be decoded are left out."""
+        """The messages that cores of its process received, by number, without those that cannot be decoded."""
         carried = (each.message() for each in self.run_records if each.kind is Carried)
         decoded = ((each.number, _decoded(each.payload)) for each in carried)
         return {place: message for place, message in decoded if message is not None}
 
     def messages(self, record: LogRecord) -> list[BusInput]:
-        """Return what a record says that a core took from the bus; raises LogError where a message is lost.
+        """Return the inputs from the bus in a record; raises LogError where a message is lost.
 
-        In logs before format 3 a record may be of a message that was not admitted: then there is none.
+        In logs before format 3 a record may hold a message that was not admitted: then there is none.
         """
         if record.kind is FormerMessage:
             former = record.read(FormerMessage)
@@ -128,11 +127,11 @@ class FlightLog:
 
 
 def read_log(path: Path) -> FlightLog:
-    """Read a log as far as it is whole; raises LogError when it is none of cordon's.
+    """Read a log as far as it is undamaged; raises LogError when it is not a log of cordon.
 
-    What the file's own checksums vouch for is not decoded here but when it is read: that is quick, and a record that is
-    damaged all the same raises LogError then. A log of a newer version is decoded at once, to leave out what this one
-    does not know.
+    Records with a valid checksum are decoded only when they are read, which is quick; a record that is damaged
+    nevertheless raises LogError then. A log of a newer version is decoded at once, to leave out the records that this
+    version does not support.
     """
     log, counter = FlightLog(path), RecordCounter()
     with open_container(path) as container:
@@ -148,11 +147,12 @@ def read_log(path: Path) -> FlightLog:
             else:
                 topics.miss(entry.channel_id)
     if not counter.total:
-        raise LogError([f"{path}: it holds no record of cordon's", *(f"{path}: {fault}" for fault in container.faults)])
+        raise LogError([f"{path}: it holds no cordon record", *(f"{path}: {fault}" for fault in container.faults)])
     log.faults.extend(faults_of(container, counter) + topics.faults)
     log = replace(log, is_damaged=container.is_damaged or bool(counter.faults))
     if log.run.format > FORMAT:
-        log.faults.append(f"it was written by a newer version of cordon (format {log.run.format}, known is {FORMAT})")
+        newer = f"format {log.run.format}; this version reads up to {FORMAT}"
+        log.faults.append(f"it was written by a newer version of cordon ({newer})")
         _leave_out_unknown(log)
     return log
 
@@ -166,7 +166,7 @@ def _decoded(payload: bytes) -> BusMessage | None:
 
 @contextmanager
 def open_container(path: Path) -> Iterator[Container]:
-    """Open a log; raises LogError when that fails, or when it is no MCAP file."""
+    """Open a log; raises LogError when that fails, or when it is not an MCAP file."""
     try:
         with open_plain(path) as stream:
             yield Container(stream, os.fstat(stream.fileno()).st_size)
@@ -177,13 +177,13 @@ def open_container(path: Path) -> Iterator[Container]:
 
 
 def faults_of(container: Container, counter: RecordCounter) -> list[str]:
-    """Return what is not as it should be in a log that has been gone through."""
+    """Return the faults of a log that has been read to its end."""
     unclosed = f"it was never closed: it ends {counter.seconds:.1f} s after its first record"
     return [*([] if container.is_closed else [unclosed]), *container.faults, *counter.faults]
 
 
 def _leave_out_unknown(log: FlightLog) -> None:
-    """Leave out the records that this version cannot read, and say how many of what."""
+    """Leave out the records that this version cannot read, and report their number by kind."""
     unknown: Counter[str] = Counter()
     for records in (log.run_records, *log.vehicles.values()):
         readable = [each for each in records if _is_readable(each)]
@@ -192,7 +192,7 @@ def _leave_out_unknown(log: FlightLog) -> None:
         )
         records[:] = readable
     for kind, count in sorted(unknown.items()):
-        log.faults.append(f"{count} records of kind {kind} say what this version does not know")
+        log.faults.append(f"{count} records of kind {kind} have content that this version does not support")
 
 
 def _is_readable(record: LogRecord) -> bool:
@@ -204,7 +204,7 @@ def _is_readable(record: LogRecord) -> bool:
 
 
 class _Topics:
-    """What a file says of its channels, as far as this version knows them."""
+    """The channels of a file, as far as this version supports them."""
 
     def __init__(self, path: Path) -> None:
         self.known: dict[int, tuple[type[Any], int, Decoder]] = {}
@@ -214,7 +214,7 @@ class _Topics:
         self._unread: Counter[str] = Counter()
 
     def take(self, entry: Entry) -> None:
-        """Take a schema or a channel; the first of a number counts."""
+        """Add a schema or a channel; the first with an id counts."""
         match entry:
             case Schema():
                 self._schemas.setdefault(entry.id, entry)
@@ -242,19 +242,19 @@ class _Topics:
                 self.known[channel.id] = kind, vehicle_id, decoder
 
     def miss(self, channel_id: int) -> None:
-        """Note a record of a channel that is not known."""
+        """Count a record of an unknown channel."""
         self._unread[self._others.get(channel_id, "the description of their channel is lost")] += 1
 
     @property
     def faults(self) -> list[str]:
-        """What records are not read though they are there; viewers' are not missed."""
+        """The records that are present and not read, other than those for viewers."""
         return [
             f"{count} records are not read: {why}" for why, count in sorted(self._unread.items()) if why != _VIEWERS
         ]
 
 
 def topic_of(topic: str) -> tuple[type[Any], int] | None:
-    """Return the kind of record on a topic, and whose it is (0: the run's); None for what only viewers need."""
+    """Return the kind of record on a topic, and its vehicle (0: the run); None for what only viewers need."""
     match topic.split("/"):
         case ["", "vehicle", number, name] if number.isdecimal() and (kind := _kind_of(name)) is not None:
             return kind, int(number)

@@ -4,7 +4,7 @@ from collections import defaultdict
 
 
 class RecordCounter:
-    """The counts of a log's records. Those of a vehicle and the bus messages are numbered: missing ones show."""
+    """The counts of a log's records. Records of vehicles and bus messages are numbered, so gaps show missing ones."""
 
     def __init__(self) -> None:
         self.records: defaultdict[int, int] = defaultdict(int)
@@ -15,7 +15,7 @@ class RecordCounter:
         self._last_ns = 0
 
     def note(self, vehicle_id: int, time_ns: int, payload: bytes) -> bool:
-        """Count a record, encoded; vehicle 0 is the run as a whole. Return whether it is one."""
+        """Count an encoded record; vehicle 0 is the run as a whole. Return whether it is undamaged."""
         number = _number(payload)
         if vehicle_id and not number:
             self.damaged += 1
@@ -84,7 +84,7 @@ class _MissingRange:
 
 
 def _number(payload: bytes) -> int:
-    """Return the number of a record, its field 1, as Protobuf writes it: quicker than decoding all; 0 if none."""
+    """Return the number of a record, field 1 of its Protobuf encoding, 0 if none: quicker than decoding the record."""
     if payload[:1] != b"\x08":
         return 0
     value = shift = 0

@@ -1,7 +1,7 @@
-"""The flight recorder: tapes for the cores, and what takes their records to a log.
+"""The flight recorder: tapes for the cores, and the writing of their records to a log.
 
 A tape only appends to a queue. `drain` hands the records to a writer, in a thread of its own during a flight: a slow,
-full or missing disk does not disturb it.
+full or missing disk does not affect the flight.
 """
 
 import threading
@@ -20,23 +20,23 @@ from gcs.flightlog.records import Carried, Decision, Taken, recorded
 
 CLOSING_TIMEOUT_S = 10.0
 DRAIN_PERIOD_S, FLUSH_PERIOD_S = 0.1, 0.8
-"""A killed process loses the records since the last flush, which may be late by one drain: less than a second."""
+"""A killed process loses the records since the last flush, which may be late by one drain: less than a second's."""
 QUEUE_MAX = 100_000
 """Items, several minutes of a team. The queue is full only if the disk hangs; further items are lost and detected."""
 SLICE_ITEMS, SLICE_PAUSE_S = 25, 2e-4
-"""The thread pauses after so many items: a control loop that waits for the interpreter lock gets it within a
-millisecond, where the interpreter itself would take it from this thread after five."""
+"""The thread pauses after this many items: a control loop that waits for the interpreter lock gets it within a
+millisecond; the interpreter itself would switch threads after five."""
 TOGETHER_MAX = 256
 """Messages in one record."""
 CARRIED_KEPT = 8192
-"""Messages whose places are known: cores take a message within a tick of one another, here within seconds."""
+"""Messages whose numbers are kept: all cores receive a message within a tick, this covers seconds."""
 
 _Item = tuple[int, int, float, object]
-"""A vehicle's id (0: the run's), the number and time of the record, and the record or what makes one."""
+"""A vehicle's id (0: the run), the number and time of the record, and the record or the item that becomes one."""
 
 
 class RecordWriter(Protocol):
-    """What a recorder writes to: the log itself, or the process that has it."""
+    """The recorder's output: the log itself, or the process that writes it."""
 
     @property
     def fault(self) -> str:
@@ -70,9 +70,9 @@ class Recorder:
         speed: Callable[[], float],
         audit: AuditTrail | None = None,
     ) -> None:
-        """Take the log; the clock of the records passes `speed()` times as fast as that of the log's time stamps.
+        """Take the log; the records' clock runs `speed()` times as fast as that of the log's time stamps.
 
-        `audit` makes the entries of the audit log; None for a log without.
+        `audit` makes the entries of the audit log; None for a log without an audit log.
         """
         self._audit = audit
         self._writer = writer
@@ -103,7 +103,7 @@ class Recorder:
         self._writer.fail(reason)
 
     def drain(self, most: int = QUEUE_MAX) -> bool:
-        """Write `most` of the records so far, and flush after a decision with notes; return whether some wait."""
+        """Write up to `most` waiting records, and flush after a decision with notes; return whether some still wait."""
         self._drain(most)
         if self._eventful:
             self._eventful = False
@@ -116,7 +116,7 @@ class Recorder:
             vehicle_id, number, time_s, item = queue.popleft()
             try:
                 self._write(vehicle_id, number, time_s, round(max(time_s, 0.0) / speed * 1e9), item)
-            except Exception as error:  # a bug with one record must not cost the others, and never a flight
+            except Exception as error:  # a bug with one record must not lose the others, nor end the flight
                 self.fail(f"a {type(item).__name__} could not be written: {_error_text(error)}")
 
     def flush(self) -> None:
@@ -145,7 +145,7 @@ class Recorder:
                     self._writer.write(0, 0, time_ns, entry)
 
     def _taken(self, time_ns: int, messages: list[Message]) -> Taken:
-        """Return the record of messages that a core took; those that no core took before are written first."""
+        """Return the record of messages that a core received; a message new to all cores is written first."""
         places = []
         for each in messages:
             place, is_new = self._carried.place(each.message)
@@ -159,21 +159,21 @@ class Recorder:
 
 
 class _CarriedMessages:
-    """The places of the newest messages that cores took. A message is one object for all cores of a process."""
+    """The numbers of the newest messages that cores received. A message is one object for all cores of a process."""
 
     def __init__(self) -> None:
         self._count = 0
         self._places: dict[int, tuple[int, BusMessage]] = {}
 
     def place(self, message: BusMessage) -> tuple[int, bool]:
-        """Return the place of a message among all, from 1 on, and whether it is a new one."""
+        """Return the number of a message among all, from 1, and whether it is new."""
         known = self._places.get(id(message))
         if known is not None:
             return known[0], False
         self._count += 1
         if len(self._places) == CARRIED_KEPT:
             del self._places[next(iter(self._places))]
-        self._places[id(message)] = self._count, message  # while it is kept, no other object has its id
+        self._places[id(message)] = self._count, message  # keeping the object reserves its id
         return self._count, True
 
 

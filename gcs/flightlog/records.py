@@ -1,7 +1,7 @@
-"""What a flight log holds: the record types beside those on tape, and the table of topics.
+"""The contents of a flight log: the record types beside those of the tape, and the table of topics.
 
-A record is on the topic `/vehicle/<id>/<name>`, what concerns the whole run on `/run`. Every record of a vehicle has a
-number, which puts all that went into its core and came out of it in order, whatever the clocks say.
+A record is on the topic `/vehicle/<id>/<name>`, the record of the whole run on `/run`. Every record of a vehicle has a
+number, which orders all inputs and outputs of its core, independent of clocks.
 """
 
 import msgspec
@@ -29,31 +29,31 @@ from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
 from gcs.flightlog.audit.entry import AuditEntry
 
 PROFILE = "cordon"
-"""The word by which an MCAP file says whose it is."""
+"""The profile name in the MCAP file."""
 FORMAT = 3
-"""Of the log: a reader knows all up to its own. Before 3 each vehicle's records held the messages themselves."""
+"""The format of the log: a reader supports all up to its own. Before 3 each vehicle's records held the messages."""
 
 
 class PlantText(msgspec.Struct, frozen=True):
-    """A profile as it was flown with; an earlier version's plant file."""
+    """A profile of the flight; in earlier versions a plant file."""
 
     name: str
     text: str
 
 
 class Version(msgspec.Struct, frozen=True):
-    """Something that the outcome of a computation depends on, and its version."""
+    """A package or tool on which computed numbers depend, and its version."""
 
     name: str
     version: str
 
 
 class Run(msgspec.Struct, frozen=True):
-    """What was flown, by what: all that is needed to build the same cores again.
+    """The mission that was flown, and all that is needed to build the same cores again.
 
-    `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records passes; `source` is
-    simulation, sitl, hybrid, bench or flight. `vehicles` are those whose cores are recorded here, out of the mission's.
-    `faults` are those that were injected into stub vehicles, as `link-cut@120:2`.
+    `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records runs; `source` is
+    simulation, sitl, hybrid, bench or flight. `vehicles` are those of the mission whose cores are recorded here.
+    `faults` are those injected into stub vehicles, as `link-cut@120:2`.
     """
 
     format: int
@@ -78,7 +78,7 @@ class Parameter(msgspec.Struct, frozen=True):
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """What a vehicle's autopilot said of itself before take-off; `kind` is what it is (gcs/link/kind.py)."""
+    """The facts that a vehicle's autopilot reported before take-off; `kind` is its kind (gcs/link/kind.py)."""
 
     autopilot: str
     firmware: str
@@ -87,20 +87,20 @@ class Vehicle(msgspec.Struct, frozen=True):
 
 
 class Carried(msgspec.Struct, frozen=True):
-    """A message of the bus that cores of this process took; its number is its place among them, from 1 on."""
+    """A message of the bus that cores of this process received; its number is its place among them, from 1."""
 
     payload: bytes
 
 
 class Taken(msgspec.Struct, frozen=True):
-    """Messages that the core took, one or more in a row: their places among all `Carried`, and when each came."""
+    """Consecutive messages that the core received: their places among all `Carried`, and their times of arrival."""
 
     places: tuple[int, ...]
     times_s: tuple[float, ...]
 
 
 class FormerMessage(msgspec.Struct, frozen=True):
-    """A message that the core took, in logs before format 3: when it came, and on which key; the oldest have no key."""
+    """A message that the core received, in logs before format 3: its time and its key; the oldest have no key."""
 
     now_s: float
     payload: bytes
@@ -108,7 +108,7 @@ class FormerMessage(msgspec.Struct, frozen=True):
 
 
 class LocalCommand(msgspec.Struct, frozen=True):
-    """`on_command`: an operator at this computer said this; the payload is the command's, as it goes over the bus."""
+    """`on_command`: a command of an operator at this computer; the payload is that of the bus."""
 
     now_s: float
     payload: bytes
@@ -158,7 +158,7 @@ class Place(msgspec.Struct, frozen=True):
 
 
 class GuardResult(msgspec.Struct, frozen=True):
-    """What the guard did with the planned setpoint, why, and up to which cause its demands had to yield.
+    """The guard's change of the planned setpoint, its causes, and the cause up to which constraints were relaxed.
 
     Where velocities are sent beside setpoints, `setpoint_m` is the aim of both.
     """
@@ -170,14 +170,14 @@ class GuardResult(msgspec.Struct, frozen=True):
 
 
 class Decision(msgspec.Struct, frozen=True):
-    """All that came out of one tick: estimates, decisions and their reasons, and what was sent.
+    """All results of one tick: estimates, decisions and their reasons, and what was sent.
 
-    `peers` are the members that counted, `answers` what peers answered to operators, as it came over the bus.
-    `ring_rate_rad_s` is the angular rate of the ring as it is flown, 0 off it; None in logs older than rings that slow.
-    `target_altitude_m` is the estimate of the target's altitude, None where the vehicle followed none.
-    `turning_rad_s` is the estimated rate at which the vehicle goes around, 0 off the ring; older logs have none.
-    `drops` are the messages that were dropped so far by reason, `messages_dropped` in all; older logs have the number
-    alone.
+    `peers` are the members taken into account, `answers` the peers' answers to operators, as received from the bus.
+    `ring_rate_rad_s` is the angular rate of the ring as flown, 0 off the ring; older logs have none.
+    `target_altitude_m` is the estimate of the target's altitude, None if the vehicle followed none.
+    `turning_rad_s` is the estimated rate at which the vehicle circles, 0 off the ring; older logs have none.
+    `drops` are the messages dropped so far by reason, `messages_dropped` their number; older logs have the number
+    only.
     """
 
     time_s: float
@@ -204,14 +204,14 @@ class Decision(msgspec.Struct, frozen=True):
 
 
 class Cost(msgspec.Struct, frozen=True):
-    """What the tick before took, within the control loop."""
+    """The computing time of the previous tick of the control loop."""
 
     time_s: float
     tick_us: float
 
 
 class Truth(msgspec.Struct, frozen=True):
-    """Where a simulator knows that a vehicle was; `received` if it sent that in flight, on its vehicle's link."""
+    """A vehicle's true motion from a simulator; `received` if it was sent in flight, on the vehicle's link."""
 
     time_s: float
     position_m: tuple[float, float, float]
@@ -220,9 +220,9 @@ class Truth(msgspec.Struct, frozen=True):
 
 
 class VehicleEnd(msgspec.Struct, frozen=True):
-    """How a vehicle's control loop fared as a whole, when its mission ended and the way down began, how and why.
+    """The totals of a vehicle's control loop, when its mission ended and the way down began, and how and why.
 
-    `how` is a word of `gcs.metrics.ending.How`, empty in older logs.
+    `how` is a value of `gcs.metrics.ending.How`, empty in older logs.
     """
 
     ticks: int
@@ -233,7 +233,7 @@ class VehicleEnd(msgspec.Struct, frozen=True):
 
 
 class RunEnd(msgspec.Struct, frozen=True):
-    """How a run ended: what was flown of the mission, and what it took on the wall's clock."""
+    """The end of a run: the mission time flown, and the wall time."""
 
     flown_s: float
     wall_time_s: float
@@ -266,7 +266,7 @@ VEHICLE_TOPICS: dict[type, str] = {
 
 
 def recorded(item: object) -> object:
-    """Return what stands in a log for an item from a tape."""
+    """Return the record of an item from a tape."""
     if isinstance(item, TickOutput):
         return decision_of(item)
     if isinstance(item, Command):
@@ -275,7 +275,7 @@ def recorded(item: object) -> object:
 
 
 def decision_of(output: TickOutput) -> Decision:
-    """Return a tick's output as it is recorded."""
+    """Return the record of a tick's output."""
     status = output.status
     guarded, own, target, polar, place = (
         status.guarded,

@@ -24,9 +24,9 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """The records recovered, their duration, and in `faults` what was not recovered.
+    """The number of records recovered, their duration, and in `faults` what was not recovered.
 
-    It `is_damaged` where records between others are lost, and not only the end.
+    It `is_damaged` if records between others are lost, not only the end.
     """
 
     records: int
@@ -36,7 +36,7 @@ class Recovery:
 
 
 def examine(path: Path, progress: Progress) -> Recovery:
-    """Check a log without a copy; raises LogError when it holds no readable record of cordon's."""
+    """Check a log without a copy; raises LogError when it holds no readable cordon record."""
     with open_container(path) as container:
         return _gone_through(path, container, lambda _entry: None, progress)
 
@@ -44,7 +44,7 @@ def examine(path: Path, progress: Progress) -> Recovery:
 def recover(path: Path, target: Path, progress: Progress) -> Recovery:
     """Copy all undamaged records of a log into another, which is closed and indexed.
 
-    Raises LogError when it holds no readable record of cordon's, InputError when the target exists or cannot be
+    Raises LogError when it holds no readable cordon record, InputError when the target exists or cannot be
     written; an incomplete target is removed.
     """
     with open_container(path) as container, _new_file(target) as stream:
@@ -77,16 +77,16 @@ def _gone_through(path: Path, container: Container, take: Callable[[Entry], None
             progress(told_bytes / container.size_bytes)
     faults = faults_of(container, counter)
     if not counter.total:
-        raise LogError([f"{path}: it holds no record of cordon's", *(f"{path}: {fault}" for fault in container.faults)])
+        raise LogError([f"{path}: it holds no cordon record", *(f"{path}: {fault}" for fault in container.faults)])
     if undescribed:
-        faults.append(f"{undescribed} records are lost with the description of their channel")
+        faults.append(f"{undescribed} records are lost because the description of their channel is")
     is_damaged = container.is_damaged or bool(counter.faults) or undescribed > 0
     return Recovery(counter.total, counter.seconds, tuple(faults), is_damaged)
 
 
 @contextmanager
 def _new_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that did not exist, and remove it again unless all goes well; raises InputError."""
+    """Create a file, and remove it again after an exception; raises InputError."""
     try:
         with path.open("xb") as stream:
             try:
@@ -96,7 +96,7 @@ def _new_file(path: Path) -> Iterator[BinaryIO]:
                 path.unlink()
                 raise
     except FileExistsError as error:
-        raise InputError([f"--output: {str(path)!r} exists already: nothing is overwritten"]) from error
+        raise InputError([f"--output: {str(path)!r} exists already, and is not overwritten; name another"]) from error
     except OSError as error:
         raise InputError([f"--output: {str(path)!r}: {error.strerror or error}"]) from error
 

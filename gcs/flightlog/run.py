@@ -1,4 +1,4 @@
-"""What a log says of the run as a whole, and the way back from there to the mission that was flown."""
+"""The record of the run as a whole, and the mission that was flown, from that record."""
 
 import platform
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from gcs.mission.file import MissionError, parse_mission
 from gcs.mission.mission import Mission
 
 _COMPUTES = ("cordon-gcs", "numpy", "osqp", "scipy", "filterpy", "msgspec")
-"""What a computed number may depend on."""
+"""The packages on which computed numbers may depend."""
 
 
 def versions() -> tuple[Version, ...]:
@@ -31,7 +31,7 @@ def run_of(
     duration_s: float,
     faults: Sequence[str] = (),
 ) -> Run:
-    """Return what is to be said of a run; `began_s` is Unix time, `faults` are those injected into stub vehicles."""
+    """Return the record of a run; `began_s` is Unix time, `faults` are those injected into stub vehicles."""
     plants = tuple(PlantText(name, text) for name, text in sorted(mission.profile_texts.items()))
     return Run(
         format=FORMAT,
@@ -50,7 +50,7 @@ def run_of(
 
 
 def mission_of(log: FlightLog) -> Mission:
-    """Return the mission that was flown, with its own plants; raises LogError where this version refuses it."""
+    """Return the mission that was flown, with its own plants; raises LogError if this version refuses it."""
     run = log.run
     try:
         return parse_mission(run.mission_text, None, {plant.name: plant.text for plant in run.plants})

@@ -1,7 +1,7 @@
-"""Protobuf schemas made from the frozen types of the records: nothing is written down twice.
+"""Protobuf schemas made from the frozen types of the records, which are their only definition.
 
-Field 1 of every record is its `number`. The others have their names, and field numbers by their place in the type: what
-is added goes to the end. Enums travel as the words that their members stand for, what may be None with presence.
+Field 1 of every record is its `number`. The others keep their names, with field numbers by their place in the type: new
+fields go to the end. Enums are encoded as their values, optional fields with presence.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -31,7 +31,7 @@ _NOTHING: Mapping[str, inspect.Type] = {}
 
 
 class Codec:
-    """Encodes one type of record, and gives the schema that says how."""
+    """Encodes one type of record, and provides its schema."""
 
     def __init__(self, kind: type[Any]) -> None:
         """Take a msgspec struct of numbers, words, bytes, enums, tuples and structs of such."""
@@ -47,11 +47,11 @@ class Codec:
 
     @property
     def descriptor(self) -> Any:
-        """What Protobuf knows of the type."""
+        """The Protobuf descriptor of the type."""
         return self._message.DESCRIPTOR
 
     def encode(self, record: object, number: int) -> bytes:
-        """Return the bytes of a record and its number; equal ones have equal bytes."""
+        """Return the bytes of a record and its number; equal records have equal bytes."""
         return self._message(number=number, **plain(record)).SerializeToString(deterministic=True)
 
 
@@ -64,36 +64,36 @@ class Decoder:
     """Decodes records of a file by the schema that the file holds, whichever version wrote it."""
 
     def __init__(self, name: str, schema: bytes, where: str = "") -> None:
-        """Take a schema's name and its serialised FileDescriptorSet; raises ValueError when it is none.
+        """Take a schema's name and its serialised FileDescriptorSet; raises ValueError when it is damaged.
 
-        `where` is what to tell of the place of damaged records.
+        `where` is the place that errors about damaged records name.
         """
         self.where = where
         pool = DescriptorPool()
         try:
             for file in FileDescriptorSet.FromString(schema).file:
                 if any(each.options.map_entry for message in file.message_type for each in message.nested_type):
-                    raise TypeError("it has maps, which cordon never writes")
+                    raise TypeError("it has maps, which cordon does not write")
                 pool.Add(file)
             self._message = GetMessageClass(pool.FindMessageTypeByName(name))
         except (DecodeError, KeyError, TypeError) as error:
             raise ValueError(f"the schema of {name} is damaged: {error}") from error
 
     def require(self, kind: type[Any]) -> None:
-        """Raise ValueError unless the file's records hold all that a type of record here does, in the same form.
+        """Raise ValueError unless the file's records have all fields of a type here, in the same form.
 
-        What has a default may be lacking: a version that did not know it yet meant that.
+        A field with a default may be missing: versions without the field behaved as with its default.
         """
         ours = codec_of(kind)  # type: ignore[arg-type]  # mypy holds that type[Any] has no hash
         if lacking := next(_lacking(self._message.DESCRIPTOR, ours.descriptor, ours.dispensable), ""):
             raise ValueError(f"another version of cordon wrote it: {lacking}")
 
     def decode(self, payload: bytes) -> dict[str, Any]:
-        """Return a record as plain data, None for what was not there; raises ValueError when it is damaged."""
+        """Return a record as plain data, None for missing fields; raises ValueError when it is damaged."""
         return _plain_message(self.message(payload))
 
     def message(self, payload: bytes) -> Any:
-        """Return a record as Protobuf sees it, quicker for who wants a few fields of many records; the same errors."""
+        """Return a record as a Protobuf message: quicker than `decode` for a few fields; the same errors."""
         try:
             message = self._message.FromString(payload)
         except (DecodeError, UnicodeDecodeError) as error:
@@ -110,7 +110,7 @@ def codec_of(kind: type[Any]) -> Codec:
 
 
 def _with_defaults(kind: inspect.Type) -> Iterator[tuple[str, str]]:
-    """Return the fields that have defaults, in a struct and all within it, each with its struct's name."""
+    """Return the fields with defaults of a struct and the structs within it, each with its struct's name."""
     if not isinstance(kind, inspect.StructType | inspect.DataclassType):
         return
     for member in kind.fields:
@@ -120,7 +120,7 @@ def _with_defaults(kind: inspect.Type) -> Iterator[tuple[str, str]]:
 
 
 def _lacking(theirs: Any, ours: Any, dispensable: Collection[tuple[str, str]]) -> Iterator[str]:
-    """Return what a message lacks of another: fields, or their form."""
+    """Return the fields of `ours` that `theirs` lacks, or has in another form."""
     for wanted in ours.fields:
         found = theirs.fields_by_name.get(wanted.name)
         if found is None:
@@ -137,7 +137,7 @@ def _form(field: Any) -> tuple[Any, ...]:
 
 
 def _add_message(file: FileDescriptorProto, kind: inspect.Type, before: Mapping[str, inspect.Type] = _NOTHING) -> str:
-    """Add a struct's message and those within it, each once; return its full name. Fields may come `before` its own."""
+    """Add a struct's message and those within it, each once; return its full name. Fields `before` precede its own."""
     assert isinstance(kind, inspect.StructType | inspect.DataclassType)
     full_name = f".{PACKAGE}.{kind.cls.__name__}"
     if any(message.name == kind.cls.__name__ for message in file.message_type):
@@ -168,7 +168,7 @@ def _add_field(file: FileDescriptorProto, message: DescriptorProto, name: str, n
 
 
 def _taken_apart(kind: inspect.Type) -> tuple[inspect.Type, bool, bool]:
-    """Return what a field holds, whether many of it, and whether perhaps none."""
+    """Return a field's type, whether it is repeated, and whether it is optional."""
     if isinstance(kind, inspect.UnionType):
         (some,) = (each for each in kind.types if not isinstance(each, inspect.NoneType))
         single, repeated, _ = _taken_apart(some)

@@ -1,4 +1,4 @@
-"""Recording a simulated flight: what the cores do while they do it, and what the simulation knows afterwards."""
+"""Recording a simulated flight: the cores' inputs and decisions during it, and the simulation's truth afterwards."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from gcs.metrics.ending import VehicleEnding
 from sitl.simulation.simulation import SimulatedFlight
 
 DRAIN_PERIOD_S = 1.0
-"""Writing in between would leave the next tick a processor whose caches are full of other things."""
+"""Writing after every tick would evict the processor's caches before the next one."""
 
 
 class SimulationRecording:
@@ -31,14 +31,14 @@ class SimulationRecording:
         return TapedCore(config, tape)
 
     def advance(self, now_s: float) -> None:
-        """Let time pass: what happens from now on happens at `now_s` or after. Now and then write what has happened."""
+        """Set the time of the records from now on. Write the waiting records from time to time."""
         self._now_s = now_s
         if now_s - self._drained_s >= DRAIN_PERIOD_S:
             self._drained_s = now_s
             self._recorder.drain()
 
     def end(self, endings: Sequence[VehicleEnding], flight: SimulatedFlight, wall_time_s: float) -> None:
-        """Add the truth, what each tick took, and how each vehicle's flight ended, in the order of the flight."""
+        """Add the truth, the computing time of each tick, and each vehicle's ending, in the order of the flight."""
         ticks = flight.time_s.size
         for column, ending in enumerate(endings):
             tape, times_s = self._tapes[ending.vehicle], flight.time_s.tolist()

@@ -13,12 +13,12 @@ from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS, Run
 from gcs.flightlog.schema import Codec, codec_of
 
 SIZE_MAX_BYTES = 2_000_000_000
-"""The largest log; it ends there. Eight hours of three vehicles at 20 Hz."""
+"""The size at which a log ends: eight hours of three vehicles at 20 Hz."""
 
 CHUNK_BYTES = 1 << 17
-"""What one flipped bit costs at most, before compression."""
+"""The most that one flipped bit destroys, before compression."""
 REPEAT_BYTES = 1_000_000
-"""How often it is said again what is flown: without that a log can neither be replayed nor reported."""
+"""How often the record of the run is repeated: without it a log can be neither replayed nor reported."""
 
 Picture = Callable[[int, int, Any], None]
 """Draws a record for viewers: the vehicle, the time [ns], and the record."""
@@ -34,7 +34,7 @@ class LogWriter:
         picture: Picture | None = None,
         size_max_bytes: int = SIZE_MAX_BYTES,
     ) -> None:
-        """Open the file, or with None write to the context's other sinks only; raises OSError when that fails."""
+        """Open the file, or for None write only to the context's other sinks; raises OSError when that fails."""
         self.path = path
         self._context = context
         self._picture = picture
@@ -85,7 +85,7 @@ class LogWriter:
     def close(self) -> None:
         """Complete the file and close it."""
         if self._mcap is not None and self._disk is not None:
-            self.flush()  # a chunk of its own: the last one may be damaged as well
+            self.flush()  # a chunk of its own, in case the one before is damaged
             self._repeat_run()
             self._mcap.close()
             self._mcap = None
@@ -96,9 +96,9 @@ class LogWriter:
             return
         try:
             self._picture(vehicle_id, log_time_ns, record)
-        except Exception as error:  # a bug in what only viewers need must not cost the log
+        except Exception as error:  # a bug in the viewers' messages must not end the log
             self._picture = None
-            self.fail(f"what only viewers need ended: {type(error).__name__}: {error}")
+            self.fail(f"the messages for viewers ended: {type(error).__name__}: {error}")
 
     def _repeat_run(self) -> None:
         self._run_at_bytes = self.size_bytes

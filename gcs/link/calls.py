@@ -32,24 +32,24 @@ CLOCK_SAMPLES, CLOCK_LONGEST_S = 6, 5.0
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
 RATE_ATTEMPTS = 5
-"""Until the rates are set, what autopilots send by themselves may fill a slow link, and acknowledgements are late."""
+"""Until the rates are set, the autopilot's default streams may fill a slow link, and acknowledgements are late."""
 TIMEOUT = "TIMEOUT"
 """The name of the result, in each plugin of MAVSDK, of a request that was not answered."""
 DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
 SLOW_STATUS = ("battery", "home", "gps_info", "position")
-"""Telemetry at half the status rate. ArduPilot sends only what is requested, PX4 more than a radio carries."""
+"""Telemetry at half the status rate. ArduPilot sends only requested messages, PX4 more than a radio carries."""
 
 
 class NotReadyError(VehicleRefusedError):
-    """A vehicle is not ready yet: waiting may resolve it."""
+    """The vehicle is not ready yet; waiting may resolve it."""
 
 
 class VehicleCalls:
     """Runs MAVSDK's blocking calls for one vehicle, and waits for their effect.
 
-    Every vehicle has threads of its own: calls to a dead vehicle block for seconds and must not delay the others.
+    Every vehicle has its own threads: calls to a dead vehicle block for seconds and must not delay the others.
     `speed` is how many times faster than the wall the mission clock runs.
     """
 
@@ -115,7 +115,7 @@ class VehicleCalls:
             raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step, began_s)
 
     async def reached(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Wait for a condition, `within_s` of the wall clock at most, and return whether it is there."""
+        """Wait for a condition, at most `within_s` of the wall clock, and return whether it holds."""
         end_s = time.monotonic() + within_s
         while not condition():
             if time.monotonic() > end_s:
@@ -130,13 +130,13 @@ class VehicleCalls:
     def refusal(self, reason: str, next_step: str, since_s: float | None = None) -> VehicleRefusedError:
         """Return the refusal with its reason, the state of the link, and the status texts that explain it.
 
-        Of a request these are the texts since it was made at `since_s` [s, monotonic].
+        For a request these are the texts since it was made at `since_s` [s, monotonic].
         """
         texts = () if since_s is None else self._feed.texts.refusing(since_s)
         return VehicleRefusedError(self._explained(reason, texts), next_step)
 
     def unready(self, reason: str, next_step: str) -> "NotReadyError":
-        """Return the refusal of a vehicle that is not ready, with the checks that it reports as failed."""
+        """Return the refusal of a vehicle that is not ready, with the failed checks that it reports."""
         return NotReadyError(self._explained(reason, self._feed.texts.failed_checks()), next_step)
 
     def _explained(self, reason: str, texts: Sequence[str]) -> str:
@@ -145,7 +145,7 @@ class VehicleCalls:
         return f"vehicle {self._system_id} {reason}{lost}{reported}"
 
     async def request(self, function: Callable[..., object], argument: object) -> None:
-        """Run a call that may be refused, again while it is not answered: then it, or its answer, may be lost."""
+        """Run a call that may be refused, and repeat it without an answer: it, or its answer, may be lost."""
         for _ in range(RATE_ATTEMPTS):
             try:
                 await self.run(function, argument)
@@ -155,7 +155,7 @@ class VehicleCalls:
             return
 
     async def request_message(self, direct: Any, message: int, rate_hz: float) -> None:
-        """Request a message that MAVSDK's telemetry does not know at a rate [Hz]."""
+        """Request a message that MAVSDK's telemetry does not support, at a rate [Hz]."""
         command = command_long(self._system_id, SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz)
         await self.request(direct.send_command, command)
 

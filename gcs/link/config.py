@@ -18,8 +18,8 @@ class LinkConfig:
     In a local frame `origin_m` is where the vehicle's NED begins [m, mission frame]; other frames do not use it.
     `heartbeat_timeout_s` limits the search for the vehicle and is wall time. `ready_timeout_s` limits the waits for its
     position and for its arming checks and is time of the mission clock. With a `signing_key` (32 bytes) every message
-    to and from the vehicle is signed. With `truth` a simulated vehicle is asked for its true motion. With
-    `external_positions` its autopilot is sent where it is as seen from outside.
+    to and from the vehicle is signed. With `truth` a simulator's true motion is requested. With
+    `external_positions` its autopilot receives external positions.
     """
 
     url: str
@@ -35,13 +35,13 @@ class LinkConfig:
 
 
 def full_rates(link: LinkSection, loop_hz: float) -> Rates:
-    """Return the rates of `[link]`; setpoints come once in a tick, or less often."""
+    """Return the rates of `[link]`; setpoints are sent at most once per tick."""
     setpoint_hz = min(link.setpoint_rate_hz or loop_hz, loop_hz)
     return Rates(link.telemetry_rate_hz, link.status_rate_hz, setpoint_hz, link.attitude_rate_hz)
 
 
 def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, Pace]:
-    """Return the pace of each connection, by its url; with `truth` simulators are asked for their true motions."""
+    """Return the pace of each connection, by its url; with `truth` simulators' true motions are requested."""
     link, vehicles = mission.link, mission.vehicles
     shared = {each.url: each for each in mission.links.values()}
     full = full_rates(link, mission.mission.rate_hz)
@@ -51,7 +51,7 @@ def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, Pace]:
         capacity = capacity_bytes_s(url, own.bytes_per_s or link.bytes_per_s)
         carried = [vehicle for vehicle in vehicles if vehicle.section.url == url]
         return Pace(
-            # More attitudes would fill a slow connection and arrive late, and the clock would seem to run fast.
+            # More attitudes would fill a slow connection and arrive late, and the clock would appear fast.
             full if capacity is None else replace(full, clock_hz=full.status_hz),
             len(carried),
             capacity,

@@ -1,4 +1,4 @@
-"""What an autopilot's estimator reports: its innovation test ratios, the states that it provides, and the wind."""
+"""The report of an autopilot's estimator: innovation test ratios, the states that it provides, and the wind."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ ATTITUDE, POS_HORIZ_REL, POS_HORIZ_ABS, POS_VERT_ABS, PRED_POS_HORIZ_REL, PRED_P
 
 @dataclass(frozen=True, slots=True)
 class EstimatorReport:
-    """What an estimator says of itself: test ratios by sensor (above 1 it is rejected), and what it knows and not.
+    """An estimator's report: test ratios by sensor (above 1 the sensor is rejected), available states, and faults.
 
-    `relative` and `absolute` are horizontal positions, against where it began and on Earth; `wrong` names its errors.
+    `relative` and `absolute`: a horizontal position is available, from its start or on Earth; `wrong` names its errors.
     Raises ValueError for ratios that are not finite.
     """
 
@@ -72,7 +72,7 @@ ARDUPILOT_ESTIMATOR = EstimatorDialect(
         "velocity": "velocity_variance",
         "compass": "compass_variance",
     },
-    # Disarmed, it may report the position predicted for flight only, as its own arming checks use.
+    # Disarmed, it may report only the position predicted for flight, which its own arming checks use.
     POS_HORIZ_REL | POS_HORIZ_ABS | PRED_POS_HORIZ_REL | PRED_POS_HORIZ_ABS,
     POS_HORIZ_ABS | PRED_POS_HORIZ_ABS,
     {1024: "not initialized"},
@@ -85,7 +85,7 @@ ARDUPILOT_ESTIMATOR = EstimatorDialect(
 
 
 def wind_m_s(dialect: EstimatorDialect, fields: Mapping[str, object]) -> float | None:
-    """Return the horizontal wind's speed in a message's fields; None where a component is no number."""
+    """Return the horizontal wind's speed in a message's fields; None where a component is not a number."""
     parts = [fields.get(name) for name in dialect.wind_components]
     known = [float(part) for part in parts if isinstance(part, int | float) and isfinite(part)]
     return hypot(*known) if len(known) == len(parts) else None

@@ -1,4 +1,4 @@
-"""Positions from outside, sent to an autopilot without GPS as VISION_POSITION_ESTIMATE."""
+"""External positions (motion capture, UWB), sent to an autopilot without GPS as VISION_POSITION_ESTIMATE."""
 
 import time
 from contextlib import suppress
@@ -14,11 +14,11 @@ from gcs.link.rates.budget import EXTERNAL_HZ
 
 NO_EXTERNAL_POSITION = "no position from outside"
 EARLY_SHARE = 0.1
-"""Share of its period by which a position may be early: those who measure are not exact."""
+"""Share of its period by which a position may be early: sources of positions are not exact."""
 
 
 class ExternalPositionSender:
-    """Sends one vehicle its positions, in its own north-east-down, which begins at `origin_m` of the mission frame."""
+    """Sends one vehicle its positions in its own NED, whose origin is at `origin_m` of the mission frame."""
 
     def __init__(self, system: Any, frame: MissionFrame, origin_m: Triple) -> None:
         self._plugin: Any = Mocap(system)
@@ -32,7 +32,7 @@ class ExternalPositionSender:
         return time.time() - self._measured_s > OLD_S
 
     def send(self, position: ExternalPosition) -> None:
-        """Send a position, unless it is older than the one before, or comes earlier than the link is planned for."""
+        """Send a position, unless it is older than the one before, or exceeds the rate planned for the link."""
         if position.time_s <= self._measured_s:
             return
         self._measured_s = position.time_s
@@ -50,7 +50,7 @@ class ExternalPositionSender:
     def _estimate(self, position: ExternalPosition) -> VisionPositionEstimate:
         (x, y, z), (x0, y0, z0) = position.position_m, self._origin_m
         place = PositionBody(*self._frame.ned_from_mission((x - x0, y - y0, z - z0)))
-        angle = AngleBody(nan, nan, nan)  # not known: the autopilot then takes none of them
+        angle = AngleBody(nan, nan, nan)  # unknown: the autopilot then uses none of them
         if position.yaw_rad is not None:
             angle = AngleBody(0.0, 0.0, wrap_signed_rad(self._frame.x_bearing_rad - position.yaw_rad))
         return VisionPositionEstimate(round(position.time_s * 1e6), place, angle, Covariance([nan]))

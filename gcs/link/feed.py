@@ -41,10 +41,10 @@ HEALTH_ITEMS = {
 NEEDS_GPS = ("global position", "home position", "arming checks")
 """Without GPS PX4's arming checks fail until take-off is selected: they apply to its present mode, hold."""
 CLOCK_BACK_S = 0.5
-"""A step of the autopilot's clock by more than this backwards is a restart: no datagram is as late."""
+"""A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
 
 ROUND_TRIP_STEP_S = 0.01
-"""Shorter changes of the round trip are not reported: they change no prediction noticeably."""
+"""Smaller changes of the round trip are not reported: they do not change a prediction noticeably."""
 
 
 class VehicleFeed:
@@ -52,7 +52,7 @@ class VehicleFeed:
 
     `origin_m` is the mission position of the vehicle's NED origin: no telemetry is delivered before it is set. It is
     reset when the link is lost or the autopilot restarts, which `on_loss` and `on_return` report. A restart is detected
-    by a backward step of the autopilot's clock. `truth` collects what a simulator sends, if that is wanted.
+    by a backward step of the autopilot's clock. `truth` collects a simulator's true motions, if requested.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class VehicleFeed:
         self._postbox = postbox
 
     def subscribe(self) -> None:
-        """Subscribe to what the control loop uses, and to no more: MAVSDK drops callbacks near 1500 per second."""
+        """Subscribe only to what the control loop uses: MAVSDK drops callbacks near 1500 per second."""
         telemetry = self.plugin
         telemetry.subscribe_position_velocity_ned(self._posting(self._take_motion))
         telemetry.subscribe_flight_mode(self._posting(self._take_mode))
@@ -182,7 +182,7 @@ class VehicleFeed:
         self.status = replace(self.status, **changes)
 
     def _note_attitude(self, attitude: Any, _user_data: object) -> None:
-        # On MAVSDK's thread: the time of reception is now, not when the event loop runs.
+        # On MAVSDK's thread: the time of reception is now, not the time when the event loop runs.
         times_s = (time.monotonic(), attitude.timestamp_us * 1e-6)
         self._postbox.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
 
@@ -265,9 +265,9 @@ class VehicleFeed:
         self.reports.take_text(text.text)
 
     def note_link(self, round_trip_s: float | None, fault: str, speed: float) -> None:
-        """Take the round trip of the link [wall s], None if it is not known, and how the connection falls short.
+        """Take the round trip of the link [wall s], None if it is unknown, and the connection's fault.
 
-        The status has the round trip in whole steps of the mission clock, which runs `speed` times as fast.
+        The status holds the round trip in whole steps of the mission clock, which runs `speed` times as fast.
         """
         if round_trip_s is not None and round_trip_s > LINK_DELAY_MAX_S:
             fault = fault or f"its round trip is {round_trip_s:.1f} s"

@@ -19,7 +19,7 @@ Fields = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class TruthMessage:
-    """One simulator's message: its name and number, and how to read place and velocity (NED) from its fields."""
+    """One simulator's message: its name and number, and how to read position and velocity (NED) from its fields."""
 
     name: str
     number: int
@@ -36,7 +36,7 @@ PX4_TRUTH = TruthMessage(
 ARDUPILOT_TRUTH = TruthMessage(
     "SIM_STATE",
     108,
-    # Its first latitude and longitude are 32-bit floats: good to half a metre.
+    # Its first latitude and longitude are 32-bit floats, exact to half a metre.
     lambda fields: Geodetic(fields["lat_int"] * DEG_E7, fields["lon_int"] * DEG_E7, float(fields["alt"])),
     lambda fields: (float(fields["vn"]), float(fields["ve"]), float(fields["vd"])),
 )
@@ -45,7 +45,7 @@ ARDUPILOT_TRUTH = TruthMessage(
 class GroundTruth:
     """Collects one vehicle's true motions in the mission frame, as `samples` on the mission clock `now_s`.
 
-    `on_sample` receives each of them. Simulators send places on Earth: the frame must not be a local one.
+    `on_sample` receives each of them. Simulators send positions on Earth: the frame must not be local.
     """
 
     def __init__(self, system_id: int, frame: MissionFrame, now_s: Callable[[], float]) -> None:
@@ -60,7 +60,7 @@ class GroundTruth:
         direct.subscribe_message(message.name, posting(lambda received: self._take(message, received)))
 
     def position_m(self, now_s: float) -> tuple[float, float] | None:
-        """Return where the vehicle truly is now, horizontally; None if no simulator has sent it lately."""
+        """Return the vehicle's true horizontal position now; None without a recent one from a simulator."""
         return extrapolated_m(self.samples[-1], now_s) if self.samples else None
 
     def _take(self, message: TruthMessage, received: Any) -> None:

@@ -31,23 +31,23 @@ POLL_PERIOD_S = 0.05
 OTHERS_GRACE_S = 1.5
 """Wait for the right vehicle after another one was received: heartbeats come once a second."""
 CLAIMS_S = 1.2
-"""Wait for another sender with the same system id, before the first one counts as the vehicle [s of its clock]."""
+"""Wait for another sender with the same system id before the first one is taken as the vehicle [s of its clock]."""
 CLAIMS_MIN_S = 0.15
 THREADS_MAX = 64
-ISSUE = "set its key up with `cordon keys issue mavlink`, over a link that no stranger reaches (USB)"
+ISSUE = "set up its key with `cordon keys issue mavlink`, over a link that no other computer can receive (USB)"
 
 
 class MavsdkHub:
     """Owns the Mavsdk object of the process (a ground station to the vehicles) and its connections.
 
-    Before a vehicle is passed to MAVSDK, its relay has verified it: MAVSDK silently merges two vehicles with the same
+    A relay verifies a vehicle before MAVSDK receives it: MAVSDK silently merges two vehicles with the same
     system id, and commands go to both.
     """
 
     def __init__(self) -> None:
         _redirect_log()
         self.postbox = Postbox()
-        """Where what MAVSDK's threads receive goes to the event loop, of all vehicles together."""
+        """Passes what MAVSDK's threads receive to the event loop, for all vehicles together."""
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
         self._mavsdk: Any = None
         self._relays: dict[str, tuple[Relay, Any]] = {}
@@ -62,8 +62,8 @@ class MavsdkHub:
     ) -> Any:
         """Return MAVSDK's system `system_id`, received on `url`; times are wall seconds.
 
-        From then on only the address that it was received from is listened and talked to; with a `signing_key` (32
-        bytes), only by signed messages. `speed` is how many times faster than the wall its clock is known to run.
+        From then on only the address that it was received from counts; with a `signing_key` (32
+        bytes), only signed messages count. `speed` is how many times faster than the wall its clock runs.
 
         Raises VehicleRefusedError when the url is not usable (`require_usable`), when no vehicle or another one is
         received there, when several senders claim the id or none has its key, or when the id is that of a vehicle on
@@ -72,7 +72,7 @@ class MavsdkHub:
         self._claim(system_id, url)
         signing = None if signing_key is None else Signing(signing_key)
         try:
-            async with self._adding[url]:  # vehicles that share a connection come one by one
+            async with self._adding[url]:  # one vehicle of a shared connection at a time
                 if url not in self._relays:
                     await self._run(require_usable, url)
                     self._relays[url] = await self._run(self._open, url)
@@ -98,12 +98,12 @@ class MavsdkHub:
             await self._run(relay.close)
 
     def report(self, system_id: int) -> LinkReport:
-        """Return what arrived with the system id of a vehicle."""
+        """Return the report of what arrived with the system id of a vehicle."""
         url = self._vehicles.get(system_id)
         return self._relays[url][0].report(system_id) if url in self._relays else LinkReport()
 
     def set_pace(self, url: str, pace: Pace, speed: float) -> None:
-        """Send at a connection's pace from now on; the mission clock runs `speed` times as fast as the wall's."""
+        """Set a connection's pace of sending; the mission clock runs `speed` times as fast as the wall's."""
         if pace.is_bound and url in self._relays:
             self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed)
 
@@ -112,7 +112,7 @@ class MavsdkHub:
         return self._relays[url][0].traffic() if url in self._relays else Traffic()
 
     async def close(self) -> None:
-        """Destroy MAVSDK. Close all links before, or their running calls block their threads for ever."""
+        """Destroy MAVSDK. Close all links first, or their running calls block their threads for ever."""
         self._closing.set()
         await asyncio.to_thread(self._executor.shutdown)
         if self._mavsdk is not None:
@@ -134,7 +134,7 @@ class MavsdkHub:
         return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
 
     def _verify(self, relay: Relay, url: str, system_id: int, timeout_s: float, claims_s: float) -> None:
-        """Wait for the vehicle's heartbeats, and take their sender for the vehicle if it is the only one."""
+        """Wait for the vehicle's heartbeats, and verify their sender if it is the only one."""
         end_s = time.monotonic() + timeout_s
         others = False
         while not relay.candidates(system_id):
@@ -149,7 +149,7 @@ class MavsdkHub:
         relay.verify(system_id, candidates[0])
 
     def _strangers(self, relay: Relay, url: str, system_id: int) -> list[int]:
-        """Return the system ids on a connection that are not those of vehicles which share it."""
+        """Return the system ids on a connection other than those of the vehicles that share it."""
         return [each for each in relay.others(system_id) if self._vehicles.get(each) != url]
 
     def _open(self, url: str) -> tuple[Relay, Any]:
@@ -202,7 +202,7 @@ def _ground_station() -> Any:
 def _not_received(
     url: str, system_id: int, relay: Relay, strangers: list[int], timeout_s: float
 ) -> VehicleRefusedError:
-    """Return why no heartbeat of the vehicle counted."""
+    """Return why no heartbeat of the vehicle was accepted."""
     if rejected := relay.rejected(system_id):
         verdicts = "; ".join(f"{verdict.value} (from {shown(address)})" for address, verdict in rejected.items())
         unsigned = Verdict.UNSIGNED in rejected.values()
@@ -221,7 +221,7 @@ def _not_received(
 def _claimed_twice(url: str, system_id: int, addresses: Iterable[Address]) -> VehicleRefusedError:
     return VehicleRefusedError(
         f"{url} receives system id {system_id} from several senders: {', '.join(map(shown, addresses))}",
-        "end all but the vehicle, or set up signing (link.signing_key_file), which tells them apart",
+        "end all senders but the vehicle, or set up signing (link.signing_key_file), which identifies the vehicle",
     )
 
 

@@ -1,4 +1,4 @@
-"""What is at the other end of a link: a vehicle that flies, a board with a simulated body, a simulator, or a stub."""
+"""The kind of vehicle at the other end of a link: a real one, a board with a simulated body, a simulator, or a stub."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -6,13 +6,13 @@ from enum import Enum
 STUB_UID = 0x5354_5542
 """The upper half of the unique id that cordon's stubs report, "STUB"."""
 PX4_SITL_UID = 0x4954_414C_4449_4E4F
-"""What PX4's builds for the computer report for system id 1; each further system id is one more."""
+"""The unique id that PX4's simulator builds report for system id 1; each further system id adds one."""
 INNER, OUTER = 2.0, 1.0
-"""SYS_HITL of a PX4 board that simulates its body itself, and of one with a simulator outside."""
+"""SYS_HITL of a PX4 board that simulates its body itself, and of one with an external simulator."""
 
 
 class Kind(Enum):
-    """What a vehicle is."""
+    """The kind of a vehicle."""
 
     FLIGHT = "real flight"
     BOARD = "board with a simulated body"
@@ -23,7 +23,7 @@ class Kind(Enum):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether nothing flies; an unknown vehicle may."""
+        """Whether it is certain that no real vehicle flies; an unknown kind may fly."""
         return self not in (Kind.FLIGHT, Kind.UNKNOWN)
 
     @property
@@ -34,7 +34,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What shows what a vehicle is; None is what it did not say.
+    """The evidence of a vehicle's kind; None for what it did not report.
 
     `uid` and `vendor_id` are those of its AUTOPILOT_VERSION, `hil` the flag MAV_MODE_FLAG_HIL_ENABLED of its
     heartbeats, `sys_hitl` PX4's parameter SYS_HITL, `simulates` whether ArduPilot has the parameters of a simulator.
@@ -49,7 +49,7 @@ class Evidence:
 
 
 def px4_kind(evidence: Evidence) -> Kind:
-    """Return what a PX4 vehicle is; unknown where what it says does not agree."""
+    """Return the kind of a PX4 vehicle; unknown if its evidence is contradictory."""
     if evidence.uid is None or evidence.sys_hitl is None:
         return Kind.UNKNOWN
     if evidence.hil:
@@ -62,7 +62,7 @@ def px4_kind(evidence: Evidence) -> Kind:
 
 
 def ardupilot_kind(evidence: Evidence) -> Kind:
-    """Return what an ArduPilot vehicle is; a board that simulates has the USB vendor id of its maker."""
+    """Return the kind of an ArduPilot vehicle; a board that simulates has the USB vendor id of its maker."""
     if evidence.uid is not None and evidence.uid >> 32 == STUB_UID:
         return Kind.STUB
     if evidence.simulates is None or evidence.vendor_id is None:

@@ -1,7 +1,7 @@
 """One vehicle over MAVSDK in mission-frame metres: the only place with degrees, NED and autopilot dialects.
 
 The flight mode in the heartbeat confirms a command, not its acknowledgement: PX4 acknowledges every change of mode
-before it decides. Mode and armed are up to a second old.
+before it carries it out. Mode and armed are up to a second old.
 """
 
 import asyncio
@@ -72,7 +72,7 @@ class MavsdkLink:
 
     @property
     def status(self) -> VehicleStatus:
-        """The newest status received, with the lack of positions from outside where these are expected."""
+        """The newest status received; where external positions are expected, with their absence."""
         if self._parts is None:
             return VehicleStatus()
         status = self._parts.feed.status
@@ -140,7 +140,7 @@ class MavsdkLink:
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
     def locate(self, position: ExternalPosition) -> None:
-        """Send the autopilot where it is as seen from outside."""
+        """Send the autopilot an external position."""
         parts = self._parts
         if parts is not None and parts.external is not None:
             parts.external.send(position)
@@ -197,10 +197,10 @@ class MavsdkLink:
         """Land where the vehicle is; returns when it is disarmed. Setpoints are ignored until the next take-off."""
         _, feed, calls, action, offboard, _ = self._connected()
         # After landing from offboard, PX4 stays in offboard and refuses to arm; and when setpoints return, it
-        # re-enters offboard by itself: it has taken off again.
+        # re-enters offboard by itself and takes off again.
         self._silent = True
         if feed.status.mode is FlightMode.OFFBOARD or offboard.is_active():
-            with suppress(VehicleRefusedError):  # it lands all the same
+            with suppress(VehicleRefusedError):  # it lands nevertheless
                 await self.stop_offboard()
         height_m = feed.position_m[2] - feed.ground_z_m if feed.position_m is not None else 0.0
         await calls.command("land", action.land, attempts=LAND_ATTEMPTS)
@@ -213,7 +213,7 @@ class MavsdkLink:
         )
 
     async def kill(self) -> None:
-        """Cut the motors now, in any place and under any control: the vehicle falls. Returns when it is disarmed.
+        """Cut the motors now, whatever controls the vehicle: it falls. Returns when it is disarmed.
 
         Arming is never forced afterwards; setpoints are ignored until the next take-off.
         """
@@ -241,9 +241,9 @@ class MavsdkLink:
         self._sent = 0
 
     def send(self, setpoint: Setpoint) -> None:
-        """Send one setpoint now, unless it is landing or handed over; never blocks, never raises for a lost link.
+        """Send one setpoint now, unless the vehicle lands or is handed over; never blocks or raises for a lost link.
 
-        MAVSDK repeats the last one at 20 Hz until offboard is stopped; of all of them the relay sends no more than the
+        MAVSDK repeats the last one at 20 Hz until offboard is stopped; the relay sends no more than the
         setpoint rate. None is sent while the origin of the vehicle is not known: after a loss of the link or a restart,
         until the vehicle has sent it again.
         """
@@ -267,7 +267,7 @@ class MavsdkLink:
         _, feed, calls, *_ = self._connected()
         ratio = await measure_clock(calls, feed, self._config.pace.rates, duration_s)
         if ratio is None:
-            raise calls.refusal("sends no attitude, whose time stamps are needed", "check the link, or state the speed")
+            raise calls.refusal("sends no attitude for the clock's speed", "check the link, or state the speed")
         return ratio
 
     async def close(self) -> None:
@@ -312,7 +312,7 @@ class MavsdkLink:
             raise calls.unready(failure, "resolve the cause that the autopilot reports")
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
-        """Request a mode, again and again: autopilots accept the command also where they cannot enter the mode yet."""
+        """Request a mode repeatedly: autopilots accept the command even if they cannot enter the mode yet."""
         _, feed, calls, *_ = self._connected()
         began_s, entered = time.monotonic(), False
         end_s = began_s + calls.wall_s(MODE_TIMEOUT_S)
@@ -334,7 +334,7 @@ class MavsdkLink:
                 self._mute()
 
     def _mute(self) -> None:
-        """Stop MAVSDK from repeating the last setpoint; by itself it goes on for a while.
+        """Stop MAVSDK from repeating the last setpoint, which it would continue for a while.
 
         Repeated setpoints after a lost link would let PX4 leave its failsafe and re-enter offboard unnoticed.
         """
@@ -365,7 +365,7 @@ class MavsdkLink:
                     await self._request_rates()
 
     async def _request_rates(self) -> None:
-        """Request the rates in force, and let the relay keep to them."""
+        """Request the rates in force, and set them in the relay."""
         _, feed, calls, *_ = self._connected()
         self._rates = self._config.pace.rates
         self._hub.set_pace(self._config.url, self._config.pace, self._speed)

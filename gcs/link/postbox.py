@@ -1,4 +1,4 @@
-"""Values of MAVSDK's threads on their way to the event loop."""
+"""Passes values from MAVSDK's threads to the event loop."""
 
 import asyncio
 from collections import deque
@@ -9,7 +9,7 @@ from agents.shell.handover import Handover
 
 
 class Postbox:
-    """Has values taken on the running event loop, in the order in which they were posted."""
+    """Calls functions with posted values on the running event loop, in the order of posting."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -17,9 +17,9 @@ class Postbox:
         self._handover = Handover(self._loop, self._take_all)
 
     def post(self, take: Callable[..., object], *values: Any) -> None:
-        """Have `take` called with values on the event loop, from any thread; once the loop is closed nothing happens.
+        """Call `take` with values on the event loop, from any thread; do nothing once the loop is closed.
 
-        An exception of one goes to the loop's handler, and does not keep the others from theirs.
+        An exception goes to the loop's handler, and does not affect other calls.
         """
         self._waiting.append((take, values))
         self._handover.ask()

@@ -1,4 +1,4 @@
-"""What an autopilot reports of its estimator, its GPS and its connections, as facts of `agents.ports.VehicleStatus`."""
+"""An autopilot's reports on its estimator, GPS and connections, as fields of `agents.ports.VehicleStatus`."""
 
 import asyncio
 import json
@@ -17,11 +17,11 @@ from agents.safety.reported_faults import COMPASS, RATIO_MAX
 from gcs.link.estimator_report import ARDUPILOT_ESTIMATOR, PX4_ESTIMATOR, EstimatorReport, estimator_report, wind_m_s
 
 LOST_S = 15.0
-"""A lost connection explains a change of the flight mode within this time: PX4 holds for 5 s before it reacts."""
+"""A lost connection explains a mode change within this time: PX4 holds for 5 s before its failsafe acts."""
 THREAT_S = 30.0
-"""A status text about the signals of the GPS counts for so long: autopilots send it once."""
+"""How long a status text about GPS signals counts: autopilots send it once."""
 WIND_S = 10.0
-"""A wind counts for so long: an estimator that loses it reports no more."""
+"""How long a wind estimate counts: an estimator that loses it stops reporting it."""
 DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 _LOST = re.compile(r"\b(lost|failsafe)\b", re.IGNORECASE)
 _OVER = re.compile(r"\b(regained|cleared|restored)\b", re.IGNORECASE)
@@ -36,7 +36,7 @@ _THREATS = {
 
 
 class SelfReports:
-    """Subscribes to what a system reports of itself, and gives changes of the status to `update`."""
+    """Subscribes to a system's reports, and passes changes of the status to `update`."""
 
     def __init__(self, system: Any, update: Callable[..., None]) -> None:
         self.direct: Any = MavlinkDirect(system)
@@ -48,9 +48,9 @@ class SelfReports:
         self._timers: dict[str, asyncio.TimerHandle] = {}
 
     def subscribe(self, telemetry: Any, posting: Callable[[Callable[[Any], None]], Any], *, gps: bool) -> None:
-        """Subscribe, to the GPS only where the mission needs it.
+        """Subscribe, to the GPS only if the mission needs it.
 
-        `posting` makes of a function one that MAVSDK's thread may call, and that runs it on the event loop.
+        `posting` wraps a function so that MAVSDK's thread may call it and it runs on the event loop.
         """
         self.direct.subscribe_message(self.estimator.message, posting(self._take_estimator))
         self.direct.subscribe_message(self.estimator.wind, posting(self._take_wind))
@@ -59,7 +59,7 @@ class SelfReports:
             telemetry.subscribe_gps_info(posting(self._take_gps))
 
     def take_text(self, text: str) -> None:
-        """Take a status text: some conditions autopilots report in words only."""
+        """Take a status text: autopilots report some conditions only as text."""
         for threat, words in _THREATS.items():
             if words.search(text):
                 self._keep("gps_threat", threat, GpsThreat.NONE, THREAT_S)
@@ -92,7 +92,7 @@ class SelfReports:
         self._had_remote_control = bool(status.is_available)
 
     def _keep(self, field: str, value: object, after: object, for_s: float) -> None:
-        """Set a fact of the status for a while."""
+        """Set a field of the status for a time."""
         if field in self._timers:
             self._timers[field].cancel()
         self._update(**{field: value})
@@ -100,9 +100,9 @@ class SelfReports:
 
 
 def estimator_facts(report: EstimatorReport) -> dict[str, Any]:
-    """Return the facts of the status in an estimator's report.
+    """Return the status fields from an estimator's report.
 
-    Of the test ratios the highest counts; while another sensor than the compass is rejected, not that of the compass.
+    The highest test ratio counts, without the compass while another sensor is rejected.
     """
     faults = [*report.wrong, *([] if report.relative or report.absolute else ["no horizontal position"])]
     ranked = [(name != COMPASS and ratio > RATIO_MAX, ratio, name) for name, ratio in report.ratios.items()]

@@ -1,4 +1,4 @@
-"""The file of a mission's MAVLink signing keys: one for each vehicle, so that none of them can sign for another.
+"""The file of a mission's MAVLink signing keys: one per vehicle, so that no vehicle can sign for another.
 
 TOML, with a key of 32 bytes in hexadecimal digits by MAVLink system id: `1 = "00...ff"`. Only its user may read it.
 """
@@ -14,14 +14,14 @@ from gcs.link.relay.signing import KEY_LENGTH
 from gcs.mission.mission import Mission
 
 SIZE_MAX = 65_536
-ISSUE = "`cordon keys issue mavlink` makes keys, and sets them up on the vehicles"
-HEAD = "# MAVLink 2 signing keys by system id: who has one commands that vehicle. Keep this file secret.\n"
+ISSUE = "`cordon keys issue mavlink` creates keys and sets them up on the vehicles"
+HEAD = "# MAVLink 2 signing keys by system id: a key commands its vehicle. Keep this file secret.\n"
 
 
 def signing_keys(mission: Mission) -> Mapping[int, bytes]:
-    """Return the keys of a mission's vehicles by system id; none where its links are not signed.
+    """Return the keys of a mission's vehicles by system id; none if its links are not signed.
 
-    Raises InputError when the file cannot be read, others may read it, or a vehicle has no key in it.
+    Raises InputError when the file cannot be read, other users may read it, or a vehicle has no key in it.
     """
     path = signing_key_path(mission)
     if path is None:
@@ -70,7 +70,7 @@ def _system_id(path: Path, name: str) -> int:
 
 
 def _key(path: Path, name: str, value: object) -> bytes:
-    """Return a key from its digits, which no message repeats."""
+    """Return a key from its digits, which no error message contains."""
     try:
         key = bytes.fromhex(value) if isinstance(value, str) else b""
     except ValueError:

@@ -24,7 +24,7 @@ SENT_TIMES, SENT_PERIOD_S = 3, 0.2
 
 @dataclass(frozen=True, slots=True)
 class SetUp:
-    """How setting up a vehicle went: whether it signs with its key, and what was done or why not."""
+    """The result for a vehicle: whether it signs with its key, and what was done or why not."""
 
     vehicle_id: int
     signs: bool
@@ -42,7 +42,7 @@ async def set_up_signing(vehicles: Sequence[MissionVehicle], keys: Mapping[int, 
 
 
 def leaves_this_computer(url: str) -> bool:
-    """Return whether others may listen to the link of a url: over a network, or by radio."""
+    """Return whether other computers may receive the link of a url: over a network, or by radio."""
     parts = urlsplit(url)
     if parts.scheme == "serial":
         return "ttyACM" not in url and "usb" not in url
@@ -67,8 +67,8 @@ async def _set_up(hub: MavsdkHub, vehicle: MissionVehicle, key: bytes) -> SetUp:
         await hub.release(url, system_id)
     except VehicleRefusedError as refusal:
         step = (
-            "disarm it, and check that its firmware supports SETUP_SIGNING (ArduPilot does, PX4 since 1.18); one that"
-            " has another key takes this one over USB, or when that key has been removed"
+            "disarm it, and check that its firmware supports SETUP_SIGNING (ArduPilot does, PX4 since 1.18); a vehicle"
+            " with another key accepts this one over USB, or after that key has been removed"
         )
         return SetUp(vehicle.id, False, f"it was sent its key, but {refusal.reason}", step)
     return SetUp(vehicle.id, True, "it has its key, and signs")

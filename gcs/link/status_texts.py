@@ -11,7 +11,7 @@ from mavsdk.plugins.telemetry import StatusTextType
 
 TEXTS_KEPT = 20
 CHECK_S = 35.0
-"""A failed check counts for so long: ArduPilot repeats them every 30 s."""
+"""How long a failed check counts: ArduPilot repeats them every 30 s."""
 _CHECK = re.compile(r"^(PreArm|Arm): |\b(preflight fail|arming denied|not ready)\b", re.IGNORECASE)
 _REFUSAL = re.compile(
     r"\b(denied|reject(ed|ing)|refus(ed|ing)|not available|not possible|mode change\b.*\bfailed)\b", re.IGNORECASE
@@ -27,8 +27,8 @@ class _StatusText(NamedTuple):
 class StatusTexts:
     """The newest status texts by the monotonic clock [s].
 
-    Autopilots report progress in the same way as reasons. A text explains a refused request if it came after it and
-    says so, or is an error at least. It explains a vehicle that is not ready if it names a failed check.
+    Autopilots report progress in the same way as reasons. A text explains a refused request if it follows it and
+    states a refusal, or is at least an error. It explains a vehicle that is not ready if it names a failed check.
     """
 
     def __init__(self) -> None:
@@ -45,12 +45,12 @@ class StatusTexts:
         return _distinct(each.text for each in late if each.severe or names_refusal(each.text))
 
     def failed_checks(self) -> tuple[str, ...]:
-        """Return the checks that failed of late."""
+        """Return the checks that failed recently."""
         since_s = max(self._passed_s, time.monotonic() - CHECK_S)
         return _distinct(each.text for each in self._texts if each.received_s > since_s and names_check(each.text))
 
     def note_pass(self) -> None:
-        """Take it that all checks pass now."""
+        """Note that all checks pass now."""
         self._passed_s = time.monotonic()
 
 
@@ -60,7 +60,7 @@ def names_check(text: str) -> bool:
 
 
 def names_refusal(text: str) -> bool:
-    """Return whether a text of PX4 or ArduPilot refuses something."""
+    """Return whether a text of PX4 or ArduPilot states a refusal."""
     return names_check(text) or _REFUSAL.search(text) is not None
 
 

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class How(StrEnum):
-    """How a flight ended, the gravest first: the words of logs and of the JSON output."""
+    """How a flight ended, gravest first; the values stand in logs and in the JSON output."""
 
     KILLED = "killed"
     ERROR = "error"
@@ -18,7 +18,7 @@ class How(StrEnum):
     BATTERY = "battery"
     FAILSAFE = "failsafe"
     UNKNOWN = "unknown"
-    """A newer version's word."""
+    """A value that a newer version wrote."""
     ABORTED = "aborted"
     OPERATOR = "operator"
     LANDED = "landed"
@@ -31,14 +31,14 @@ class How(StrEnum):
 
 HEADLINES = {
     How.KILLED: "Killed by the operator",
-    How.ERROR: "Ended by an error of cordon",
+    How.ERROR: "Ended by an error in cordon",
     How.WATCHDOG: "Ended by the watchdog",
     How.IN_FLIGHT: "The log ends in flight",
     How.PILOT: "A pilot took over",
     How.REFUSED: "Ended by a refusal of the autopilot",
-    How.BATTERY: "Ended by the battery",
+    How.BATTERY: "Ended by low battery",
     How.FAILSAFE: "Ended by a failsafe",
-    How.UNKNOWN: "Ended in a way that this version does not know",
+    How.UNKNOWN: "Ended for a reason unknown to this version",
     How.ABORTED: "Aborted by the operator",
     How.OPERATOR: "Ended by the operator",
     How.LANDED: "Landed and disarmed",
@@ -49,7 +49,7 @@ _GRAVITY = {how: place for place, how in enumerate(How)}
 
 @dataclass(frozen=True, slots=True)
 class VehicleEnding:
-    """How one vehicle's flight ended, and why in a few words."""
+    """How one vehicle's flight ended, and the reason in a few words."""
 
     vehicle: int
     how: How
@@ -58,7 +58,7 @@ class VehicleEnding:
 
 @dataclass(frozen=True, slots=True)
 class FlightEnding:
-    """How a flight ended: the gravest ending of a vehicle, the endings of all in a sentence, and whose it is."""
+    """How a flight ended: the gravest ending, the reasons of all vehicles, and the vehicles with that ending."""
 
     how: How
     reason: str
@@ -66,7 +66,7 @@ class FlightEnding:
 
     @classmethod
     def of(cls, endings: Sequence[VehicleEnding]) -> "FlightEnding | None":
-        """Return the ending of the flight of these vehicles, None without any."""
+        """Return the ending of the flight of these vehicles, None without vehicles."""
         if not endings:
             return None
         ordered = sorted(endings, key=lambda each: (_GRAVITY[each.how], each.vehicle))

@@ -1,4 +1,4 @@
-"""Which vehicles were to leave the formation for the ring about the target, and which did."""
+"""The vehicles that were to leave the formation for the ring about the target, and those that did."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from gcs.metrics.ending import named
 from gcs.metrics.record import FlightRecord, VehicleTrack
 
 GRACE_S = 30.0
-"""How long before its end a vehicle was to decide, so that it counts as one that did not engage."""
+"""A vehicle that did not engage counts as missing if it had at least this time to decide."""
 _MAY_ENGAGE = ("formation", "aside", "hold")
 
 
@@ -17,7 +17,7 @@ _MAY_ENGAGE = ("formation", "aside", "hold")
 class EngagementReference:
     """The vehicles for which the mission's target is important enough and not too dangerous, by id.
 
-    `distance_max_m` is within what distance of it each decides to engage.
+    `distance_max_m` is the distance from the target within which each decides to engage.
     """
 
     distance_max_m: Mapping[int, float] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class EngagementResult:
 
     @property
     def holds(self) -> bool | None:
-        """Whether all that were to engage did, None where none was to."""
+        """Whether all that were to engage did, None if none was to engage."""
         return not self.missing if self.to_engage else None
 
 
@@ -46,8 +46,8 @@ def engagement(
 ) -> EngagementResult:
     """Return who was to engage and who did; `engaged_s` are the times of engagement in the record's order.
 
-    None was to where the team never came near the target. Where it did, each vehicle of the reference was to that had
-    time for it: also one that passed the target too far away, unless its own distance is smaller than the team's.
+    If the team never came near the target, none was to engage. Otherwise each vehicle of the reference that had enough
+    time was to engage, also one that passed too far away, unless its own distance is smaller than the team's.
     """
     rows = list(zip(record.vehicles, engaged_s, strict=True))
     engaged = tuple(track.vehicle_id for track, time_s in rows if time_s is not None)
@@ -68,17 +68,18 @@ def engagement(
 
 
 def engaged_line(result: EngagementResult) -> str:
-    """Return how many of those that were to engage did, and who did not; empty where none was to."""
+    """Return how many vehicles engaged of those that were to, and which did not; empty if none was to engage."""
     if not result.to_engage:
         return ""
-    never = f": {named(result.missing)} never did" if result.missing else ""
-    return f"{len(result.to_engage) - len(result.missing)} of {len(result.to_engage)} engaged the target{never}"
+    missing = f"; {named(result.missing)} did not" if result.missing else ""
+    count = len(result.to_engage)
+    return f"{count - len(result.missing)} of {count} vehicles engaged the target{missing}"
 
 
 def _passed(record: FlightRecord, track: VehicleTrack, allowed_m: float) -> tuple[bool, bool]:
     """Return whether a vehicle came within a distance of the target while it could engage, and had time for it.
 
-    It had where it was within that distance, or else nearest, `GRACE_S` before it could not any more.
+    It had time if it was within that distance, or else nearest, at least `GRACE_S` before it could last engage.
     """
     distance_m = np.hypot(*(track.position_m - record.target_path_m).T)
     free = np.flatnonzero(np.isin(track.tactic, _MAY_ENGAGE) & np.isfinite(distance_m))

@@ -65,7 +65,7 @@ class EventLog:
 
 
 def event_line(event: FlightEvent, start_s: float | None) -> str:
-    """Return an event as text; `start_s` is the mission's start on the team's clock, None while it is not known."""
+    """Return an event as text; `start_s` is the mission's start on the team's clock, None while it is unknown."""
     since_s = -1.0 if start_s is None else event.time_s - start_s
     when = f"{since_s:.1f} s" if since_s >= 0.0 else "before the start"
     return f"{when}: vehicle {event.vehicle}: {event.text}"

@@ -1,4 +1,4 @@
-"""The journal of a flight: its data tick by tick while it is flown, and the flight record built from them."""
+"""The journal of a flight: its data, collected tick by tick, and the flight record built from them."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +23,7 @@ _GAP_MAX_S = 1.0
 
 @dataclass(slots=True)
 class _Samples:
-    """The samples of one vehicle: times, motions [x y x' y'] and tactics; and of the target as it estimates it."""
+    """The samples of one vehicle: times, motions [x y x' y'] and tactics; and its estimates of the target."""
 
     time_s: list[float] = field(default_factory=list)
     motion: list[Vector] = field(default_factory=list)
@@ -47,9 +47,9 @@ class _Samples:
 class RunTotals:
     """The totals of a run: source, ticks and missed ticks of all loops, wall time, and truth where it is known.
 
-    `truth` is what simulators know, by system id. `seed` overrides the seed of the mission. `endings` are those of the
-    vehicles of which that is known. `faults` are those injected into stub vehicles. `kinds` are what vehicles are, by
-    their ids.
+    `truth` holds simulators' true tracks by system id. `seed` overrides the seed of the mission. `endings` are those of
+    the vehicles, as far as known. `faults` are those injected into stub vehicles. `kinds` are the vehicles' kinds by
+    id.
     """
 
     source: str
@@ -110,9 +110,9 @@ class Journal:
     def add_peers(
         self, peers: Iterable[MemberState], angles: Mapping[int, NeighbourAngle], target: Vector | None
     ) -> None:
-        """Add the states that peers sent, and the target about which their `angles`, by sender, place them.
+        """Add the states that peers sent, and the target positions that follow from their `angles`, by sender.
 
-        What a peer takes for the target's velocity is not sent: it is that of the receiver's estimate `target` (4,).
+        Peers do not send their estimate of the target's velocity: the receiver's estimate `target` (4,) provides it.
         """
         for peer in peers:
             samples = self._received[peer.sender]
@@ -122,14 +122,14 @@ class Journal:
                 samples.add_target(peer.time_s, np.array([*_centre_m(peer, angle), *target[VELOCITY]]))
 
     def record(self, start_s: float, duration_s: float, run: RunTotals) -> FlightRecord:
-        """Build the record of the mission that began at `start_s`: by truth where that is known of all vehicles."""
+        """Build the record of the mission that began at `start_s`: from truth if it is known for all vehicles."""
         mission = self._mission
         rate_hz = mission.mission.rate_hz
         time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
         estimated = self._estimated_tracks(time_s + start_s)
         true, missing = self._true_tracks(estimated, run, time_s, start_s)
         target_m, target_m_s = self._true_target(time_s, run)
-        # In a simulation nothing but the truth is judged.
+        # In a simulation only the truth is judged.
         beside = estimated if true and run.source != "simulation" else ()
         return FlightRecord(
             mission=mission.mission.name,
@@ -152,14 +152,14 @@ class Journal:
         )
 
     def _estimated_tracks(self, grid_s: Vector) -> tuple[VehicleTrack, ...]:
-        """Return the tracks as the vehicles estimate them; one of this process is known better than by its messages."""
+        """Return the tracks as estimated; for vehicles of this process its own samples replace their messages."""
         samples = {**self._received, **self._own}
         return tuple(_track(each, samples[each], grid_s) for each in self._mission.ids if each in samples)
 
     def _true_tracks(
         self, estimated: tuple[VehicleTrack, ...], run: RunTotals, time_s: Vector, start_s: float
     ) -> tuple[tuple[VehicleTrack, ...], str]:
-        """Return the true tracks of all vehicles, or none and what is missing; nothing is missing without any truth."""
+        """Return the true tracks of all vehicles, or none and which is missing; empty if there is no truth at all."""
         of_system = {track.vehicle_id: track for track in run.truth}
         known = {each.vehicle_id: self._mission.vehicle(each.vehicle_id).system_id for each in estimated}
         truth = {vehicle_id: of_system[system] for vehicle_id, system in known.items() if system in of_system}
@@ -167,13 +167,13 @@ class Journal:
             return (), ""
         missing = missing_truth(estimated, truth, time_s, time_s + start_s)
         if not self._knows_target(run):
-            missing = "no truth of the target"
+            missing = "no ground truth of the target"
         if missing:
             return (), missing
         return tuple(true_track(each, truth[each.vehicle_id], time_s + start_s) for each in estimated), ""
 
     def _knows_target(self, run: RunTotals) -> bool:
-        """Whether the target moves as the mission says, because it is simulated."""
+        """Whether the target's motion is that of the mission, because it is simulated."""
         return run.source == "simulation" or self._mission.target.source == "simulated"
 
     def _true_target(self, time_s: Vector, run: RunTotals) -> tuple[Vector, Vector]:
@@ -189,13 +189,13 @@ class Journal:
 
 
 def _centre_m(peer: MemberState, angle: NeighbourAngle) -> tuple[float, float]:
-    """Return where the target is that a peer's place on the ring is about."""
+    """Return the target's position that a peer's place on the ring refers to."""
     (x, y), radius_m = peer.position_m, angle.radius_m
     return x - radius_m * cos(angle.bearing_rad), y - radius_m * sin(angle.bearing_rad)
 
 
 def _track(vehicle_id: int, samples: _Samples, grid_s: Vector) -> VehicleTrack:
-    """Return one vehicle's track as it estimates itself and the target."""
+    """Return one vehicle's track from its estimates of itself and the target."""
     sample_s = np.array(samples.time_s)
     motion = _resampled(sample_s, np.array(samples.motion), grid_s)
     tactic = _latest(sample_s, np.array(samples.tactic), grid_s)

@@ -32,7 +32,7 @@ from gcs.metrics.transitions import transitions
 NONE_ENGAGES = EngagementReference()
 FORMATION_START_S = 30.0
 SETTLED_FOR_S = 10.0
-"""A ring that keeps within its limits for so long has settled, even if it leaves them later."""
+"""A ring that stays within its limits for this time has settled, even if it leaves them later."""
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
 
@@ -44,7 +44,7 @@ def evaluate(
     tolerances: VerdictTolerances,
     engages: EngagementReference = NONE_ENGAGES,
 ) -> FlightResult:
-    """Compute the metrics and verdicts of a flight; without a reference none was to engage."""
+    """Compute the metrics and verdicts of a flight; without a reference no vehicle was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
     each_engaged_s, motion = engagement_times_s(record), ring_motion(record)
     engaged_s = [time_s for time_s in each_engaged_s if time_s is not None]

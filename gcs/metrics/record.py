@@ -20,7 +20,7 @@ class VehicleTrack:
 
     `position_m`, `velocity_m_s` (T, 2) in the mission frame; `tactic` (T,) names (`formation`, `encircle`, ...);
     rows without data of the vehicle are NaN with tactic `unknown`. `target` (T, 4) = [x y x' y'] is the target's motion
-    as the vehicle itself estimates it at the same times, NaN without an estimate; None on a true track, which is about
+    as the vehicle itself estimates it at the same times, NaN without an estimate; None on a true track, which refers to
     the record's target.
     """
 
@@ -79,7 +79,7 @@ class FlightRecord:
     are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
-    which that is known, none in older logs. `faults` are those injected into stub vehicles, as `link-cut@120:2`.
+    which it is known, none in older logs. `faults` are those injected into stub vehicles, as `link-cut@120:2`.
     `kinds` are what vehicles are (gcs/link/kind.py), by their ids; empty in older logs and in simulations.
     """
 

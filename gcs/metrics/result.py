@@ -108,11 +108,11 @@ class RingResult:
 
 @dataclass(frozen=True, slots=True)
 class TransitionResult:
-    """What followed an engagement, until the ring had settled or the next engagement came.
+    """The transition after an engagement, until the ring has settled or the next engagement.
 
-    All is relative to the target: the highest speed on the ring, the lowest speed along it in its direction (negative:
-    backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing went beyond the even one,
-    `spacing_monotonic` whether V (18) never grew from 5 s on.
+    Motion is relative to the target: the highest speed on the ring, the lowest speed along it in its direction
+    (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the even one,
+    `spacing_monotonic` whether V (18) never increased from 5 s on.
     """
 
     begins_at_s: float
@@ -142,7 +142,7 @@ class EstimatedVehicleResult:
 
 @dataclass(frozen=True, slots=True)
 class EstimateResult:
-    """The figures by the vehicles' estimates, beside those by truth, which the verdicts judge.
+    """The metrics from the vehicles' estimates, beside those from truth, which the verdicts judge.
 
     The window is that of the truth.
     """
@@ -225,10 +225,10 @@ class Verdicts:
 class FlightResult:
     """The result of a flight, in the order of its JSON form.
 
-    `estimate` stands beside figures by truth where the vehicles' estimates are known as well. `truth_missing` is why
-    the figures are by estimate although simulators sent truth, None otherwise. `ended` is None in logs of versions that
-    did not record how a flight ended. `faults` are those injected into stub vehicles. `kinds` are what the vehicles
-    are, by their ids.
+    `estimate` holds the metrics from the vehicles' estimates where those from truth exist as well. `truth_missing` is
+    why the metrics are from estimates although simulators sent truth, None otherwise. `ended` is None in logs of
+    versions that did not record how a flight ended. `faults` are those injected into stub vehicles. `kinds` are the
+    vehicles' kinds by id.
     """
 
     mission: str
@@ -258,13 +258,13 @@ class FlightResult:
 
     @property
     def kinds_line(self) -> str:
-        """What the vehicles are, in a line; empty where that is not known."""
+        """The vehicles' kinds in one line; empty if they are unknown."""
         ids = {kind: [str(i) for i, each in self.kinds.items() if each == kind] for kind in self.kinds.values()}
         return "; ".join(f"{kind}: {', '.join(each)}" for kind, each in ids.items())
 
     @property
     def ended_early(self) -> bool:
-        """Whether it is known to have ended in flight, before its mission was over."""
+        """Whether the record shows that it ended in flight, before its mission was over."""
         return self.ended is not None and self.ended.is_early
 
     @property
@@ -298,11 +298,11 @@ class FlightResult:
 
 
 def reference_line(result: FlightResult) -> str:
-    """Return in a line what the metrics and the verdicts are computed from."""
+    """Return the source of the metrics and verdicts, in one line."""
     if result.reference == "truth":
-        return "metrics and verdicts by the simulators' truth"
+        return "metrics and verdicts from the simulators' ground truth"
     missing = f" ({result.truth_missing})" if result.truth_missing else ""
-    return f"metrics and verdicts by the vehicles' own estimates, the target's included{missing}"
+    return f"metrics and verdicts from the vehicles' estimates of themselves and of the target{missing}"
 
 
 def judge(

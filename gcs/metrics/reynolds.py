@@ -13,7 +13,7 @@ from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.result import FlockingResult
 
-# The direction of flight of a vehicle slower than this is noise.
+# Below this speed a vehicle's direction of flight is noise.
 STILL_M_S = 0.02
 
 

@@ -49,7 +49,7 @@ class RingMotion:
 def ring_motion(record: FlightRecord) -> RingMotion:
     """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate.
 
-    By estimates they are about the target as each vehicle sees it, so that no error of a frame counts as one of a ring.
+    Estimated motion is relative to the vehicle's own estimate of the target, so that frame errors are no ring errors.
     """
     shape = (len(record.vehicles), record.time_s.size)
     offset_m, drift_m_s = np.empty((2, *shape, 2))

@@ -1,4 +1,4 @@
-"""Transitions of the ring: how gently its members change places after a vehicle has engaged."""
+"""Transitions of the ring: the motion of its members while they change places after a vehicle has engaged."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,9 +11,9 @@ from gcs.metrics.result import RingReference, TransitionResult
 from gcs.metrics.ring_motion import RingMotion, off_ring
 
 _TOGETHER_S = 3.0
-"""Vehicles that engage within this time begin one transition."""
+"""Vehicles that engage within this time of each other begin one transition."""
 _ACCELERATION_SPAN_S = 0.4
-"""The time over which a change of velocity is taken as acceleration."""
+"""The interval of the velocity differences that give the acceleration."""
 _MONOTONIC_AFTER_S = 5.0
 _STILL_RAD = np.radians(0.25)
 """V counts as at rest while each spacing is within this on average."""
@@ -21,7 +21,7 @@ _STILL_RAD = np.radians(0.25)
 
 @dataclass(frozen=True, slots=True)
 class _Motion:
-    """Speeds relative to the target: all of it, along the ring in its direction, and the acceleration, (V, T) each."""
+    """Motion relative to the target, (V, T) each: speed, speed along the ring in its direction, and acceleration."""
 
     speed_m_s: Vector
     forwards_m_s: Vector
@@ -80,14 +80,14 @@ def _transition(
 
 
 def _overshoot_deg(error_rad: Vector) -> float | None:
-    """Return how far a spacing went beyond the even one, seen from where it began."""
+    """Return how far a spacing overshot the even one, None without a spacing."""
     known = np.isfinite(error_rad)
     beyond = [-np.sign(row[has][0]) * row[has] for row, has in zip(error_rad, known, strict=True) if has.any()]
     return float(np.degrees(max(0.0, *(each.max() for each in beyond)))) if beyond else None
 
 
 def _monotonic(since_s: Vector, error_rad: Vector) -> bool | None:
-    """Return whether V (18) never grows from 5 s after the engagement on, as long as it is no residue."""
+    """Return whether V (18) never increases from 5 s after the engagement on, except while the ring is at rest."""
     value = 0.5 * np.nansum(error_rad**2, axis=0)
     members = np.isfinite(error_rad).sum(axis=0)
     counted = (since_s >= _MONOTONIC_AFTER_S) & (members > 1)

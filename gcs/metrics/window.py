@@ -1,15 +1,15 @@
-"""The window of the ring metrics in words: from when to when, and why."""
+"""The window of the ring metrics as text: its begin, its end and the reason."""
 
 from gcs.metrics.result import FlightResult
 
 SHORT_S = 60.0
-"""A ring judged over less is said to be."""
+"""The text says "only" for a window shorter than this."""
 
 
 def window_line(result: FlightResult) -> str:
-    """Return over which part of the flight the ring is judged, and why; empty without a ring.
+    """Return the part of the flight over which the ring is judged, and the reason; empty without a ring.
 
-    A ring that settled and left its limits later is reported as such.
+    The text reports a ring that settled and left its limits later.
     """
     if result.window_s is None:
         return ""
@@ -17,8 +17,10 @@ def window_line(result: FlightResult) -> str:
     only = "only " if ends_s - begins_s < SHORT_S else ""
     window = f"ring judged over {only}{ends_s - begins_s:.1f} s, from {begins_s:.1f} to {ends_s:.1f} s"
     if ring.unsettled_at_s is None:
-        why = "did not settle: the last quarter" if ring.settling_time_s is None else "from settling to the end"
+        settles = ring.settling_time_s is not None
+        why = "from settling to the end" if settles else "did not settle: last quarter of the flight"
         return f"{window}: {why}"
-    settled = f"settled at {ring.first_settled_at_s:.1f} s and unsettled at {ring.unsettled_at_s:.1f} s"
-    again = "not again: the last quarter" if ring.settling_time_s is None else f"settled again at {begins_s:.1f} s"
-    return f"{window}: it {settled}, {again}"
+    settled = f"settled at {ring.first_settled_at_s:.1f} s, left its limits at {ring.unsettled_at_s:.1f} s"
+    if ring.settling_time_s is None:
+        return f"{window}: {settled}, did not settle again: last quarter of the flight"
+    return f"{window}: {settled}, settled again at {begins_s:.1f} s"

@@ -36,7 +36,7 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
     recorded = {each.name: each.version for each in run.versions}
     installed = {each.name: each.version for each in versions()}
     return tuple(
-        f"{name} {recorded.get(name, 'unknown')} then, {installed.get(name, 'none')} now"
+        f"{name} {recorded.get(name, 'unknown')} in the flight, {installed.get(name, 'none')} now"
         for name in sorted({*recorded, *installed})
         if recorded.get(name) != installed.get(name)
     )
@@ -45,13 +45,13 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
 def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:
     """Return every field that differs between two decisions."""
     one, other = _readable(recorded), _readable(replayed)
-    if recorded.drops is None:  # an earlier version knew no reasons
+    if recorded.drops is None:  # earlier versions recorded no reasons
         for fields in (one, other):
-            _forget_reasons(fields)
+            _remove_reasons(fields)
     for sent, again in zip(one["sent"], other["sent"], strict=False):
         if isinstance(sent["message"], dict) and sent["message"].get("verb", "") is None:
-            for answer in (sent, again):  # an earlier version's answers did not tell the command
-                _forget_command(answer)
+            for answer in (sent, again):  # earlier versions' answers did not name the command
+                _remove_command(answer)
     return list(_compared("", one, other, same))
 
 
@@ -92,14 +92,14 @@ def _readable(decision: Decision) -> dict[str, Any]:
     return fields
 
 
-def _forget_reasons(decision: dict[str, Any]) -> None:
+def _remove_reasons(decision: dict[str, Any]) -> None:
     del decision["drops"]
     for sent in decision["sent"]:
         if isinstance(sent["message"], dict):
             sent["message"].pop("drops", None)
 
 
-def _forget_command(answer: dict[str, Any]) -> None:
+def _remove_command(answer: dict[str, Any]) -> None:
     if isinstance(answer["message"], dict):
         answer["message"] = {name: value for name, value in answer["message"].items() if name not in _OF_COMMANDS}
 

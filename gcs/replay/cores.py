@@ -118,14 +118,14 @@ class _Player:
         return True
 
     def _played(self, inputs: tuple[CoreInput, ...]) -> tuple[TickOutput | None, str]:
-        """Return the core's output and the first exception; the core runs on after one, as it did in flight."""
+        """Return the core's output and the first exception; the core continues after it, as it did in flight."""
         output, failed = None, ""
         for item in inputs:
             if isinstance(item, Start):
                 self._start_s = item.at_s
             try:
                 output = play(self._core, item)
-            except Exception as error:  # a finding of the replay, which goes on
+            except Exception as error:  # a finding of the replay, which continues
                 failed = failed or f"{type(error).__name__}: {error}"
         return output, failed
 

@@ -13,7 +13,7 @@ Innovation = tuple[Vector, Vector]
 
 @dataclass(frozen=True, slots=True)
 class FilterFigures:
-    """The figures of one filter; None where a figure is not known.
+    """The figures of one filter; None where a figure is unknown.
 
     `nis` is the mean normalised innovation squared over its dimension: 1 for a consistent filter. `refused` is the
     share of rejected measurements, `prediction_m` the distance of the accepted ones from their prediction, `error_m`

@@ -53,7 +53,7 @@ class MomentaryDetector:
 
 
 class NoteEvents(MomentaryDetector):
-    """Notes of the vehicle: tactics, commands, failsafes; with its position at a change of tactic."""
+    """Notes of the vehicle: tactics, commands, failsafes; a change of tactic with the vehicle's position."""
 
     def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
         """See EventDetector."""
@@ -67,7 +67,7 @@ class NoteEvents(MomentaryDetector):
             because = [note.because] if note.because else []
             if note.kind == "tactic":
                 if note.text.rpartition(": ")[2] in events:
-                    because.append("requested by the agent's shell")
+                    because.append("requested outside the control core")
                 if decision.own is not None:
                     because.append(f"at {place(decision.own.mean[:2])} m, height {surroundings.height_m:.1f} m")
             yield TimelineEntry(note.time_s, note.kind, note.text, "; ".join(because))
@@ -123,7 +123,7 @@ class PeerEvents(MomentaryDetector):
 
 
 class TargetEvents(MomentaryDetector):
-    """The target found and lost, with the sensor that sighted it."""
+    """The target's estimate, available and lost, with the source of the sightings."""
 
     def __init__(self) -> None:
         self._known = False
@@ -182,7 +182,7 @@ class GuardEvents:
         self._last_s = decision.time_s
         self._causes |= dict.fromkeys(decision.guard.causes)
         if decision.guard.status in ("yielded", "braked"):
-            yielded = f"not all constraints could be met, up to {decision.guard.yielded}"
+            yielded = f"the guard relaxed constraints, up to {decision.guard.yielded}"
             self._gravest = "the guard braked to a stop" if decision.guard.status == "braked" else yielded
         nearest = surroundings.nearest(decision)
         if nearest and (self._nearest is None or nearest.distance_m < self._nearest.distance_m):

@@ -74,7 +74,7 @@ def _message(item: Message, time: Time) -> str:
 
 
 def _bus(item: Bus, _time: Time) -> str:
-    return f"bus {'connected' if item.alive else 'lost'}, {'an' if item.operated else 'no'} operator on it"
+    return f"bus {'connected' if item.alive else 'lost'}, {'operator' if item.operated else 'no operator'} present"
 
 
 def _bus_message(message: BusMessage, time: Time) -> str:
@@ -129,9 +129,9 @@ _FORMATTERS: dict[type, Callable[[Any, Time], str]] = {
     TacticEvent: lambda item, _: f"tactic event: {item.event.value}",
     Autopilot: _autopilot,
     LateTicks: lambda item, _: f"{item.count} ticks skipped",
-    Drops: lambda item, _: f"bus: messages dropped so far: {item.text() or 'none'}",
+    Drops: lambda item, _: f"bus: messages dropped since the start: {item.text() or 'none'}",
     Bus: _bus,
-    Computer: lambda item, _: f"computer short of {item.short_of}" if item.short_of else "computer short of nothing",
+    Computer: lambda item, _: f"computer short of {item.short_of}" if item.short_of else "computer: no shortage",
     Ground: lambda item, _: f"on the ground: {item.lacks or 'ready to start'}",
     Telemetry: _telemetry,
     Sighting: _sighting,

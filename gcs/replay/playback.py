@@ -86,7 +86,7 @@ def config_of(log: FlightLog, mission: Mission, vehicle_id: int) -> AgentConfig:
     try:
         return mission.agent_config(mission.vehicle(vehicle_id))
     except KeyError as error:
-        raise LogError([f"{log.path}: it has records of vehicle {vehicle_id}, which is not in its mission"]) from error
+        raise LogError([f"{log.path}: records of vehicle {vehicle_id}, which is not in its mission"]) from error
 
 
 def recorded_vehicles(log: FlightLog) -> list[int]:
@@ -143,7 +143,7 @@ def _core_records(log: FlightLog, vehicle_id: int) -> Iterator[_ReplayRecord | M
 
 
 def _items(log: FlightLog, record: LogRecord, fields: dict[str, Any]) -> Sequence[CoreInput | Decision]:
-    """Return what stands in a record: messages that came in a row have one record, anything else has its own."""
+    """Return the items of a record: consecutive messages share one record, every other item has its own."""
     if record.kind in (Taken, FormerMessage):
         return log.messages(record)
     if record.kind is not LocalCommand:

@@ -55,7 +55,7 @@ def _table(vehicles: Sequence[VehicleReplay]) -> Table:
     table.add_column("", no_wrap=False)
     for each in vehicles:
         same = each.difference is None and each.failure is None
-        # A vehicle that was not compared to the end gets no verdict.
+        # No verdict for a vehicle that was not compared to the end.
         sign, style = VERDICT_SIGNS[None if same and each.gap else same]
         counts = map(str, (each.vehicle_id, each.ticks, each.compared, each.identical))
         table.add_row(Text(sign, style=style), *counts, Text(each.gap, style="yellow"))
@@ -65,8 +65,8 @@ def _table(vehicles: Sequence[VehicleReplay]) -> Table:
 def _findings(vehicle: VehicleReplay) -> Iterator[RenderableType]:
     failure, difference = vehicle.failure, vehicle.difference
     if failure is not None:
-        then = "as in the flight" if failure.recorded else "unlike in the flight"
-        headline = f"vehicle {vehicle.vehicle_id}: its core fails, {then}: {_when(failure.moment)}"
+        then = "as in the flight" if failure.recorded else "not in the flight"
+        headline = f"vehicle {vehicle.vehicle_id}: the core raises an exception, {then}: {_when(failure.moment)}"
         yield Text(f"\n{headline}", style="bold red")
         yield Text(f"  {failure.error}")
         yield from _inputs(failure.moment)

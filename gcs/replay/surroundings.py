@@ -1,4 +1,4 @@
-"""The information that a vehicle had about its neighbours and its own state at a tick, from its log."""
+"""What a vehicle's agent had received about its neighbours and its own state at a tick, from its log."""
 
 from math import hypot, inf
 from typing import NamedTuple

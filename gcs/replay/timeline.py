@@ -28,7 +28,7 @@ from gcs.replay.playback import MissingRecords, Turn, config_of, turns
 from gcs.replay.surroundings import Neighbour, Surroundings
 
 FOLDED_FROM, KEPT = 5, 2
-"""From this many alike, entries are folded: the first `KEPT` stay, one entry stands for the rest."""
+"""This many similar entries or more are folded: the first `KEPT` stay, one entry represents the rest."""
 
 
 @dataclass(slots=True)
@@ -94,7 +94,7 @@ def timeline_of(log: FlightLog, vehicle_id: int) -> Timeline:
 
 
 def folded(entries: Sequence[TimelineEntry], start_s: float | None) -> Iterator[TimelineEntry]:
-    """Return the entries, with those that are alike folded into a count."""
+    """Return the entries, with similar ones folded into a count."""
     alike: defaultdict[str, list[TimelineEntry]] = defaultdict(list)
     for entry in entries:
         alike[_key(entry)].append(entry)

@@ -25,7 +25,7 @@ _STYLES = {
 
 
 def timeline_view(timeline: Timeline) -> RenderableType:
-    """Return a timeline for a terminal: a line for each event, and below it the values that caused it."""
+    """Return a timeline for a terminal: one line per event, and below it the values that caused it."""
     table = Table.grid(padding=(0, 2))
     table.add_column(justify="right", no_wrap=True)
     table.add_column(no_wrap=True)

@@ -1,4 +1,4 @@
-"""Filters with other parameters: both sets run again on the recorded inputs, side by side.
+"""Filters with other parameters: the recorded inputs run through the filters with both sets, side by side.
 
 Their inputs are those of the core's filters - its telemetry, its own sightings and those received from peers - and the
 setpoints that were sent. No decision is recomputed.
@@ -48,7 +48,7 @@ class FilterSettings:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A setting of a filter, as it was flown with and as it is tried.
+    """A setting of a filter: its value in the flight, and the value that is tried.
 
     Where vehicles flew with different values, `recorded` holds them by the vehicles' ids.
     """
@@ -175,7 +175,7 @@ class Feed:
             yield message
         for package in sightings_of(message):
             if self._vehicle_id in package.recipients:
-                with suppress(ValueError):  # the core refused it as well
+                with suppress(ValueError):  # the core refused it in flight, too
                     yield received_sighting(package)
 
 
@@ -237,7 +237,7 @@ class FilterRun:
         self.own.add_measurement(accepted, innovation)
 
     def _see(self, now_s: float) -> None:
-        """Take in the sightings since the last tick, and by how much they move the team's frame."""
+        """Process the sightings since the last tick, and the shift of the team's frame that follows from them."""
         for sighting in self._frame.sightings(now_s, self._sighted, self._seen):
             self._sight(sighting)
         self._sighted.clear()
@@ -250,7 +250,7 @@ class FilterRun:
         self._target.sight(sighting)
         accepted = self._target.refused == refused
         innovation = None
-        # A delayed sighting is inserted at its own time: there is no prior estimate of that time to compare it with.
+        # A delayed sighting is inserted at its own time, for which there is no prior estimate to compare it with.
         if prior is not None and prior.time_s == sighting.time_s:
             xx, xy, yy = sighting.covariance_m2
             spread = prior.covariance[POSITION, POSITION] + np.array([[xx, xy], [xy, yy]])

@@ -1,4 +1,4 @@
-"""The operator's page: what it shows of a team or of a recorded flight, and the server that it comes from.
+"""The operator's page: its pictures of a team or of a recorded flight, and its server.
 
 It may import viewer, flightlog, console, preflight, keys and mission.
 """

@@ -1,9 +1,9 @@
-"""Who may open the operator's page: by address, by name of the computer, by origin, and by token.
+"""Access to the operator's page: by address, by name of the computer, by origin, and by token.
 
 Browsers let every web page open WebSockets to this computer, and resolve any name to it (DNS rebinding). So a request
-counts only if its `Host` is a name of this computer and its `Origin`, where there is one, the page itself. The token
-keeps other users and other computers away: the printed URL holds it behind `#`, which is not sent; a first page hands
-it in once, for a cookie that scripts cannot read.
+is accepted only if its `Host` is a name of this computer and its `Origin`, if present, the page itself. The token
+excludes other users and other computers: the printed URL holds it behind `#`, which is not sent; a first page exchanges
+it once for a cookie that scripts cannot read.
 """
 
 import hashlib
@@ -61,7 +61,7 @@ class Access:
 
     @property
     def url(self) -> str:
-        """What to open in a browser."""
+        """The URL to open in a browser."""
         return f"{self.origin}/#{quote(self.token, safe='')}"
 
     @property
@@ -71,7 +71,7 @@ class Access:
 
     @property
     def cookie_value(self) -> str:
-        """What stands in the cookie in place of the token."""
+        """The value of the cookie, which replaces the token."""
         return hashlib.sha256(f"cordon station {self.token}".encode()).hexdigest()
 
     @property
@@ -79,11 +79,11 @@ class Access:
         return "http" if self.tls is None else "https"
 
     def is_token(self, given: bytes) -> bool:
-        """Return whether this is the token, in a time that does not depend on it."""
+        """Return whether this is the token, in constant time."""
         return hmac.compare_digest(given, self.token.encode())
 
     def is_named(self, hosts: list[str]) -> bool:
-        """Return whether the header `Host` is there once, and names this computer; the port may be a forwarded one."""
+        """Return whether there is one `Host` header, which names this computer; the port may be a forwarded one."""
         try:
             name = urlsplit(f"//{hosts[0]}").hostname or "" if len(hosts) == 1 else ""
         except ValueError:
@@ -105,15 +105,15 @@ class Access:
 
 
 def checked_access(address: Address, token: str, tls: tuple[Path, Path] | None, *, is_own_token: bool) -> Access:
-    """Return the access to a server; raises InputError for what would let others in, and for keys that do not fit.
+    """Return the access to a server; raises InputError for unprotected access by others, and for unusable keys.
 
     `is_own_token` is whether the token was chosen for this server.
     """
     faults = []
     if not address.is_loopback and tls is None:
-        faults.append(f"--tls: {address.host} is beyond this computer: it needs a certificate and its key")
+        faults.append(f"--tls: other computers can reach {address.host}: it needs a certificate and its key")
     if not address.is_loopback and not is_own_token:
-        faults.append(f"--token-file: {address.host} is beyond this computer: it needs a token")
+        faults.append(f"--token-file: other computers can reach {address.host}: it needs a token")
     if tls is not None:
         try:
             ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*tls, password=lambda: "")
@@ -125,7 +125,7 @@ def checked_access(address: Address, token: str, tls: tuple[Path, Path] | None, 
 
 
 def read_token(path: Path) -> str:
-    """Return the token in a file that only its user may read; raises InputError."""
+    """Return the token in a file that only its owner may read; raises InputError."""
     try:
         token = private_files.read_private(path).decode("ascii").strip()
     except UnicodeDecodeError:
@@ -136,7 +136,7 @@ def read_token(path: Path) -> str:
 
 
 def kept_token(path: Path) -> str:
-    """Return the token that a user's pages on this computer share, made at the first time; raises InputError.
+    """Return the token that a user's pages on this computer share, created on first use; raises InputError.
 
     It stays the same, so that an open page finds the next flight's server.
     """
@@ -146,10 +146,10 @@ def kept_token(path: Path) -> str:
 
 
 class Gate:
-    """In front of the page: refuses who may not, and adds to all answers what keeps a page from foreign content."""
+    """Guards the page: refuses requests without access, and adds the headers that block foreign content."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
-        """Take what is behind the gate."""
+        """Take the application behind the gate."""
         self._app = app
         self._access = access
 
@@ -168,9 +168,9 @@ class Gate:
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         answer: ASGIApp
         if not self._access.is_named(hosts):
-            answer = _refusal("this is not the address that `cordon station` printed", is_page)
+            answer = _refusal("wrong address: open the one that `cordon station` printed", is_page)
         elif not self._access.is_own_origin(origins, hosts[0]):
-            answer = _refusal("another web page may not read this one", is_page)
+            answer = _refusal("refused: another web page must not read this one", is_page)
         elif is_page and scope["path"].startswith(_ENTER_PATH):
             answer = await self._enter(Request(scope, receive))
         elif self._access.has_entered(headers):
@@ -182,7 +182,7 @@ class Gate:
         await answer(scope, receive, send_with_headers)
 
     async def _enter(self, request: Request) -> Response:
-        """Serve the first page's script and style, and give the cookie for the token."""
+        """Serve the first page's script and style, and set the cookie for the token."""
         if request.method == "GET" and request.url.path in ("/enter/enter.js", "/enter/enter.css"):
             return FileResponse(_ENTER_FILES / Path(request.url.path).name)
         if request.method != "POST" or request.url.path != _ENTER_PATH:
@@ -191,9 +191,9 @@ class Gate:
         async for piece in request.stream():
             given += piece
             if len(given) > _TOKEN_MAX_BYTES:
-                return PlainTextResponse("not the token", 413)
+                return PlainTextResponse("wrong token", 413)
         if not self._access.is_token(given):
-            return PlainTextResponse("not the token", 403)
+            return PlainTextResponse("wrong token", 403)
         response = Response(status_code=204)
         response.set_cookie(
             self._access.cookie,
@@ -211,7 +211,7 @@ def _refusal(reason: str, is_page: bool) -> ASGIApp:
 
 
 def _is_number(name: str) -> bool:
-    """Return whether a name is an address itself, which no name server can point elsewhere."""
+    """Return whether a name is a numeric address, which no name server can redirect."""
     try:
         ip_address(name)
     except ValueError:

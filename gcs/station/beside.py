@@ -1,6 +1,7 @@
 """The operator's page beside a flight: `cordon station` as a process of its own, which ends with the flight.
 
-It can hang, crash or be overrun without costing the flight a tick. Light: the supervisor of a flight starts it.
+It can hang, crash or be overloaded without delaying a tick of the flight. Imports nothing heavy: the supervisor of a
+flight starts it.
 """
 
 import os
@@ -19,7 +20,7 @@ _END_TIMEOUT_S = 3.0
 def station_beside(arguments: Sequence[str]) -> Iterator[tuple[str, int | None]]:
     """Run a station as long as this context, or this process, lasts.
 
-    Yield the line about where the page is, and None; without a page the exit code of the station, which has said why.
+    Yield the line with the page's address and None, or without a page the exit code of the station, which printed why.
     """
     lifeline, held = os.pipe()
     process = subprocess.Popen(
@@ -28,7 +29,7 @@ def station_beside(arguments: Sequence[str]) -> Iterator[tuple[str, int | None]]
         text=True,
         pass_fds=[lifeline],
         env={**os.environ, LIFELINE_VARIABLE: str(lifeline)},
-        start_new_session=True,  # Ctrl-C in the flight's terminal lands the vehicles: the page shows that
+        start_new_session=True,  # Ctrl-C in the flight's terminal lands the vehicles; the page stays open and shows it
     )
     os.close(lifeline)
     assert process.stdout is not None

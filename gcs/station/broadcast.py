@@ -1,7 +1,7 @@
-"""What all pages are shown: the mission, the newest picture of the team, and the latest events.
+"""The content for all pages: the mission, the newest picture of the team, and the latest events.
 
-Each picture is encoded once. A page takes what is news to it whenever it can: for a slow one pictures of the team are
-replaced by newer ones, and events beyond the latest 200 are lost. So nothing is queued, and the source waits for none.
+Each picture is encoded once. A page takes what is new to it when it can: for a slow page newer pictures of the team
+replace older ones, and events beyond the latest 200 are lost. So nothing is queued, and the source waits for no page.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ _ANSWERS_KEPT = 1000
 
 @dataclass(slots=True)
 class Reading:
-    """How far one page has come, and the answers to its own commands that it has not taken yet."""
+    """What one page has received, and the answers to its own commands that wait for it."""
 
     missions: int = 0
     teams: int = 0
@@ -37,7 +37,7 @@ class Broadcast:
         self._changed = asyncio.Event()
 
     def publish(self, picture: Published) -> None:
-        """Show a picture to all pages; events are numbered here."""
+        """Publish a picture to all pages; events get their numbers here."""
         match picture:
             case MissionPicture():
                 self._mission, self._missions = _encoded(picture), self._missions + 1
@@ -49,12 +49,12 @@ class Broadcast:
         self._wake()
 
     def answer(self, reading: Reading, answer: AnswerPicture) -> None:
-        """Show an answer to one page."""
+        """Publish an answer to one page."""
         reading.answers.append(_encoded(answer))
         self._wake()
 
     async def news(self, reading: Reading) -> list[str]:
-        """Wait for something that is new to a page, and return it: the mission comes first."""
+        """Wait for what is new to a page, and return it, the mission first."""
         while True:
             changed = self._changed
             if news := self._take(reading):

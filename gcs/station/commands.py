@@ -1,6 +1,6 @@
-"""Commands from the operator's page to the team: who may, what has to be confirmed, and each request once.
+"""Commands from the operator's page to the team: rights, confirmations, and each request once.
 
-A request is carried out to its end whatever becomes of the page: its answers are on the bus, where events come from.
+A request is carried out even if the page closes: its answers are on the bus, and appear as events.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, Ope
 
 KILL_WORD = "kill"
 NOT_FROM_PAGES = frozenset({"start", "formation"})
-"""Verbs that need more than a page sends: who is ready, or a shape."""
+"""Verbs that need input which a page does not send: the ready vehicles, or a shape."""
 NO_ANSWER = "no answer"
 UNDER_WAY_MAX = 16
 _REFUSED = "refused: "
@@ -33,7 +33,7 @@ OnAnswer = Callable[[AnswerPicture], None]
 
 @dataclass(slots=True)
 class _Taken:
-    """A request that was taken, its answers so far, and who waits for more."""
+    """An accepted request, its answers so far, and the pages that wait for more."""
 
     request: CommandRequest
     began_s: float = field(default_factory=time.monotonic)
@@ -41,7 +41,7 @@ class _Taken:
     receivers: list[OnAnswer] = field(default_factory=list)
 
     def answer(self, vehicle_id: int | None, did: str, *, is_obeyed: bool, is_final: bool) -> None:
-        """Give an answer to the pages that asked."""
+        """Send an answer to the pages that made the request."""
         after_s = time.monotonic() - self.began_s
         request = self.request
         answer = AnswerPicture(request.request, request.verb, vehicle_id, did, after_s, is_obeyed, is_final)
@@ -51,10 +51,10 @@ class _Taken:
 
 
 class Commands:
-    """Sends the requests of all pages to the team, by the operator's keys on this computer; without them, none."""
+    """Sends the requests of all pages to the team with the operator's keys on this computer; without keys, none."""
 
     def __init__(self, mission: Mission, key: str | None, publish: Callable[[EventPicture], None]) -> None:
-        """Take the mission, and whose keys to use where there are several operators'.
+        """Take the mission, and the operator whose keys to use if there are several.
 
         Raises InputError when the team has no keys and needs them.
         """
@@ -70,14 +70,14 @@ class Commands:
 
     @property
     def rights(self) -> OperatorRights:
-        """Who commands, and what."""
+        """The operator's name and permitted commands."""
         if self._client is None or self._identity is None:
             return OperatorRights()
         may = tuple(verb for verb in self._identity.may if verb not in NOT_FROM_PAGES)
         return OperatorRights(self._identity.participant.name, may)
 
     async def run(self, on_rights: Callable[[OperatorRights], None]) -> None:
-        """Stay on the bus of the present flight, by its operator's keys, until cancelled.
+        """Stay on the bus of the present flight, with its operator's keys, until cancelled.
 
         `on_rights` is called at the beginning, and whenever the rights have changed.
         """
@@ -93,7 +93,7 @@ class Commands:
             await asyncio.shield(self._leave())
 
     def take(self, request: CommandRequest, receive: OnAnswer) -> None:
-        """Begin to carry out a request; one that was taken before gives its answers once more, and is not sent."""
+        """Begin to carry out a request; for a known one repeat its answers, and do not send it again."""
         if known := self._taken.get(request.request):
             for answer in known.answers:
                 receive(answer)
@@ -111,19 +111,19 @@ class Commands:
             task.add_done_callback(self._under_way.discard)
 
     def _refusals(self, request: CommandRequest) -> Iterator[str]:
-        """Yield why a request is not sent."""
+        """Yield the reasons why a request is not sent."""
         if self._client is None:
             yield f"this page is read-only: {self._read_only}"
         if request.verb not in self.rights.may:
             yield f"operator {self.rights.name} may not command {request.verb} from this page"
         if len(self._under_way) >= UNDER_WAY_MAX:
-            yield f"{UNDER_WAY_MAX} commands are under way; try again"
+            yield f"{UNDER_WAY_MAX} commands are in progress: try again"
         if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
-            yield f"it has to name vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
+            yield f"select vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
         if request.verb == "kill" and request.confirmation != KILL_WORD:
-            yield f"a kill has to be confirmed by the word {KILL_WORD}"
+            yield f"kill needs the word {KILL_WORD} as confirmation"
         if request.verb == "resume" and not request.overrides_pilot and (piloted := self._piloted(request)):
-            yield f"a pilot has {_named(piloted)}: confirm to take over"
+            yield f"a pilot flies {_named(piloted)}: confirm to take over"
 
     def _piloted(self, request: CommandRequest) -> list[int]:
         tactics = {} if self._client is None else self._client.tactics
@@ -157,7 +157,7 @@ class Commands:
                 self._publish(EventPicture(0, None, time.time(), "warning", text, vehicle_id))
 
     async def _follow(self) -> None:
-        """Join the bus with the operator's keys of the present flight, and leave that of a former one."""
+        """Join the bus with the operator's keys of the present flight, and leave that of an earlier one."""
         try:
             identity = await asyncio.to_thread(self._keys.identity, "operator", self._key)
             if self._client is not None and identity == self._identity:

@@ -1,4 +1,4 @@
-"""The pictures of a team that flies: it listens on the team's bus, and sends nothing."""
+"""The pictures of a flying team, from the messages on its bus; sends nothing."""
 
 import asyncio
 import time
@@ -19,26 +19,26 @@ _FOLLOWED_EVERY_S, _TRIED_AGAIN_S = 0.2, 1.0
 
 
 class LiveTeam:
-    """A source of pictures of the flights of one mission's team, one after the other."""
+    """A source of pictures of the successive flights of one mission's team."""
 
     def __init__(self, mission: Mission, source: FlightSource = "flight") -> None:
-        """Take the mission that flies; `source` is what its vehicles are."""
+        """Take the mission; `source` is the kind of its vehicles."""
         self._mission = mission
         self._source = source
-        # The wall clock may be set meanwhile: it is read once.
+        # The wall clock is read once, since it may be set during the flight.
         self._pictures = TeamPictures(mission, time.time() - time.monotonic())
         self._missions = TeamMissions(mission)
-        self._fault = "looking for the team"
+        self._fault = "searching for the team"
         self._is_over = False
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
-        """Return what does not change in flight, for a page of this operator."""
+        """Return the constant part of the pictures, for a page of this operator."""
         return mission_picture(self._mission, self._source, self._mission.mission.duration_s, operator)
 
     async def run(self, publish: Publish) -> None:
         """Publish the team ten times a second, and events as they come, until cancelled.
 
-        Nothing that the network does ends it: what keeps it from the team is in the pictures.
+        Network faults do not end it: the pictures state what separates it from the team.
         """
         listening = asyncio.create_task(self._listen())
         try:
@@ -54,7 +54,7 @@ class LiveTeam:
             await asyncio.gather(listening, return_exceptions=True)
 
     async def _listen(self) -> None:
-        """Listen to the flights of the team, whenever one runs."""
+        """Receive the messages of the team's flights, whenever one runs."""
         while True:
             try:
                 async with WatchedBus(self._mission, self._take) as bus:
@@ -71,7 +71,7 @@ class LiveTeam:
         self._missions.receive(message)
 
     def _link(self) -> str:
-        """Return what keeps the page from the team, empty when nothing does."""
+        """Return the fault of the link to the team, empty without one."""
         try:
             self._missions.require_same()
         except VehicleRefusedError as other:

@@ -1,4 +1,4 @@
-"""What does not change in flight, for the operator's page."""
+"""The constant part of the operator's page: the mission and its plan."""
 
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.station.picture import FlightSource, MissionPicture, OperatorRights, Pair, PlannedVehicle
@@ -8,7 +8,7 @@ from gcs.style import COLOURS
 def mission_picture(
     mission: Mission, source: FlightSource, duration_s: float, operator: OperatorRights | None = None
 ) -> MissionPicture:
-    """Return a mission as the page shows it, flown for `duration_s`; without an operator it only shows."""
+    """Return a mission as the page shows it, flown for `duration_s`; without an operator the page is read-only."""
     frame, ring, safety = mission.frame, mission.encirclement, mission.safety
     return MissionPicture(
         mission=mission.mission.name,

@@ -1,7 +1,7 @@
-"""What the operator's page shows, as it is sent to the page: JSON objects, with the names and units of these types.
+"""The content of the operator's page as it is sent: JSON objects with the names and units of these types.
 
 A page receives a `MissionPicture` first, then a `TeamPicture` several times a second, and events as they come. A
-recorded flight is a `FlightPicture`: the same, in one object. What is not known is null, never 0. Positions are in the
+recorded flight is a `FlightPicture`: the same in one object. Unknown values are null, never 0. Positions are in the
 mission frame: x, y, and the height above the mission's origin.
 """
 
@@ -18,7 +18,7 @@ Pair = tuple[float, float]
 
 
 class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=False):
-    """What is sent to a page on its own."""
+    """An object that is sent to a page by itself."""
 
 
 class PlannedVehicle(msgspec.Struct, frozen=True):
@@ -32,14 +32,14 @@ class PlannedVehicle(msgspec.Struct, frozen=True):
 
 
 class OperatorRights(msgspec.Struct, frozen=True):
-    """Who commands from this page, and what: empty verbs for a page that only shows."""
+    """The operator of this page and the permitted verbs, none for a read-only page."""
 
     name: str = ""
     may: tuple[Verb, ...] = ()
 
 
 class TilesPicture(msgspec.Struct, frozen=True):
-    """The map tiles that the station serves at `tiles/Z/X/Y`: their levels, and whose they are, as plain text."""
+    """The map tiles that the station serves at `tiles/Z/X/Y`: their levels, and their attribution as plain text."""
 
     level_min: int
     level_max: int
@@ -47,7 +47,7 @@ class TilesPicture(msgspec.Struct, frozen=True):
 
 
 class MissionPicture(_Picture, frozen=True, tag="mission"):
-    """What does not change in flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
+    """The constant part of a flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
 
     `x_bearing_deg` is the bearing of the x axis, clockwise from north. `tiles` is None without map tiles.
     """
@@ -70,12 +70,12 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
 
 
 class VehiclePicture(msgspec.Struct, frozen=True):
-    """One vehicle at one time. `age_s` is that of its last message on the wall's clock, None before the first.
+    """One vehicle at one time. `age_s` is the age of its last message [wall s], None before the first.
 
-    `is_stale` is whether it must not be drawn as if it flew there: its messages stopped, or its link is cut.
-    `link_age_s` is how long its autopilot has been silent, as its agent reports. `yaw_rad` is that of its setpoint.
-    `advice` is what to do about the alert. `nearest_m` is the horizontal distance to the nearest other vehicle that
-    flies, and the margin that to the fence (negative: outside). `ending` is how its flight ended, empty while it is on.
+    `is_stale` means that its position is out of date: its messages stopped, or its link is cut.
+    `link_age_s` is how long its agent has received nothing from its autopilot. `yaw_rad` is that of its setpoint.
+    `advice` is the operator's action for the alert. `nearest_m` is the horizontal distance to the nearest other flying
+    vehicle, `fence_margin_m` that to the fence (negative: outside). `ending` is how its flight ended, empty before.
     """
 
     vehicle_id: int
@@ -118,8 +118,8 @@ class TargetPicture(msgspec.Struct, frozen=True):
 class TeamPicture(_Picture, frozen=True, tag="team"):
     """The team at one time: `time_s` since the mission's start (None before), `wall_s` in Unix time.
 
-    `ring_members` fly on the ring, of all vehicles. `ending` is how the flight ended, empty while it is on.
-    `link` is what keeps the page from the team, empty when nothing does. `remaining_s` is left of the mission, None
+    `ring_members` is the number of vehicles on the ring. `ending` is how the flight ended, empty before.
+    `link` is the fault of the link to the team, empty without one. `remaining_s` is the rest of the mission, None
     before its start.
     """
 
@@ -134,7 +134,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):
-    """Something that happened; `vehicle_id` None is for the team or the page. Numbers grow by one."""
+    """An event; `vehicle_id` None is for the team or the page. Numbers increase by one."""
 
     number: int
     time_s: float | None
@@ -145,7 +145,7 @@ class EventPicture(_Picture, frozen=True, tag="event"):
 
 
 class AnswerPicture(_Picture, frozen=True, tag="answer"):
-    """What became of a command of this page, `after_s` its first transmission; final for the vehicle if `is_final`.
+    """An answer to a command of this page, `after_s` its first transmission; final for the vehicle if `is_final`.
 
     A refusal of the server itself has vehicle None.
     """
@@ -168,9 +168,9 @@ class FlightPicture(_Picture, frozen=True, tag="flight"):
 
 
 class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command", forbid_unknown_fields=True):
-    """What a page asks for: a command to these vehicles (None: all). `request` names it, so that none is sent twice.
+    """A page's command to these vehicles (None: all). `request` identifies it, so that it is not sent twice.
 
-    `confirmation` is the word that was typed for a kill, and `overrides_pilot` whether a vehicle is to be taken back
+    `confirmation` is the word typed for a kill, `overrides_pilot` whether a vehicle may be taken back
     from its pilot.
     """
 

@@ -1,4 +1,4 @@
-"""What the operator's page shows of a recorded flight: its logs, in pictures at an even rate, and all its events."""
+"""A recorded flight for the operator's page: pictures at an even rate and all events, from its logs."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from gcs.station.vehicle_picture import Surroundings
 
 PICTURES_HZ = 5.0
 _VEHICLE_PICTURES, _STEP_MAX_S = 4200, 1.0
-"""A vehicle at one time takes about 600 bytes of JSON: long flights are shown less often than `PICTURES_HZ`."""
+"""A vehicle takes about 600 bytes of JSON per picture: long flights have fewer pictures than `PICTURES_HZ`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class _Clock:
         recorded = list(_recorded(logs))
         ticks = [(tick_s, log.run.began_s) for log, i in recorded for tick_s in _first_and_last_s(log, i)]
         if not ticks:
-            raise LogError([f"{log.path}: it holds no tick of a vehicle: there is nothing to show" for log in logs])
+            raise LogError([f"{log.path}: it holds no tick of a vehicle: no flight to show" for log in logs])
         began_s, unix_s = min(ticks)
         ended_s, _ = max(ticks)
         sparse_s = len(recorded) * (ended_s - began_s) / vehicle_pictures
@@ -66,12 +66,12 @@ class _Clock:
 def recorded_flight(
     *logs: FlightLog, vehicle_pictures: int = _VEHICLE_PICTURES, step_max_s: float = _STEP_MAX_S
 ) -> FlightPicture:
-    """Return the logs of a flight's processes, one or several, as the page replays them.
+    """Return the flight in the logs of its processes, one or several, for the page.
 
-    Pictures come `PICTURES_HZ` times a second, less often where the vehicles would be pictured more than
-    `vehicle_pictures` times altogether, but at least every `step_max_s`.
+    There are `PICTURES_HZ` pictures a second, fewer if these would hold the vehicles more than
+    `vehicle_pictures` times altogether, but at least one every `step_max_s`.
 
-    Raises LogError where the logs hold no flight, or a mission that this version refuses, or are damaged.
+    Raises LogError if the logs hold no flight, hold a mission that this version refuses, or are damaged.
     """
     mission, clock = mission_of(logs[0]), _Clock.of(logs, vehicle_pictures, step_max_s)
     duration_s = logs[0].run.duration_s
@@ -137,7 +137,7 @@ def _events(clock: _Clock, vehicles: Iterable[RecordedVehicle]) -> Iterator[Even
 
 
 def _ending(logs: Sequence[FlightLog]) -> str:
-    """Return how the flight ended, in a line; older logs do not say."""
+    """Return how the flight ended, in one line; older logs do not record it."""
     endings = []
     for log, vehicle_id in _recorded(logs):
         end = next(log.of_kind(vehicle_id, VehicleEnd), None)
@@ -146,7 +146,7 @@ def _ending(logs: Sequence[FlightLog]) -> str:
         elif end.how:
             endings.append(VehicleEnding(vehicle_id, How(end.how), end.reason))
     ending = FlightEnding.of(endings)
-    return "The log does not say how the flight ended" if ending is None else ending.headline
+    return "The log does not record how the flight ended" if ending is None else ending.headline
 
 
 def _recorded(logs: Sequence[FlightLog]) -> Iterator[tuple[FlightLog, int]]:
@@ -155,6 +155,6 @@ def _recorded(logs: Sequence[FlightLog]) -> Iterator[tuple[FlightLog, int]]:
 
 
 def _first_and_last_s(log: FlightLog, vehicle_id: int) -> list[float]:
-    """Return the times of a vehicle's first and last tick, as far as there are some."""
+    """Return the times of a vehicle's first and last tick, empty without ticks."""
     ticks = [each for each in log.vehicles.get(vehicle_id, ()) if each.kind is Decision]
     return [float(each.message().time_s) for each in (*ticks[:1], *ticks[-1:])]

@@ -1,4 +1,4 @@
-"""A vehicle of a log, as the operator's page shows it at given times: what its agent knew then."""
+"""A vehicle of a log for the operator's page: what its agent knew at given times."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from gcs.station.picture import TargetPicture, VehiclePicture
 from gcs.station.vehicle_picture import LINK_CUT, SILENT, fix_words, vehicle_alert
 
 _ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
-"""What a page can show: centimetres, and a hundredth of a degree."""
+"""The resolution of the page: a centimetre, and a hundredth of a degree."""
 _VARIANCE_DIGITS = 6
 
 _AS_PLANNED = frozenset({How.LANDED, How.SIMULATED})
@@ -33,7 +33,7 @@ class Sampled(NamedTuple):
 
 
 class _Tick(NamedTuple):
-    """What a vehicle decided on a tick, and what it knew of itself then."""
+    """A vehicle's decision on a tick, and its newest own data."""
 
     decision: Any
     status: VehicleStatus | None
@@ -42,7 +42,7 @@ class _Tick(NamedTuple):
 
 
 class RecordedVehicle:
-    """A vehicle's records, gone through once; `events` holds what has happened so far: time, text and severity."""
+    """A vehicle's records, read once; `events` holds the events so far: time, text and severity."""
 
     def __init__(self, log: FlightLog, vehicle_id: int) -> None:
         self.vehicle_id = vehicle_id
@@ -66,7 +66,7 @@ class RecordedVehicle:
                 yield Sampled(self._vehicle(tick, time_s, has_ended=is_over), _target(tick, time_s))
 
     def _ticks(self) -> Iterator[_Tick]:
-        """Return the ticks, and note events on the way."""
+        """Return the ticks, and collect the events between them."""
         status: VehicleStatus | None = None
         altitude_m, motion_s = 0.0, None
         for record in self._records:

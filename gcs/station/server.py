@@ -1,6 +1,6 @@
 """The server of the operator's page: its files, the stream of pictures and commands, and recorded flights.
 
-A page that is slow, dead, or says what it should not concerns that page alone.
+A page that is slow, dead or sends invalid data does not affect other pages.
 """
 
 import asyncio
@@ -34,7 +34,7 @@ PAGE = Path(__file__).parent / "page"
 PAGES_MAX = 100
 REQUEST_MAX_BYTES = 4096
 _DEAD_AFTER_S = 10
-"""A page that takes nothing for so long is removed."""
+"""A page that reads nothing for this time is removed."""
 _PING_PERIOD_S = 5.0
 _MALFORMED, _TOO_MANY = 1007, 1013
 _TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
@@ -44,16 +44,16 @@ class Stream:
     """The WebSocket of live pages: pictures, events and answers out, requests of commands in."""
 
     def __init__(self, broadcast: Broadcast, commands: Commands) -> None:
-        """Take what pages are shown, and what takes their requests."""
+        """Take the content for pages, and the receiver of their requests."""
         self._broadcast = broadcast
         self._commands = commands
         self.pages = 0
-        """How many pages are open."""
+        """Number of open pages."""
 
     async def serve(self, page: WebSocket) -> None:
-        """Serve one page until it goes."""
+        """Serve one page until it disconnects."""
         if self.pages >= PAGES_MAX:
-            await page.close(_TOO_MANY, f"{PAGES_MAX} pages are open")
+            await page.close(_TOO_MANY, f"{PAGES_MAX} pages are open already")
             return
         await page.accept()
         self.pages += 1
@@ -78,7 +78,7 @@ class Stream:
             try:
                 request = msgspec.json.decode(message.get("text") or "", type=CommandRequest)
             except msgspec.DecodeError as error:  # a msgspec.ValidationError is one
-                with suppress(WebSocketDisconnect, RuntimeError):  # it has gone meanwhile
+                with suppress(WebSocketDisconnect, RuntimeError):  # the page has disconnected meanwhile
                     await page.close(_MALFORMED, str(error)[:100])
                 return
             self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
@@ -107,7 +107,7 @@ def _app(data: BaseRoute, page: Path, tiles: MapTiles | None) -> Starlette:
 
 
 def _tiles_route(tiles: MapTiles) -> Route:
-    """Return the route of map tiles: a path is three numbers, or there is nothing at it."""
+    """Return the route of map tiles; the path is three numbers."""
 
     def tile(request: Request) -> Response:  # not async: in a thread, so that a slow disk does not hold up the stream
         place = _TILE_PLACE.fullmatch(request.path_params["place"])
@@ -156,7 +156,7 @@ async def serve_team(
 
 
 async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: asyncio.Event) -> None:
-    """Serve an application behind the gate until `stop`; pages that are open are cut off."""
+    """Serve an application behind the gate until `stop`; open pages are disconnected."""
     certificate, key = access.tls or (None, None)
     config = uvicorn.Config(
         Gate(app, access),
@@ -184,7 +184,7 @@ async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: as
 
 
 def listen(access: Access) -> socket.socket:
-    """Return a socket that listens; raises VehicleRefusedError when the address is not available."""
+    """Return a listening socket; raises VehicleRefusedError when the address is not available."""
     host, port = access.address
     try:
         family, kind, protocol, _, end = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -206,5 +206,5 @@ def listen(access: Access) -> socket.socket:
 def _unavailable(access: Access, error: OSError) -> VehicleRefusedError:
     return VehicleRefusedError(
         f"cannot listen at {access.address.host}:{access.address.port} ({error.strerror or error})",
-        "end the program that uses the port, another station perhaps, or choose another by --address HOST:PORT",
+        "end the program that uses the port (another station?), or choose another port with --address HOST:PORT",
     )

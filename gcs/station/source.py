@@ -1,4 +1,4 @@
-"""Where the pictures come from that pages show: a team in flight, or what stands in for one."""
+"""The source of the pictures that pages show: a team in flight, or a substitute."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -13,12 +13,12 @@ class Source(Protocol):
     """The pictures of one team."""
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
-        """Return what does not change in flight, with what this operator may do."""
+        """Return the constant part of the pictures, with the rights of this operator."""
         ...
 
     async def run(self, publish: Publish) -> None:
         """Publish pictures of the team and events until cancelled.
 
-        Raises InputError when this computer has no keys to listen with.
+        Raises InputError when this computer has no keys for the team's bus.
         """
         ...

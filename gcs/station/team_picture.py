@@ -1,4 +1,4 @@
-"""What the operator's page shows of a team that flies, from the messages on its bus: messages in, pictures out."""
+"""Pictures of a flying team for the operator's page, from the messages on its bus: messages in, pictures out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ from gcs.station.vehicle_picture import LINK_CUT, SILENT, Surroundings, fix_word
 
 
 @dataclass(slots=True)
-class _Heard:
+class _Received:
     """The newest messages of one vehicle, and when they were received [wall s].
 
-    `sighted_s` is when it saw the target last, by its own clock.
+    `sighted_s` is the time of its last sighting of the target, by its own clock.
     """
 
     any_s: float = -inf
@@ -34,7 +34,7 @@ class _Heard:
 
     @property
     def ended(self) -> str:
-        """How its flight ended, empty while it is on."""
+        """How its flight ended, empty before."""
         return "" if self.report is None else self.report.ended
 
     @property
@@ -43,7 +43,7 @@ class _Heard:
         return self.report is not None and self.report.is_link_cut
 
     def received_s(self) -> float:
-        """Return when it was heard: by its newest state, or by any message where it has sent no state yet."""
+        """Return the time of its newest state, or of any message if it has sent no state yet."""
         return self.any_s if self.state is None else self.state_s
 
     def is_stale(self, now_s: float) -> bool:
@@ -52,14 +52,14 @@ class _Heard:
 
 
 class TeamPictures:
-    """Makes pictures of a team; times are seconds of one steady clock, `unix_offset_s` behind Unix time.
+    """Makes pictures of a team; times are seconds of one monotonic clock, `unix_offset_s` behind Unix time.
 
-    A flight that ends, and one that begins after it with the same vehicles, follow each other in the pictures.
+    Successive flights of the same vehicles follow each other in the pictures.
     """
 
     def __init__(self, mission: Mission, unix_offset_s: float) -> None:
         self._unix_offset_s = unix_offset_s
-        self._heard = {vehicle_id: _Heard() for vehicle_id in mission.ids}
+        self._received = {vehicle_id: _Received() for vehicle_id in mission.ids}
         self._surroundings = Surroundings(fences([each.section for each in mission.vehicles], mission.safety))
         self._state = TeamState(mission.ids)
         self._numbers = count(1)
@@ -69,24 +69,24 @@ class TeamPictures:
 
     def receive(self, message: BusMessage, now_s: float) -> None:
         """Take a message of the bus."""
-        heard = None if isinstance(message, OperatorCommand) else self._heard.get(message.sender)
-        # A state may arrive after the report that the flight has ended: it does not connect the vehicle again.
-        if heard is None or not (heard.ended and isinstance(message, MemberState)):
+        received = None if isinstance(message, OperatorCommand) else self._received.get(message.sender)
+        # A state may arrive after the report that the flight has ended: it does not revive the vehicle.
+        if received is None or not (received.ended and isinstance(message, MemberState)):
             self._state.receive(message, now_s)
-        if heard is None:
+        if received is None:
             return
-        heard.any_s = now_s
+        received.any_s = now_s
         match message:
             case MemberState():
-                heard.state, heard.state_s = message, now_s
-                heard.sighted_s = max((each.time_s for each in message.sightings), default=heard.sighted_s)
+                received.state, received.state_s = message, now_s
+                received.sighted_s = max((each.time_s for each in message.sightings), default=received.sighted_s)
             case VehicleReport():
-                self._events += [(message.sender, *event) for event in _news(heard.report, message)]
-                if heard.report is not None and _is_of_another_flight(heard.report, message):
-                    heard.state, heard.state_s, heard.sighted_s = None, -inf, -inf
+                self._events += [(message.sender, *event) for event in _news(received.report, message)]
+                if received.report is not None and _is_of_another_flight(received.report, message):
+                    received.state, received.state_s, received.sighted_s = None, -inf, -inf
                 if message.ended:
                     self._state.end(message.sender)
-                heard.report, heard.report_s = message, now_s
+                received.report, received.report_s = message, now_s
             case _:
                 pass
 
@@ -103,10 +103,10 @@ class TeamPictures:
         ]
 
     def picture(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:
-        """Return the team at `now_s`; `link` is what keeps the page from it, and no flight runs if it `is_over`."""
-        self._tell_time(now_s)
-        places_m = {i: each.state.position_m for i, each in self._heard.items() if each.state and not each.ended}
-        vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._heard)
+        """Return the team at `now_s`; `link` is the fault of the link to it, and no flight runs if it `is_over`."""
+        self._update_time(now_s)
+        places_m = {i: each.state.position_m for i, each in self._received.items() if each.state and not each.ended}
+        vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._received)
         return TeamPicture(
             self._time_s,
             now_s + self._unix_offset_s,
@@ -118,9 +118,9 @@ class TeamPictures:
             self._remaining_s,
         )
 
-    def _tell_time(self, now_s: float) -> None:
-        """Tell the mission's time by the vehicles that are heard; it stands still where none is, and after the end."""
-        live = [each for each in self._heard.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended]
+    def _update_time(self, now_s: float) -> None:
+        """Update the mission's time from the vehicles' messages; without messages and after the end it stands still."""
+        live = [each for each in self._received.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended]
         times_s = [max(_time_s(each.state), _time_s(each.report)) for each in live if each.state or each.report]
         missions = [each.report for each in live if each.report is not None and each.report.start_s is not None]
         if live and not missions:
@@ -133,17 +133,17 @@ class TeamPictures:
             self._remaining_s = min(max(duration_s - since_s, 0.0), duration_s)
 
     def _vehicle(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool) -> VehiclePicture:
-        heard = self._heard[vehicle_id]
-        if heard.any_s == -inf:
+        received = self._received[vehicle_id]
+        if received.any_s == -inf:
             return VehiclePicture(vehicle_id)
-        is_stale, has_ended = heard.is_stale(now_s), bool(heard.ended) or is_over
-        own_alert = "" if heard.state is None else heard.state.alert
-        lost = (LINK_CUT if heard.is_link_cut else SILENT) if is_stale else ""
+        is_stale, has_ended = received.is_stale(now_s), bool(received.ended) or is_over
+        own_alert = "" if received.state is None else received.state.alert
+        lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale else ""
         alert, advice, severity = vehicle_alert("" if has_ended else own_alert or lost, is_lost=bool(lost))
         nearest_id, nearest_m = self._surroundings.nearest(vehicle_id, places_m)
         picture = VehiclePicture(
             vehicle_id,
-            age_s=now_s - heard.received_s(),
+            age_s=now_s - received.received_s(),
             is_stale=is_stale,
             has_ended=has_ended,
             nearest_id=nearest_id,
@@ -153,48 +153,50 @@ class TeamPictures:
             alert=alert,
             advice=advice,
             severity=severity,
-            ending=heard.ended,
+            ending=received.ended,
         )
-        return _with_report(_with_state(picture, heard.state), heard, now_s)
+        return _with_report(_with_state(picture, received.state), received, now_s)
 
     def _lead_rad(self, vehicle_id: int, now_s: float) -> float | None:
-        """Return the angle to the vehicle ahead on the ring, None off it and alone."""
+        """Return the angle to the vehicle ahead on the ring, None for a vehicle off the ring or alone on it."""
         bearings_rad = {
             i: each.state.angle.bearing_rad
-            for i, each in self._heard.items()
+            for i, each in self._received.items()
             if each.state is not None and each.state.angle is not None and not each.is_stale(now_s) and not each.ended
         }
         own_rad = bearings_rad.pop(vehicle_id, None)
         return None if own_rad is None else ring_place(own_rad, bearings_rad.values()).lead_rad
 
     def _target(self, now_s: float) -> TargetPicture | None:
-        """Return the estimate of the vehicle that is heard and whose sighting is the newest, as it goes on."""
+        """Return the estimate with the newest sighting among the vehicles that send messages."""
         known = [
-            _estimate(each) for each in self._heard.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended
+            _estimate(each)
+            for each in self._received.values()
+            if now_s - each.any_s <= SILENT_AFTER_S and not each.ended
         ]
         return min((each for each in known if each is not None), key=lambda each: each.sighting_age_s, default=None)
 
     def _ending(self, *, is_over: bool) -> str:
-        heard = {i: each.ended for i, each in self._heard.items() if each.any_s > -inf}
-        if not heard or not (is_over or all(heard.values())):
+        received = {i: each.ended for i, each in self._received.items() if each.any_s > -inf}
+        if not received or not (is_over or all(received.values())):
             return ""
         by_end: dict[str, list[str]] = {}
-        for vehicle_id, ended in heard.items():
-            by_end.setdefault(ended or "not heard at the end: go and look", []).append(str(vehicle_id))
+        for vehicle_id, ended in received.items():
+            by_end.setdefault(ended or "silent at the end: find and inspect it", []).append(str(vehicle_id))
         if len(by_end) == 1:
             return next(iter(by_end))
         return "; ".join(f"{', '.join(ids)} {ended}" for ended, ids in by_end.items())
 
     def _silence(self, now_s: float, *, is_over: bool) -> str:
-        """Return for how long no vehicle has been heard that flies; empty while one is."""
-        flying = [each.any_s for each in self._heard.values() if each.any_s > -inf and not each.ended]
+        """Return for how long no flying vehicle has sent a message; empty while one does."""
+        flying = [each.any_s for each in self._received.values() if each.any_s > -inf and not each.ended]
         if is_over or not flying or now_s - max(flying) <= SILENT_AFTER_S:
             return ""
-        return f"no vehicle heard for {now_s - max(flying):.0f} s"
+        return f"no message from any vehicle for {now_s - max(flying):.0f} s"
 
 
 def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str, Severity]]:
-    """Return what a report says that the one before did not."""
+    """Return the events from the changes between two reports."""
     if before is None or _is_of_another_flight(before, report):
         return []
     news: list[tuple[str, Severity]] = []
@@ -208,7 +210,7 @@ def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str
 
 
 def _is_of_another_flight(before: VehicleReport, report: VehicleReport) -> bool:
-    """Return whether a vehicle flies anew: its last flight ended, or had begun at another time."""
+    """Return whether a vehicle flies another flight: the last one ended, or had begun at another time."""
     return not report.ended and (bool(before.ended) or before.start_s not in (None, report.start_s))
 
 
@@ -230,11 +232,11 @@ def _with_state(picture: VehiclePicture, state: MemberState | None) -> VehiclePi
     )
 
 
-def _with_report(picture: VehiclePicture, heard: _Heard, now_s: float) -> VehiclePicture:
-    report = heard.report
+def _with_report(picture: VehiclePicture, received: _Received, now_s: float) -> VehiclePicture:
+    report = received.report
     if report is None:
         return picture
-    silent_s = now_s - heard.report_s if report.is_link_cut else 0.0
+    silent_s = now_s - received.report_s if report.is_link_cut else 0.0
     return replace(
         picture,
         mode=report.mode,
@@ -248,14 +250,14 @@ def _with_report(picture: VehiclePicture, heard: _Heard, now_s: float) -> Vehicl
     )
 
 
-def _estimate(heard: _Heard) -> TargetPicture | None:
-    """Return the target as a vehicle reported it, at its velocity until the vehicle's newest state."""
-    report = heard.report
+def _estimate(received: _Received) -> TargetPicture | None:
+    """Return the target as a vehicle reported it, extrapolated to the vehicle's newest state."""
+    report = received.report
     if report is None or report.target is None:
         return None
-    target, time_s = report.target, max(_time_s(heard.state), report.time_s)
+    target, time_s = report.target, max(_time_s(received.state), report.time_s)
     later_s, (x, y), (x_rate, y_rate) = time_s - report.time_s, target.position_m, target.velocity_m_s
-    sighted_s = max(report.time_s - target.sighting_age_s, heard.sighted_s)
+    sighted_s = max(report.time_s - target.sighting_age_s, received.sighted_s)
     return TargetPicture(
         (x + x_rate * later_s, y + y_rate * later_s),
         target.velocity_m_s,

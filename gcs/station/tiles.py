@@ -36,7 +36,7 @@ TileReader = Callable[[int, int, int], TileImage | None]
 
 @dataclass(frozen=True, slots=True)
 class MapTiles:
-    """Tiles, as a folder or a file has them, under a mission whose origin has this latitude and longitude."""
+    """Tiles of a folder or a file, for a mission whose origin has this latitude and longitude."""
 
     picture: TilesPicture
     reader: TileReader
@@ -55,9 +55,9 @@ class MapTiles:
 
 
 def opened_tiles(path: Path, origin_deg: Pair | None) -> MapTiles:
-    """Return the tiles at a path, for a mission with this origin; raises InputError where they cannot be drawn."""
+    """Return the tiles at a path, for a mission with this origin; raises InputError if they cannot be drawn."""
     if origin_deg is None:
-        raise InputError([f"map tiles {path}: the mission's [frame] is local: nothing says where the tiles lie in it"])
+        raise InputError([f"map tiles {path}: they need an origin, and the mission's [frame] is local"])
     try:
         picture, reader = _folder(path) if path.is_dir() else _mbtiles(path)
     except OSError as error:
@@ -89,7 +89,7 @@ def _mbtiles(path: Path) -> tuple[TilesPicture, TileReader]:
     with path.open("rb") as file:
         if file.read(7) == b"PMTiles":
             converted = path.with_suffix(".mbtiles").name
-            raise InputError([f"map tiles {path}: a PMTiles file: convert it, `pmtiles-convert {path} {converted}`"])
+            raise InputError([f"map tiles {path}: a PMTiles file; convert it: `pmtiles-convert {path} {converted}`"])
     with closing(_connection(path)) as database:
         metadata = {name: str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
         ends = [database.execute(_ENDS.format(order)).fetchone() for order in ("ASC", "DESC")]
@@ -114,12 +114,12 @@ def _from_mbtiles(path: Path, level: int, column: int, row: int) -> TileImage | 
 
 
 def _connection(path: Path) -> sqlite3.Connection:
-    """Open a file for reading alone, anew for each tile: tiles are read in several threads."""
+    """Open a file read-only, once per tile: tiles are read in several threads."""
     return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
 
 
 def _image(data: bytes | None) -> TileImage | None:
-    """Return an image with its media type, which its first bytes say; None for what is no PNG, JPEG or WebP."""
+    """Return an image with the media type of its first bytes; None if it is not PNG, JPEG or WebP."""
     if data is None:
         return None
     if data.startswith(b"\x89PNG\r\n\x1a\n"):

@@ -1,4 +1,4 @@
-"""What live and recorded pictures of a vehicle have in common: its surroundings, its alert, its GPS fix in words."""
+"""The common parts of live and recorded pictures of a vehicle: its surroundings, its alert, its GPS fix as text."""
 
 from collections.abc import Mapping
 
@@ -13,29 +13,29 @@ _ADVISED_AS = {SILENT: Condition.PEER_SILENT.value, LINK_CUT: Condition.TELEMETR
 
 
 class Surroundings:
-    """How near a vehicle is to the others and to its fence."""
+    """The distances of a vehicle to the others and to its fence."""
 
     def __init__(self, fence_of: Mapping[int, Fence]) -> None:
         self._fence_of = fence_of
 
     def nearest(self, vehicle_id: int, places_m: Mapping[int, Pair]) -> tuple[int | None, float | None]:
-        """Return the nearest other vehicle and how far it is [m], by the places (x, y) of all; None without one."""
+        """Return the nearest other vehicle and its distance [m], from the positions (x, y) of all; None without one."""
         return nearest_other(vehicle_id, places_m) or (None, None)
 
     def fence_margin_m(self, vehicle_id: int, places_m: Mapping[int, Pair]) -> float | None:
-        """Return how far it is to the vehicle's fence, negative outside; None without a fence or a place."""
+        """Return the distance to the vehicle's fence, negative outside; None without a fence or a position."""
         fence, place_m = self._fence_of.get(vehicle_id), places_m.get(vehicle_id)
         return None if fence is None or place_m is None else fence.clearance_m(place_m)
 
 
 def vehicle_alert(alert: str, *, is_lost: bool) -> tuple[str, str, Severity]:
-    """Return an alert, what to do about it, and how grave it is; one that `is_lost` in flight is an alarm."""
+    """Return an alert, the operator's action and the severity; of a vehicle that `is_lost` in flight it is an alarm."""
     how_grave: Severity = "alarm" if alert and is_lost else severity(alert)
     return alert, advice(_ADVISED_AS.get(alert, alert)), how_grave
 
 
 def fix_words(dimensions: int | None) -> str:
-    """Return a GPS fix in words, empty if it is not known."""
+    """Return a GPS fix as text, empty if it is unknown."""
     if dimensions is None:
         return ""
     return f"{dimensions}D" if dimensions else "no fix"

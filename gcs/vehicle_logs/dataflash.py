@@ -1,8 +1,8 @@
 """ArduPilot's own log (.bin), with pymavlink's description of its formats.
 
-pymavlink describes the formats; the records are cut here. `DFReader_binary` of pymavlink 2.4.50 takes 64 ms for a log
-that is read here in 1.2 ms. Its indexer, in C, writes to the terminal past any redirection (2 million lines and 7 s for
-2 MB of zeros), keeps 9 of 1034 records when one format has the length 0, and raises for an unknown format letter.
+pymavlink describes the formats; this module cuts the records. `DFReader_binary` of pymavlink 2.4.50 takes 64 ms for a
+log that this module reads in 1.2 ms. Its C indexer writes to the terminal past any redirection (2 million lines for
+2 MB of zeros), drops most records when one format has the length 0, and raises for an unknown format letter.
 """
 
 from collections import defaultdict
@@ -28,7 +28,7 @@ HEAD = b"\xa3\x95"
 HEADER_BYTES = 3
 FMT, FMT_BYTES = 0x80, 89
 BLOCK_BYTES = 528
-"""The most padding at the end of a log, which is written in blocks."""
+"""Most padding at the end of a log, which is written in blocks."""
 
 SETPOINT, ESTIMATE, CONTROLLED = "GUIP", "XKF1", "PSCD"
 POSITIONED = (1, 2, 3)
@@ -48,7 +48,7 @@ Table = dict[str, Any]
 
 
 class _Records:
-    """The records of the wanted types: where each begins, and each type's format."""
+    """The records of the needed types: where each begins, and each type's format."""
 
     def __init__(self, log: LogFile) -> None:
         self._data = log.path.read_bytes()
@@ -73,12 +73,12 @@ class _Records:
         }
 
     def unit(self, name: str, column: str) -> str:
-        """Return the unit that the log tells of a column; empty if none."""
+        """Return the unit that the log states for a column; empty if none."""
         form = self._formats[name]
         return str(form.get_unit(column)) if form.units is not None else ""
 
     def _cut(self) -> None:
-        """Find where records begin; other bytes are skipped up to the next head."""
+        """Find where records begin; other bytes are skipped up to the next header."""
         data, end, at = self._data, len(self._data), 0
         lengths: dict[int, int] = {FMT: FMT_BYTES}
         kept: dict[int, list[int]] = {}
@@ -102,7 +102,7 @@ class _Records:
             at += length
         if bad:
             self.is_damaged = True
-            self.notes.append(f"damaged: {bad} bytes were passed over")
+            self.notes.append(f"damaged: {bad} bytes were skipped")
 
     def _define(self, body: bytes, lengths: dict[int, int], kept: dict[int, list[int]]) -> None:
         """Store a type's first format. The records of an inconsistent one are skipped."""
@@ -113,7 +113,7 @@ class _Records:
         try:
             form = DFFormat(kind, name, length, letters, columns)
             fits = _dtype(form).itemsize == length - HEADER_BYTES
-        except Exception:  # of a letter that is none, pymavlink raises plain Exception
+        except Exception:  # for an unknown format letter pymavlink raises plain Exception
             form, fits = None, length > HEADER_BYTES
         if fits:
             lengths[kind] = length
@@ -122,7 +122,7 @@ class _Records:
             kept[kind] = self._offsets[name]
         elif name in WANTED:
             self.is_damaged = True
-            self.notes.append(f"the format of {name} makes no sense: its records were passed over")
+            self.notes.append(f"the format of {name} is inconsistent: its records were skipped")
 
     def _learn_units(self) -> None:
         units = {row["Id"]: null_term(row["Label"]) for row in self.rows("UNIT", "Id", "Label")}
@@ -138,7 +138,7 @@ class _Records:
                 form.set_mult_ids(factor_ids, scaled)
 
     def rows(self, name: str, *needed: str) -> list[Row]:
-        """Return all records of a type one by one; none, and a note, where it lacks a column that is needed."""
+        """Return all records of a type; none, and a note, if it lacks a needed column."""
         table = self.table(name)
         lacking = [column for column in needed if column not in table]
         if table and lacking:
@@ -183,7 +183,7 @@ def read_dataflash(log: LogFile) -> tuple[VehicleLog, ...]:
     _add_modes(raw, records)
     raw.texts += [(int(row["TimeUS"]), None, _text(row, "Message")) for row in records.rows("MSG", *STAMPED, "Message")]
     if not raw.samples and not raw.modes:
-        raise LogError([f"{log.name}: holds none of the messages {ESTIMATE}, {SETPOINT}, MODE"])
+        raise LogError([f"{log.name}: it holds none of the messages {ESTIMATE}, {SETPOINT}, MODE"])
     return (vehicle_log(raw),)
 
 
@@ -230,7 +230,7 @@ def _add_estimate(raw: RawLog, records: _Records) -> None:
 
 
 def _primary_core(raw: RawLog, records: _Records, table: Table) -> int:
-    """Return the estimator's core in use; where it changed, the one in use for longest, and that is noted."""
+    """Return the estimator's core in use; if it changed, the one in use for longest, with a note."""
     told = records.table("XKF4").get("PI", np.empty(0, dtype=np.int8))
     present = np.unique(table["C"])
     cores, counts = np.unique(told[np.isin(told, present)], return_counts=True)
@@ -257,7 +257,7 @@ def _add_setpoints(raw: RawLog, records: _Records) -> None:
         values[table["Terrain"] != 0, 2] = np.nan
         raw.notes.append(f"{SETPOINT}: heights above the terrain were left out")
     stamps = stamps_us(table["TimeUS"])
-    # North, east, and up; newer firmware means down, under the same name.
+    # North, east, up; newer firmware logs down under the same name.
     up = values * np.array((1.0, -1.0, 1.0))
     if _is_down(raw, stamps, up[:, 2]):
         up[:, 2] *= -1.0
@@ -266,11 +266,11 @@ def _add_setpoints(raw: RawLog, records: _Records) -> None:
 
 
 def _metres(raw: RawLog, records: _Records) -> float:
-    """Return the factor from the unit of the log's setpoints to metres; centimetres if the log has none."""
+    """Return the factor from the unit of the log's setpoints to metres; centimetres if the log states none."""
     unit = records.unit(SETPOINT, "pX")
     factor = dict(NAMED_FACTORS).get(unit)
     if factor is None:
-        raw.notes.append(f"{SETPOINT}: the log does not tell its unit; taken as centimetres")
+        raw.notes.append(f"{SETPOINT}: the log does not state the unit; centimetres assumed")
         return 0.01
     return factor
 
@@ -296,7 +296,7 @@ def _add_truth(raw: RawLog, records: _Records) -> None:
         if wrong.size:
             at_s, (latitude, longitude, _) = table["TimeUS"][wrong[0]] / US, places[wrong[0]]
             told = f"{raw.path}: SIM at {at_s:.3f} s since boot: {latitude:.6g}, {longitude:.6g} degrees"
-            raise LogError([f"{told} are no place on Earth: other units, or a damaged log"])
+            raise LogError([f"{told} are not a position on Earth: wrong units, or a damaged log"])
         position = up_from_ned(MissionFrame(origin).ned_from_geodetics(*places.T))
         raw.samples["true_position"] = Samples("SIM", stamps_us(table["TimeUS"]), position)
     if table := records.table("SIM2"):
@@ -311,7 +311,7 @@ def _origin(raw: RawLog, records: _Records) -> Geodetic | None:
         return Geodetic(places[-1]["Lat"], places[-1]["Lng"], places[-1]["Alt"]) if places else None
     except ValueError as error:
         told = f"{raw.path}: ORGN at {places[-1]['TimeUS'] / US:.3f} s since boot: {error}"
-        raise LogError([f"{told}: other units, or a damaged log"]) from None
+        raise LogError([f"{told}: wrong units, or a damaged log"]) from None
 
 
 def _add_battery(raw: RawLog, records: _Records) -> None:
@@ -338,6 +338,6 @@ def _add_modes(raw: RawLog, records: _Records) -> None:
     ]
     armed += [(int(row["TimeUS"]), row["ArmState"] != 0) for row in records.rows("ARM", *STAMPED, "ArmState")]
     if not any(state for _, state in armed) and raw.parameters.get("LOG_DISARMED", 1.0) == 0.0 and raw.modes:
-        # Then there is a log because the vehicle is armed, though the event itself may come too early for it.
+        # Logging begins when the vehicle is armed; the event itself may come too early to be logged.
         armed.append((raw.modes[0][0], True))
     raw.armed += sorted(armed)

@@ -1,4 +1,4 @@
-"""The one door to everybody's flight logs, cordon's own too: what a file is, is told by its first bytes alone."""
+"""Reads flight logs of all formats, cordon's own included; the first bytes of a file give its format."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _HEAD_BYTES = 64
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """One format: what it is called, how its first bytes are recognised, and what reads it."""
+    """One format: its name, the test of its first bytes, and its reader."""
 
     format: str
     recognises: Callable[[bytes], bool]
@@ -26,7 +26,7 @@ class Reader:
 
 
 def is_foreign(path: Path) -> bool:
-    """Return whether a file begins as a log of somebody else's does; one that cannot be opened does not."""
+    """Return whether a file begins like a log of another program; False for one that cannot be opened."""
     try:
         with open_plain(path) as stream:
             head = stream.read(_HEAD_BYTES)
@@ -36,27 +36,27 @@ def is_foreign(path: Path) -> bool:
 
 
 def read_vehicle_logs(path: Path) -> tuple[VehicleLog, ...]:
-    """Return what a log holds, one for each vehicle in it, by ascending system id.
+    """Return the log of each vehicle in a file, by ascending system id.
 
-    Raises LogError, which names the file, the topic and the time, for whatever cannot be read: nothing else is raised
-    for what a file holds, nothing is printed, and the work is bounded by the file's size.
+    Raises LogError, which names the file, the topic and the time, for whatever cannot be read. No content of a file
+    raises another error or prints anything, and the work is bounded by the file's size.
     """
     log = open_log(path)
     reader = next((reader for reader in READERS if reader.recognises(log.head)), None)
     if reader is None:
         known = ", ".join(reader.format for reader in READERS)
-        raise LogError([f"{log.name}: is none of the logs that can be read: {known}"])
+        raise LogError([f"{log.name}: unknown format; the readable formats are {known}"])
     try:
         with quiet():
             return reader.read(log)
     except LogError:
         raise
-    except Exception as error:  # bytes from outside: whatever they do to a reader is bad input
+    except Exception as error:  # untrusted bytes: any exception of a reader is bad input
         told = f"{type(error).__name__}: {error}"
-        raise LogError([f"{log.name}: cannot be read as a {reader.format}, it is damaged ({told})"]) from error
+        raise LogError([f"{log.name}: cannot be read as a {reader.format}: it is damaged ({told})"]) from error
 
 
-# The libraries behind the readers are slow to import: only the one that is needed is.
+# The readers' libraries are slow to import: only the needed one is imported.
 
 
 def _read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
@@ -93,7 +93,7 @@ FOREIGN = (
     Reader("ArduPilot log (.bin)", lambda head: head.startswith(DATAFLASH_MAGIC), _read_dataflash),
     Reader("MAVLink telemetry log (.tlog)", _is_tlog, _read_tlog),
 )
-"""Other programs' formats, in the order in which they are asked; another one is another row."""
+"""Other programs' formats, in the order in which they are tried."""
 
 READERS = (*FOREIGN, Reader("log of cordon (.mcap)", lambda head: head.startswith(MCAP_MAGIC), _read_own))
 """Every format."""

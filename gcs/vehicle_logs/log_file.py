@@ -1,4 +1,4 @@
-"""A log as a file: whether it can be read at all, its hash, and keeping its readers quiet."""
+"""A log as a file: the check that it can be read, its hash, and the suppression of its readers' output."""
 
 import hashlib
 import os
@@ -15,13 +15,13 @@ from estimation.plain_file import open_plain
 from gcs.flightlog.log_error import LogError
 
 BYTES_MAX = 1 << 30
-"""A larger log is refused: reading goes over every byte, and some of the readers hold it in memory."""
+"""A larger log is refused: every byte is read, and some readers hold the log in memory."""
 HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True)
 class LogFile:
-    """A log that is there: where, how many bytes, its first bytes and the hash of all."""
+    """An existing log: its path, its size, its first bytes and its hash."""
 
     path: Path
     size_bytes: int
@@ -30,20 +30,20 @@ class LogFile:
 
     @property
     def name(self) -> str:
-        """What faults call it."""
+        """Its name in faults."""
         return str(self.path)
 
 
 def open_log(path: Path) -> LogFile:
-    """Look at a log's file; raises LogError when it is not there, is no file, empty, too large or unreadable."""
+    """Open a log's file; raises LogError when it is missing, not a file, empty, too large or unreadable."""
     try:
         with open_plain(path) as file:
             size_bytes = os.fstat(file.fileno()).st_size
             if size_bytes == 0:
-                raise LogError([f"{path}: is empty"])
+                raise LogError([f"{path}: the file is empty"])
             if size_bytes > BYTES_MAX:
                 size = f"{size_bytes / 1e9:.1f} GB"
-                raise LogError([f"{path}: is {size}; logs are read up to {BYTES_MAX / 1e9:.1f} GB, so cut it first"])
+                raise LogError([f"{path}: the file has {size}; the limit is {BYTES_MAX / 1e9:.1f} GB: cut it first"])
             head = file.read(HEAD_BYTES)
             file.seek(0)
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
@@ -54,7 +54,7 @@ def open_log(path: Path) -> LogFile:
 
 
 class _Nowhere(TextIOBase):
-    """Takes what is printed, and keeps none of it."""
+    """Discards what is printed."""
 
     def write(self, text: str) -> int:
         return len(text)
@@ -62,7 +62,7 @@ class _Nowhere(TextIOBase):
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep what libraries print and warn of while they read off the terminal: readers tell by notes and faults."""
+    """Suppress the output and warnings of libraries while they read: readers report by notes and faults."""
     nowhere = _Nowhere()
     with redirect_stdout(nowhere), redirect_stderr(nowhere), warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")

@@ -1,9 +1,9 @@
-"""What flight modes are called, and in which of them a computer's position setpoints fly the vehicle."""
+"""The names of flight modes, and the modes in which a computer's position setpoints control the vehicle."""
 
 from types import MappingProxyType
 
 CORDON = "cordon"
-"""Flown by cordon itself, as its own log knows."""
+"""Flown by cordon itself, in its own log."""
 EXTERNAL = frozenset({"offboard", "guided", CORDON})
 
 PX4_STATES = MappingProxyType(

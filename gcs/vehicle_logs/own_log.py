@@ -1,6 +1,6 @@
-"""Cordon's own log as everybody's: each vehicle's setpoints when they were sent, and its motion as it told.
+"""Reads cordon's own log: each vehicle's setpoints at the times of sending, and its motion from telemetry.
 
-A setpoint counts as sent later by the round trip of the vehicle's link: what is identified is a vehicle without it.
+Setpoints are delayed by the round trip of the vehicle's link, so that the identified plant does not contain it.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ DECISION, TELEMETRY, TRUTH, AUTOPILOT = "decision", "telemetry", "truth", "autop
 
 
 def read_own_log(log: LogFile) -> tuple[VehicleLog, ...]:
-    """Return the log of each vehicle that was flown from here; raises LogError when it cannot be read."""
+    """Return the log of each vehicle that this log's process flew; raises LogError when it cannot be read."""
     flight = read_log(log.path)
     mission = mission_of(flight)
     flown = [vehicle for vehicle in mission.vehicles if vehicle.id in flight.vehicles]
@@ -55,7 +55,7 @@ def _vehicle(log: LogFile, flight: FlightLog, mission: Mission, vehicle: Mission
 
 
 def _add_setpoints(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
-    """Take what was sent, and when it flew the vehicle: its autopilot's word counts, where it has one."""
+    """Add the setpoints sent, and when they controlled the vehicle: by the autopilot's mode, if it is logged."""
     sent: list[tuple[float, Triple]] = []
     fed: list[tuple[float, Triple]] = []
     mode, link_s = FlightMode.UNKNOWN, _round_trip_s(flight, vehicle_id)
@@ -78,7 +78,7 @@ def _add_setpoints(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: Missi
 
 
 def _round_trip_s(flight: FlightLog, vehicle_id: int) -> float:
-    """Return the usual round trip of a vehicle's link, 0 where none was measured."""
+    """Return the median round trip of a vehicle's link, 0 if none was measured."""
     statuses = (each.status for each in flight.of_kind(vehicle_id, Autopilot))
     return median([each.round_trip_s for each in statuses if each.round_trip_s is not None] or [0.0])
 

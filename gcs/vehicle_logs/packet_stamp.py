@@ -1,4 +1,4 @@
-"""How a packet of a MAVLink telemetry log begins: its time stamp, then the first byte of a MAVLink frame."""
+"""The begin of a packet of a MAVLink telemetry log: its time stamp, then the first byte of a MAVLink frame."""
 
 MAVLINK_MAGICS = (0xFD, 0xFE)
 STAMP_BYTES = 8

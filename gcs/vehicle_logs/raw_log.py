@@ -1,4 +1,4 @@
-"""The raw log of one vehicle as a reader found it, and its conversion: one clock, values checked, faults named."""
+"""The raw log of one vehicle as a reader found it, and its conversion: one clock, checked values, named faults."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ Stamps = NDArray[np.int64]
 US = 1e6
 STAMP_MAX_US = 2**62
 FAULTS_MAX = 8
-"""The most faults that are reported of one log."""
+"""Most faults reported for one log."""
 
 REACH_MAX_M, SPEED_MAX_M_S = 100e3, 300.0
 LIMITS = MappingProxyType(
@@ -45,15 +45,15 @@ LIMITS = MappingProxyType(
         "battery": (5000.0, "V, A or share"),
     }
 )
-"""Bounds of plausible values: a log beyond them is in other units, or damaged."""
+"""Bounds of plausible values: a log beyond them has wrong units, or is damaged."""
 NAN_TOLERATED = frozenset({"setpoint", "battery"})
 SUPPORTING = frozenset({"attitude", "battery"})
-"""A faulty one of these series is left out and noted; the others remain valid."""
+"""A faulty series of these is left out with a note; the others remain valid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """One topic as its log stamps it: microseconds (T,) on the vehicle's clock, and SI values (T, k), z up."""
+    """One topic with the stamps of its log: microseconds (T,) on the vehicle's clock, and SI values (T, k), z up."""
 
     topic: str
     stamps_us: Stamps
@@ -86,7 +86,7 @@ class RawLog:
     is_damaged: bool = False
 
     def add_setpoints(self, topic: str, stamps: Stamps, setpoint_m: Vector, velocity_m_s: Vector) -> None:
-        """Add setpoints (T, 3), and the velocities sent with them (T, 3), which are NaN where there were none."""
+        """Add setpoints (T, 3), and the velocities sent with them (T, 3), NaN if there were none."""
         self.samples["setpoint"] = Samples(topic, stamps, setpoint_m)
         given = np.isfinite(velocity_m_s[:, :2]).all(axis=1)
         if given.any():
@@ -101,9 +101,9 @@ def stamps_us(raw: NDArray[Any]) -> Stamps:
 
 
 def vehicle_log(raw: RawLog) -> VehicleLog:
-    """Return the log made of the raw one.
+    """Return the converted log.
 
-    Raises LogError, naming topic and time, where time goes backwards or values are out of any plausible range.
+    Raises LogError, naming topic and time, where time goes backwards or values are implausible.
     """
     origin_us = _origin_us(raw)
     faults: list[str] = []
@@ -118,7 +118,7 @@ def vehicle_log(raw: RawLog) -> VehicleLog:
         faults += found
     stamps = [min(stamp_us, STAMP_MAX_US) for stamp_us, _ in raw.modes]
     faults += _clock_faults(raw.mode_topic, np.array(stamps, dtype=np.int64), origin_us)
-    # A log without positions may still tell modes and texts.
+    # A log without positions may still hold modes and texts.
     faults += [] if faults else unit_faults(series)
     if faults:
         raise LogError([f"{raw.path}: {fault}" for fault in faults[:FAULTS_MAX]])
@@ -176,7 +176,7 @@ def _seconds(stamp_us: int, origin_us: int) -> float:
 
 
 def _series(name: str, samples: Samples, origin_us: int, notes: list[str]) -> tuple[Series | None, list[str]]:
-    """Return a series, or None and what is wrong with it; samples that cannot be used are left out and noted."""
+    """Return a series, or None and its faults; unusable samples are left out with a note."""
     faults = _clock_faults(samples.topic, samples.stamps_us, origin_us)
     if faults:
         return None, faults
@@ -217,5 +217,5 @@ def _range_faults(name: str, topic: str, time_s: Vector, values: Vector) -> list
     row, column = beyond[0]
     return [
         f"{topic}: {COLUMNS[name][column]} = {values[row, column]:.6g} {unit} at {time_s[row]:.3f} s "
-        f"is beyond any plausible {name.replace('_', ' ')} ({limit:g} {unit}): other units, or a damaged log"
+        f"is not a plausible {name.replace('_', ' ')} (at most {limit:g} {unit}): wrong units, or a damaged log"
     ]

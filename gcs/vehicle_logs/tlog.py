@@ -1,13 +1,13 @@
 """MAVLink telemetry logs (.tlog) of ground stations: packets, each after the time stamp of its arrival.
 
-A vehicle's own series are timed by its own clock (`time_boot_ms`), free of link delays. Setpoints, modes and texts have
+A vehicle's own series are timed by its own clock (`time_boot_ms`), without link delays. Setpoints, modes and texts have
 only the ground station's stamp, which is mapped to the vehicle's clock by the messages that have both. They are early
 by the delay of the downlink: tens of milliseconds, the link's share of the input delay that a ground station sees. Logs
 of simulators faster than real time are mapped correctly, too.
 
-pymavlink parses the messages; the packets are cut here. `mavutil.mavlogfile` of pymavlink 2.4.50 returns the same
-messages in 3 times the time (392 against 135 ms for 0.5 MB, since it decodes all kinds), takes 4.2 s instead of 0.2 s
-with 2 MB of zeros at the end, without a bound, and reports 12 of 100 damaged bytes.
+pymavlink parses the messages; this module cuts the packets. `mavutil.mavlogfile` of pymavlink 2.4.50 returns the same
+messages in 3 times the time, since it decodes all kinds, has no bound of its work (4.2 s instead of 0.2 s with 2 MB of
+zeros at the end), and reports 12 of 100 damaged bytes.
 """
 
 import re
@@ -43,7 +43,7 @@ _MAGIC = re.compile(b"[%s]" % re.escape(bytes(MAVLINK_MAGICS)))
 V2, SIGNED = 0xFD, 0x01
 BAD_BYTES_MAX = 1_000_000
 REORDERED_MAX_US = 500_000
-"""Packets out of order by less than this are sorted; more is a clock that went back."""
+"""Packets out of order by less than this are sorted; a larger step is a clock that went back."""
 
 AUTOPILOT_COMPONENT = 1
 NO_AUTOPILOT = 8
@@ -81,7 +81,7 @@ class _Packets:
                 bad += found - at
                 self.is_damaged = True
                 if bad > BAD_BYTES_MAX:
-                    self.notes.append(f"too damaged to be read beyond byte {at}")
+                    self.notes.append(f"damaged: not readable beyond byte {at}")
                     return
                 at = found
                 continue
@@ -91,7 +91,7 @@ class _Packets:
         if at < end:
             self.notes.append(f"ends in the middle of a record at byte {at}")
         if bad:
-            self.notes.append(f"damaged: {bad} bytes were passed over")
+            self.notes.append(f"damaged: {bad} bytes were skipped")
 
     def _length(self, at: int) -> int:
         """Return the length of the packet that may begin here, with its stamp; 0 if none can."""
@@ -116,7 +116,7 @@ class _Packets:
             return None
 
     def _continues(self, at: int) -> bool:
-        """Return whether packets up to the end of the file follow one that claims more: then its length is wrong."""
+        """Return whether whole packets follow one that extends beyond the file: then its length is wrong."""
         while (at := self._next(at + 1)) < len(self._data):
             length = self._length(at)
             if length and at + length <= len(self._data) and self._message(at, length) not in (None, True):
@@ -153,7 +153,7 @@ def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
                 vehicle.autopilot = message.autopilot
     flown = {system: one for system, one in sorted(vehicles.items()) if one.autopilot != NO_AUTOPILOT}
     if not flown:
-        raise LogError(["; ".join((f"{log.name}: no autopilot's HEARTBEAT in it", *packets.notes))])
+        raise LogError(["; ".join((f"{log.name}: it holds no HEARTBEAT of an autopilot", *packets.notes))])
     for system, one in flown.items():
         one.packets[SET] = sorted(setpoints_sent[system] + setpoints_sent[0], key=lambda packet: packet[0])
     return tuple(_read(log, system, one, packets) for system, one in flown.items())
@@ -194,7 +194,7 @@ def _clock(raw: RawLog, vehicle: _Vehicle) -> Clock:
     """Return the mapping from the ground station's stamps to the vehicle's time [us]."""
     told = [packet for kind in (LOCAL, "ATTITUDE", ECHO) for packet in vehicle.packets[kind]]
     if not told:
-        raw.notes.append("the vehicle never told its time: all times are of the packets' arrival")
+        raw.notes.append("the vehicle sent no time: all times are those of the packets' arrival")
         return lambda stamps: stamps
     stamps = np.array([stamp_us for stamp_us, _ in told], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
@@ -219,7 +219,7 @@ def _in_order(raw: RawLog, topic: str, stamps: Stamps, values: NDArray[np.float6
     behind = np.maximum.accumulate(stamps) - stamps
     late = int((behind > 0).sum())
     if late and behind.max() <= REORDERED_MAX_US:
-        raw.notes.append(f"{topic}: {late} packets came out of order, and were put in order")
+        raw.notes.append(f"{topic}: {late} packets arrived out of order and were sorted")
         order = np.argsort(stamps, kind="stable")
         stamps, values = stamps[order], values[order]
     return Samples(topic, stamps, values)
@@ -239,11 +239,11 @@ def _add_motion(raw: RawLog, vehicle: _Vehicle) -> None:
 
 
 def _add_setpoints(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
-    """Add the setpoints sent; where none are logged, the ones that the vehicle reports as its target."""
+    """Add the setpoints sent; if none are logged, those that the vehicle reports as its target."""
     topic = SET if vehicle.packets[SET] else ECHO
     local = [packet for packet in vehicle.packets[topic] if packet[1].coordinate_frame == LOCAL_NED]
     if others := len(vehicle.packets[topic]) - len(local):
-        raw.notes.append(f"{topic}: {others} setpoints in other frames than the local one left out")
+        raw.notes.append(f"{topic}: {others} setpoints in other frames than the local NED were left out")
     if not local:
         raw.missing.append(f"{SET} or {ECHO}")
         return
@@ -252,7 +252,7 @@ def _add_setpoints(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
     told = [(m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local]
     stamps = clock(_stamps(local)) if topic == SET else _boot_us(local)
     if topic == ECHO:
-        raw.notes.append(f"setpoints are the vehicle's own {ECHO}: shaped, where its autopilot shapes them")
+        raw.notes.append(f"setpoints are those that the vehicle reports in {ECHO}: its autopilot may shape them")
     values = up_from_ned(np.array(rows, dtype=np.float64))
     rates = up_from_ned(np.array(told, dtype=np.float64))
     ordered = _in_order(raw, topic, stamps, np.hstack((values, rates)))
@@ -260,7 +260,7 @@ def _add_setpoints(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
 
 
 def _add_battery(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
-    """Add the first battery's report, or the system status' one."""
+    """Add the first battery's report, or that of the system status."""
     first = [packet for packet in vehicle.packets["BATTERY_STATUS"] if packet[1].id == 0]
     topic, packets = ("BATTERY_STATUS", first) if first else ("SYS_STATUS", vehicle.packets["SYS_STATUS"])
     if not packets:
@@ -295,9 +295,9 @@ def _add_status(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
 
 
 def _parameter(autopilot: int, message: Any) -> int | float | None:
-    """Return a parameter's value; None where it is none. PX4 sends integers as a float's bytes, ArduPilot as floats.
+    """Return a parameter's value, None if it is not a number. PX4 sends integers as the bytes of a float.
 
-    The bytes matter: those of -1 are a float's NaN.
+    ArduPilot sends them as floats. The bytes of PX4's -1 are a float's NaN.
     """
     if AUTOPILOTS.get(autopilot) == "px4" and message.param_type <= INTEGER_LAST:
         return int(struct.unpack("<i", struct.pack("<f", message.param_value))[0])

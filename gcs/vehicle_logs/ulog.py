@@ -1,7 +1,7 @@
 """PX4's own log (.ulg), read through pyulog's public interface.
 
-pyulog skips a record that it cannot parse, and reads the rest. pyulog 1.3 bounds neither its search in damaged bytes
-nor the size of the formats that a log declares; the file object given to it does.
+pyulog skips a record that it cannot parse, and reads the rest. pyulog 1.3 limits neither its search in damaged bytes
+nor the size of the formats that a log declares; the file object passed to it does.
 """
 
 import re
@@ -30,7 +30,7 @@ HEADER_BYTES, SUBSCRIPTION = 3, b"A"
 READ_AGAIN_MAX, READ_BYTES_MIN = 16, 1 << 24
 """Bound of the bytes read: this multiple of the log's size, and this many for a small log."""
 BYTES_A_READ_MIN, READS_MIN = 16, 200_000
-"""Bound of the number of reads: an undamaged log has more bytes a read than this; pyulog reads zeros one by one."""
+"""Bound of the number of reads: an undamaged log has more bytes per read than this; pyulog reads zeros one by one."""
 
 FIELDS_MAX = 200_000
 """Bound of the fields of all subscriptions together: a log of PX4 has a tenth of that."""
@@ -64,7 +64,7 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
     raw.parameters.update(_parameters(ulog))
     raw.system_id = _system_id(topics, raw)
     if not raw.samples and not raw.modes:
-        raise LogError([f"{log.name}: holds none of the topics {', '.join(TOPICS)}"])
+        raise LogError([f"{log.name}: it holds none of the topics {', '.join(TOPICS)}"])
     return (vehicle_log(raw),)
 
 
@@ -121,7 +121,7 @@ class _BoundedReader(BufferedReader):
             self._counts[topic] = _field_count(self._formats, topic)
         self._left_fields -= self._counts[topic]
         if self._left_fields < 0:
-            raise LogError([f"{self._log.name}: its formats claim more fields than a log of PX4 can have"])
+            raise LogError([f"{self._log.name}: damaged: its formats declare more fields than a PX4 log can have"])
 
     def _exhausted(self) -> bool:
         return self._left_bytes < 0 or self._left_reads < 0
@@ -133,27 +133,27 @@ class _BoundedReader(BufferedReader):
         super().close()
 
     def state(self, corrupt: bool) -> "_FileState":
-        """Return the file's state. A last record that claims to be the longest of all is damaged, and not cut."""
+        """Return the file's state. A last record longer than all others is damaged, not cut off."""
         notes, size_bytes, is_damaged = [], self._log.size_bytes, corrupt or self._is_damaged
         if self._exhausted():
             is_damaged = True
-            notes.append(f"too damaged to be read beyond byte {self._reached} of {size_bytes}")
+            notes.append(f"damaged: not readable beyond byte {self._reached} of {size_bytes}")
         elif self._cut_at is not None and self._reached >= size_bytes:
             if self._cut_bytes > self._longest_bytes:
                 is_damaged = True
-                notes.append(f"damaged: cannot be read beyond byte {self._cut_at} of {size_bytes}")
+                notes.append(f"damaged: not readable beyond byte {self._cut_at} of {size_bytes}")
             else:
                 notes.append(f"ends in the middle of a record at byte {self._cut_at}")
         elif self._reached < size_bytes:
             is_damaged = True
-            notes.append(f"cannot be read beyond byte {self._reached} of {size_bytes}")
+            notes.append(f"not readable beyond byte {self._reached} of {size_bytes}")
         if corrupt or self._is_damaged:
-            notes.append("damaged: what could not be understood was passed over")
+            notes.append("damaged: unreadable records were skipped")
         return _FileState(tuple(notes), is_damaged)
 
 
 class _FileState(NamedTuple):
-    """What is not as it should be in a file, and whether it is more than an early end."""
+    """The faults of a file, and whether it has others than an early end."""
 
     notes: tuple[str, ...]
     is_damaged: bool
@@ -188,7 +188,7 @@ def _parsed(log: LogFile) -> tuple[Any, _FileState]:
         raise
     except Exception as error:  # pyulog raises exceptions of many types for damaged bytes
         reason = str(error) or type(error).__name__
-        raise LogError([f"{log.name}: cannot be read as a {FORMAT}, its beginning is damaged ({reason})"]) from error
+        raise LogError([f"{log.name}: cannot be read as a {FORMAT}: its beginning is damaged ({reason})"]) from error
     return ulog, file.state(ulog.file_corruption)
 
 
@@ -243,32 +243,32 @@ def _add_motion(raw: RawLog, topics: dict[str, Columns]) -> None:
 
 
 def _origin_of_truth_m(raw: RawLog, truth: Columns, local: Columns | None) -> Vector:
-    """Return where the simulator's local origin lies in the estimator's local NED [m]; the two are not the same."""
+    """Return the simulator's local origin in the estimator's local NED [m]; the two origins differ."""
     simulator = _origin(raw.path, TRUTH, truth)
     estimator = _origin(raw.path, LOCAL, local) if local is not None else None
     if simulator is None or estimator is None:
-        raw.notes.append(f"{TRUTH} is about the simulator's own origin: where that lies is not in the log")
+        raw.notes.append(f"{TRUTH} refers to the simulator's own origin, whose position is not in the log")
         return np.zeros(3)
     place = np.array([(simulator.latitude_deg, simulator.longitude_deg, simulator.altitude_m)])
     return MissionFrame(estimator).ned_from_geodetics(*place.T).reshape(3)
 
 
 def _origin(log: str, topic: str, data: Columns) -> Geodetic | None:
-    """Return the last origin of a local frame that a topic tells."""
+    """Return the last origin of a local frame in a topic."""
     told = _columns(log, topic, data, ("ref_lat", "ref_lon", "ref_alt"))
     told = told[np.isfinite(told).all(axis=1)]
     at_s = float(data["timestamp"][-1]) / US if "timestamp" in data else 0.0
     try:
         return Geodetic(*told[-1].tolist()) if told.size else None
     except ValueError as error:
-        raise LogError([f"{log}: {topic} at {at_s:.3f} s since boot: its origin, {error}: other units"]) from None
+        raise LogError([f"{log}: {topic} at {at_s:.3f} s since boot: its origin, {error}: wrong units"]) from None
 
 
 def _add_battery(raw: RawLog, topics: dict[str, Columns]) -> None:
     if (data := topics.get(BATTERY)) is None:
         return
     values = _columns(raw.path, BATTERY, data, ("voltage_v", "current_a", "remaining"))
-    values[:, 1:][values[:, 1:] < 0.0] = np.nan  # how PX4 says that it does not know
+    values[:, 1:][values[:, 1:] < 0.0] = np.nan  # PX4's value for unknown
     raw.samples["battery"] = Samples(BATTERY, _stamps(raw.path, BATTERY, data), values)
 
 
@@ -292,7 +292,7 @@ def _add_texts(raw: RawLog, ulog: Any) -> None:
     dropouts = ulog.dropouts
     if dropouts:
         lost_s = sum(dropout.duration for dropout in dropouts) / 1e3
-        raw.notes.append(f"the logger dropped out {len(dropouts)} times, {lost_s:.2f} s in all")
+        raw.notes.append(f"the logger had {len(dropouts)} dropouts, {lost_s:.2f} s in total")
 
 
 def _parameters(ulog: Any) -> dict[str, int | float]:

@@ -1,4 +1,4 @@
-"""Check of a log's units: positions must move as fast as the velocities, and as far as the setpoints.
+"""Check of a log's units: positions must change as fast as the velocities, and as far as the setpoints.
 
 Ranges alone cannot distinguish millimetres from metres. Two correlated series can, if one moves hundreds of times as
 far as the other. Series that are not correlated pass.
@@ -20,11 +20,11 @@ LAGS_S = tuple(np.arange(0.0, 3.1, 0.5).tolist())
 ALIKE_MIN = 0.6
 """Correlation above which two series are compared."""
 VELOCITY_FACTOR_MAX, SETPOINT_FACTOR_MAX = 5.0, 20.0
-"""Factors beyond these cannot be caused by a filter's lag or by bad tracking."""
+"""Neither a filter's lag nor bad tracking causes factors beyond these."""
 
 
 def unit_faults(series: Mapping[str, Series]) -> list[str]:
-    """Return the faults that show series not in metres and seconds, with topic and time."""
+    """Return the faults of series that are not in metres and seconds, with topic and time."""
     faults = []
     for moved, velocity in (("position", "velocity"), ("true_position", "true_velocity")):
         if moved in series and velocity in series:
@@ -35,7 +35,7 @@ def unit_faults(series: Mapping[str, Series]) -> list[str]:
 
 
 def _against_velocity(position: Series, velocity: Series) -> list[str]:
-    """Compare the way made in windows with the velocity's integral over them."""
+    """Compare the distance moved in windows with the integral of the velocity."""
     times_s = _windows_s(position, velocity)
     if times_s.size < 2:
         return []
@@ -49,13 +49,13 @@ def _against_velocity(position: Series, velocity: Series) -> list[str]:
         return []
     at_s = times_s[int(np.abs(moved).sum(axis=1).argmax())]
     return [
-        f"{position.topic}: the position moves {_told(factor)} as fast as {velocity.topic} says, "
+        f"{position.topic}: the position moves {_factor_text(factor)} as fast as the velocity in {velocity.topic}, "
         f"most of all at {at_s:.1f} s: one of them is not in metres"
     ]
 
 
 def _against_position(setpoint: Series, position: Series) -> list[str]:
-    """Compare how far the setpoints moved with how far the vehicle did, at the lag at which they are most alike."""
+    """Compare how far the setpoints and the vehicle moved, at the lag of the highest correlation."""
     times_s = _windows_s(setpoint, position)
     if times_s.size < 2:
         return []
@@ -71,13 +71,13 @@ def _against_position(setpoint: Series, position: Series) -> list[str]:
         return []
     at_s = times_s[int(np.abs(asked).sum(axis=1).argmax())]
     return [
-        f"{setpoint.topic}: the setpoints move {_told(factor)} as far as the vehicle in {position.topic}, "
+        f"{setpoint.topic}: the setpoints move {_factor_text(factor)} as far as the vehicle in {position.topic}, "
         f"most of all at {at_s:.1f} s: one of them is not in metres"
     ]
 
 
 def _windows_s(first: Series, second: Series) -> Vector:
-    """Return the times that windows begin and end at, where both series have samples."""
+    """Return the begin and end times of windows in which both series have samples."""
     begin_s = max(first.time_s[0], second.time_s[0])
     end_s = min(first.time_s[-1], second.time_s[-1])
     return np.arange(begin_s, end_s, WINDOW_S) if end_s > begin_s else np.empty(0)
@@ -88,7 +88,7 @@ def _at(times_s: Vector, sampled_s: Vector, values: Vector) -> Vector:
 
 
 def _factor(reference: Vector, other: Vector) -> tuple[float, float]:
-    """Return how alike two series move, their correlation, and how much farther the other one does; 0 if unknown."""
+    """Return the correlation of two series, and how much farther the other one moves; 0 if unknown."""
     if reference.shape[0] < WINDOWS_MIN:
         return 0.0, 0.0
     product, own, others = (float((a * b).sum()) for a, b in ((reference, other), (reference,) * 2, (other,) * 2))
@@ -96,6 +96,6 @@ def _factor(reference: Vector, other: Vector) -> tuple[float, float]:
     return (product / scale, sqrt(others) / sqrt(own)) if scale > 0.0 else (0.0, 0.0)
 
 
-def _told(factor: float) -> str:
+def _factor_text(factor: float) -> str:
     exact = 10.0 ** round(log10(factor))
     return f"about {exact:g} times ({factor:.3g})"

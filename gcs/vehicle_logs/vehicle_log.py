@@ -1,8 +1,8 @@
-"""What one vehicle's log holds, whoever wrote it: time series, flight modes, texts and parameters. No input or output.
+"""The content of one vehicle's log, whatever its format: time series, flight modes, texts and parameters. No I/O.
 
 Every vector is in one frame: right-handed about the vehicle's own local origin, x north, y west, z up, which is the
 mission frame of bearing 0 (see `estimation.frames`). Times are seconds since the log's first sample, on the vehicle's
-own clock. A reader tells with `notes` what it had to leave out, and with `missing` what it looked for in vain.
+own clock. A reader lists in `notes` what it left out, and in `missing` the topics that it did not find.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,15 +17,15 @@ from estimation.state import Vector
 from gcs.flightlog.log_error import LogError
 
 SECONDS_MAX = 7 * 86400.0
-"""No flight lasts longer than this; a stamp farther from its log's first sample is not a time."""
+"""No flight lasts longer than this; a stamp farther from its log's first sample is not valid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
     """One quantity over time: `time_s` (T,), strictly increasing, and `values` (T, k) with one column for each name.
 
-    `topic` is what the log calls it. Raises ValueError when the shapes do not fit, a time is not finite or does not
-    come after the one before. An empty series is none: readers leave it out.
+    `topic` is its name in the log. Raises ValueError when the shapes do not match, a time is not finite or does not
+    come after the one before. Readers leave out empty series.
     """
 
     topic: str
@@ -61,7 +61,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class ModeSegment:
-    """A span in one flight mode; `external` when a computer's position setpoints flew it: offboard, guided, cordon."""
+    """A span in one flight mode; `external` if a computer's setpoints control the vehicle: offboard, guided."""
 
     span: Span
     name: str
@@ -70,7 +70,7 @@ class ModeSegment:
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """What the autopilot said; `severity` from 0, an emergency, to 7, debugging; None where the log does not tell."""
+    """A status text of the autopilot; `severity` from 0, emergency, to 7, debug; None if the log does not state it."""
 
     time_s: float
     severity: int | None
@@ -84,11 +84,11 @@ Number = int | float
 class VehicleLog:
     """One vehicle's log. Positions [m], velocities [m/s], attitude as roll, pitch, yaw [rad] of front, left, up.
 
-    `setpoint` holds the position setpoints x, y, z at the times at which they were logged, NaN on an axis that none
-    was given for, and `setpoint_velocity` the velocities that went with them, where any did; `battery` holds volts,
-    amperes and the share remaining (0 to 1), NaN where not told. At `position_resets_s` the estimator moved its
-    position by itself. A series is None where the log has none. `sha256` is that of the whole file, `format` the
-    reader's name for what it is. It `is_damaged` where more is wrong than that it ends early, as without power.
+    `setpoint` holds the position setpoints x, y, z at the times at which they were logged, NaN on an axis without one,
+    and `setpoint_velocity` the velocities sent with them, if any; `battery` holds volts,
+    amperes and the share remaining (0 to 1), NaN if unknown. At `position_resets_s` the estimator reset its
+    position. A series is None if the log has none. `sha256` is that of the whole file, `format` the
+    name of its format. It `is_damaged` if more is wrong than an early end, as after a loss of power.
     """
 
     path: str
@@ -121,7 +121,7 @@ class VehicleLog:
         return {name: series for name, series in named.items() if series is not None}
 
     def require(self, *names: str) -> None:
-        """Raise LogError that names the topics looked for when one of the named series is missing."""
+        """Raise LogError with the topics looked for if one of the named series is missing."""
         absent = [name for name in names if getattr(self, name) is None]
         if absent:
             looked = f"; looked for {', '.join(self.missing)}" if self.missing else ""
@@ -146,7 +146,7 @@ COLUMNS = MappingProxyType(
         "battery": ("volt", "ampere", "remaining"),
     }
 )
-"""The series of a log, and what each one's columns are called."""
+"""The series of a log, and the names of their columns."""
 
 
 def spans_of(times_s: Sequence[float], states: Sequence[object], end_s: float) -> list[tuple[Span, object]]:
@@ -161,14 +161,14 @@ def spans_of(times_s: Sequence[float], states: Sequence[object], end_s: float) -
 
 
 def describe(log: VehicleLog) -> list[str]:
-    """Say in plain words what a log holds, a line for each thing: for people, in reports and on the command line."""
+    """Return the content of a log as text, one line per item, for reports and the command line."""
     lines = [
         f"{log.format} of vehicle {log.system_id}: {log.autopilot}"
         + (f", firmware {log.firmware}" if log.firmware else "")
         + f", {log.duration_s:.1f} s"
     ]
     for name, series in log.series().items():
-        lines.append(f"{name.replace('_', ' ')}: {_told(series)}")
+        lines.append(f"{name.replace('_', ' ')}: {_series_text(series)}")
     lines += [f"no {topic} in it" for topic in log.missing]
     external_s = sum(mode.span.end_s - mode.span.begin_s for mode in log.modes if mode.external)
     if log.modes:
@@ -176,15 +176,15 @@ def describe(log: VehicleLog) -> list[str]:
         lines.append(f"flight modes: {names}; {external_s:.1f} s under external position control")
     if log.armed:
         lines.append(f"armed for {sum(span.end_s - span.begin_s for span in log.armed):.1f} s")
-    lines.append(f"{len(log.texts)} texts, {len(log.parameters)} parameters")
+    lines.append(f"{len(log.texts)} status texts, {len(log.parameters)} parameters")
     return lines + [f"note: {note}" for note in log.notes]
 
 
-def _told(series: Series) -> str:
-    told = f"{series.time_s.size} samples from {series.topic}"
+def _series_text(series: Series) -> str:
+    text = f"{series.time_s.size} samples from {series.topic}"
     if series.time_s.size > 1:
         gap_s = max(later - earlier for earlier, later in pairwise(series.time_s.tolist()))
         begin_s, end_s = series.time_s[0], series.time_s[-1]
-        told += f", {series.rate_hz:.3g} Hz, {begin_s:.1f} to {end_s:.1f} s, longest gap {gap_s:.2f} s"
+        text += f", {series.rate_hz:.3g} Hz, {begin_s:.1f} to {end_s:.1f} s, longest gap {gap_s:.2f} s"
     unset = [name for name, column in zip(series.columns, series.values.T, strict=True) if bool(np.isnan(column).all())]
-    return told + (f", without {', '.join(unset)}" if unset else "")
+    return text + (f", without {', '.join(unset)}" if unset else "")

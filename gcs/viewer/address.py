@@ -1,4 +1,4 @@
-"""Where viewers connect."""
+"""The address of the live view."""
 
 from ipaddress import ip_address
 from typing import NamedTuple, Self

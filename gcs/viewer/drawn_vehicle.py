@@ -14,7 +14,7 @@ from gcs.flightlog.records import Decision, TargetState
 
 TRAIL_POINTS, TRAIL_PERIOD_S = 120, 1.0
 TRAIL_GRID_PER_M = 64.0
-"""Resolution of the trails: such numbers have few binary digits, and repeated ones compress well."""
+"""Resolution of the trails: multiples of it have few binary digits and compress well."""
 MOVING_M_S = 0.3
 
 

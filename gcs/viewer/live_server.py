@@ -1,6 +1,6 @@
 """Read-only live view of a flight over the Foxglove WebSocket, with the channels of the log.
 
-For a slow viewer the oldest messages are dropped, and a dead viewer is removed. The flight waits for neither.
+The oldest messages for a slow viewer are dropped, and a dead viewer is removed. The flight waits for neither.
 """
 
 import logging
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 SERVER_NAME = "cordon"
 BACKLOG = 256
-"""Messages queued for a slow viewer: some seconds of a team's messages."""
+"""Messages queued for a slow viewer: a few seconds of a team's messages."""
 
 STOP_TIMEOUT_S = 1.0
 
@@ -34,7 +34,7 @@ logging.getLogger("foxglove").addHandler(logging.NullHandler())
 
 @contextmanager
 def live_server(address: Address, context: Context, origins: Collection[str] = ()) -> Iterator[None]:
-    """Serve the channels of the context to viewers, but to no web page of an origin beside `origins` and `PERMITTED`.
+    """Serve the channels of the context to viewers; web pages need an origin in `origins` or `PERMITTED`.
 
     Raises VehicleRefusedError when the address is not available.
     """
@@ -54,7 +54,7 @@ def live_server(address: Address, context: Context, origins: Collection[str] = (
         _open(gate, address)
         yield
     finally:
-        # `stop` waits for viewers to disconnect, and a hung viewer never does.
+        # `stop` waits for viewers to disconnect, which a hung viewer never does.
         stopping = threading.Thread(target=server.stop, name="live-server-stop", daemon=True)
         stopping.start()
         stopping.join(STOP_TIMEOUT_S)
@@ -67,12 +67,12 @@ def _open(gate: OriginGate, address: Address) -> None:
     except OSError as error:
         raise VehicleRefusedError(
             f"--live: cannot listen at {address.host}:{address.port} ({error.strerror or error})",
-            "end the program that uses the port, or choose another address by --live-address HOST:PORT",
+            "end the program that uses the port, or choose another address with --live-address HOST:PORT",
         ) from error
 
 
 def _keys_of_the_gate() -> "tuple[KeyPair, ssl.SSLContext]":
-    """Return the server's certificate, and what trusts that one alone: made anew for each flight, kept nowhere."""
+    """Return the server's certificate, new for each flight and never stored, and a context that accepts only it."""
     from gcs.keys.certificates import DAY_S, CertificateAuthority  # noqa: PLC0415
 
     authority = CertificateAuthority.made(1.0)

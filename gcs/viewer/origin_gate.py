@@ -1,9 +1,9 @@
-"""The gate in front of the live view: a web page reads nothing of a flight unless its origin is permitted.
+"""The gate in front of the live view: only web pages of permitted origins can read a flight.
 
-Browsers let every page open WebSockets to this computer, and say by the header `Origin` which page it is (RFC 6455,
-section 10.2). The Foxglove server does not look at it. So the gate listens in its place, reads the head of each
-request, and passes on the bytes of those that it permits. The server itself listens behind it on loopback, by TLS with
-a certificate that only the gate trusts: a browser refuses that.
+Browsers let every page open WebSockets to this computer, and send the page's origin in the header `Origin` (RFC 6455,
+section 10.2). The Foxglove server does not check it. So the gate listens in its place, reads the head of each
+request, and passes on the bytes of permitted ones. The server itself listens behind it on loopback, by TLS with
+a certificate that only the gate accepts and browsers refuse.
 """
 
 import asyncio
@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 
 PERMITTED = frozenset({"https://app.foxglove.dev", "file://"})
-"""Foxglove in a browser, and viewers installed on this computer, whose pages are files."""
+"""The origins of Foxglove in a browser, and of viewers installed on this computer, whose pages are files."""
 CONNECTIONS_MAX = 16
 _HEAD_MAX_BYTES = 16384
 _HEAD_TIMEOUT_S = 5.0
@@ -23,17 +23,17 @@ _REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\
 
 
 def is_permitted(head: bytes, origins: Collection[str]) -> bool:
-    """Return whether the head of a request comes from no web page, or from one of these origins."""
+    """Return whether a request comes from a program other than a browser, or from a page of these origins."""
     lines = head.decode("latin-1").split("\r\n")[1:]
     said = [value.strip() for name, _, value in (line.partition(":") for line in lines) if name.lower() == "origin"]
     return not said or (len(said) == 1 and said[0].lower() in {origin.lower() for origin in origins})
 
 
 class OriginGate:
-    """Listens in a thread of its own until it is closed, and passes permitted connections on to the server."""
+    """Listens in its own thread until it is closed, and passes permitted connections on to the server."""
 
     def __init__(self, host: str, port: int, server_port: int, tls: ssl.SSLContext, origins: Collection[str]) -> None:
-        """Take where to listen, and where the server does on loopback; nothing is opened before `open`."""
+        """Take the address to listen at, and the server's port on loopback; `open` begins to listen."""
         self._listen = host, port
         self._server_port = server_port
         self._tls = tls
@@ -71,7 +71,7 @@ class OriginGate:
         server.close()  # the runner cancels the connections that are left
 
     async def _take(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Serve one connection; whatever is wrong with it ends it, and it alone."""
+        """Serve one connection; a fault ends only that connection."""
         self._connections += 1
         try:
             with suppress(OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
@@ -86,7 +86,7 @@ class OriginGate:
             writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
 
     async def _pass_on(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Carry bytes both ways until one side ends; what a slow viewer does not read waits in the server."""
+        """Pass bytes both ways until one side ends; the server queues what a slow viewer does not read."""
         there, back = await asyncio.open_connection("127.0.0.1", self._server_port, ssl=self._tls)
         try:
             back.write(head)

@@ -39,7 +39,7 @@ def timestamp(time_ns: int) -> Timestamp:
 
 
 def rotation(yaw_rad: float) -> Quaternion:
-    """Return a rotation about z, counter-clockwise vehicle from above."""
+    """Return a rotation about z, counter-clockwise seen from above."""
     return Quaternion(x=0.0, y=0.0, z=sin(yaw_rad / 2.0), w=cos(yaw_rad / 2.0))
 
 
@@ -75,7 +75,7 @@ def line(points: Iterable[Point3], color: Color, at_m: Triple = (0.0, 0.0, 0.0),
 
 
 def arrow(at_m: Triple, yaw_rad: float, color: Color) -> ArrowPrimitive:
-    """Return the arrow of a vehicle, in the size of the vehicle."""
+    """Return an arrow of the size of a vehicle."""
     return ArrowPrimitive(
         pose=pose(at_m, yaw_rad),
         shaft_length=0.6,

@@ -355,5 +355,5 @@ async def test_a_cut_link_and_a_killed_flight_are_drawn_stale(mission_file: Call
         await until(lambda: all(each.is_stale for each in scene.team.vehicles), 5.0)
         assert time.monotonic() - killed_s < STALE_WITHIN_S
         await until(lambda: all(each.has_ended for each in scene.team.vehicles), 15.0, "the flight is over")
-        assert "not heard at the end" in scene.team.ending
+        assert "silent at the end" in scene.team.ending
     assert [each.severity for each in scene.events if each.text == "link to its autopilot cut"] == ["alarm"]

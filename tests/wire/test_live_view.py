@@ -123,7 +123,7 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
                 faults[2].estimator_ratio = 0.0
                 await until(lambda: not shown.alerts(), 10.0, "the end of the alert")
                 assert shown.rows[2].tactic == "hold"
-                assert "estimator failing is over: resume" in shown.rows[2].note
+                assert "estimator failing cleared: resume" in shown.rows[2].note
             await flight
         finally:
             flight.cancel()

@@ -103,7 +103,7 @@ def test_a_disk_that_is_full_is_told_and_a_team_flies_on_with_stubs_of_its_own(
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count("the log is incomplete: File too large; the flight goes on\n") == 1
+    assert done.stderr.count("the log is incomplete: File too large; the flight continues\n") == 1
     assert done.stderr.count("the log is incomplete: File too large\n") == 1
     assert f"log: {log} (0.2 MB)" in done.stderr
     assert log.stat().st_size == FILE_MAX_BYTES

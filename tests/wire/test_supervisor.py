@@ -219,7 +219,7 @@ async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason
     assert reason in told
     if fault is signal.SIGSTOP:  # ticks are spread over the period: of one vehicle first, or of several at once
         assert re.search(r"vehicle [123] for 0\.6 s", told)
-    assert "vehicle 1, 2, 3: their autopilots are on their own" in told
+    assert "vehicle 1, 2, 3: only their autopilots control them now" in told
     assert "next: " in told
     with pytest.raises(ProcessLookupError):  # a stopped process would fly on once it is continued
         os.kill(pid, signal.SIGCONT)
@@ -267,7 +267,7 @@ async def test_who_is_orphaned_holds_and_lands(fault: signal.Signals, fly: Fly) 
         flight.process.send_signal(signal.SIGCONT)
     code, told = await flight.ended()
     assert code == (-signal.SIGKILL if fault is signal.SIGKILL else 4)
-    assert "supervisor is gone: the vehicles hold and land" in told
+    assert "supervisor process has ended: the vehicles hold, then land" in told
 
 
 # Ctrl-C
@@ -289,7 +289,7 @@ async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fl
     assert code == 4
     assert flight.all_down
     text = shown.decode(errors="replace")
-    assert "holding and landing; Ctrl-C once more: land at once" in text
+    assert "holding, then landing; Ctrl-C again: land at once" in text
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l"), "the cursor is there again"
 
 

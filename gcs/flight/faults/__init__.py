@@ -1,1 +1,1 @@
-"""Faults that are injected into a flight of stub vehicles: by drills one by one, and in practice at given times."""
+"""Faults that are injected into a flight of stub vehicles: by drills one by one, by `fly --fault` at given times."""

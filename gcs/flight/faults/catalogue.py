@@ -1,4 +1,4 @@
-"""The faults by name, and what each of them changes in a team in flight."""
+"""The faults by name, and the change that each of them makes to a team in flight."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ BUS_DELAY_S, LINK_DELAY_S = 0.3, 0.1
 JUMP_M, LIE_M = 10.0, 5.0
 RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
 LINES = 36
-"""Along how many lines through a vehicle its estimate may jump."""
+"""Number of directions in which an estimate may jump."""
 PUSHED_SHARE = 2.0
-"""How far a vehicle is pushed from where it should be, as a share of what is tolerated."""
+"""How far a vehicle is pushed off its setpoint, as a multiple of the tolerated distance."""
 ROOM_SHARE = 2.0
-"""How far from the others a lie has to leave the subject, as a share of the separation."""
+"""Least distance of a falsified position from the other vehicles, as a multiple of the separation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault: what it changes, how many airborne vehicles it takes, and whether it is one of the whole team."""
+    """A fault: its injection, how many airborne vehicles it needs, and whether it affects the whole team."""
 
     name: FaultName
     inject: Callable[[Scene], Injection]
@@ -36,12 +36,12 @@ class Fault:
 
     @property
     def option(self) -> str:
-        """The name as a word of the command line."""
+        """The name on the command line."""
         return as_option(self.name)
 
 
 def fault_named(text: str) -> Fault | None:
-    """Return the fault of a name, in which hyphens may stand for spaces and case does not count; None without one."""
+    """Return the fault of a name, with hyphens or spaces and in any case; None for an unknown name."""
     return _BY_OPTION.get(as_option(text).lower())
 
 
@@ -49,7 +49,7 @@ def required_fault(text: str) -> Fault:
     """Return the fault of a name; raises InputError for an unknown one."""
     if (fault := fault_named(text)) is None:
         known = ", ".join(each.option for each in FAULTS)
-        raise InputError([f"--fault: there is no fault {text!r} (there are {known})"])
+        raise InputError([f"--fault: there is no fault {text!r}; the faults are {known}"])
     return fault
 
 
@@ -68,20 +68,20 @@ def _latency(scene: Scene) -> Injection:
 
 
 def _jump_aside(scene: Scene) -> VehicleFaults:
-    """Offset its estimate along the line on which neither the estimate nor its correction comes near the others."""
+    """Offset its estimate along the line on which neither the jump nor its correction comes near the others."""
     x, y = clearest_line(scene.places_m[scene.subject], [scene.places_m[i] for i in scene.others])
     return VehicleFaults(estimate_offset_m=(JUMP_M * x, JUMP_M * y, 0.0))
 
 
 def clearest_line(place_m: Triple, others_m: Sequence[Triple]) -> tuple[float, float]:
-    """Return the direction, of length 1, of the line through a place that passes the others the farthest away."""
+    """Return the unit vector of the line through a position that passes the others at the largest distance."""
     away = [(x - place_m[0], y - place_m[1]) for x, y, _ in others_m]
     lines = [(cos(turn), sin(turn)) for turn in (pi * step / LINES for step in range(LINES))]
     return max(lines, key=lambda line: min((abs(line[0] * y - line[1] * x) for x, y in away), default=0.0))
 
 
 def _from_the_others(scene: Scene) -> tuple[float, float]:
-    """Return the direction, of length 1, from the others to the subject."""
+    """Return the unit vector from the others to the subject."""
     x, y, _ = scene.places_m[scene.subject]
     away_x, away_y = (sum((x, y)[axis] - scene.places_m[i][axis] for i in scene.others) for axis in (0, 1))
     away_m = hypot(away_x, away_y)
@@ -89,7 +89,7 @@ def _from_the_others(scene: Scene) -> tuple[float, float]:
 
 
 def _push_outwards(scene: Scene) -> VehicleFaults:
-    """Push it away from the others, in a steady state by so many metres."""
+    """Push it away from the others, in the steady state by `PUSHED_SHARE` of the tolerated distance."""
     away_x, away_y = _from_the_others(scene)
     vehicle = scene.mission.vehicle(scene.subject)
     push_m_s2 = PUSHED_SHARE * scene.mission.failsafe.following_m * vehicle.true_plant.x.a0_per_s2
@@ -97,12 +97,12 @@ def _push_outwards(scene: Scene) -> VehicleFaults:
 
 
 def _exhaust(scene: Scene) -> VehicleFaults:
-    """Let it report less flight time than its reserve."""
+    """Make it report less flight time than its reserve."""
     return VehicleFaults(endurance_s=max(scene.mission.failsafe.reserve_s, 1.0))
 
 
 def _lie_m(scene: Scene) -> tuple[float, float]:
-    """Return how far off the subject is said to be: nearer to the others, but not so near that they have to evade."""
+    """Return the offset of the subject's falsified position: nearer to the others, but outside their separation."""
     away_x, away_y = _from_the_others(scene)
     x, y = -LIE_M * away_x, -LIE_M * away_y
     subject_x, subject_y, _ = scene.places_m[scene.subject]
@@ -113,12 +113,12 @@ def _lie_m(scene: Scene) -> tuple[float, float]:
 
 
 def _lie(scene: Scene) -> TeamFaults:
-    """Let it report another place than its own."""
+    """Make it report a position that is not its own."""
     return TeamFaults(liars=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
 
 
 def _impersonate(scene: Scene) -> TeamFaults:
-    """Let a second source send states in its name, from another place."""
+    """Let a second source send states under its id, with another position."""
     return TeamFaults(impostors=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
 
 

@@ -21,9 +21,9 @@ from gcs.mission.mission import Mission, MissionVehicle
 _Received = TypeVar("_Received")
 
 FLOOD_HZ, _BURST_S, _FLOODED, _JUNK = 8000.0, 0.01, TOPICS[CommandAnswer].name, bytes(64)
-"""How many messages a second a flood has [1 / wall s], how often it sends some, its topic, and what each holds."""
+"""A flood: its messages per second [1 / wall s], the period of its bursts [wall s], its topic, and its payload."""
 _SECOND_LATER_S = 0.01
-"""A second source of a vehicle's messages sends so long after the first [wall s]."""
+"""Delay of a second source of a vehicle's messages after the first [wall s]."""
 _HERE_M = (0.0, 0.0)
 
 
@@ -39,17 +39,17 @@ class FailingBus:
 
     @property
     def alive(self) -> bool:
-        """Whether the real one is."""
+        """Whether the real bus is alive."""
         return self._bus.alive
 
     @property
     def drops(self) -> Drops:
-        """What the real one has dropped."""
+        """The messages that the real bus has dropped."""
         return self._bus.drops
 
     @property
     def operated(self) -> bool:
-        """Whether an operator is on the real one."""
+        """Whether an operator is on the real bus."""
         return self._bus.operated
 
     async def open(
@@ -68,7 +68,7 @@ class FailingBus:
         self._flooding = asyncio.create_task(self._flood())
 
     def _delayed(self, receive: Callable[..., None], *received: object) -> None:
-        """Call a receiver after the present delay, unless what was received is lost."""
+        """Call a receiver after the present delay, unless the message is lost."""
         faults = self._present.now
         if self._chance.random() < faults.loss:
             return
@@ -78,7 +78,7 @@ class FailingBus:
             receive(*received)
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send: messages are lost at the receiver, and lies made here."""
+        """Send a message, falsified here if a fault requires it; losses happen at the receiver."""
         faults = self._present.now
         lies, lie_m = self._vehicle_id in faults.liars, faults.lie_m.get(self._vehicle_id, _HERE_M)
         self._bus.publish(topic, _moved(payload, lie_m, 0.0) if lies else payload)
@@ -109,7 +109,7 @@ class FailingSensor:
         self._present = faults
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return what the real one sees, unless it is blind."""
+        """Return the sighting of the real sensor, None while it is blind."""
         sighting = self._sensor.sight(now_s, position_m)
         return None if self._present.now.blind else sighting
 
@@ -134,7 +134,7 @@ class FailingEquipment(Equipment):
 
 
 def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:
-    """Return a vehicle's state elsewhere, and later; any other message as it is."""
+    """Return a vehicle's state with another position and a later time; any other message unchanged."""
     message = decode(payload)
     if not isinstance(message, MemberState):
         return payload
@@ -149,5 +149,5 @@ def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:
 
 
 def _sender(message: BusMessage) -> int | None:
-    """Return the vehicle that has sent a message, None for an operator's."""
+    """Return the vehicle that sent a message, None for an operator's message."""
     return None if isinstance(message, OperatorCommand) else message.sender

@@ -1,4 +1,4 @@
-"""What a fault changes, and the team in flight that it is injected into."""
+"""The changes that a fault makes, and the team in flight that it is injected into."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from sitl.faults import VehicleInjection
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A team in flight: the fault's subject, who is airborne, where each of them is [m], and the speed of its clock."""
+    """A team in flight: the fault's subject, the airborne vehicles, their positions [m], and the speed of its clock."""
 
     mission: Mission
     subject: int
@@ -37,7 +37,7 @@ class Injection:
 
     @property
     def ends_flight(self) -> bool:
-        """Whether the flying process does not survive it."""
+        """Whether it ends the flying process."""
         return self.signal is not None or bool(self.team.hang)
 
 

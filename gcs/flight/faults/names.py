@@ -1,4 +1,4 @@
-"""The names of the faults that a flight of stub vehicles can have. Light: the help of the command line lists them."""
+"""The names of the faults for stub vehicles. Imports nothing heavy: the help of the command line lists them."""
 
 from typing import Literal, get_args
 
@@ -29,7 +29,7 @@ FaultName = Literal[
 
 
 def as_option(name: str) -> str:
-    """Return a name as a word of the command line."""
+    """Return a name as it is written on the command line."""
     return name.replace(" ", "-")
 
 

@@ -1,4 +1,4 @@
-"""The faults that a flight of stub vehicles is to have, as the command line gives them."""
+"""The faults of a flight of stub vehicles, from the command line."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ _FORM = re.compile(r"(?P<fault>[^@]+)@(?P<time>\d+(\.\d+)?)(:(?P<vehicle>\d+))?"
 
 @dataclass(frozen=True, slots=True)
 class ScheduledFault:
-    """A fault at a time of the mission [mission s], as it was given; without a vehicle in the last one in line."""
+    """A fault at a time of the mission [mission s], and its text; without a vehicle it hits the last one in line."""
 
     given: str
     fault: Fault
@@ -24,9 +24,9 @@ class ScheduledFault:
 def scheduled_faults(
     given: Sequence[str], mission: Mission, duration_s: float, stubs: Sequence[int]
 ) -> tuple[ScheduledFault, ...]:
-    """Return the faults of texts such as `link-cut@120:2`, by their times; raises InputError with all problems.
+    """Return the faults of texts such as `link-cut@120:2` in order of time; raises InputError with all problems.
 
-    Only the vehicles with the ids `stubs` can have any.
+    Faults are injected only into the vehicles with the ids `stubs`.
     """
     faults, problems = [], list[str]()
     for text in given:
@@ -42,7 +42,7 @@ def scheduled_faults(
 def _scheduled(text: str, mission: Mission, duration_s: float, stubs: Sequence[int]) -> ScheduledFault:
     form = _FORM.fullmatch(text)
     if form is None:
-        raise InputError([f"--fault: {text!r} is not NAME@SECONDS or NAME@SECONDS:VEHICLE, such as link-cut@120:2"])
+        raise InputError([f"--fault: {text!r} is not NAME@SECONDS or NAME@SECONDS:VEHICLE, for example link-cut@120:2"])
     fault, at_s = required_fault(form["fault"]), float(form["time"])
     vehicle = None if form["vehicle"] is None else int(form["vehicle"])
     problem = _problem(fault, at_s, vehicle, mission, duration_s) or _no_stub(fault, vehicle, mission, stubs)
@@ -56,22 +56,22 @@ def _problem(fault: Fault, at_s: float, vehicle: int | None, mission: Mission, d
     if at_s >= duration_s:
         return f"the mission is over after {duration_s:g} s"
     if len(mission.ids) < fault.vehicles_min:
-        return f"it takes {fault.vehicles_min} vehicles (the mission has {len(mission.ids)})"
+        return f"it needs {fault.vehicles_min} vehicles (the mission has {len(mission.ids)})"
     if vehicle is not None and fault.of_team:
-        return f"{fault.option} concerns the whole team: leave out :{vehicle}"
+        return f"{fault.option} affects the whole team: omit :{vehicle}"
     if vehicle is not None and vehicle not in mission.ids:
         return f"the mission has no vehicle {vehicle} (it has {', '.join(map(str, mission.ids))})"
     return ""
 
 
 def _no_stub(fault: Fault, vehicle: int | None, mission: Mission, stubs: Sequence[int]) -> str:
-    """Return why a fault may hit a vehicle that is no stub, empty if it hits stubs only."""
+    """Return why a fault would affect a vehicle that is not a stub, empty if it affects stubs only."""
     others = [each for each in mission.ids if each not in stubs]
     if not others or vehicle in stubs:
         return ""
     known = ", ".join(map(str, stubs))
     if fault.of_team:
-        return f"{fault.option} concerns the whole team, and only {known} are stubs"
+        return f"{fault.option} affects the whole team, and only vehicles {known} are stubs"
     if vehicle is None:
-        return f"name one of the stubs ({known}), such as {fault.option}@10:{stubs[0]}"
-    return f"vehicle {vehicle} is no stub (stubs: {known}): no fault is injected into it"
+        return f"name one of the stubs ({known}), for example {fault.option}@10:{stubs[0]}"
+    return f"vehicle {vehicle} is not a stub (stubs: {known}): faults are injected into stubs only"

@@ -1,4 +1,4 @@
-"""A stranger in a drill: sessions without keys that speak in the names of the team's vehicles and of an operator."""
+"""An intruder on the bus, injected as a fault: sessions without keys send under the ids of vehicles and an operator."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class Stranger:
     """Sends states from far away, one bearing for all vehicles, and the command to hold, as long as it runs."""
 
     def __init__(self, mission: Mission, now_s: Callable[[], float]) -> None:
-        """Take the team and its clock: a message of another date would not count from any sender."""
+        """Take the team and its clock: messages with another date are dropped from any sender."""
         self._mission = mission
         self._now_s = now_s
         self._number = 0

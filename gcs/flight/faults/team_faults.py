@@ -10,7 +10,7 @@ from typing import Literal
 import msgspec
 
 HANG_S = 6
-"""How long an injected hang of the process lasts: longer than a supervisor may wait."""
+"""Duration of an injected hang of the process: longer than the supervisor waits."""
 
 Hang = Literal["", "interpreter", "event loop", "exit"]
 
@@ -19,9 +19,9 @@ class TeamFaults(msgspec.Struct, frozen=True):
     """All faults of a flying process that are present at a time.
 
     `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
-    [wall s]; no other vehicle receives the messages of `unheard`. `liars` report that they are off from where they are,
-    by `lie_m` of the vehicle; of `impostors` there are two sources, of which the second one does; `flooders` send junk
-    as well. `blind` sensors see no target. A process may `hang`.
+    [wall s]; no other vehicle receives the messages of `unheard`. `liars` report positions that are off by `lie_m` of
+    the vehicle; the states of `impostors` come from two sources, the second of which is off; `flooders` also send junk
+    messages. `blind` sensors see no target. A process may `hang`.
     """
 
     loss: float = 0.0
@@ -35,7 +35,7 @@ class TeamFaults(msgspec.Struct, frozen=True):
     hang: Hang = ""
 
     def with_more(self, more: "TeamFaults") -> "TeamFaults":
-        """Return both: the vehicles of either, and the greater of what has a size. A hang is over when others begin."""
+        """Return both: the vehicles of either, and the greater of two values. New faults end a hang."""
         return TeamFaults(
             loss=max(self.loss, more.loss),
             delay_s=max(self.delay_s, more.delay_s),
@@ -50,14 +50,14 @@ class TeamFaults(msgspec.Struct, frozen=True):
 
 
 class PresentFaults:
-    """The faults of this process at present, and its event loop once its buses are made."""
+    """The present faults of this process, and its event loop once its buses exist."""
 
     def __init__(self) -> None:
         self.now = TeamFaults()
         self.loop: asyncio.AbstractEventLoop | None = None
 
     def set(self, faults: TeamFaults) -> None:
-        """Have these from now on; those before are over. A hang begins at once."""
+        """Replace the present faults. A hang begins at once."""
         self.now = faults
         if faults.hang == "interpreter":
             ctypes.PyDLL(None).sleep(HANG_S)  # unlike CDLL, this keeps the lock: no thread of Python runs

@@ -1,4 +1,4 @@
-"""What the flying process sends to the log's: batches of records in MessagePack, and two words."""
+"""The frames from the flying process to the log process: batches of records in MessagePack, and two words."""
 
 from typing import Any, NamedTuple
 
@@ -7,7 +7,7 @@ from msgspec import Raw, msgpack
 from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
 
 FLUSH, CLOSE = b"flush", b"close"
-"""No batch begins as these do: a batch is an array."""
+"""No batch begins like these: a batch is a MessagePack array."""
 _KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (*RUN_TOPICS, *VEHICLE_TOPICS)}
 
 
@@ -37,7 +37,7 @@ class Batch:
         self._rows.append(Raw(self._encoder.encode(row)))
 
     def take(self) -> bytes:
-        """Return the frame of all records, which are no longer in the batch."""
+        """Return the frame of all records, and empty the batch."""
         frame = self._encoder.encode(self._rows)
         self._rows.clear()
         return frame
@@ -55,5 +55,5 @@ class BatchReader:
         return self._rows.decode(frame)
 
     def record(self, row: Row) -> object:
-        """Return a record; raises ValidationError for one that its type does not permit."""
+        """Return a record; raises ValidationError for one that does not fit its type."""
         return self._records[row.kind].decode(row.record)

@@ -14,15 +14,15 @@ from gcs.mission.mission import Mission
 from gcs.viewer.address import Address
 
 BATCH_RECORDS = 50
-"""A tenth of a second of three vehicles, and at 32 vehicles less than the connection's buffer."""
+"""The records of three vehicles in 0.1 s; at 32 vehicles less than the connection's buffer."""
 _PROGRAM = "gcs.flight.log_process.program"
 _ENDED = "the process that writes it has ended"
 
 
 class LogRequest(NamedTuple):
-    """What is to be written, and where: a `path` of None is for a log that viewers alone see.
+    """A log to write: `path` is None for a log that only viewers receive.
 
-    `address` is where viewers may connect, `origins` the web pages that may beside those of Foxglove.
+    `address` is where viewers may connect, `origins` are the web pages that may connect beside those of Foxglove.
     """
 
     mission: Mission
@@ -32,21 +32,21 @@ class LogRequest(NamedTuple):
 
 
 class Refused(NamedTuple):
-    """The log's process cannot serve viewers: why, and what to do next."""
+    """The log process cannot serve viewers: the reason and the next step."""
 
     reason: str
     next_step: str
 
 
 class LogStatus(NamedTuple):
-    """The bytes in the file, and why it does not hold the whole flight: empty if it does."""
+    """The bytes in the file, and why it does not hold the whole flight (empty if it does)."""
 
     size_bytes: int
     fault: str
 
 
 class LogProcess:
-    """Writes records by another process, which completes the log also when this one is killed.
+    """Writes records through another process, which completes the log even if this one is killed.
 
     Once open it never raises: `fault` is the first error, empty if there was none.
     """

@@ -1,4 +1,4 @@
-"""The program of the log's process: `python -m gcs.flight.log_process.program SOCKET`, started by the handle alone."""
+"""The program of the log process: `python -m gcs.flight.log_process.program SOCKET`, started only by the handle."""
 
 import os
 import signal
@@ -17,11 +17,11 @@ from gcs.viewer.live_server import live_server
 from gcs.viewer.scene import Scene
 
 NICENESS = 5
-"""Where a processor is short, vehicles come first."""
+"""Lower priority than the flying process: control loops come first on a busy processor."""
 
 
 def main() -> None:
-    """Write until told to close the log, or until the flying process is gone. Signals are left to that process."""
+    """Write until the flying process closes the log or has ended. That process handles the signals."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
@@ -63,7 +63,7 @@ def _write(connection: Connection, writer: LogWriter) -> None:
         for row in reader.rows(frame):
             try:
                 writer.write(row.vehicle_id, row.number, row.log_time_ns, reader.record(row))
-            except Exception as error:  # a bug with one record must not cost the others
+            except Exception as error:  # a bug with one record must not lose the others
                 writer.fail(f"a {row.kind} could not be written: {type(error).__name__}: {error}")
 
 

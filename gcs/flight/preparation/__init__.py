@@ -1,1 +1,1 @@
-"""Before take-off: the speed that the computer holds, and the waits for vehicles to be ready and for a start."""
+"""Before take-off: the speed that the computer can keep, the wait for ready vehicles, and the wait for the start."""

@@ -1,4 +1,4 @@
-"""The speed that this computer holds for a flight of stubs, from a load measured before take-off."""
+"""The speed that this computer can keep for a flight of stubs, from a load measured before take-off."""
 
 from collections.abc import Callable
 from math import floor
@@ -7,19 +7,19 @@ from time import perf_counter
 SAMPLE_S = 0.2
 """How long the load is measured [wall s]."""
 TICK_WORK = 6.0
-"""What one vehicle's tick in flight costs, its shares of links, bus, log and stub included [pieces of work].
+"""Load of one vehicle's tick in flight, with its shares of links, bus, log and stub [pieces of work].
 
-Measured with `cordon fly case2 --sitl --speed 10`: 1.75 ms of processor time, and 0.29 ms for a piece of work."""
+By `cordon fly case2 --sitl --speed 10`: 1.75 ms of processor time per tick, 0.29 ms per piece of work."""
 LOAD_MAX = 0.7
 """Above this share of a core a flight misses ticks (docs/performance.md: 16 vehicles at 0.6 none, 32 at 1.1 some)."""
 _WORK = 10_000
 
 
 def held_speed(asked: float, ticks_per_s: float, now_s: Callable[[], float] = perf_counter) -> float:
-    """Return the speed that a flight can keep now: `asked`, or a lower one, but no lower than the wall clock's.
+    """Return the speed that a flight can keep now: `asked`, or a lower one, but not below 1.
 
-    The flight has `ticks_per_s` of all vehicles at the wall clock's speed. Its load is measured by the wall clock, so
-    that other programs count. Takes `SAMPLE_S` where more than the wall clock's speed is asked for.
+    The vehicles have `ticks_per_s` together at speed 1. The load is measured by the wall clock, so that the load of
+    other programs counts. Takes `SAMPLE_S` if `asked` is above 1.
     """
     if asked <= 1.0:
         return asked

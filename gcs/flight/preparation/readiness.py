@@ -10,12 +10,12 @@ from gcs.preflight.findings_view import joined_subjects
 from gcs.preflight.preflight import worst
 
 FIRST_REPORTS_S = 3.0
-"""Within this time a vehicle that is ready has reported everything: home once a second, health twice [wall s]."""
+"""A ready vehicle reports everything within this time: home once a second, health twice [wall s]."""
 PERIOD_S = 1.0
 
 
 class Readiness:
-    """The wait for one team, `plan.wait_s` wall seconds at most, from now on; shows what each vehicle lacks."""
+    """The wait for one team, at most `plan.wait_s` wall seconds from now; shows what each vehicle lacks."""
 
     def __init__(self, team: Team) -> None:
         self._team = team
@@ -33,10 +33,10 @@ class Readiness:
                 self._show([f"waiting, {self._left_s:.0f} s left: {refusal.reason}"], {("", refusal.reason)})
 
     async def findings(self) -> Sequence[Finding]:
-        """Return the preflight findings; the facts that they come from are recorded.
+        """Return the preflight findings, and record the facts behind them.
 
-        While nothing but the vehicles' readiness forbids take-off, they are checked again. Once they are ready, and
-        where something else forbids take-off, one more check decides: on a busy computer clocks and rates vary.
+        While only the vehicles' readiness forbids take-off, they are checked again. Once they are ready, or if
+        something else forbids take-off, one more check decides: on a busy computer clocks and rates vary.
         """
         settle_s, decides = FIRST_REPORTS_S, False
         while True:
@@ -63,7 +63,7 @@ class Readiness:
         return max(0.0, self._end_s - time.monotonic())
 
     def _show(self, lines: Sequence[str], lacks: set[tuple[str, str]]) -> None:
-        """Show what is waited for: on a terminal always, elsewhere when it has changed."""
+        """Show what the vehicles lack: on a terminal always, elsewhere when it has changed."""
         if self._team.view.is_live:
             self._team.view.update([], 0.0, "\n".join(lines))
         elif lacks != self._shown:
@@ -72,13 +72,13 @@ class Readiness:
 
 
 def about_to_pass(findings: Sequence[Finding]) -> Sequence[Finding]:
-    """Return the refusals, if waiting may resolve all of them; else none."""
+    """Return the refusals if waiting may resolve all of them, otherwise none."""
     refused = [each for each in findings if each.grade is Grade.REFUSE]
     return refused if all(each.temporary for each in refused) else []
 
 
 def lack_lines(lacks: Sequence[Finding]) -> list[str]:
-    """Return a line for each thing that is lacking, with the vehicles that lack it."""
+    """Return a line for each lack, with the vehicles concerned."""
     subjects: dict[str, list[str]] = {}
     for each in lacks:
         subjects.setdefault(each.found, []).append(each.subject)

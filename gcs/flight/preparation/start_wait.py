@@ -8,18 +8,18 @@ from gcs.flight.team import Team
 from gcs.preflight.findings import MISSION, Finding, Grade
 
 PERIOD_S = 3.0
-"""How long after one check the next begins [wall s]: a start is refused by what the newest has found."""
+"""Pause between two checks [wall s]: a start is refused by the findings of the newest."""
 
 
 class StartWait:
-    """Checks the vehicles of one team again and again, and lets each report what forbids its start."""
+    """Checks the vehicles of one team repeatedly, and lets each report what forbids its start."""
 
     def __init__(self, team: Team) -> None:
         self._team = team
         self._shown: list[str] = []
 
     async def findings(self) -> Sequence[Finding]:
-        """Return the newest preflight findings once all are started; the facts that they come from are recorded."""
+        """Return the newest preflight findings once all are started, and record the facts behind them."""
         settle_s = FIRST_REPORTS_S
         while True:
             facts = await self._team.facts(settle_s)
@@ -34,7 +34,7 @@ class StartWait:
         return findings
 
     def _wait(self, findings: Sequence[Finding]) -> None:
-        """Let the vehicles that were not started meanwhile report what they lack; show it when it has changed."""
+        """Let the vehicles that are not started yet report what they lack; show it when it has changed."""
         lines = []
         for member in self._team.members:
             if not member.agent.started.is_set():
@@ -46,7 +46,7 @@ class StartWait:
             self._team.view.print_line("\n".join(lines))
 
     async def _started(self) -> bool:
-        """Return whether all are started within a period."""
+        """Return whether all vehicles are started within a period."""
         waits = (member.agent.started.wait() for member in self._team.members)
         try:
             await asyncio.wait_for(asyncio.gather(*waits), PERIOD_S)

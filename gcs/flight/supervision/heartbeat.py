@@ -17,11 +17,11 @@ from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE, POLL_PERIOD_S, S
 TICK_PERIOD_MIN_S = 0.04
 """A faster loop sends fewer heartbeats than ticks: the supervisor polls ten times a second."""
 SUPERVISOR_SILENCE_POLLS = 30
-"""A supervisor silent for so many of this process's own polls, 3 s, counts as dead: it may have been stopped."""
+"""A supervisor without a heartbeat for this many polls of this process, 3 s, counts as dead: it may be stopped."""
 
 
 class SupervisorLink(Protocol):
-    """The link to the process that supervises a flight: heartbeats out, the operator's requests to end in."""
+    """The link to the supervisor process: heartbeats out, the operator's requests to end the flight in."""
 
     def heartbeat(self, vehicle_id: int) -> Heartbeat:
         """Return the heartbeat of a vehicle's agent."""
@@ -29,7 +29,7 @@ class SupervisorLink(Protocol):
 
     @property
     def is_lost(self) -> bool:
-        """Whether the supervisor is gone."""
+        """Whether the supervisor has ended or stopped."""
         ...
 
     def relay(self, ask: Callable[[], object]) -> None:
@@ -54,7 +54,7 @@ class Unsupervised:
 class SupervisorHeartbeat:
     """This process's end of the socket pair, to be used as a context manager around the flight.
 
-    `on_lost` is called, on another thread, when the supervisor is gone.
+    `on_lost` is called, on another thread, when the supervisor has ended or stopped.
     """
 
     def __init__(self, connection: socket.socket, on_lost: Callable[[], object]) -> None:
@@ -107,17 +107,17 @@ class SupervisorHeartbeat:
             lost = received == b"" or silent_polls == SUPERVISOR_SILENCE_POLLS
             if lost:
                 self.is_lost = True
-                requests = 0 if asked else 1  # a second one would mean: land at once
+                requests = 0 if asked else 1  # a second request would mean: land at once
             for _ in range(requests):
                 ask()
             asked = asked or requests > 0
             if lost:
-                self._on_lost()  # after asking: printing may fail, where the terminal is gone too
+                self._on_lost()  # after the request: printing may fail if the terminal has closed, too
             if received == b"":
                 return
 
     def _received(self) -> bytes | None:
-        """Return what the supervisor sent; None when nothing arrived within a poll, b"" when it is gone."""
+        """Return what the supervisor sent; None when nothing arrived within a poll, b"" when it has ended."""
         if not select.select([self._connection], [], [], POLL_PERIOD_S)[0]:
             return None
         try:
@@ -158,5 +158,5 @@ class _Sent:
         self._send(encode_beat(Beat.ENDED, self._vehicle_id))
 
     def _send(self, record: bytes) -> None:
-        with suppress(OSError):  # the supervisor is gone: the listening thread handles that
+        with suppress(OSError):  # the supervisor has ended: the listening thread handles it
             self._connection.send(record)

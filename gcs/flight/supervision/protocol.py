@@ -1,8 +1,8 @@
 """The protocol between a flying process and its supervisor, and when a vehicle's control loop counts as dead.
 
-Each holds one end of a socket pair; the flying process finds the number of its end in the environment. Up go the
-heartbeats of the vehicles' agents, one small record each; down go the supervisor's own heartbeat and the operator's
-requests to end.
+Each holds one end of a socket pair; the flying process finds the number of its end in the environment. The flying
+process sends the heartbeats of the vehicles' agents, one small record each; the supervisor sends its own heartbeat and
+the operator's requests to end.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _DUE_MAX_MS = 0xFFFF
 
 
 class Beat(IntEnum):
-    """What a heartbeat of a vehicle's agent says: it is about to take off, its control loop ticked, it has ended."""
+    """The content of an agent's heartbeat: it is about to take off, its control loop ticked, or it has ended."""
 
     RISING = 1
     TICK = 2
@@ -33,13 +33,13 @@ class Beat(IntEnum):
 
 
 def encode_beat(beat: Beat, vehicle_id: int, due_s: float = 0.0) -> bytes:
-    """Return a record; `due_s` is when the next tick is due [wall s]."""
+    """Return a record; `due_s` is the time until the next tick is due [wall s]."""
     return _RECORD.pack(beat, vehicle_id, min(round(due_s * 1000.0), _DUE_MAX_MS))
 
 
 @dataclass(slots=True)
 class _Watched:
-    """A ticking control loop: how many polls in a row may pass without a tick of it, and how many have."""
+    """A ticking control loop: the allowed and the present number of polls in a row without a tick."""
 
     timeout_polls: int
     silent_polls: int = 0

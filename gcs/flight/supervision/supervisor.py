@@ -22,19 +22,17 @@ from gcs.metrics.ending import FlightEnding, How
 from gcs.signals import relay
 
 OVERLOAD = 1.5
-"""The load average per core from which a computer counts as overloaded: half as many programs again as it has cores."""
+"""The load average per core from which a computer counts as overloaded."""
 _CONSEQUENCE = (
-    "their autopilots are on their own now: PX4 leaves offboard about 1 s after the last setpoint and does what"
-    " COM_OBL_RC_ACT says, hold or land; ArduPilot stays at its last setpoint until its FS_GCS_ENABLE acts"
+    "only their autopilots control them now: PX4 leaves offboard about 1 s after the last setpoint, then holds or lands"
+    " (COM_OBL_RC_ACT); ArduPilot stays at its last setpoint until its ground station failsafe acts (FS_GCS_ENABLE)"
 )
-_NEXT_STEP = (
-    "next: watch them, and take control by remote control or a ground station: cordon does not reconnect to them"
-)
+_NEXT_STEP = "next: watch them, and take over by remote control or a ground station; cordon does not reconnect to them"
 _HERE = "\x1b7"
 _NO_LIVE_VIEW = "\x1b[?25h\x1b[?2004l"
 """Shows the cursor, which the live view hides, and ends the marking of pasted text."""
 _ERASED = "\x1b8\x1b[J"
-"""Erases the live view, which shows vehicles in flight, from where it begins, or from _HERE on where none was drawn."""
+"""Erases the live view, which shows vehicles in flight, from its beginning, or from _HERE if none was drawn."""
 
 
 def is_supervised() -> bool:
@@ -45,8 +43,8 @@ def is_supervised() -> bool:
 def supervise(*, json: bool = False) -> int:
     """Run this process's command line once more as the flying process; return the exit code of the whole.
 
-    Signals must be held back already. What goes wrong is written to standard error; with `json`, how a flight ended
-    whose process did not live to say so is written to standard output.
+    Signals must be blocked already. Problems are written to standard error; with `json`, the ending of a flight
+    whose process was killed is written to standard output.
     """
     for number in (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU):
         signal.signal(number, signal.SIG_IGN)  # a terminal must not stop a flight: Ctrl-Z does not make it hold
@@ -106,7 +104,7 @@ def _received(connection: socket.socket) -> bytes:
 
 
 def _report(process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor) -> list[str]:
-    """Return lines about a flight that did not end by itself as it should, none if it did."""
+    """Return lines about a flight whose process did not end normally, otherwise none."""
     ended = f"by signal {-code}" if code < 0 else f"with exit code {code}"
     if silences_s:
         loops = ", ".join(f"vehicle {i} for {silence_s:.1f} s" for i, silence_s in silences_s.items())
@@ -132,14 +130,14 @@ def _ending(monitor: LoopMonitor, reason: str) -> FlightEnding:
 
 
 def overload(load: float, cores: int) -> str:
-    """Return a clause that names an overloaded computer, by its load average over a minute; empty if it was none."""
+    """Return a clause about an overloaded computer, by its load average over a minute; empty if it was not."""
     if load <= OVERLOAD * cores:
         return ""
-    return f"; this computer was overloaded (load {load:.1f} on {cores} cores): fly slower, or end other programs"
+    return f"; this computer was overloaded (load {load:.1f} on {cores} cores): fly slower, or close other programs"
 
 
 class _Terminal:
-    """The terminal as it was before the flight: a process that is killed may leave it without cursor or echo."""
+    """The terminal's state before the flight: a killed process may leave it without cursor or echo."""
 
     def __init__(self) -> None:
         self._attributes = termios.tcgetattr(sys.stdin) if sys.stdin.isatty() else None
@@ -149,9 +147,9 @@ class _Terminal:
                 os.write(sys.stderr.fileno(), _HERE.encode())
 
     def restored(self, killed: bool) -> list[str]:
-        """Restore its attributes, and return what to write to it for the rest: a live view that was killed is erased.
+        """Restore its attributes, and return what to write to it; the live view of a killed process is erased.
 
-        One that ended by itself has drawn the vehicles' last state as such.
+        A process that ended by itself has marked the vehicles' last state as such.
         """
         if self._attributes is not None:
             with suppress(termios.error):  # it is gone

@@ -1,4 +1,4 @@
-"""The audit log: which operator commanded what, and what each vehicle did, as a chain of hashes.
+"""The audit log: each operator's commands and each vehicle's answers, as a chain of hashes.
 
 The folder above it writes and reads it; it may import agents.
 """

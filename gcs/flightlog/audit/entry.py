@@ -1,4 +1,4 @@
-"""An entry of the audit log, and the chain that its entries are."""
+"""An entry of the audit log, and the chain of its entries."""
 
 import hashlib
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ Source = Literal["bus", "keyboard", ""]
 
 
 class AuditEntry(msgspec.Struct, frozen=True):
-    """What became of a command at one vehicle: received, answered, or that the log was closed after all entries.
+    """A command received by a vehicle, its answer, or the closing of the log after all entries.
 
     `operator` is the name in its key, and on a bus with keys that of the certificate. `did` is the vehicle's answer.
     `previous` is the digest of the entry before, empty in the first; `digest` is the SHA-256 of all other fields.
@@ -37,16 +37,16 @@ def sealed(entry: AuditEntry, previous: str) -> AuditEntry:
 
 
 def chain_fault(entries: Iterable[AuditEntry]) -> str:
-    """Return what is wrong with a chain of entries, empty if nothing is."""
+    """Return the fault of a chain of entries, empty if it is intact."""
     previous, last = "", None
     for number, entry in enumerate(entries, start=1):
         if last is not None and last.event == "closed":
-            return f"entry {number}: it follows the last one"
+            return f"entry {number}: it follows the closing entry"
         if entry.previous != previous:
-            return f"entry {number}: entries before it are missing, or were changed"
+            return f"entry {number}: entries before it are missing or were changed"
         if sealed(entry, previous) != entry:
             return f"entry {number}: it was changed"
         previous, last = entry.digest, entry
     if last is None or last.event != "closed":
-        return "its last entry is missing: the log was not closed, or entries were removed from its end"
+        return "its closing entry is missing: the log was not closed, or entries were removed from its end"
     return ""

@@ -1,4 +1,4 @@
-"""Makes the entries of the audit log from what goes into the cores of vehicles and comes out of them."""
+"""Makes the entries of the audit log from the inputs and outputs of the vehicles' cores."""
 
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from agents.team.messages import TOPICS, CommandAnswer, OperatorCommand, key_of
 from gcs.flightlog.audit.entry import AuditEntry, Event, Source, sealed
 
 _REMEMBERED = 1000
-"""Commands and answers, so that repeats make no entries: they come within seconds."""
+"""Commands and answers to remember, so that repetitions make no entries: they come within seconds."""
 _ANSWERS = TOPICS[CommandAnswer].name
 
 
@@ -23,7 +23,7 @@ class AuditTrail:
         self._answers: OrderedDict[tuple[int, int, str], None] = OrderedDict()
 
     def take(self, vehicle_id: int, time_s: float, item: object) -> Iterator[AuditEntry]:
-        """Return the entries that an item on a vehicle's tape makes."""
+        """Return the entries for an item on a vehicle's tape."""
         match item:
             case Message(message=OperatorCommand() as command) if command.vehicle in (None, vehicle_id):
                 yield from self._received(vehicle_id, time_s, command, "bus", key_of(command))
@@ -35,7 +35,7 @@ class AuditTrail:
                         yield from self._answered(vehicle_id, time_s, decode(each.payload))
 
     def closed(self, time_s: float) -> AuditEntry:
-        """Return the last entry: without it nothing shows that entries before it were removed."""
+        """Return the closing entry, which shows that no entries were removed from the end."""
         return self._chained(AuditEntry(time_s, "closed", 0, "", "", "", 0, "", "", ""))
 
     def _received(

@@ -1,1 +1,1 @@
-"""The ports and devices of vehicle urls on this computer: whether they can be used, who holds them, who claims them."""
+"""The ports and devices of vehicle urls on this computer: whether they are usable, and which process holds them."""

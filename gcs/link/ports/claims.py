@@ -1,8 +1,8 @@
-"""What one run of cordon has for itself on this computer, so that a second one is refused before it starts anything.
+"""Exclusive use of a team and of ports by one run of cordon on this computer: a second run is refused before its start.
 
 A run claims the team that it flies, and the UDP ports that its vehicles send to. A claim is a Unix socket with an
-abstract name (man 7 unix): the system removes it with its process, however that ends, keeps one list for all users,
-and one for each network namespace, as it does for ports. Systems other than Linux have no such names: there only
+abstract name (man 7 unix): the system removes it with its process, however that ends, and keeps one list for all users
+in each network namespace, as it does for ports. Systems other than Linux have no such names: there only
 ports and endpoints are checked.
 """
 
@@ -41,7 +41,7 @@ class Claims:
         self._held.close()
 
     def take(self, name: str) -> bool:
-        """Claim a name; return whether it was free, which it always is on systems without abstract names."""
+        """Claim a name; return whether it was free, always true on systems without abstract names."""
         if sys.platform != "linux":
             return True
         claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -77,12 +77,12 @@ class Claims:
 def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
     """Claim what a flight needs, while it lasts; stubs with the ids `stubs` are about to be started.
 
-    Raises VehicleRefusedError, with the process where the system tells, when the team's name, a port, an endpoint or a
+    Raises VehicleRefusedError, with the process if the system reports it, when the team, a port, an endpoint or a
     stub's port is in use.
     """
     with Claims() as claims:
         faults = list(claims.take_team(mission))
-        # Before they start; of the others the links and the bus say so, beside what else they find.
+        # Checked before they start. For other vehicles the links and the bus report it, with their other findings.
         vehicles = [mission.vehicle(each) for each in stubs]
         faults += (fault for vehicle in vehicles for fault in _url_faults(vehicle))
         if mission.network.router is None:
@@ -130,7 +130,7 @@ def _endpoint_faults(vehicle: MissionVehicle) -> Iterator[str]:
 
 
 def _is_taken(kind: socket.SocketKind, host: str, port: int) -> bool:
-    """Return whether a port of this computer is in use; a name, or an address elsewhere, is for Zenoh to judge."""
+    """Return whether a port of this computer is in use; Zenoh itself checks names and other addresses."""
     with suppress(ValueError):
         family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
         with socket.socket(family, kind) as attempt:

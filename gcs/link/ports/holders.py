@@ -1,4 +1,4 @@
-"""Which process of this computer holds a socket, where the system tells: Linux, and the processes of the same user."""
+"""The process of this computer that holds a socket, where the system reports it: Linux, processes of the same user."""
 
 import pwd
 import socket
@@ -12,7 +12,7 @@ _COMMAND_LENGTH = 160
 
 
 def port_holder(kind: socket.SocketKind, port: int) -> str:
-    """Return " by process 123 (its command)" for the holder of a UDP or TCP port, or what is known; empty if nothing.
+    """Return " by process 123 (its command)" for the holder of a UDP or TCP port, or its user; empty if unknown.
 
     Linux lists sockets in /proc/net/udp and /proc/net/tcp (man 5 proc).
     """
@@ -25,7 +25,7 @@ def port_holder(kind: socket.SocketKind, port: int) -> str:
 
 
 def abstract_sockets(prefix: str) -> dict[str, str]:
-    """Return the inodes of the abstract Unix sockets whose names begin so, by name, of all users of this computer."""
+    """Return the inodes of all users' abstract Unix sockets whose names begin with `prefix`, by name."""
     found = {}
     for fields in _rows("net/unix"):
         if len(fields) == 8 and fields[7].startswith(f"@{prefix}"):
@@ -34,7 +34,7 @@ def abstract_sockets(prefix: str) -> dict[str, str]:
 
 
 def process_holding(inode: str) -> str:
-    """Return " by process 123 (its command)" for the socket of an inode; empty where that is not known."""
+    """Return " by process 123 (its command)" for the socket of an inode; empty if unknown."""
     for descriptors in _PROC.glob("[0-9]*/fd"):
         with suppress(OSError):  # the process has ended, or is another user's
             if any(_is_socket(each, inode) for each in descriptors.iterdir()):
@@ -43,7 +43,7 @@ def process_holding(inode: str) -> str:
 
 
 def described(process_id: int) -> str:
-    """Return " by process 123 (its command)", in printable letters."""
+    """Return " by process 123 (its command)", with printable characters only."""
     try:
         words = (_PROC / str(process_id) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     except OSError:

@@ -1,4 +1,4 @@
-"""Checks of vehicle urls before MAVSDK uses them: its own errors are unspecific or missing."""
+"""Checks of vehicle urls before MAVSDK uses them: MAVSDK's own errors are unspecific or missing."""
 
 import errno
 import ipaddress

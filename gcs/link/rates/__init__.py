@@ -1,4 +1,4 @@
-"""The rates of what a connection carries: how many bytes they take, and which rates fit.
+"""The message rates of a connection: the bytes that they take, and the rates that fit.
 
-Pure: what arrived and what the time is are arguments.
+Pure: received counts and times are arguments.
 """

@@ -1,4 +1,4 @@
-"""The bytes that a connection is asked to carry, by the rates of its vehicles."""
+"""The load of a connection in bytes, from the rates of its vehicles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,18 +18,18 @@ SETPOINT_BYTES = 65
 TRUTH_BYTES = {"px4": 76, "ardupilot": 104}
 """HIL_STATE_QUATERNION and SIM_STATE."""
 EXTERNAL_BYTES, EXTERNAL_HZ = 48, 30.0
-"""VISION_POSITION_ESTIMATE; more often than this positions from outside are not passed on."""
+"""VISION_POSITION_ESTIMATE; external positions above this rate are not passed on."""
 HEARTBEAT_BYTES, HEARTBEAT_HZ = 21, 1.0
 ROUND_TRIP_BYTES, ROUND_TRIP_HZ = 28, 0.5
 """TIMESYNC, each way."""
 SIGNATURE_BYTES = 13
 LOAD_SHARE = 0.7
-"""The share of a connection that may be planned with: commands, parameters and repetitions take the rest."""
+"""The share of a connection for planned messages: commands, parameters and repetitions take the rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What goes to the vehicles of a connection, and what comes from them [bytes/s]."""
+    """The bytes to the vehicles of a connection, and those from them [bytes/s]."""
 
     up_bytes_s: float
     down_bytes_s: float
@@ -41,7 +41,7 @@ class Load:
 
 
 def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: float = 0.0) -> Load:
-    """Return what so many vehicles on one connection take at these rates; each is sent positions from outside.
+    """Return the load of this many vehicles on one connection at these rates, with external positions to each.
 
     One heartbeat and one TIMESYNC go up for all of them.
     """
@@ -60,7 +60,7 @@ def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: flo
 
 
 def fitting(rungs: Sequence[Rates], vehicles: int, capacity_bytes_s: float, *, signed: bool = False) -> int:
-    """Return the first of these rates that a connection carries with its reserve; the last where none does."""
+    """Return the index of the first rates that a connection carries with its reserve; of the last if none fit."""
     room = LOAD_SHARE * capacity_bytes_s
     fits = (index for index, rates in enumerate(rungs) if load(rates, vehicles, signed=signed).bytes_s <= room)
     return next(fits, len(rungs) - 1)

@@ -1,4 +1,4 @@
-"""The rates of the vehicles of one connection: as the mission states them, or chosen for what it carries."""
+"""The rates of the vehicles of one connection: those of the mission, or chosen by the connection's capacity."""
 
 from dataclasses import replace
 from math import inf
@@ -9,11 +9,11 @@ from gcs.link.rates.rates import Rates, ladder
 
 LOOK_PERIOD_S = 2.0
 LOSS_HIGH, LOSS_LOW = 0.1, 0.03
-"""Shares of frames lost in a look: above the first the rates go down, below the second they may go up again."""
+"""Shares of lost frames between two looks: above the first the rates go down, below the second they may go up."""
 BUFFER_LOW, BUFFER_HIGH = 0.2, 0.6
 """Free shares of the radio's transmit buffer, likewise."""
 UP_AFTER_S = 20.0
-"""How long a connection has to be well before its rates go up by a step: each step up may prove one too many."""
+"""How long a connection must be healthy before its rates go up by a step: a step up may overload it again."""
 FRAMES_MIN = 20
 """Fewer frames do not show a share of losses."""
 
@@ -22,8 +22,8 @@ class Pace:
     """The rates in force on one connection, for all of its vehicles alike.
 
     `look` finds what is lost and what the radio reports. `automatic` rates begin at the first of `ladder(full)` that
-    fits `capacity_bytes_s` (None: not known), and move along that ladder by it. They never rise above where they began.
-    Simulators are asked for their true motions, `truth_bytes_s` of all together, where there is room for them.
+    fits `capacity_bytes_s` (None: unknown), and move along that ladder by it. They never rise above their first rung.
+    Simulators' true motions, `truth_bytes_s` together, are requested where there is room for them.
     """
 
     def __init__(
@@ -40,18 +40,18 @@ class Pace:
     ) -> None:
         self.capacity_bytes_s = capacity_bytes_s
         self.is_bound = automatic or limits_setpoints or capacity_bytes_s is not None
-        """Whether what is sent has to wait for its turn."""
+        """Whether frames wait in the transmit queue."""
         self.vehicles, self.signed, self._automatic = vehicles, signed, automatic
         self._positions_hz = positions_hz
         self._rungs = ladder(full) if automatic else (full,)
         self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)
         self._at = self._first
         self.truth_bytes_s = 0.0
-        """What the true motions take that simulators are asked for: not where these would take the room of others."""
+        """The load of simulators' true motions; 0 if the connection has no room for them."""
         if self.has_room(truth_bytes_s):
             self.truth_bytes_s = truth_bytes_s
         self.fault = ""
-        """How the connection falls short by the newest looks, empty where it does not."""
+        """The connection's fault in the newest looks, empty without one."""
         self._before: Traffic | None = None
         self._look_next_s = -inf
         self._well_since_s = -inf
@@ -63,17 +63,17 @@ class Pace:
 
     @property
     def load(self) -> Load:
-        """What the connection is asked to carry at these rates."""
+        """The load of the connection at these rates."""
         asked = load(self.rates, self.vehicles, signed=self.signed, positions_hz=self._positions_hz)
         return replace(asked, down_bytes_s=asked.down_bytes_s + self.truth_bytes_s)
 
     def has_room(self, more_bytes_s: float) -> bool:
-        """Return whether so much more can be asked for."""
+        """Return whether this much more fits."""
         return self.load.bytes_s + more_bytes_s <= LOAD_SHARE * (self.capacity_bytes_s or inf)
 
     @property
     def up_bytes_s(self) -> float | None:
-        """What may be sent, so that what the vehicles send still finds room; None without a bound."""
+        """The bound of what is sent, which leaves room for what the vehicles send; None without a bound."""
         if self.capacity_bytes_s is None:
             return None
         return max(self.capacity_bytes_s - self.load.down_bytes_s, self.load.up_bytes_s)

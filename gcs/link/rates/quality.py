@@ -1,4 +1,4 @@
-"""How well a connection carries what it is asked to: counts of what arrived, and what its radio reports."""
+"""The quality of a connection: counts of received and lost frames, and its radio's report."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""How often a vehicle's messages come and go."""
+"""The message rates of a vehicle."""
 
 from dataclasses import dataclass, replace
 from itertools import chain, takewhile
@@ -11,9 +11,9 @@ STATUS_STEP, STEP = 0.5, 0.75
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """How often a vehicle sends its motion and its status, and how often setpoints are sent to it [Hz].
+    """The rates of a vehicle's motion and status, and of the setpoints sent to it [Hz].
 
-    `clock_hz` is how often it sends its attitude while its clock is measured.
+    `clock_hz` is the rate of its attitude while its clock is measured.
     """
 
     telemetry_hz: float
@@ -22,7 +22,7 @@ class Rates:
     clock_hz: float = 10.0
 
     def changed_from(self, before: "Rates") -> str:
-        """Return what changed, as text."""
+        """Return the changes as text."""
         pairs = (
             ("motion", before.telemetry_hz, self.telemetry_hz),
             ("status", before.status_hz, self.status_hz),

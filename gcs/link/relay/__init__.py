@@ -1,4 +1,4 @@
-"""The relay between MAVSDK and the vehicles: bytes of a connection, which of them are a vehicle's, and signatures.
+"""The relay between MAVSDK and the vehicles: the bytes of a connection, the frames of each vehicle, and signatures.
 
-It knows sockets and bytes, not MAVSDK; the hub uses it.
+It handles sockets and bytes and does not depend on MAVSDK; the hub uses it.
 """

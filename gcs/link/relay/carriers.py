@@ -1,6 +1,6 @@
-"""What carries the bytes of a connection: UDP, TCP or a serial device, by its url.
+"""The transport of a connection: UDP, TCP or a serial device, by its url.
 
-A vehicle may call (udpin, tcpin), or be called (udpout, tcpout, serial): then its address is known in advance. One
+A vehicle connects to this end (udpin, tcpin), or this end to it (udpout, tcpout, serial), at a known address. One
 thread uses a carrier.
 """
 
@@ -18,9 +18,9 @@ from gcs.link.relay.gate import Address
 DATAGRAM_MAX = 65_535
 READ_MAX = 4096
 BATCH_MAX = 64
-"""Datagrams received in one go: a flood must not keep what is sent waiting."""
+"""Most datagrams received in one turn: a flood must not delay sending."""
 BACKLOG_MAX = 4096
-"""Bytes that wait for a stream which takes no more; frames beyond are dropped whole."""
+"""Most bytes that wait for a blocked stream; frames beyond are dropped whole."""
 CALLERS_MAX = 4
 CALL_PERIOD_S = 1.0
 BAUD_NAMES = {int(name[1:]): name for name in dir(termios) if name[0] == "B" and name[1:].isdecimal()}
@@ -33,7 +33,7 @@ class Carrier(Protocol):
 
     @property
     def known(self) -> Address | None:
-        """The address that is called; None where vehicles call."""
+        """The address that this end connects to; None where vehicles connect."""
         ...
 
     @property
@@ -46,15 +46,15 @@ class Carrier(Protocol):
         ...
 
     def receive(self) -> Iterator[Received]:
-        """Yield what has arrived; without bytes the connection to that address has ended. Also sends what waits."""
+        """Yield what has arrived; no bytes mean that the connection to the address has ended. Also send what waits."""
         ...
 
     def send(self, frame: bytes, address: Address) -> bool:
-        """Send one frame; return whether it was taken."""
+        """Send one frame; return whether it was accepted."""
         ...
 
     def call_again(self) -> None:
-        """Call again, where the connection has ended."""
+        """Connect again after the connection has ended."""
         ...
 
     def close(self) -> None:
@@ -63,17 +63,17 @@ class Carrier(Protocol):
 
 
 def open_carrier(url: str) -> Carrier:
-    """Open the connection of a url; raises OSError, or ValueError for a url that is not understood."""
+    """Open the connection of a url; raises OSError, or ValueError for an invalid url."""
     scheme, _, rest = url.partition("://")
     place, _, number = rest.rpartition(":")
     make = _CARRIERS.get(scheme)
     if make is None or not place or not number.isdecimal():
-        raise ValueError("it is not the url of a connection")
+        raise ValueError("it is not a valid connection url")
     return make(place.strip("[]"), int(number))
 
 
 class _Udp:
-    """One UDP socket: bound where vehicles send to, or calling one of them."""
+    """One UDP socket: bound to the port that vehicles send to, or sending to one of them."""
 
     blocks = False
 
@@ -104,7 +104,7 @@ class _Udp:
     def send(self, frame: bytes, address: Address) -> bool:
         try:
             self._socket.sendto(frame, address)
-        except OSError:  # no route, or no room: as a frame that is lost on its way
+        except OSError:  # no route, or no buffer: the frame is lost
             return False
         return True
 
@@ -134,18 +134,18 @@ class Stream:
             return b""
 
     def write(self, frame: bytes = b"") -> bool:
-        """Send what waits, and then a frame; return whether it was taken."""
+        """Send what waits, and then a frame; return whether it was accepted."""
         if len(self._backlog) + len(frame) > BACKLOG_MAX:
             return False
         self._backlog += frame
         if self._backlog:
-            with suppress(OSError):  # it takes no more now; that it has ended is read
+            with suppress(OSError):  # it accepts no more now; a later read reports its end
                 self._backlog = self._backlog[os.write(self.descriptor, self._backlog) :]
         return True
 
 
 class _TcpServer:
-    """A listening TCP socket, and the connections of those that called."""
+    """A listening TCP socket, and its connections."""
 
     known = None
     blocks = False
@@ -196,7 +196,7 @@ class _TcpServer:
 
 
 class _Called:
-    """A TCP server or a serial device that is called, and called again when the connection has ended."""
+    """A connection to a TCP server or a serial device, opened again when it has ended."""
 
     blocks = True
 

@@ -1,6 +1,6 @@
-"""MAVLink frames as bytes: where each begins and ends, who sent it, and what kind of message it holds.
+"""MAVLink frames as bytes: their limits, sender and kind of message.
 
-MAVSDK decodes messages and checks their checksum; here only headers are read.
+MAVSDK decodes messages and checks their checksum; this module reads only headers.
 """
 
 from typing import NamedTuple
@@ -15,16 +15,16 @@ HIL_ENABLED = 32
 """MAV_MODE_FLAG_HIL_ENABLED."""
 AUTOPILOT_COMPONENT = 1
 STATION_SYSTEM, STATION_COMPONENT = 245, 190
-"""cordon's own, as MAVSDK's ground station has them."""
+"""cordon's own ids, those of MAVSDK's ground station."""
 SETPOINT = 84
 """SET_POSITION_TARGET_LOCAL_NED."""
 COMMANDS = frozenset({11, 75, 76})
 """SET_MODE, COMMAND_INT, COMMAND_LONG."""
 _TARGET_AT = {SETPOINT: 50, 11: 4, 75: 30, 76: 30}
-"""Where in the payload the addressed system stands."""
+"""The offset of the target system in the payload."""
 RADIO_STATUS, _BUFFER_FREE_AT = 109, 6
 RADIO_SYSTEM, RADIO_COMPONENT = 51, 68
-"""As SiK radios have them."""
+"""The ids of SiK radios."""
 CRC_START, CRC_POLYNOMIAL_REVERSED = 0xFFFF, 0x8408
 HEARTBEAT_CRC_EXTRA, TIMESYNC_CRC_EXTRA, RADIO_STATUS_CRC_EXTRA = 50, 34, 185
 
@@ -50,12 +50,12 @@ def is_autopilot_heartbeat(frame: bytes) -> bool:
 
 
 def sequence(frame: bytes) -> int:
-    """Return the sequence number of a whole frame: each sender counts its frames from 0 to 255, again and again."""
+    """Return the sequence number of a whole frame: each sender counts its frames from 0 to 255 and starts again."""
     return frame[2] if frame[0] == MAGIC_V1 else frame[4]
 
 
 def target_system(frame: bytes) -> int:
-    """Return the system that a setpoint or a command is for; 0, which is all of them, for other messages."""
+    """Return the target system of a setpoint or a command; 0, which means all, for other messages."""
     at = _TARGET_AT.get(header(frame).message)
     return 0 if at is None else _payload_byte(frame, at)
 
@@ -74,7 +74,7 @@ def _payload_byte(frame: bytes, at: int) -> int:
 
 
 def is_hil(frame: bytes) -> bool:
-    """Return whether a heartbeat says that its vehicle's body is simulated."""
+    """Return whether a heartbeat has the flag of a simulated body."""
     return bool(_payload_byte(frame, _BASE_MODE_AT) & HIL_ENABLED)
 
 
@@ -134,7 +134,7 @@ def crc_step(state: int) -> int:
 class FrameStream:
     """Cuts the bytes of one sender into frames; a frame may span datagrams, and bytes between frames are dropped.
 
-    After lost bytes it is in step again within a few frames.
+    After lost bytes it is synchronised again within a few frames.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Which frames of a connection are passed on: those of the verified vehicles, from the address of each, and no others.
+"""Decides which frames of a connection are passed on: only those of verified vehicles, from the address of each.
 
 No sockets and no clock: addresses, bytes and times are arguments.
 """
@@ -23,14 +23,14 @@ from gcs.link.relay.sequences import Sequences
 from gcs.link.relay.signing import Signing, Verdict
 
 SILENCE_S = 3.0
-"""The link's timeout, as MAVSDK's: a vehicle is followed to another address only after this silence [wall s]."""
+"""The link's timeout, as MAVSDK's: a vehicle may continue from another address only after this silence [wall s]."""
 REPEAT_AFTER_S, REPEAT_FOR_S, BREAK_S = 1.5, 10.0, 1.0
-"""MAVSDK takes a vehicle for lost after 3 s without a heartbeat, also where other messages arrive. So the newest is
-repeated then, if it is not too old. Of heartbeats, which come once a second, a radio loses two in a row now and then.
-After a break without any message it is not repeated: the flight mode in it may be another by now.
+"""MAVSDK reports a vehicle as lost after 3 s without a heartbeat, even while other messages arrive. A radio sometimes
+loses two of the heartbeats in a row, which come once a second. So the newest is repeated then, if it is recent enough.
+After a break without any message it is not repeated: its flight mode may be out of date.
 """
 ADDRESSES_MAX = 16
-"""Senders that are kept apart; what further ones send is counted without their address."""
+"""Most senders that are counted by address; frames of further ones are counted together."""
 OTHER_ADDRESS = "other address"
 """Why a frame with a vehicle's system id is dropped, beside the verdicts on its signature."""
 
@@ -45,13 +45,13 @@ def shown(address: Address) -> str:
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """What arrived with the system id of one vehicle.
+    """Counts of what arrived with the system id of one vehicle.
 
     `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
-    `moves` where the vehicle continued after a silence; `dropped` is the number of frames by reason. `doubled` says
-    that two vehicles send with this system id from one address: their sequence numbers go forth and back. `hil` says
-    that the newest heartbeat has the flag of a simulated body. `round_trip_s` is the time from a request to its answer
-    [wall s], None before the first answer.
+    `moves` are the addresses from which the vehicle continued after a silence; `dropped` counts frames by reason.
+    `doubled`: two vehicles send with this system id from one address, so that sequence numbers jump back and forth.
+    `hil`: the newest heartbeat has the flag of a simulated body. `round_trip_s` is the time from a request to its
+    answer [wall s], None before the first answer.
     """
 
     address: str = ""
@@ -65,9 +65,9 @@ class LinkReport:
 
 
 class Claim:
-    """A system id on a connection: who claims it, and once verified, the only address that is listened and talked to.
+    """A system id on a connection: the senders that use it, and once verified, the only address that counts.
 
-    Before verification `candidates` holds the newest heartbeat of each autopilot that claims it, by address, and
+    Before verification `candidates` holds the newest heartbeat of each autopilot with this id, by address, and
     `rejected` the verdict on those that are not authentic.
     """
 
@@ -76,7 +76,7 @@ class Claim:
         self.address: Address | None = None
         self.candidates: dict[Address, bytes] = {}
         self.rejected: dict[Address, Verdict] = {}
-        self._heard_s = -inf
+        self._received_s = -inf
         self._heartbeat = b""
         self._heartbeat_s = self._passed_s = -inf
         self._impostors: Counter[Address] = Counter()
@@ -101,9 +101,9 @@ class Claim:
             self._move(address, verdict)
         if verdict is not Verdict.AUTHENTIC or address != self.address:
             return False
-        if now_s - self._heard_s > BREAK_S:
+        if now_s - self._received_s > BREAK_S:
             self._heartbeat = b""
-        self._heard_s = now_s
+        self._received_s = now_s
         self.sequences.take(header(frame).component, sequence(frame))
         if is_autopilot_heartbeat(frame):
             self._hil = is_hil(frame)
@@ -113,31 +113,31 @@ class Claim:
         return asked_ns is None or not self.round_trips.answered(asked_ns, round(now_s * 1e9))
 
     def repeated(self, now_s: float) -> bytes:
-        """Return the newest heartbeat where it is to be passed on again, because of a vehicle that is heard."""
-        is_heard, since_s = now_s == self._heard_s, now_s - self._heartbeat_s
-        if not is_heard or since_s > REPEAT_FOR_S or now_s - self._passed_s < REPEAT_AFTER_S:
+        """Return the newest heartbeat if it must be repeated, because other messages of the vehicle arrive."""
+        is_received, since_s = now_s == self._received_s, now_s - self._heartbeat_s
+        if not is_received or since_s > REPEAT_FOR_S or now_s - self._passed_s < REPEAT_AFTER_S:
             return b""
         self._passed_s = now_s
         return self._heartbeat
 
     def verify(self, address: Address, now_s: float) -> None:
-        """Listen and talk to this address alone from now on."""
-        self.address, self._heard_s = address, now_s
+        """Accept and address only this sender from now on."""
+        self.address, self._received_s = address, now_s
 
     def gone(self, address: Address) -> None:
-        """Take that the connection to an address has ended: its vehicle may come back from another one at once."""
+        """Note that the connection to an address has ended: its vehicle may continue from another one at once."""
         self.candidates.pop(address, None)
         if address == self.address:
-            self._heard_s = -inf
+            self._received_s = -inf
 
     def may_move(self, address: Address, now_s: float) -> bool:
         """Return whether the vehicle may continue from another address: after silence, and unsigned on its host only.
 
-        A simulator restarts from another port of its host. A radio that reconnects may have another host's address, and
+        A simulator restarts on another port of its host. A radio that reconnects may have another host's address, and
         then only a signature shows that it is the same vehicle.
         """
         same_host = self.address is not None and address[0] == self.address[0]
-        return now_s - self._heard_s > SILENCE_S and (self.signing is not None or same_host)
+        return now_s - self._received_s > SILENCE_S and (self.signing is not None or same_host)
 
     def count_impostor(self, address: Address) -> None:
         """Count a frame that was dropped for its address."""
@@ -146,11 +146,11 @@ class Claim:
             self._impostors[address] += 1
 
     def to_set_in_time(self) -> list[Address]:
-        """Return candidates that have the key and are behind in time: a signed heartbeat sets a vehicle's time."""
+        """Return the candidates with the key and a time that is behind: a signed heartbeat sets a vehicle's time."""
         return [address for address, verdict in self.rejected.items() if verdict is Verdict.OLD]
 
     def report(self) -> LinkReport:
-        """Return what arrived so far."""
+        """Return the counts so far."""
         return LinkReport(
             "" if self.address is None else shown(self.address),
             self.signing is not None,
@@ -212,13 +212,13 @@ class Gate:
         return b"".join((*passed, *(claim.repeated(now_s) for claim in self.claims.values() if passed)))
 
     def gone(self, address: Address) -> None:
-        """Take that the connection to an address has ended."""
+        """Note that the connection to an address has ended."""
         self._streams.pop(address, None)
         for claim in self.claims.values():
             claim.gone(address)
 
     def peers(self) -> dict[Address, list[Claim]]:
-        """Return the addresses that are talked to, and the claims that are verified for each."""
+        """Return the verified addresses, and the claims of each."""
         peers: dict[Address, list[Claim]] = {}
         for claim in self.claims.values():
             if claim.address is not None:
@@ -226,7 +226,7 @@ class Gate:
         return peers
 
     def _is_stranger(self, address: Address, now_s: float) -> bool:
-        """Return whether nothing from this address can count: then its bytes are not cut into frames."""
+        """Return whether no frame from this address can be accepted: then its bytes are not parsed."""
         return all(
             claim.address not in (None, address) and not claim.may_move(address, now_s)
             for claim in self.claims.values()

@@ -1,8 +1,8 @@
 """The connection between MAVSDK and its relay: TCP on the loopback interface, within this process.
 
-MAVSDK could pass frames in and out by its `raw://` connection as well. But then its threads, and each call that sends a
-setpoint, wait for Python's interpreter lock. A TCP connection takes what MAVSDK sends at once, and unlike a UDP socket
-it cannot be written to by others.
+MAVSDK could also pass frames through its `raw://` connection. But then its threads, and each call that sends a
+setpoint, wait for Python's interpreter lock. A TCP connection accepts MAVSDK's frames at once, and other processes
+cannot write to it, as they could to a UDP socket.
 """
 
 import os
@@ -31,9 +31,9 @@ class InnerListener:
         return f"tcpout://{LOOPBACK}:{self._listener.getsockname()[1]}"
 
     def accept(self) -> "InnerConnection":
-        """Return the connection that this process has made; nobody can connect afterwards.
+        """Return the connection of this process; no other connection is possible afterwards.
 
-        Raises OSError when another process was there first.
+        Raises OSError when another process connected first.
         """
         with self._listener:
             connection, address = self._listener.accept()
@@ -56,7 +56,7 @@ class InnerConnection(Stream):
         super().__init__(stream.descriptor, stream.close)
 
     def read(self) -> bytes | None:
-        """Return what MAVSDK sent. It is acknowledged at once, or MAVSDK's next frame would wait for 40 ms."""
+        """Return what MAVSDK sent. It is acknowledged at once; otherwise MAVSDK's next frame waits for 40 ms."""
         data = super().read()
         if QUICK_ACKNOWLEDGEMENT is not None:
             with suppress(OSError):  # closed

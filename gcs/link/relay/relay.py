@@ -1,6 +1,6 @@
 """The relay of one connection: it passes the frames of verified vehicles to MAVSDK, and MAVSDK's frames to them.
 
-MAVSDK itself accepts any sender, and sends setpoints to each. So it has no connection to the outside.
+MAVSDK itself accepts any sender, and sends setpoints to each. So it connects only to the relay.
 """
 
 import threading
@@ -32,8 +32,8 @@ ROUND_TRIP_PERIOD_S = 1.0 / ROUND_TRIP_HZ
 class Relay:
     """One connection to the outside, by its url, and one to MAVSDK. Use it from any thread.
 
-    It runs in the thread `shared`, or in one of its own where a call to the outside may block. Raises OSError when the
-    connection cannot be opened, ValueError for a url that is not understood.
+    It runs in the thread `shared`, or in its own thread where connecting may block. Raises OSError when the
+    connection cannot be opened, ValueError for an invalid url.
     """
 
     def __init__(self, url: str, shared: RelayThread) -> None:
@@ -59,7 +59,7 @@ class Relay:
         return self._listener.url
 
     def start(self) -> None:
-        """Begin to pass frames on; raises OSError when it is not MAVSDK that connected."""
+        """Begin to pass frames on; raises OSError when another process than this one connected."""
         self._inner = self._listener.accept()
         self._thread.add(self)
 
@@ -70,17 +70,17 @@ class Relay:
             self._gate.others.discard(system_id)
 
     def release(self, system_id: int) -> None:
-        """Forget a vehicle."""
+        """Remove a vehicle."""
         with self._lock:
             self._gate.claims.pop(system_id, None)
 
     def candidates(self, system_id: int) -> list[Address]:
-        """Return the addresses whose heartbeats claim a system id; with signing, those with its key only."""
+        """Return the addresses whose heartbeats have a system id; with signing, only those with its key."""
         with self._lock:
             return list(self._gate.claims[system_id].candidates)
 
     def rejected(self, system_id: int) -> dict[Address, Verdict]:
-        """Return the addresses whose heartbeats claim a system id without being authentic."""
+        """Return the addresses whose heartbeats have a system id but are not authentic."""
         with self._lock:
             return dict(self._gate.claims[system_id].rejected)
 
@@ -91,7 +91,7 @@ class Relay:
             return sorted((verified | self._gate.others) - {system_id})
 
     def verify(self, system_id: int, address: Address) -> None:
-        """Listen and talk to this address alone from now on, and pass its last heartbeat to MAVSDK."""
+        """Accept and address only this sender from now on, and pass its last heartbeat to MAVSDK."""
         with self._lock:
             claim = self._gate.claims[system_id]
             claim.verify(address, time.monotonic())
@@ -100,7 +100,7 @@ class Relay:
         self._thread.wake()
 
     def report(self, system_id: int) -> LinkReport:
-        """Return what arrived with the system id of a vehicle."""
+        """Return the report of what arrived with the system id of a vehicle."""
         with self._lock:
             claim = self._gate.claims.get(system_id)
             return LinkReport() if claim is None else claim.report()
@@ -113,7 +113,7 @@ class Relay:
             return Traffic(self._up_bytes, self._down_bytes, received, missed, self._gate.buffer_free)
 
     def pace(self, up_bytes_s: float | None, setpoint_hz: float) -> None:
-        """Send no more than this from now on, and this many setpoints a second to each vehicle."""
+        """Limit sending from now on to this many bytes a second, and this many setpoints a second to each vehicle."""
         with self._lock:
             signed = any(claim.signing is not None for claim in self._gate.claims.values())
         queue = self._queue or TransmitQueue()
@@ -134,7 +134,7 @@ class Relay:
         return self._inner.descriptor, *self._carrier.watched()
 
     def due_s(self) -> float:
-        """Return when something is to be sent that waits [s, monotonic]; infinity without any."""
+        """Return when the next waiting frame is due [s, monotonic]; infinity without one."""
         queue = self._queue
         return inf if queue is None else queue.due_s(time.monotonic())
 
@@ -143,7 +143,7 @@ class Relay:
         inner = self._inner
         assert inner is not None
         self._carrier.call_again()
-        # Each call to the system gives the interpreter lock away, and waits to get it again.
+        # Each system call releases the interpreter lock, and waits to acquire it again.
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
         for frame, address in (*self._signed_all(self._paced([*sent, *self._requests()])), *self._calls()):
             if self._carrier.send(frame, address):
@@ -153,7 +153,7 @@ class Relay:
             inner.write(frames)
 
     def _inbound(self, received: Iterable[tuple[bytes, Address]]) -> list[bytes]:
-        """Return what MAVSDK is passed of what has arrived."""
+        """Return the arrived frames that are passed to MAVSDK."""
         with self._lock:
             passed, self._first = self._first, []
             for data, address in received:
@@ -165,7 +165,7 @@ class Relay:
         return passed
 
     def _outbound(self, data: bytes) -> list[Outgoing]:
-        """Return what MAVSDK sends, each frame for each address with vehicles that it is for."""
+        """Return MAVSDK's frames, each with the address of every vehicle that it is for."""
         frames = self._outgoing.feed(data)
         with self._lock:
             addresses = list(self._gate.peers())
@@ -173,7 +173,7 @@ class Relay:
         return [(frame, address) for frame in frames for address in places.get(target_system(frame), addresses)]
 
     def _paced(self, frames: list[Outgoing]) -> list[Outgoing]:
-        """Return what is to be sent now: these frames, or where the connection has a pace, what is due."""
+        """Return the frames to send now: these, or on a connection with a pace, those that are due."""
         queue = self._queue
         if queue is None:
             return frames
@@ -182,7 +182,7 @@ class Relay:
         return queue.due(time.monotonic())
 
     def _signed_all(self, frames: list[Outgoing]) -> list[Outgoing]:
-        """Return frames as they leave: the newest signature of a sender is its latest, so they are signed last."""
+        """Return signed frames; they are signed last, so that signature times increase in the order of sending."""
         if not frames:
             return []
         with self._lock:
@@ -205,9 +205,9 @@ class Relay:
         return [(request, address) for address in peers]
 
     def _calls(self) -> list[tuple[bytes, Address]]:
-        """Return the heartbeats that are due to those that are not verified: MAVSDK sends none before.
+        """Return the heartbeats that are due to senders that are not verified yet, to which MAVSDK sends none.
 
-        They go to whom this end calls, and to who has the key and is behind in time.
+        They go to the address that this end connects to, and to senders with the key whose time is behind.
         """
         if time.monotonic() < self._call_next_s:
             return []

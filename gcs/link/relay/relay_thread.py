@@ -1,7 +1,7 @@
-"""A thread that runs relays: whatever arrives for any of them, it passes on.
+"""A thread that runs relays and passes on what arrives for any of them.
 
-Each call to the system gives the interpreter lock away and has to get it back. One thread for all connections takes it
-once for all that has arrived meanwhile, where a thread for each of them would take it as often as there are vehicles.
+Each system call releases the interpreter lock and has to acquire it again. One thread for all connections acquires it
+once for everything that has arrived meanwhile; a thread per connection would acquire it once per vehicle.
 """
 
 import select
@@ -16,22 +16,22 @@ from math import ceil
 from typing import Protocol
 
 WAKE_PERIOD_S = 0.25
-"""Longest time without a look at what waits: bytes of a slow stream, a connection that has ended."""
+"""Longest time between turns, for the waiting bytes of a slow stream and for ended connections."""
 GATHER_S, A_FEW = 0.001, 4
-"""With more than a few relays, what arrives within this time after the first is passed on together with it."""
+"""With more than a few relays, what arrives within this time after the first bytes is passed on with them."""
 WAKES_MAX = 64
 REMOVED_WITHIN_S = 2.0
 
 
 class Turns(Protocol):
-    """What a relay thread runs."""
+    """An object that a relay thread runs."""
 
     def watched(self) -> tuple[int, ...]:
         """Return the file descriptors that become readable."""
         ...
 
     def due_s(self) -> float:
-        """Return when a turn is due although nothing arrives [s, monotonic]; infinity without any."""
+        """Return when a turn is due even if nothing arrives [s, monotonic]; infinity for none."""
         ...
 
     def turn(self, readable: Container[int]) -> None:
@@ -46,7 +46,7 @@ class RelayThread:
         self._name = name
         self._relays: list[Turns] = []
         self._running = threading.Condition()
-        """Held during turns, and while the list of relays changes; notified after each wait for what arrives."""
+        """Held during turns, and while the list of relays changes; notified after each wait for input."""
         self._waits = 0
         self._wake_end, self._woken_end = socket.socketpair()
         self._woken_end.setblocking(False)
@@ -62,7 +62,7 @@ class RelayThread:
         self.wake()
 
     def remove(self, relay: Turns) -> None:
-        """Run a relay no more; one that is not run is no error.
+        """Stop running a relay; do nothing for one that is not run.
 
         Once this returns, none of its turns is under way, and the thread does not wait for its descriptors: a socket
         that is waited for stays open although it has been closed.
@@ -80,7 +80,7 @@ class RelayThread:
         self._wake_end.send(b"\0")
 
     def close(self) -> None:
-        """Release what it has open; no relay may be left."""
+        """Release its file descriptors; no relay may be left."""
         thread = self._thread
         if thread is not None:
             thread.join(REMOVED_WITHIN_S)
@@ -108,7 +108,7 @@ class RelayThread:
                         self._turn(relay, descriptors if everything else readable)
 
     def _next(self) -> Sequence[tuple[Turns, tuple[int, ...]]]:
-        """Return the relays to run and what they watch; without any the thread ends."""
+        """Return the relays to run and their descriptors; without relays the thread ends."""
         with self._running:
             if not self._relays:
                 self._thread = None

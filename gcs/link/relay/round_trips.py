@@ -4,12 +4,12 @@ from collections import deque
 from statistics import median
 
 KEPT = 15
-"""Round trips that count: half a minute of them."""
+"""Number of round trips in the median: half a minute of them."""
 PENDING = 16
 
 
 class RoundTrips:
-    """Measures round trips: each answer returns the time at which it was asked for."""
+    """Measures round trips: each answer returns the time of its request."""
 
     def __init__(self) -> None:
         self._asked_ns: deque[int] = deque(maxlen=PENDING)
@@ -21,11 +21,11 @@ class RoundTrips:
         return median(self._newest_s) if self._newest_s else None
 
     def asked(self, time_ns: int) -> None:
-        """Take that a request has been sent."""
+        """Note a request that has been sent."""
         self._asked_ns.append(time_ns)
 
     def answered(self, asked_ns: int, now_ns: int) -> bool:
-        """Take an answer; return whether it is one to a request from here, and the first."""
+        """Note an answer; return whether it is the first one to a request of this computer."""
         if asked_ns not in self._asked_ns:
             return False
         self._asked_ns.remove(asked_ns)

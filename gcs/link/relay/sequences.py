@@ -1,11 +1,11 @@
-"""The sequence numbers of a vehicle's frames: how many were lost, and whether one sender alone counts them."""
+"""The sequence numbers of a vehicle's frames: the number of lost frames, and whether two senders use one id."""
 
 DOUBLED_MIN, DOUBLED_SHARE = 5, 0.1
-"""Steps that are not forwards show two senders: a restart is one, and networks swap and double few frames."""
+"""This many steps backwards show two senders: a restart is one step, and networks swap and repeat few frames."""
 
 
 class Sequences:
-    """Counts the frames of one system, each of its components by itself."""
+    """Counts the frames of one system, separately for each of its components."""
 
     def __init__(self) -> None:
         self.received = 0
@@ -15,11 +15,11 @@ class Sequences:
 
     @property
     def is_doubled(self) -> bool:
-        """Whether two senders count: their numbers go forth and back."""
+        """Whether two senders use the id: the numbers jump back and forth."""
         return self._back >= max(DOUBLED_MIN, DOUBLED_SHARE * self.received)
 
     def take(self, component: int, number: int) -> None:
-        """Take the number of a frame."""
+        """Add the number of a frame."""
         self.received += 1
         step = (number - self._last.get(component, number - 1)) % 256
         self._last[component] = number

@@ -17,7 +17,7 @@ EPOCH_UNIX_S = 1_420_070_400
 """2015-01-01T00:00:00Z, the beginning of MAVLink's time."""
 TICKS_PER_S = 100_000
 NEW_STREAM_AGE_MAX = 60 * TICKS_PER_S
-"""A stream that was not received before may begin at most a minute in the past: older frames are replayed ones."""
+"""A new stream may begin at most a minute in the past: older frames are replayed ones."""
 DIGEST_LENGTH, TIME_LENGTH = 6, 6
 CRC_EXTRA_LENGTH = 1
 
@@ -39,8 +39,8 @@ def wall_ticks() -> int:
 class Signing:
     """Signs the frames to one vehicle, and verifies the frames from it. Use from one thread at a time.
 
-    The time of a sent frame is the wall clock's, later than that of every frame sent or accepted before. So it also
-    grows from one run to the next: a vehicle whose time is ahead is heard before anything is sent to it.
+    The time of a sent frame is the wall clock's, and later than that of every frame sent or accepted before. So it also
+    increases from one run to the next: frames of a vehicle whose time is ahead arrive before any is sent to it.
     """
 
     def __init__(self, key: bytes, ticks: Callable[[], int] = wall_ticks) -> None:
@@ -72,7 +72,7 @@ class Signing:
         return signed + self._digest(signed)
 
     def verify(self, frame: bytes) -> Verdict:
-        """Judge a received frame; an authentic one is accepted once, and none after it that is older."""
+        """Return the verdict on a received frame; an authentic one is accepted once, and older ones not any more."""
         if not is_signed(frame):
             return Verdict.UNSIGNED
         if not hmac.compare_digest(self._digest(frame[:-DIGEST_LENGTH]), frame[-DIGEST_LENGTH:]):
@@ -94,7 +94,7 @@ def _flag_in_checksum() -> tuple[int, ...]:
     """Return by payload length how the checksum changes with the flag of a signed frame.
 
     The checksum is linear: the change is the CRC, begun at 0, of the changed bits and of a zero for each later byte.
-    So the number that the checksum of each message begins with is not needed.
+    So the CRC_EXTRA byte of each message is not needed.
     """
     change = crc_step(SIGNED_FLAG)
     for _ in range(HEAD_V2 - 3 + CRC_EXTRA_LENGTH):

@@ -1,7 +1,7 @@
-"""What is sent to the vehicles of a connection, and when: no more than it carries, and what matters first.
+"""Orders and delays the frames to the vehicles of a connection: no more than it carries, important ones first.
 
-A serial device or a radio takes bytes faster than it sends them: what waits in its buffers grows old there. So they
-wait here, where a newer setpoint takes an older one's place. No clock and no sockets: times are arguments [s].
+A serial device or a radio accepts bytes faster than it sends them, and frames in its buffers grow old. So frames
+wait here, where a newer setpoint replaces an older one. No clock and no sockets: times are arguments [s].
 """
 
 from collections import deque
@@ -11,11 +11,11 @@ from gcs.link.relay.frames import COMMANDS, HEARTBEAT, SETPOINT, header, target_
 from gcs.link.relay.gate import Address
 
 BURST_S = 0.03
-"""How much time without a frame can be made up for."""
+"""The idle time that a burst may use up."""
 OTHERS_MAX_BYTES = 4096
-"""What waits beside setpoints and commands: parameters, missions. More is dropped; their protocols ask again."""
+"""Most other frames that wait (parameters, missions). Further ones are dropped; their protocols request them again."""
 EARLY_SHARE = 0.25
-"""Share of its period by which a new setpoint may be early: ticks are not exact."""
+"""Share of its period by which a new setpoint may be early: tick times vary."""
 
 Outgoing = tuple[bytes, Address]
 
@@ -24,7 +24,7 @@ class TransmitQueue:
     """Frames that wait to be sent on a connection that carries `bytes_s` to the vehicles, `extra_bytes` with each.
 
     Commands go before setpoints, and setpoints before the rest. Of each vehicle's setpoints the newest is kept, and one
-    is sent `setpoint_hz` times a second; MAVSDK hands one over more often, as it repeats the last. Vehicles take turns.
+    is sent `setpoint_hz` times a second; MAVSDK repeats the last one more often. Vehicles take turns.
     """
 
     def __init__(self, bytes_s: float = inf, setpoint_hz: float = inf, extra_bytes: int = 0) -> None:
@@ -34,10 +34,10 @@ class TransmitQueue:
         self._others: deque[Outgoing] = deque()
         self._setpoints: dict[tuple[int, Address], _Slot] = {}
         self._free_s = -inf
-        """When the connection has sent all that it has been given."""
+        """When the connection has sent all frames passed to it."""
 
     def put(self, frame: bytes, address: Address) -> None:
-        """Take a frame that is to be sent."""
+        """Add a frame to send."""
         message = header(frame).message
         if message == SETPOINT:
             self._setpoints.setdefault((target_system(frame), address), _Slot()).put(frame)
@@ -49,7 +49,7 @@ class TransmitQueue:
             self.dropped += 1
 
     def due(self, now_s: float) -> list[Outgoing]:
-        """Return what is to be sent now."""
+        """Return the frames to send now."""
         sent: list[Outgoing] = []
         self._free_s = max(self._free_s, now_s - BURST_S)
         while self._free_s <= now_s and (outgoing := self._next(now_s)) is not None:
@@ -58,7 +58,7 @@ class TransmitQueue:
         return sent
 
     def due_s(self, now_s: float) -> float:
-        """Return when something is to be sent next [s], infinity without any."""
+        """Return when the next frame is due [s], infinity without one."""
         if self._commands or self._others:
             return max(self._free_s, now_s)
         waiting = (slot.due_s(1.0 / self.setpoint_hz) for slot in self._setpoints.values())
@@ -77,7 +77,7 @@ class TransmitQueue:
 
 
 class _Slot:
-    """One vehicle's newest setpoint that has not been sent, and when the next one may be."""
+    """One vehicle's newest unsent setpoint, and when it may be sent."""
 
     def __init__(self) -> None:
         self._frame: bytes | None = None

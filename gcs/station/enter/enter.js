@@ -1,4 +1,4 @@
-// Hands the token in once: it stands behind the # of the address, which browsers do not send.
+// Sends the token once: it stands behind the # of the address, which browsers do not send.
 const state = document.querySelector("#state");
 const field = document.querySelector("#token");
 
@@ -8,7 +8,7 @@ async function enter(token) {
     location.replace("/");
     return;
   }
-  state.textContent = answer ? "This is not the token. Use the address that cordon station prints now."
+  state.textContent = answer ? "Wrong token. Use the address that cordon station printed last."
     : "The station does not answer. Check that it runs.";
 }
 

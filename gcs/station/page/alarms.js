@@ -1,4 +1,4 @@
-/** Alarms: a sound, a sign and a word until they are acknowledged; gone when they are over and acknowledged. */
+/** Alarms: a sound, a sign and a word until they are acknowledged; removed when they are over and acknowledged. */
 
 import { byId, element, setText } from "./dom.js";
 import { trouble } from "./vehicles.js";
@@ -24,15 +24,15 @@ export class Alarms {
     this.#show();
   }
 
-  /** Take in a team and whether the station answers. */
+  /** Update from a team and from whether the station answers. */
   update(team, isConnected) {
     const present = team ? team.vehicles.filter((vehicle) => trouble(vehicle, team) === "alarm").map(ofVehicle) : [];
     if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
     if (this.#take(present)) this.#show();
   }
 
-  /** Forget alarms that are over, as where time is chosen. */
-  forgetOver() {
+  /** Remove alarms that are over: a replay may jump in time. */
+  removeOver() {
     const over = [...this.alarms].filter(([, alarm]) => !alarm.isPresent);
     for (const [key] of over) this.alarms.delete(key);
     if (over.length) this.#show();
@@ -40,11 +40,11 @@ export class Alarms {
 
   acknowledge() {
     for (const alarm of this.alarms.values()) alarm.isSeen = true;
-    this.#forget();
+    this.#removeOld();
     this.#show();
   }
 
-  /** Returns whether anything changed. */
+  /** Return whether anything changed. */
   #take(present) {
     const before = this.#state();
     const news = present.filter((alarm) => !this.alarms.get(alarm.key)?.isPresent);
@@ -53,12 +53,12 @@ export class Alarms {
       const isSeen = news.includes(alarm) ? false : this.alarms.get(alarm.key).isSeen;
       this.alarms.set(alarm.key, { ...alarm, isPresent: true, isSeen });
     }
-    this.#forget();
+    this.#removeOld();
     if (news.length) this.#announce(news);
     return this.#state() !== before;
   }
 
-  /** A vehicle shows its gravest alert only: what another one took the place of is not known to be over, and is left out. */
+  /** A vehicle shows only its gravest alert: one that another replaced may still be present, so it is removed, not "over". */
   #endAllBut(present) {
     const keys = new Set(present.map((alarm) => alarm.key));
     const subjects = new Set(present.map((alarm) => alarm.subject));
@@ -73,7 +73,7 @@ export class Alarms {
     return [...this.alarms.values()].map((alarm) => `${alarm.key}${alarm.isPresent}${alarm.advice}`).join();
   }
 
-  #forget() {
+  #removeOld() {
     for (const [key, alarm] of this.alarms) if (alarm.isSeen && !alarm.isPresent) this.alarms.delete(key);
   }
 
@@ -110,7 +110,7 @@ function row(alarm) {
   return element("li", { "data-state": alarm.isPresent ? (alarm.isSeen ? "seen" : "new") : "over" }, ...parts);
 }
 
-/** Two tones. Browsers allow sound after the first gesture only: until then the switch says so. */
+/** Two tones. Browsers allow sound only after the first gesture: until then the switch shows it. */
 export class Sound {
   #context = null;
   #isOn = true;

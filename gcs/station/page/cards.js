@@ -1,4 +1,4 @@
-/** Cards: one a vehicle, the gravest trouble first. */
+/** Cards: one per vehicle, the gravest trouble first. */
 
 import { element, SEVERITIES, setAttribute, setText } from "./dom.js";
 import { age, clock, degrees, metres, nearest, percent, positioning, quantity, speed, UNKNOWN } from "./units.js";
@@ -16,7 +16,7 @@ export const QUANTITIES = [
   ["gps", "GPS", positioning],
   ["estimator", "Estimator", (vehicle) => vehicle.estimator || UNKNOWN],
   ["link", "Link age", (vehicle) => age(vehicle.link_age_s)],
-  ["heard", "Heard", (vehicle) => (vehicle.age_s === null ? UNKNOWN : `${age(vehicle.age_s)} ago`)],
+  ["heard", "Received", (vehicle) => (vehicle.age_s === null ? UNKNOWN : `${age(vehicle.age_s)} ago`)],
   ["nearest", "Nearest", nearest],
   ["margin", "Margin", (vehicle, mission) => metres(separationMargin(vehicle, mission))],
   ["fence", "To fence", (vehicle) => metres(vehicle.fence_margin_m)],
@@ -30,7 +30,7 @@ function separationMargin(vehicle, mission) {
 }
 
 export class Cards {
-  /** @param {HTMLElement} list @param {Selection} selection of vehicles that commands go to */
+  /** @param {HTMLElement} list @param {Selection} selection the vehicles that receive commands */
   constructor(list, selection) {
     this.list = list;
     this.selection = selection;
@@ -38,7 +38,7 @@ export class Cards {
     selection.changed(() => this.#showSelection());
   }
 
-  /** Begin with the vehicles of a mission. */
+  /** Show the vehicles of a mission. */
   start(mission) {
     this.mission = mission;
     this.cards = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#card(planned)]));
@@ -49,7 +49,7 @@ export class Cards {
   /** Show the vehicles of a TeamPicture. */
   update(team) {
     for (const vehicle of team.vehicles) this.#fill(vehicle, team);
-    if (!this.list.matches(":active")) this.#sort(byTrouble(team)); // nothing moves away under a finger
+    if (!this.list.matches(":active")) this.#sort(byTrouble(team)); // no card moves while a finger presses one
   }
 
   #card(planned) {

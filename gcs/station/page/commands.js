@@ -1,4 +1,4 @@
-/** Commands to one, some or all vehicles: what each asks before it is sent, and what became of it. */
+/** Commands to one, some or all vehicles: their confirmations and their answers. */
 
 import { byId, element, setText } from "./dom.js";
 import { actWhenHeld, ignoreKeyRepeat } from "./hold_button.js";
@@ -7,7 +7,7 @@ import { age, vehicleNames } from "./units.js";
 
 const REQUESTS_MAX = 20;
 const PILOT = "pilot override";
-/** The verbs of the page in the order of their buttons, and which have to be held. */
+/** The verbs of the page in the order of their buttons; `isHeld`: the button must be held. */
 const VERBS = [
   { verb: "hold", label: "Hold" },
   { verb: "resume", label: "Resume" },
@@ -18,7 +18,7 @@ const VERBS = [
 ];
 
 export class Commands {
-  /** @param {Selection} selection @param {function(Object): boolean} send hands a request to the station */
+  /** @param {Selection} selection @param {function(Object): boolean} send passes a request to the station */
   constructor(selection, send) {
     this.selection = selection;
     this.send = send;
@@ -31,7 +31,7 @@ export class Commands {
     ignoreKeyRepeat(document);
   }
 
-  /** Offer what the operator of a mission may do. */
+  /** Show the commands that the operator of a mission may give. */
   start(mission) {
     const offered = VERBS.filter(({ verb }) => mission.operator.may.includes(verb));
     const names = offered.map(({ verb }) => verb).join();
@@ -55,7 +55,7 @@ export class Commands {
     this.#showRequest(request);
   }
 
-  /** Nothing is sent again: what became of unanswered requests is not known. */
+  /** Requests are not repeated: the outcome of unanswered ones is unknown. */
   connectionLost() {
     for (const request of this.requests.values()) {
       request.isLost = true;
@@ -99,10 +99,10 @@ export class Commands {
     this.requests.set(id, request);
     byId("answers").prepend(request.item);
     this.#showRequest(request);
-    this.#forget();
+    this.#removeOld();
   }
 
-  #forget() {
+  #removeOld() {
     for (const [id, request] of this.requests) {
       if (this.requests.size <= REQUESTS_MAX) return;
       request.item.remove();
@@ -141,13 +141,13 @@ function answerRow(answer) {
   return element("li", attributes, `${answer.is_final ? sign : "…"} ${who}: ${answer.did}${after}`);
 }
 
-/** What is still open about a request. */
+/** The vehicles that have not answered a request yet. */
 function openRow(request) {
-  if (!request.isSent) return [element("li", {}, "✗ Not sent: no connection to the station. Press again once it is back.")];
+  if (!request.isSent) return [element("li", {}, "✗ Not sent: no connection to the station. Press again once it is restored.")];
   const open = request.target.vehicles.filter((id) => !request.answers.get(id)?.is_final);
   if (!open.length || request.answers.has(null)) return [];
   const names = vehicleNames(open, request.target.all);
-  if (request.isLost) return [element("li", {}, `▲ Connection lost before ${names} answered. Look at the vehicles. Nothing is sent again.`)];
+  if (request.isLost) return [element("li", {}, `▲ Connection lost before ${names} answered. Watch the vehicles. The command is not repeated.`)];
   return [element("li", {}, `… Waiting for ${names}`)];
 }
 

@@ -1,4 +1,4 @@
-/** Elements, made and changed in few words. */
+/** Short functions to create and change elements. */
 
 /**
  * Make an element with attributes and children; `false` and null leave an attribute out.
@@ -15,19 +15,19 @@ export function element(name, attributes = {}, ...children) {
 
 export const byId = (id) => document.getElementById(id);
 
-/** Change a text only where it differs: what has not changed is neither laid out nor read out again. */
+/** Change a text only if it differs: an unchanged text is neither laid out nor read out again. */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/** Change an attribute only where it differs; null removes it. */
+/** Change an attribute only if it differs; null removes it. */
 export function setAttribute(node, name, value) {
   if (node.getAttribute(name) === value) return;
   if (value === null) node.removeAttribute(name);
   else node.setAttribute(name, value);
 }
 
-/** The sign, the word and the rank of each severity: colour is never the only sign. */
+/** The sign and the word of each severity: colour is never the only sign. */
 export const SEVERITIES = {
   information: { sign: "●", word: "Information" },
   warning: { sign: "▲", word: "Warning" },

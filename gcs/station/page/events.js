@@ -1,4 +1,4 @@
-/** The log of events, newest first, with their severity in words. */
+/** The log of events, newest first, with their severity as a word. */
 
 import { element, SEVERITIES, setText } from "./dom.js";
 import { clock } from "./units.js";
@@ -15,7 +15,7 @@ export class Events {
     this.quietUntil_ms = Infinity;
   }
 
-  /** Begin anew: what happened before the page was opened is shown, and not read out. */
+  /** Clear the log: events from before the page was opened are shown, and not read out. */
   start() {
     this.list.replaceChildren();
     this.last = 0;

@@ -1,12 +1,12 @@
 /**
  * The mission's metric frame on the map: x along a bearing, y to its left.
  *
- * A mission with an origin is drawn at its true place, so that map tiles need nothing done to them. Its metres are turned
- * into degrees by the radii of the WGS-84 ellipsoid there: within 0.1 m up to 500 m from an origin that lies below 1000 m.
- * The map's own sphere would be off by 1.5 m at latitude 47. A mission without an origin is drawn at 0, 0 on that sphere.
+ * A mission with an origin is drawn at its true place, so that map tiles need no conversion. Its metres are converted
+ * to degrees with the radii of the WGS-84 ellipsoid there: within 0.1 m up to 500 m from an origin below 1000 m altitude.
+ * The map's own sphere has an error of 1.5 m at latitude 47. A mission without an origin is drawn at 0, 0 on that sphere.
  */
 
-const SPHERE_RADIUS_M = 6371008.8; // what the map's scale bar measures on
+const SPHERE_RADIUS_M = 6371008.8; // the sphere of the map's scale bar
 const ELLIPSOID = { equator_m: 6378137, eccentricity_squared: 6.69437999014e-3 };
 const DEGREES = 180 / Math.PI;
 

@@ -1,7 +1,7 @@
-/** A button that acts when it has been held for a second, by pointer or by key: a slip does nothing. */
+/** A button that acts when it has been held for a second, by pointer or by key: a short press does nothing. */
 
 const HOLD_MS = 1000;
-const FRAME_MS_MAX = 100; // time in which the page stood still is no time that a finger held
+const FRAME_MS_MAX = 100; // while the page stands still, holding does not count
 const KEYS = ["Enter", " "];
 
 /**
@@ -22,7 +22,7 @@ export function actWhenHeld(button, act) {
   beginWith(button, hold, begin);
   for (const end of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) button.addEventListener(end, cancel);
   document.addEventListener("visibilitychange", cancel);
-  button.addEventListener("contextmenu", (event) => event.preventDefault()); // what a long touch asks for
+  button.addEventListener("contextmenu", (event) => event.preventDefault()); // the menu of a long touch
 }
 
 function beginWith(button, hold, begin) {
@@ -40,7 +40,7 @@ function count(button, hold, now_ms, act) {
     requestAnimationFrame((next_ms) => count(button, hold, next_ms, act));
     return;
   }
-  hold.held_ms = Infinity; // until it is let go
+  hold.held_ms = Infinity; // until it is released
   act();
 }
 

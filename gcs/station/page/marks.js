@@ -1,15 +1,15 @@
-/** What is drawn of a mission and of a team, as GeoJSON: lines and areas with a `layer` each. */
+/** The marks of a mission and a team as GeoJSON: lines and areas, each with a `layer`. */
 
 import { trouble } from "./vehicles.js";
 
 const CIRCLE = unitCircle(64);
 const SMALL_CIRCLE = unitCircle(32); // 0.5 % of its radius inside the circle at most
-const DEVIATIONS = 2; // the ellipse holds 86 % of what a target with this covariance may be at
+const DEVIATIONS = 2; // the ellipse contains the target with a probability of 86 %
 const VELOCITY_SHOWN_S = 10;
 
 const collection = (features) => ({ type: "FeatureCollection", features });
 
-/** The fence and the starts: what does not change in flight. */
+/** The fence and the starts, which are constant. */
 export function planMarks(mission, frame) {
   const fences = new Map(mission.vehicles.filter(hasFence).map((each) => [JSON.stringify(each.fence_m), each.fence_m]));
   const starts = mission.vehicles.map((each) => line("start", cross(each.start_m, 0.6), frame, { colour: each.colour }));
@@ -53,7 +53,7 @@ function vehicleMarks(mission, vehicle, team, frame) {
   return [...marks, line("setpoint", [[vehicle.position_m, setpoint_m], ...cross(setpoint_m, 0.4)], frame, { colour })];
 }
 
-/** The ways that vehicles flew, from TeamPictures in the order of time. A gap is where a vehicle was stale. */
+/** The trails of the vehicles, from TeamPictures in the order of time, with gaps where a vehicle was stale. */
 export function trailMarks(mission, teams, frame) {
   return collection(mission.vehicles.map((planned) => trail(planned, teams, frame)));
 }
@@ -99,7 +99,7 @@ function ellipse([x, y], [xx, xy, yy], turns = CIRCLE) {
   return turns.map(([cosine, sine]) => [x + a * cosine, y + b * cosine + c * sine]);
 }
 
-/** Cosine and sine of evenly spaced turns, the first one again at the end. */
+/** Cosine and sine of evenly spaced angles, the first one again at the end. */
 function unitCircle(points) {
   const turns = Array.from({ length: points + 1 }, (_, index) => (2 * Math.PI * index) / points);
   return turns.map((turn) => [Math.cos(turn), Math.sin(turn)]);

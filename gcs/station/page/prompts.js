@@ -1,13 +1,13 @@
-/** What is asked before a kill, and before a vehicle is taken back from its pilot. */
+/** The confirmations of a kill, and of taking a vehicle back from its pilot. */
 
 import { byId, setText } from "./dom.js";
 import { vehicleNames } from "./units.js";
 
 const WORD = "kill";
 
-/** Asks for a word, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
+/** Requires a word, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
 export class KillPrompt {
-  /** @param {function(Object, string)} send called with the target that was asked for, and the word */
+  /** @param {function(Object, string)} send called with the target and the word */
   constructor(send) {
     this.dialog = byId("kill");
     this.input = byId("kill-word");
@@ -55,7 +55,7 @@ export class KillPrompt {
   }
 }
 
-/** Asks whether vehicles are to be taken back from their pilots. */
+/** Requires a decision whether vehicles are taken back from their pilots. */
 export class PilotPrompt {
   /** @param {function(Object, boolean)} send called with a target, and whether it overrides pilots */
   constructor(send) {

@@ -54,7 +54,7 @@ export class Replay {
     });
   }
 
-  /** To the first picture after the next event, or after the last one before; to the end or the beginning without one. */
+  /** Seek the first picture after the next or the previous event; without one the end or the beginning. */
   #jump(direction) {
     const now = Math.floor(this.place);
     const times = this.flight.events.map((event) => event.time_s).filter((time_s) => time_s !== null);
@@ -70,7 +70,7 @@ function period(teams) {
   return times.length > 1 ? (times.at(-1) - times[0]) / (times.length - 1) : 0;
 }
 
-/** How often the flight is shown: long flights are shown less often. */
+/** The rate of the pictures as text: long flights have fewer. */
 function rate(period_s) {
   if (period_s === 0) return "";
   return period_s < 1 ? `${Math.round(10 / period_s) / 10} pictures a second` : `a picture every ${Math.round(10 * period_s) / 10} s`;

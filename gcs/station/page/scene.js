@@ -1,4 +1,4 @@
-/** The map: the mission's metres on MapLibre's camera, with lines from `marks.js` and symbols from `symbols.js`. */
+/** The map: the mission's metres with MapLibre's camera, lines from `marks.js` and symbols from `symbols.js`. */
 
 import { byId, element } from "./dom.js";
 import { Frame } from "./frame.js";
@@ -54,7 +54,7 @@ export class Scene {
     selection.changed(() => this.#showSelection());
   }
 
-  /** Begin with a mission: its plan, a symbol for each vehicle, and a camera that shows them. */
+  /** Show a mission: its plan, a symbol for each vehicle, and a camera that shows them. */
   async start(mission) {
     await this.isLoaded;
     this.mission = mission;
@@ -69,7 +69,7 @@ export class Scene {
     this.#showSelection();
   }
 
-  /** Draw a TeamPicture, and the way flown by those before it. */
+  /** Draw a TeamPicture, and the trails from those before it. */
   update(team, past) {
     if (!this.symbols) return;
     this.team = team;
@@ -90,7 +90,7 @@ export class Scene {
     this.map.fitBounds(bounds, { padding: PADDING_PX, maxZoom: ZOOM_MAX - 1, bearing, duration: calm() ? 0 : duration });
   }
 
-  /** Take the page's colours again, after its theme has changed. */
+  /** Apply the page's colours after its theme has changed. */
   recolour() {
     for (const [, name, colour] of LINES) if (colour) this.map.setPaintProperty(name, "line-color", css(colour));
     for (const [name, colour] of AREAS) this.map.setPaintProperty(`${name}-area`, "fill-color", css(colour));

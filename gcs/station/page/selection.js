@@ -1,11 +1,11 @@
-/** Which vehicles commands go to: those that are selected, or all where none is. */
+/** The vehicles that receive commands: those selected, or all if none is. */
 
 export class Selection {
   #all = [];
   #chosen = new Set();
   #listeners = [];
 
-  /** Begin with the vehicles of a mission; the selection of vehicles that it still has is kept. */
+  /** Set the vehicles of a mission; the selection of vehicles that remain is kept. */
   start(vehicle_ids) {
     this.#all = vehicle_ids;
     this.#chosen = new Set(vehicle_ids.filter((id) => this.#chosen.has(id)));
@@ -39,7 +39,7 @@ export class Selection {
     return this.#all;
   }
 
-  /** The numbers that commands go to now. */
+  /** The ids of the vehicles that receive commands now. */
   get vehicles() {
     return this.isEmpty ? this.#all : this.#all.filter((id) => this.#chosen.has(id));
   }

@@ -1,4 +1,4 @@
-/** The operator's page: pictures of a live team or of a recorded flight, drawn by the same parts. */
+/** The operator's page: a live team or a recorded flight, drawn by the same parts. */
 
 import { Alarms, Sound } from "./alarms.js";
 import { Cards } from "./cards.js";
@@ -20,7 +20,7 @@ const PAST_EVERY_S = 0.5;
 const SILENCE_MAX_S = 2;
 const CHECK_EVERY_MS = 250;
 
-/** The parts of the page, fed with pictures: `start` with a mission, `show` with a team and those before it. */
+/** The parts of the page, updated with pictures: `start` with a mission, `show` with a team and its past. */
 class Page {
   constructor(send) {
     this.selection = new Selection();
@@ -88,13 +88,13 @@ class Page {
   }
 }
 
-/** Whether a mission is the one that is shown, but for who may command. */
+/** Whether a mission equals the one shown, apart from its operator. */
 function isSamePlan(mission, shown) {
   const plan = (each) => JSON.stringify({ ...each, operator: null });
   return Boolean(shown) && plan(mission) === plan(shown);
 }
 
-/** A team in flight: what the station sends is drawn in the next frame, and grows stale when it sends nothing. */
+/** A team in flight: each picture is drawn in the next frame, and becomes stale without a new one. */
 class Live {
   constructor() {
     this.isOpen = true; // until the first connection fails
@@ -132,7 +132,7 @@ class Live {
 
   #connection(isOpen) {
     this.isOpen = isOpen;
-    if (isOpen) this.page.events.start(); // the station sends the past again
+    if (isOpen) this.page.events.start(); // the station sends past events again
     else this.page.commands.connectionLost();
     this.#check();
   }
@@ -165,7 +165,7 @@ class Live {
   }
 }
 
-/** Show a recorded flight: the same page, whose pictures are chosen by the time slider. */
+/** Show a recorded flight on the same page: the time slider chooses the picture. */
 function showFlight(flight) {
   const page = new Page(() => false);
   page.start(flight.mission);
@@ -174,7 +174,7 @@ function showFlight(flight) {
     const team = flight.teams[index];
     page.show(team, pastOf(flight.teams, index), true);
     page.alarms.update(team, true);
-    page.alarms.forgetOver();
+    page.alarms.removeOver();
     page.events.showUntil(flight.events, team.time_s ?? 0);
   });
 }

@@ -1,4 +1,4 @@
-/** The connection to the station: pictures come in, command requests go out. Nothing is kept to be sent later. */
+/** The connection to the station: receives pictures, sends command requests. No request is kept to be sent later. */
 
 const RETRY_FIRST_S = 0.5;
 const RETRY_LAST_S = 4;
@@ -12,7 +12,7 @@ export function openStream(url, handlers) {
   const stream = { socket: null, retry_s: RETRY_FIRST_S };
   connect(stream, url, handlers);
   return {
-    /** Send a request now. Returns whether it was handed to an open connection; if not, it is dropped. */
+    /** Send a request now. Return whether the connection is open; otherwise the request is dropped. */
     send(request) {
       if (stream.socket.readyState !== WebSocket.OPEN) return false;
       stream.socket.send(JSON.stringify(request));

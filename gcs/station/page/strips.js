@@ -1,4 +1,4 @@
-/** Strips: how radius, spacing, height and speed went lately, one line a vehicle. */
+/** Strips: recent radius, distance, height and speed, one line per vehicle. */
 
 import uPlot from "./vendor/uPlot.esm.js";
 import { element } from "./dom.js";
@@ -28,7 +28,7 @@ export class Strips {
     this.recolour();
   }
 
-  /** Make the plots anew, in the page's colours. */
+  /** Create the plots again, in the page's colours. */
   recolour() {
     for (const { plot } of this.plots) plot.destroy();
     this.container.replaceChildren();
@@ -37,7 +37,7 @@ export class Strips {
 
   /** Draw TeamPictures in the order of time, if the strips are on the screen. */
   #draw(teams) {
-    if (this.container.closest("[hidden]")) return; // asked without a new layout of the page
+    if (this.container.closest("[hidden]")) return; // this test needs no new layout of the page
     const timed = teams.filter((team) => team.time_s !== null);
     const times = timed.map((team) => team.time_s);
     for (const { value, plot } of this.plots) plot.setData([times, ...this.mission.vehicles.map((each) => series(each, timed, value))]);

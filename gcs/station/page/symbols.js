@@ -1,4 +1,4 @@
-/** The vehicles and the target on the map: an arrow or a cross with a label, hatched where it is not current. */
+/** The vehicles and the target on the map: an arrow or a cross with a label, hatched if it is not current. */
 
 import { element, setAttribute, setText } from "./dom.js";
 import { metres, quantity } from "./units.js";
@@ -20,7 +20,7 @@ export function vehicleSymbol(planned, pressed) {
   return { root, shape, picture, label, colour: planned.colour, id };
 }
 
-/** Show a vehicle's picture; `rotation_deg` is clockwise from the top of the screen, null where it is not known. */
+/** Show a vehicle's picture; `rotation_deg` is clockwise from the top of the screen, null if unknown. */
 export function showVehicle(symbol, vehicle, team, rotation_deg) {
   const state = trouble(vehicle, team);
   const isCurrent = !vehicle.is_stale && state !== "ended";

@@ -1,4 +1,4 @@
-/** All quantities of all vehicles in one table: for engineers, and for browsers that cannot draw the map. */
+/** All quantities of all vehicles in one table, also for browsers that cannot draw the map. */
 
 import { element, setAttribute, setText } from "./dom.js";
 import { QUANTITIES } from "./cards.js";

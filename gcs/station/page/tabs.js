@@ -1,4 +1,4 @@
-/** Map, table and strips: one is shown, and arrow keys change it. */
+/** The tabs map, table and strips; arrow keys change them. */
 
 export class Tabs {
   /** @param {HTMLElement} list with role tablist; each tab names its panel @param {function(string)} shown */

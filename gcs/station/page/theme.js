@@ -1,4 +1,4 @@
-/** Light, dark, or as the system has it; kept in the browser. */
+/** The theme: light, dark, or that of the system; stored in the browser. */
 
 import { setText } from "./dom.js";
 
@@ -18,7 +18,7 @@ export function startTheme(button, changed) {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
 }
 
-/** Whether the page is dark now, by choice or as the system is. */
+/** Whether the page is dark now, by choice or by the system. */
 export const isDark = () => getComputedStyle(document.documentElement).colorScheme === "dark";
 
 function show(button, theme) {
@@ -31,7 +31,7 @@ function stored() {
     const theme = localStorage.getItem(KEY);
     return THEMES.includes(theme) ? theme : THEMES[0];
   } catch {
-    return THEMES[0]; // a browser that keeps nothing
+    return THEMES[0]; // the browser stores nothing
   }
 }
 
@@ -39,6 +39,6 @@ function store(theme) {
   try {
     localStorage.setItem(KEY, theme);
   } catch {
-    // it is kept until the page is closed
+    // it holds until the page is closed
   }
 }

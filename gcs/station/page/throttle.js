@@ -1,4 +1,4 @@
-/** Doing something at most so often, and at last with what came last. */
+/** Limits how often a function is called; the last value always reaches it. */
 
 /** @param {number} period_ms @param {function(*)} act */
 export function atMostEvery(period_ms, act) {

@@ -1,4 +1,4 @@
-/** The map tiles that the station serves, if any: a layer under the scene, its switch, and whose tiles they are. */
+/** The map tiles that the station serves, if any: a layer under the scene, its switch, and their attribution. */
 
 import { byId, element } from "./dom.js";
 import { isDark } from "./theme.js";
@@ -17,7 +17,7 @@ export class Tiles {
     this.source = sourceControl();
   }
 
-  /** Draw the tiles of a mission, in place of another mission's. @param {?Object} tiles a TilesPicture */
+  /** Draw the tiles of a mission, and remove those of another one. @param {?Object} tiles a TilesPicture */
   start(tiles) {
     this.#clear();
     if (!tiles) return;
@@ -30,7 +30,7 @@ export class Tiles {
     byId("layers").querySelector("fieldset").append(this.label);
   }
 
-  /** Be as faint as the page's theme asks for. */
+  /** Set the opacity of the page's theme. */
   recolour() {
     if (this.map.getLayer(LAYER)) this.map.setPaintProperty(LAYER, "raster-opacity", opacity());
   }
@@ -51,7 +51,7 @@ export class Tiles {
   }
 }
 
-/** Beyond the deepest level its tiles are enlarged. A tile that is missing shows one above it, or the ground. */
+/** Beyond the deepest level its tiles are enlarged. In place of a missing tile one of a level above is shown, or the ground. */
 function source({ level_min, level_max }) {
   const tiles = [`${new URL("tiles", document.baseURI)}/{z}/{x}/{y}`];
   return { type: "raster", tiles, tileSize: TILE_PX, minzoom: level_min, maxzoom: level_max };
@@ -59,7 +59,7 @@ function source({ level_min, level_max }) {
 
 const opacity = () => (isDark() ? OPACITY.dark : OPACITY.light);
 
-/** A control of the map whose `text` is never read as HTML, as that of MapLibre's own would be. */
+/** A control of the map whose `text` is never parsed as HTML, unlike that of MapLibre's own control. */
 function sourceControl() {
   const text = element("p", { class: "maplibregl-ctrl tiles-source" });
   return { text, onAdd: () => text, onRemove: () => text.remove() };

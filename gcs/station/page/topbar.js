@@ -1,4 +1,4 @@
-/** The top bar: the mission, its time, the ring, the worst alert, the link to the team, and who may command. */
+/** The top bar: the mission, its time, the ring, the worst alert, the link to the team, and the operator. */
 
 import { byId, SEVERITIES, setAttribute, setText } from "./dom.js";
 import { clock } from "./units.js";
@@ -7,7 +7,7 @@ import { alert, trouble } from "./vehicles.js";
 const SOURCES = {
   flight: "flight",
   sitl: "practice on stubs",
-  hybrid: "stubs beside other vehicles",
+  hybrid: "some vehicles are stubs",
   bench: "BENCH: simulated bodies",
   simulation: "simulation",
   log: "recorded flight",
@@ -23,7 +23,7 @@ export class TopBar {
     document.title = `${mission.mission} - cordon`;
   }
 
-  /** Show a TeamPicture, or what keeps the page from one. */
+  /** Show a TeamPicture, or the fault of the connection. */
   update(team, isConnected) {
     setLine("link", ...linkWords(team, isConnected));
     if (!team) return;
@@ -48,7 +48,7 @@ function remaining(team, mission) {
 
 function linkWords(team, isConnected) {
   if (!isConnected) return ["■ no station", "alarm"];
-  if (!team) return ["waiting", "warning"];
+  if (!team) return ["waiting for data", "warning"];
   return team.link ? [`▲ ${team.link}`, "warning"] : ["● connected", "information"];
 }
 

@@ -1,4 +1,4 @@
-/** Quantities as the page writes them. What is not known is a dash, never 0. */
+/** Quantities as text. An unknown value is a dash, never 0. */
 
 export const UNKNOWN = "–";
 
@@ -20,7 +20,7 @@ export const speed = (velocity) => quantity(velocity && Math.hypot(...velocity),
 
 export const degrees = (angle_rad) => quantity(isKnown(angle_rad) ? (angle_rad * 180) / Math.PI : null, 0, "°");
 
-/** The age of something: tenths below ten seconds, then whole seconds, then minutes. */
+/** An age: tenths below ten seconds, then whole seconds, then minutes. */
 export function age(seconds) {
   if (!isKnown(seconds)) return UNKNOWN;
   if (seconds < 10) return quantity(seconds, 1, "s");
@@ -34,16 +34,16 @@ export function clock(seconds) {
   return `${seconds <= -1 ? "−" : ""}${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 }
 
-/** A share as whole percent, rounded down: a battery is not fuller than it says. */
+/** A share as whole percent, rounded down, so that a battery is never shown fuller than it is. */
 export const percent = (share) => quantity(isKnown(share) ? Math.floor(share * 100 + 1e-6) : null, 0, "%");
 
-/** Satellites and fix in words. */
+/** Satellites and fix as text. */
 export function positioning(vehicle) {
   const satellites = isKnown(vehicle.satellites) ? `${vehicle.satellites}\u00a0sat` : "";
   return [vehicle.gps_fix, satellites].filter(Boolean).join(", ") || UNKNOWN;
 }
 
-/** The nearest other vehicle, and how far it is. */
+/** The nearest other vehicle and its distance. */
 export function nearest(vehicle) {
   return isKnown(vehicle.nearest_m) ? `${metres(vehicle.nearest_m)} to\u00a0${vehicle.nearest_id}` : UNKNOWN;
 }

@@ -1,14 +1,14 @@
-/** What the page makes of a vehicle's picture: whether it is current, how grave its trouble is, and in which words. */
+/** The state of a vehicle from its picture: whether it is current, its trouble, and the text about it. */
 
 import { age, UNKNOWN } from "./units.js";
 
-/** A picture that is older than this, in seconds, shows no vehicle as if it flew there. */
+/** Vehicles of a picture older than this, in seconds, are drawn as stale. */
 export const PICTURE_AGE_MAX_S = 1;
 const CHARGE_LOW = 0.35;
 const RANKS = { alarm: 0, stale: 1, warning: 2, information: 3, ended: 4 };
 
 /**
- * The team as it is to be drawn when its picture arrived `since_s` ago: what the station no longer sends is stale.
+ * The team to draw when its picture arrived `since_s` ago: an old picture is stale.
  * @param {Object} team a TeamPicture
  */
 export function agedTeam(team, since_s) {
@@ -23,7 +23,7 @@ function agedVehicle(vehicle, since_s) {
   return { ...vehicle, age_s, link_age_s, is_stale: true };
 }
 
-/** "ended", "stale" or the severity of its alert: one word for the look and the place of a vehicle. */
+/** "ended", "stale" or the severity of its alert: it determines the look and the order of a vehicle. */
 export function trouble(vehicle, team) {
   if (vehicle.has_ended || team.ending) return "ended";
   if (vehicle.severity === "alarm") return "alarm";
@@ -31,7 +31,7 @@ export function trouble(vehicle, team) {
   return warning(vehicle) ? "warning" : vehicle.severity;
 }
 
-/** A vehicle's alert, or else what its quantities warn of; empty for nothing. */
+/** A vehicle's alert, or else a warning from its quantities; empty for none. */
 export const alert = (vehicle) => vehicle.alert || warning(vehicle);
 
 function warning(vehicle) {
@@ -45,14 +45,14 @@ export function byTrouble(team) {
   return team.vehicles.toSorted((a, b) => rank(a) - rank(b) || a.vehicle_id - b.vehicle_id);
 }
 
-/** How long ago a stale vehicle was seen; empty for one that is current. */
+/** How long ago the last data of a stale vehicle arrived; empty for a current one. */
 export function lastSeen(vehicle) {
   if (!vehicle.is_stale) return "";
   const seen_s = Math.max(vehicle.age_s ?? 0, vehicle.link_age_s ?? 0);
-  return vehicle.age_s === null ? "not heard yet" : `last seen ${age(seen_s)} ago`;
+  return vehicle.age_s === null ? "no message yet" : `last seen ${age(seen_s)} ago`;
 }
 
-/** What a card says first: how it ended, that it is stale, its alert, or that it is well. */
+/** The headline of a card: how it ended, its alert, that it is stale, or "no alert". */
 export function headline(vehicle, team) {
   if (vehicle.has_ended || team.ending) return ["ended", vehicle.ending].filter(Boolean).join(": ");
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";

@@ -125,7 +125,7 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
 
 
 def test_a_damaged_log_gives_its_plant_and_exit_code_one(ran: Runner) -> None:
-    ran.hold(log := log_of(is_damaged=True, notes=("damaged: 100 bytes were passed over",)))
+    ran.hold(log := log_of(is_damaged=True, notes=("damaged: 100 bytes were skipped",)))
     code, out, err = ran(log.path, "-o", "own.toml", "--json")
     assert code == 1
     result = json.loads(out)

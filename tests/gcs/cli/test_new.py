@@ -52,7 +52,7 @@ def test_a_mission_of_ones_own_settles_on_its_ring(
 ) -> None:
     assert new(*OPTIONS, "--profile", "0.8,0.9,0.1", "--plot", "my.svg") == 0
     said = capsys.readouterr().err
-    assert "5 of 5 engaged the target" in said
+    assert "5 of 5 vehicles engaged the target" in said
     assert "settled after" in said
     assert (tmp_path / "my.svg").stat().st_size > 0
     mission = load_mission("my.toml")

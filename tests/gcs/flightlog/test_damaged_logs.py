@@ -243,9 +243,9 @@ def test_an_index_that_is_damaged_costs_no_record(sample: Sample) -> None:
 def test_what_is_no_log_is_refused(subtests: pytest.Subtests, sample: Sample) -> None:
     rows: tuple[tuple[bytes, str], ...] = (
         (b"", "it is empty"),
-        (b"# Flight logs", "it is no MCAP file"),
-        (b"\x89MCAP0\r\n", "it holds no record of cordon's"),
-        (b"\x89MCAP0\r\n" + bytes(10_000_000), "it holds no record of cordon's"),
+        (b"# Flight logs", "it is not an MCAP file"),
+        (b"\x89MCAP0\r\n", "it holds no cordon record"),
+        (b"\x89MCAP0\r\n" + bytes(10_000_000), "it holds no cordon record"),
     )
     for data, reason in rows:
         with subtests.test(reason=reason):
@@ -262,7 +262,7 @@ def test_another_s_mcap_file_is_refused(sample: Sample) -> None:
     channel = writer.register_channel("/chatter", "ros1", schema)
     writer.add_message(channel, 1, b"hello", 1)
     writer.finish()  # type: ignore[no-untyped-call]  # it takes and returns nothing
-    with pytest.raises(LogError, match="it holds no record of cordon's"):
+    with pytest.raises(LogError, match="it holds no cordon record"):
         read_log(sample.written(stream.getvalue()))
 
 
@@ -397,9 +397,9 @@ def test_a_newer_version_s_log_says_so_and_is_read_as_far_as_it_is_known(sample:
         run=newer,
     )
     log = read_log(path)
-    assert f"format {FORMAT + 1}, known is {FORMAT}" in told(log)
+    assert f"format {FORMAT + 1}; this version reads up to {FORMAT}" in told(log)
     assert "1 records are not read: /vehicle/1/wind is unknown to this version" in told(log)
-    assert "1 records of kind Autopilot say what this version does not know" in told(log)
+    assert "1 records of kind Autopilot have content that this version does not support" in told(log)
     assert [each.kind for each in log.vehicles[1]] == [Start, Decision]
     assert log.run == newer
     assert list(log.of_kind(1, Start)) == [Start(1.0)]
@@ -584,8 +584,8 @@ def test_a_log_that_was_only_not_closed_is_not_damaged(sample: Sample) -> None:
     ("name", "output", "reason"),
     [
         ("nowhere.mcap", "new.mcap", "No such file"),
-        ("foreign.mcap", "new.mcap", "it is no MCAP file"),
-        ("bare.mcap", "new.mcap", "it holds no record of cordon's"),
+        ("foreign.mcap", "new.mcap", "it is not an MCAP file"),
+        ("bare.mcap", "new.mcap", "it holds no cordon record"),
         ("left.mcap", "nowhere/new.mcap", "No such file"),
         ("left.mcap", "left.mcap", "exists already"),
     ],
@@ -611,7 +611,7 @@ def test_what_cannot_be_recovered_ends_in_exit_code_2_and_leaves_nothing(
 
 
 def test_nothing_is_left_of_a_recovery_that_finds_nothing(sample: Sample, tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="it holds no record of cordon's"):
+    with pytest.raises(LogError, match="it holds no cordon record"):
         recover(sample.written(sample.data[:8]), tmp_path / "new.mcap", _nothing)
     assert not (tmp_path / "new.mcap").exists()
 
@@ -631,5 +631,5 @@ def test_a_run_that_ended_before_it_was_known_says_so(sample: Sample) -> None:
     channel = writer.register_channel(topic, "protobuf", writer.register_schema(name, "protobuf", schema))
     writer.add_message(channel, 1, payload, 1)
     writer.finish()  # type: ignore[no-untyped-call]  # it takes and returns nothing
-    with pytest.raises(LogError, match="it does not say what was flown"):
+    with pytest.raises(LogError, match="it holds no record of the run"):
         read_log(sample.written(stream.getvalue()))

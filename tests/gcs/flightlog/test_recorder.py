@@ -219,7 +219,7 @@ def test_a_home_that_nobody_knows_is_no_place(
     monkeypatch.delenv("XDG_DATA_HOME", raising=False)
     monkeypatch.setattr(Path, "home", fail)
     assert flight_log(RecordingOptions(), load_mission("case2")) is None
-    assert f"{FOLDER_VARIABLE} may name a folder for logs" in capsys.readouterr().err
+    assert f"set {FOLDER_VARIABLE} to a folder for logs" in capsys.readouterr().err
 
 
 def test_a_place_that_was_told_and_is_none_ends_in_bad_input(subtests: pytest.Subtests, tmp_path: Path) -> None:

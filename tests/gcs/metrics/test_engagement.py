@@ -46,7 +46,7 @@ def test_one_of_five_that_passes_too_far_away_was_to_engage() -> None:
     result = told(passing(FIVE, engages=(2, 3, 4, 5)), ALL)
     assert result == EngagementResult((1, 2, 3, 4, 5), (2, 3, 4, 5))
     assert result.holds is False
-    assert engaged_line(result) == "4 of 5 engaged the target: vehicle 1 never did"
+    assert engaged_line(result) == "4 of 5 vehicles engaged the target; vehicle 1 did not"
 
 
 def test_all_of_five_and_none_of_five() -> None:
@@ -54,7 +54,7 @@ def test_all_of_five_and_none_of_five() -> None:
     assert told(passing(near, engages=tuple(FIVE)), ALL).holds is True
     never_seen = told(passing(near), ALL)
     assert never_seen == EngagementResult((1, 2, 3, 4, 5), ())
-    assert engaged_line(never_seen) == "0 of 5 engaged the target: vehicles 1, 2, 3, 4 and 5 never did"
+    assert engaged_line(never_seen) == "0 of 5 vehicles engaged the target; vehicles 1, 2, 3, 4 and 5 did not"
 
 
 def test_a_vehicle_that_stood_aside_all_the_time_was_to_engage_and_one_that_went_home_was_not() -> None:

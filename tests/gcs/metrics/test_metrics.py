@@ -672,7 +672,7 @@ def test_a_ring_that_unsettled_late_is_told_as_that() -> None:
     assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (20.0, 560.0)
     assert window_line(result) == (
         "ring judged over only 25.0 s, from 575.0 to 600.0 s: "
-        "it settled at 20.0 s and unsettled at 560.0 s, settled again at 575.0 s"
+        "settled at 20.0 s, left its limits at 560.0 s, settled again at 575.0 s"
     )
 
 
@@ -680,7 +680,8 @@ def test_a_ring_that_unsettled_for_good_is_told_as_that() -> None:
     result = judged(*off_between((0.0, 20.0), (300.0, 305.0), (590.0, 601.0)))
     assert result.ring.settling_time_s is None
     assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (20.0, 590.0)
-    assert window_line(result).endswith("it settled at 20.0 s and unsettled at 590.0 s, not again: the last quarter")
+    unsettled = "settled at 20.0 s, left its limits at 590.0 s, did not settle again: last quarter of the flight"
+    assert window_line(result).endswith(unsettled)
 
 
 def test_a_ring_that_settled_once_or_never_left_nothing() -> None:
@@ -689,7 +690,8 @@ def test_a_ring_that_settled_once_or_never_left_nothing() -> None:
     for result in (settled, never, briefly):
         assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (None, None)
     assert window_line(settled) == "ring judged over 580.0 s, from 20.0 to 600.0 s: from settling to the end"
-    assert window_line(never) == "ring judged over 150.0 s, from 450.0 to 600.0 s: did not settle: the last quarter"
+    window = "ring judged over 150.0 s, from 450.0 to 600.0 s"
+    assert window_line(never) == f"{window}: did not settle: last quarter of the flight"
     assert window_line(judged(line(1), line(2))) == ""
 
 

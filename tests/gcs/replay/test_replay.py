@@ -219,7 +219,7 @@ def test_other_versions_are_compared_within_the_tolerance(copy: FlightLog) -> No
         result = replay(copy)
         assert result.same is same
         (told,) = result.other_versions
-        assert told.startswith("osqp 0.1 then, ")
+        assert told.startswith("osqp 0.1 in the flight, ")
 
 
 def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path: Path, cordon: Ran) -> None:

@@ -154,7 +154,7 @@ def test_a_vehicle_whose_messages_stop_is_stale_after_a_second() -> None:
     assert (shown.is_stale, shown.alert, shown.severity, shown.has_ended) == (True, SILENT, "alarm", False)
     assert shown.advice
     assert shown.position_m == (1.0, -2.0, 8.0)
-    assert page.team(4.0).link == "no vehicle heard for 3 s"
+    assert page.team(4.0).link == "no message from any vehicle for 3 s"
     page.hears(5.0, StartProposal(1, START_S + 4.9, START_S), report(1, START_S + 4.9))
     assert page.vehicle(1, 5.0).is_stale, "that its process lives does not show where it flies"
     page.hears(5.0, state(1, START_S + 5.0))
@@ -239,7 +239,7 @@ def test_a_flight_whose_process_is_gone_is_over() -> None:
     page.hears(1.0, state(1, START_S), report(1, START_S))
     team = page.team(9.0, "waiting for team", is_over=True)
     assert [(each.has_ended, each.is_stale) for each in team.vehicles] == [(True, True), (False, True), (False, True)]
-    assert "not heard" in team.ending
+    assert "silent at the end" in team.ending
     page.hears(20.0, report(1, START_S + 19.0, start_s=None))
     assert page.vehicle(1, 20.0).position_m is None, "another start: another flight"
     assert Page().team(1.0, is_over=True).ending == ""

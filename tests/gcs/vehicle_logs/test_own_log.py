@@ -169,7 +169,7 @@ def test_a_file_of_another_program_in_the_same_container_is_refused(tmp_path: Pa
     path.write_bytes(b"\x89MCAP0\r\n" + bytes(64))
     with pytest.raises(LogError) as caught:
         read_vehicle_logs(path)
-    assert caught.value.faults[0] == f"{path}: it holds no record of cordon's"
+    assert caught.value.faults[0] == f"{path}: it holds no cordon record"
 
 
 def test_a_log_without_setpoints_says_what_was_looked_for(own: VehicleLog) -> None:

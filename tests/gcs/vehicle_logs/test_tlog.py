@@ -208,5 +208,5 @@ def test_a_position_in_millimetres_is_refused(tmp_path: Path) -> None:
 
 def test_without_an_autopilot_there_is_nothing_to_read(tmp_path: Path) -> None:
     station = ardupilotmega.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
-    with pytest.raises(LogError, match="no autopilot's HEARTBEAT"):
+    with pytest.raises(LogError, match="no HEARTBEAT of an autopilot"):
         read(tmp_path, packed((0.0, station)))

@@ -325,7 +325,7 @@ def test_a_picture_that_fails_does_not_cost_the_log(tmp_path: Path) -> None:
         recorder.note(1, number, Tick(float(number)))
     recorder.close()
     assert asked == [1]
-    assert recorder.fault == "what only viewers need ended: ValueError: a bug"
+    assert recorder.fault == "the messages for viewers ended: ValueError: a bug"
     with path.open("rb") as stream:
         messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
         assert [decoded.now_s for _, _, _, decoded in messages] == [0.0, 1.0, 2.0]

@@ -61,9 +61,9 @@ def test_all_that_does_not_fit_is_named_at_once() -> None:
 @pytest.mark.parametrize(
     ("given", "fault"),
     [
-        ("link-cut@10:1", "vehicle 1 is no stub (stubs: 2, 3)"),
+        ("link-cut@10:1", "vehicle 1 is not a stub (stubs: 2, 3)"),
         ("link-cut@10", "name one of the stubs (2, 3)"),
-        ("target-lost@10", "concerns the whole team, and only 2, 3 are stubs"),
+        ("target-lost@10", "affects the whole team, and only vehicles 2, 3 are stubs"),
     ],
 )
 def test_in_a_hybrid_team_stubs_alone_have_faults(given: str, fault: str) -> None:
