@@ -47,8 +47,7 @@ def fly_simulated(
 
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
     in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
-    Raises ValueError for a recording with a `planner`: a replay has none. `steps`, `imperfections`: see
-    `simulated_vehicles`.
+    A recording with a `planner` raises ValueError. `steps`, `imperfections`: see `simulated_vehicles`.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a plug-in planner cannot be recorded: fly it without a log")

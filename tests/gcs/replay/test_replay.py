@@ -228,7 +228,7 @@ def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path:
     rewrite(case2, path, 0, lambda record: run if record.kind is Run else record.read(record.kind))
     code, out, err = cordon("replay", str(path), "--json")
     assert (code, json.loads(out)["tolerance"]) == (0, TOLERANCE)
-    assert "machine abacus then" in " ".join(err.split())
+    assert "machine abacus in the flight" in " ".join(err.split())
     assert f"within {TOLERANCE:g}" in err
 
 

@@ -193,7 +193,7 @@ def test_notes_of_failsafes_commands_and_tactics_are_told_with_their_numbers() -
     )
     said = lines(NoteEvents(), [turn(7.0, TacticEvent(Event.HOLD), notes=notes, own=OWN)])
     assert [(line.kind, line.text) for line in said] == [(note.kind, note.text) for note in notes]
-    assert states(said[2].because, "shell", "(0.00, 0.00) m", "0.0 m")
+    assert states(said[2].because, "outside the control core", "(0.00, 0.00) m", "0.0 m")
 
 
 def test_who_is_counted_on_and_who_is_not_any_more() -> None:
