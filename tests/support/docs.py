@@ -1,6 +1,7 @@
 """The parts of the documentation that are generated from the code; `python -m tests.support.docs` writes them."""
 
 import ast
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -10,6 +11,7 @@ from agents.safety.failsafe import TABLE, Reaction, Row
 from agents.shell import life
 from agents.tactics import diagram
 from cordon.channels import VehicleChannels
+from estimation.settings import OwnFilterSettings, TargetFilterSettings
 from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
 from gcs.mission.file import bundled_missions, load_mission
@@ -23,6 +25,10 @@ from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
 from tests.support.public_names import name_sections
 from tests.support.result_keys import RESULT_KEYS
+from tests.support.units import unit
+
+
+_MODELS = {name: model for name, (_, model) in TUNED.items()}
 
 
 def mission_table() -> str:
@@ -148,12 +154,29 @@ def _failsafe(row: Row) -> str:
 
 
 def _advice_table(grade: Severity) -> str:
-    rows = [
-        f"| {row.condition.value} | {'; then '.join(each.value for each in row.reactions)} | {advice(name)} |"
-        for row in TABLE
-        if severity(name := row.condition.value) == grade
-    ]
-    return "\n".join(["| condition | the vehicle | you |", "|---|---|---|", *rows])
+    """Return the conditions of a severity; how vehicles react to a warning is the same for all, and left out."""
+    heads = ["condition", "means", *(["the vehicle"] if grade == "alarm" else []), "you"]
+    rows = []
+    for row in TABLE:
+        name = row.condition.value
+        reactions = "; then ".join(each.value for each in row.reactions)
+        if severity(name) == grade:
+            cells = [f"**{name}**", _with_defaults(row.detected), *([reactions] if grade == "alarm" else []), advice(name)]
+            rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])
+
+
+def _with_defaults(text: str) -> str:
+    """Return a text with the default and its unit in place of each setting that is a number."""
+
+    def value(setting: re.Match[str]) -> str:
+        model = {"own_filter": OwnFilterSettings, "target": TargetFilterSettings, **_MODELS}[setting[1]]
+        default, symbol = model.model_fields[setting[2]].default, unit(setting[2])
+        if not isinstance(default, float):
+            return setting[0]
+        return f"{default:g}{'' if symbol in ('°', '1/s') else ' '}{symbol.removeprefix('1/s')}".rstrip()
+
+    return re.sub(r"`(?:tuning\.)?(\w+)\.(\w+)`", value, text)
 
 
 def _codes(names: Iterable[str]) -> str:
