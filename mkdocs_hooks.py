@@ -1,11 +1,10 @@
-"""What `mkdocs build` does beside mkdocs.yml: engineering notes enter the navigation, links into the sources are unlinked."""
+"""What `mkdocs build` does beside mkdocs.yml: notes enter the navigation, links into the sources become text."""
 
 import re
 from pathlib import Path
 from posixpath import dirname, join, normpath
 
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import Files
 from mkdocs.structure.pages import Page
 
 _LINK = re.compile(r"\[([^\]]*)\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
@@ -19,7 +18,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     return config
 
 
-def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Turn links that leave docs/ into their text, for only docs/ is in the site; README.md is the entrance's."""
     folder = dirname(page.file.src_uri)
 

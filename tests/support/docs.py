@@ -27,7 +27,6 @@ from tests.support.public_names import name_sections
 from tests.support.result_keys import RESULT_KEYS
 from tests.support.units import unit
 
-
 _MODELS = {name: model for name, (_, model) in TUNED.items()}
 
 
@@ -155,13 +154,14 @@ def _failsafe(row: Row) -> str:
 
 def _advice_table(grade: Severity) -> str:
     """Return the conditions of a severity; how vehicles react to a warning is the same for all, and left out."""
-    heads = ["condition", "means", *(["the vehicle"] if grade == "alarm" else []), "you"]
+    leaves = grade == "alarm"
+    heads = ["condition", "means", *(["the vehicle"] if leaves else []), "you"]
     rows = []
     for row in TABLE:
         name = row.condition.value
         reactions = "; then ".join(each.value for each in row.reactions)
         if severity(name) == grade:
-            cells = [f"**{name}**", _with_defaults(row.detected), *([reactions] if grade == "alarm" else []), advice(name)]
+            cells = [f"**{name}**", _with_defaults(row.detected), *([reactions] if leaves else []), advice(name)]
             rows.append(f"| {' | '.join(cells)} |")
     return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])
 

@@ -1,4 +1,4 @@
-"""The keys of mission files and of profiles, with units, defaults, ranges and reasons, from the models that read them."""
+"""The keys of missions and profiles with units, defaults, ranges and reasons, from the models that read them."""
 
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined

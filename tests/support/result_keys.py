@@ -2,8 +2,8 @@
 
 RESULT_KEYS = {
     "": (
-        "mission ended seed source reference duration_s window_s vehicles ring transitions reynolds closest_approach_m "
-        "guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate "
+        "format mission ended seed source reference duration_s window_s vehicles ring transitions reynolds "
+        "closest_approach_m guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate "
         "truth_missing engagement faults kinds"
     ),
     "ended": "how reason vehicles",
