@@ -3,7 +3,7 @@
 import ast
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from inspect import getdoc, getsource
 
@@ -24,7 +24,7 @@ from tests.support.key_tables import mission_keys, profile_keys, tuning_keys
 from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
 from tests.support.public_names import name_sections
-from tests.support.result_keys import RESULT_KEYS
+from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
 from tests.support.units import unit
 
 _MODELS = {name: model for name, (_, model) in TUNED.items()}
@@ -84,8 +84,12 @@ def sweep_columns() -> str:
 
 def result_keys() -> str:
     """Return the JSON keys of a flight's result, each part in a row, as Markdown."""
-    rows = [f"| {f'`{part}`' if part else 'result'} | {_codes(keys.split())} |" for part, keys in RESULT_KEYS.items()]
-    return "\n".join(["| part | keys |", "|---|---|", *rows])
+    return _key_table("part", {part or "result": keys for part, keys in RESULT_KEYS.items()})
+
+
+def output_keys() -> str:
+    """Return the JSON keys of the other outputs as Markdown."""
+    return _key_table("output", OUTPUT_KEYS)
 
 
 def exit_codes() -> str:
@@ -100,7 +104,7 @@ def exit_codes() -> str:
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "commands.md": {"list": command_list, "commands": command_sections},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
-    "json.md": {"result": result_keys, "exits": exit_codes},
+    "json.md": {"result": result_keys, "outputs": output_keys, "exits": exit_codes},
     "log-fields.md": {"fields": field_tables},
     "mission-keys.md": {"keys": mission_keys, "profile": profile_keys, "tuning": tuning_keys},
     "missions.md": {"missions": mission_table},
@@ -179,8 +183,9 @@ def _with_defaults(text: str) -> str:
     return re.sub(r"`(?:tuning\.)?(\w+)\.(\w+)`", value, text)
 
 
-def _codes(names: Iterable[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
+def _key_table(head: str, keys: Mapping[str, str]) -> str:
+    rows = [f"| {name} | {', '.join(f'`{key}`' for key in each.split())} |" for name, each in keys.items()]
+    return "\n".join([f"| {head} | keys |", "|---|---|", *rows])
 
 
 def _sweep_column(column: Column) -> str:

@@ -12,13 +12,7 @@ from gcs.flightlog.schema import codec_of
 from tests.support.units import unit
 
 _TYPES = {1: "number", 3: "integer", 8: "true or false", 9: "text", 12: "bytes"}
-<<<<<<< HEAD
 """Names of types by their Protobuf numbers."""
-_UNITS = {"m": "m", "m_s": "m/s", "m2": "m²", "rad": "rad", "rad_s": "rad/s", "deg": "°", "s": "s", "us": "µs"}
-"""Units by the suffix of a field's name; the longest matching suffix is used."""
-=======
-"""By Protobuf's number of a type."""
->>>>>>> af11b15 (Build a docs site with MkDocs Material: generated reference pages, key and field tables moved out of the guides)
 CHANNELS: dict[str, type[Any]] = {
     **{f"/{name}": kind for kind, name in RUN_TOPICS.items()},
     **{f"/vehicle/N/{name}": kind for kind, name in VEHICLE_TOPICS.items()},
@@ -36,15 +30,6 @@ def field_tables() -> str:
     return "\n".join([*heads[0], *channels, "", *heads[1], *fields])
 
 
-<<<<<<< HEAD
-def unit(field: str) -> str:
-    """Return the unit in a field's name, empty if it has none."""
-    ends = [end for end in _UNITS if field.endswith(f"_{end}")]
-    return _UNITS[max(ends, key=len)] if ends else ""
-
-
-=======
->>>>>>> af11b15 (Build a docs site with MkDocs Material: generated reference pages, key and field tables moved out of the guides)
 def _rows(topic: str, kind: type[Any], message: Any, prefix: str = "") -> Iterator[str]:
     structs = dict(_structs(kind))
     for field in message.fields:
