@@ -13,7 +13,7 @@ def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType
     """Return a bundled mission by its name, or a mission from a file.
 
     `overrides` replace values of the file, by their paths. `Mission.replace` does the same for a loaded mission. Keys
-    are described in docs/missions.md; their names end with the unit. Raises InputError with every fault.
+    are described in docs/mission-keys.md; their names end with the unit. Raises InputError with every fault.
 
     >>> mission = load("case2", {"encirclement.radius_m": 12.0, "vehicles[0].altitude_m": 9.0})
     >>> mission.encirclement.radius_m, mission.vehicle(1).section.altitude_m

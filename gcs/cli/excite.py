@@ -1,13 +1,13 @@
 """`cordon excite`: a flight for identification."""
 
 from dataclasses import asdict, dataclass, field
-from json import dumps
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from gcs.cli.options import RESULT, Json, Log, MissionName, Recorded, Speed, bus_mission, chosen_vehicle
 from gcs.errors import Exit
+from gcs.metrics.json_output import json_output
 from gcs.signals import hold_back
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def _excite(options: ExciteOptions) -> Exit:
     STDERR.print(preview_view(mission, planned))
     if options.preview:
         if options.json:
-            print_result(dumps(preview_dict(mission, planned)))
+            print_result(json_output(preview_dict(mission, planned)))
         return Exit.HOLDS
     speed = options.speed or (1.0 if options.sitl else None)
     plan = FlightPlan(mission, mission.mission.duration_s, mission.vehicles, speed, mission.ids if options.sitl else ())
@@ -86,5 +86,5 @@ def _present(mission: "Mission", planned: "Preview", record: "FlightRecord", *, 
     if flown.parts_missing:
         print_line(f"not flown, or not completed: {', '.join(flown.parts_missing)}", "yellow")
     if json:
-        print_result(dumps({**preview_dict(mission, planned), "flown": asdict(flown)}))
+        print_result(json_output({**preview_dict(mission, planned), "flown": asdict(flown)}))
     return Exit.VERDICT_FAILED if flown.parts_missing else Exit.HOLDS

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 
 from gcs.cli.options import RESULT, Json
 from gcs.errors import Exit, InputError
+from gcs.metrics.json_output import json_output
 
 if TYPE_CHECKING:
     from estimation.identification.identified import Identified
@@ -65,7 +65,7 @@ def identify(
     STDERR.print(identified_view(identified, vehicle_logs), soft_wrap=True)
     _write_files(identified, vehicle_logs, options)
     if options.json:
-        print_result(dumps(identified_dict(identified, vehicle_logs), allow_nan=False))
+        print_result(json_output(identified_dict(identified, vehicle_logs)))
     whole = not any(log.is_damaged for log in vehicle_logs)
     return Exit.HOLDS if whole and identified.verdict is not PlantGrade.DO_NOT_FLY else Exit.VERDICT_FAILED
 

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +11,7 @@ from cyclopts import Parameter
 
 from gcs.cli.options import Json
 from gcs.errors import Exit, InputError
+from gcs.metrics.json_output import json_output
 
 if TYPE_CHECKING:
     from gcs.flightlog.reader import FlightLog
@@ -67,7 +67,7 @@ def replay(options: ReplayOptions) -> Exit:
         verdict = max(verdict, same)
         result |= replayed
     if options.json:
-        print_result(dumps(result, indent=2, default=bytes.hex))
+        print_result(json_output(result))
     return verdict
 
 

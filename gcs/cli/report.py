@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,7 @@ from cyclopts import Parameter
 
 from gcs.cli.options import RESULT, FigureNumber, Json, Plot
 from gcs.errors import Exit, InputError
+from gcs.metrics.json_output import json_output
 
 if TYPE_CHECKING:
     from gcs.flightlog.reader import FlightLog
@@ -108,7 +108,7 @@ def _compare_flights(first: Sequence[Path], others: Sequence[Path], options: Rep
     if html is not None:
         _write(html, lambda: compare.write_comparison(flights, html))
     if options.json:
-        print_result(dumps(compare.comparison_dict(flights), allow_nan=False))
+        print_result(json_output(compare.comparison_dict(flights)))
     whole = not any(flight.is_damaged for flight in logged)
     if any(flight.result.ended_early for flight in flights):
         return Exit.ENDED_IN_FLIGHT
@@ -159,7 +159,7 @@ def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
     if html is not None:
         _write(html, lambda: write_vehicle_report(logs, html))
     if options.json:
-        print_result(dumps({"logs": [summarised(log) for log in logs]}, allow_nan=False))
+        print_result(json_output({"logs": [summarised(log) for log in logs]}))
     return Exit.VERDICT_FAILED if any(log.is_damaged for log in logs) else Exit.HOLDS
 
 

@@ -1,6 +1,5 @@
 """The text of a drill: its progress, each result, and the table at the end."""
 
-import json
 from collections.abc import Sequence
 
 from rich.console import Console
@@ -8,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.drill.run import DrillRow
+from gcs.metrics.json_output import json_output
 
 _VERDICTS = {True: Text("holds", style="green"), False: Text("FAILS", style="bold red"), None: Text("-", style="dim")}
 
@@ -47,4 +47,4 @@ def drill_table(mission: str, rows: Sequence[DrillRow]) -> Table:
 def drills_json(mission: str, rows: Sequence[DrillRow]) -> str:
     """Return all results as one JSON object."""
     holds = all(row.holds is not False for row in rows)
-    return json.dumps({"mission": mission, "holds": holds, "drills": [row.to_dict() for row in rows]}, indent=2)
+    return json_output({"mission": mission, "holds": holds, "drills": [row.to_dict() for row in rows]})

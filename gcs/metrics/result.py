@@ -4,7 +4,6 @@
 (null), never 0 and never NaN.
 """
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from math import isfinite
@@ -13,6 +12,7 @@ import numpy as np
 
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import EngagementResult
+from gcs.metrics.json_output import json_output
 from gcs.metrics.record import FlightEvent, LoopStatistics
 
 
@@ -294,7 +294,7 @@ class FlightResult:
 
     def to_json(self) -> str:
         """Return the result as one line of JSON; raises ValueError rather than write NaN."""
-        return json.dumps(self.to_dict(), allow_nan=False)
+        return json_output(self.to_dict())
 
 
 def reference_line(result: FlightResult) -> str:

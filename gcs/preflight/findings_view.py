@@ -1,6 +1,5 @@
 """The findings of a preflight check as a table, as a JSON object, and as an exit code."""
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -10,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.errors import Exit
+from gcs.metrics.json_output import json_output
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.preflight import worst
 
@@ -49,7 +49,7 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = F
 def findings_json(mission: str, findings: Sequence[Finding]) -> str:
     """Return the findings as one JSON object on one line; `grade` at the top is the most severe."""
     listed = [{**asdict(finding), "grade": finding.grade.value} for finding in findings]
-    return json.dumps({"mission": mission, "grade": worst(findings).value, "findings": listed}, ensure_ascii=False)
+    return json_output({"mission": mission, "grade": worst(findings).value, "findings": listed})
 
 
 def joined_subjects(subjects: Sequence[str]) -> str:

@@ -1,10 +1,10 @@
 """The counts of an emulated radio, as a table and as JSON."""
 
-import json
 from collections.abc import Sequence
 
 from rich.table import Table
 
+from gcs.metrics.json_output import json_output
 from gcs.radio.emulation import Emulation
 from sitl.radio.channel import Counts
 
@@ -16,7 +16,7 @@ def counts_json(emulations: Sequence[Emulation], duration_s: float) -> str:
         "up": [_json(counts) for each in emulations for counts in each.up],
         "down": [_json(counts) for each in emulations for counts in each.down],
     }
-    return json.dumps(counts)
+    return json_output(counts)
 
 
 def _json(counts: Counts) -> dict[str, int]:

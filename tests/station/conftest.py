@@ -1,15 +1,12 @@
 """A browser for tests of the operator's page: the system's Chromium, driven by Playwright."""
 
-import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
-from tests.support.page.browser import ARGUMENTS, MISSING, program
-
-REQUIRED = "CORDON_REQUIRE_BROWSER"
+from tests.support.page.browser import launched
 
 # A station asks for its token first, has no recorded flight while it is live, and breaks connections when it goes.
 EXPECTED = ("401", "404", "ERR_CONNECTION_", "WebSocket")
@@ -35,22 +32,14 @@ window.cancelAnimationFrame = (id) => { waiting.get(id)?.(); waiting.delete(id);
 """
 """A script for all tests: ten pictures a second, as each takes much of a core without a graphics card."""
 
-DRAWN_BY_CPU = ("--disable-gpu-compositing", "--disable-gpu-rasterization")
-"""Only the map is drawn by the emulated graphics card: the rest of the page would take twice the processor there."""
-
 OpenPage = Callable[..., Page]
 
 
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """Return a browser; without one the test is skipped, and fails where CORDON_REQUIRE_BROWSER is set."""
-    path = program()
-    if path is None:
-        pytest.fail(f"{MISSING} ({REQUIRED} is set)") if os.environ.get(REQUIRED) else pytest.skip(MISSING)
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS, *DRAWN_BY_CPU])
-        yield launched
-        launched.close()
+    with launched() as browser:
+        yield browser
 
 
 @pytest.fixture

@@ -1,70 +1,39 @@
 """The parts of the documentation that are generated from the code; `python -m tests.support.docs` writes them."""
 
 import ast
+import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from inspect import getdoc
-
-from pydantic.fields import FieldInfo
-from pydantic_core import PydanticUndefined
+from inspect import getdoc, getsource
 
 from agents.safety.failsafe import TABLE, Reaction, Row
 from agents.shell import life
 from agents.tactics import diagram
 from cordon.channels import VehicleChannels
-from estimation.plant.provenance import Identification
-from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
-from estimation.settings import OwnFilterSettings, Settings
+from estimation.settings import OwnFilterSettings, TargetFilterSettings
+from gcs.console.advice import Severity, advice, severity
+from gcs.errors import Exit
 from gcs.mission.file import bundled_missions, load_mission
-from gcs.mission.links import SharedLinkSection
-from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
-from gcs.mission.sections import SECTIONS, TUNED, TUNING
+from gcs.mission.sections import TUNED, TUNING
 from gcs.sweep.columns import RUN, TEAM, VEHICLE, Column
 from tests.structure import PACKAGES
+from tests.support.command_tables import command_list, command_sections
 from tests.support.equations import equation_table
+from tests.support.key_tables import mission_keys, profile_keys, tuning_keys
 from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
+from tests.support.public_names import name_sections
+from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
+from tests.support.units import unit
 
-_TABLES: dict[str, type[Settings]] = {
-    **{f"[{name}]": model for name, model in SECTIONS.items()},
-    "[network.security]": SecuritySection,
-    "[links.NAME]": SharedLinkSection,
-    "[target.sensor]": SensorSection,
-    "[[target.legs]]": LegSection,
-    "[[vehicles]]": VehicleSection,
-    "true_scale of a vehicle": TrueScale,
-    "sensor of a vehicle": SensorChange,
-}
-_PROFILE_TABLES: dict[str, type[Settings]] = {
-    "Above all sections": ProfileFile,
-    "[x], [y]": AxisSection,
-    "[own_filter]": OwnFilterSettings,
-    "[limits]": LimitsSection,
-    "[identified]": Identification,
-}
-_LIMITS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
+_MODELS = {name: model for name, (_, model) in TUNED.items()}
 
 
 def mission_table() -> str:
     """Return the bundled missions with their descriptions, as Markdown."""
     rows = [f"| `{name}` | {load_mission(name).mission.description} |" for name in bundled_missions()]
     return "\n".join(["| mission | what happens |", "|---|---|", *rows])
-
-
-def key_tables() -> str:
-    """Return every section of a mission file with its keys, defaults and ranges, as Markdown."""
-    return "\n\n".join(_table(title, model) for title, model in _TABLES.items())
-
-
-def profile_tables() -> str:
-    """Return every section of a profile with its keys, defaults and ranges, as Markdown."""
-    return "\n\n".join(_table(title, model) for title, model in _PROFILE_TABLES.items())
-
-
-def tuning_tables() -> str:
-    """Return every table of `[tuning]` with its keys: symbol, default, range, and the reason for the default."""
-    return "\n\n".join(_tuning_table(f"[tuning.{name}]", model) for name, model in TUNING.items())
 
 
 def folder_table() -> str:
@@ -91,6 +60,16 @@ def failsafe_table() -> str:
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
+def alarm_table() -> str:
+    """Return the conditions for which a vehicle leaves its mission, with what the operator does, as Markdown."""
+    return _advice_table("alarm")
+
+
+def warning_table() -> str:
+    """Return the conditions under which a vehicle flies on, with what the operator does, as Markdown."""
+    return _advice_table("warning")
+
+
 def channel_list() -> str:
     """Return the channels of a vehicle's flight, from the docstring of their class."""
     return (getdoc(VehicleChannels) or "").partition("\n\n")[2]
@@ -103,13 +82,37 @@ def sweep_columns() -> str:
     return "\n".join(head + [_sweep_column(each) for each in (*RUN, *TEAM, *single)])
 
 
+def result_keys() -> str:
+    """Return the JSON keys of a flight's result, each part in a row, as Markdown."""
+    return _key_table("part", {part or "result": keys for part, keys in RESULT_KEYS.items()})
+
+
+def output_keys() -> str:
+    """Return the JSON keys of the other outputs as Markdown."""
+    return _key_table("output", OUTPUT_KEYS)
+
+
+def exit_codes() -> str:
+    """Return the exit codes as Markdown."""
+    tree = ast.parse(getsource(Exit)).body[0]
+    assert isinstance(tree, ast.ClassDef)
+    texts = [ast.literal_eval(each.value) for each in tree.body if isinstance(each, ast.Expr)][1:]
+    rows = [f"| {code.value} | {' '.join(text.split())} |" for code, text in zip(Exit, texts, strict=True)]
+    return "\n".join(["| code | means |", "|---|---|", *rows])
+
+
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
-    "missions.md": {"missions": mission_table, "keys": key_tables, "profile": profile_tables, "tuning": tuning_tables},
-    "python.md": {"channels": channel_list},
+    "commands.md": {"list": command_list, "commands": command_sections},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
-    "safety.md": {"failsafes": failsafe_table},
+    "json.md": {"result": result_keys, "outputs": output_keys, "exits": exit_codes},
+    "log-fields.md": {"fields": field_tables},
+    "mission-keys.md": {"keys": mission_keys, "profile": profile_keys, "tuning": tuning_keys},
+    "missions.md": {"missions": mission_table},
+    "operator.md": {"alarms": alarm_table, "warnings": warning_table},
     "paper.md": {"equations": equation_table},
-    "logs.md": {"fields": field_tables},
+    "python.md": {"channels": channel_list},
+    "python-names.md": {"names": name_sections},
+    "safety.md": {"failsafes": failsafe_table},
     "sweeps.md": {"columns": sweep_columns},
 }
 """The generated parts of each document: their functions, by the name of their marks."""
@@ -153,6 +156,38 @@ def _failsafe(row: Row) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def _advice_table(grade: Severity) -> str:
+    """Return the conditions of a severity; how vehicles react to a warning is the same for all, and left out."""
+    leaves = grade == "alarm"
+    heads = ["condition", "means", *(["the vehicle"] if leaves else []), "you"]
+    rows = []
+    for row in TABLE:
+        name = row.condition.value
+        reactions = "; then ".join(each.value for each in row.reactions)
+        if severity(name) == grade:
+            cells = [f"**{name}**", _with_defaults(row.detected), *([reactions] if leaves else []), advice(name)]
+            rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])
+
+
+def _with_defaults(text: str) -> str:
+    """Return a text with the default and its unit in place of each setting that is a number."""
+
+    def value(setting: re.Match[str]) -> str:
+        model = {"own_filter": OwnFilterSettings, "target": TargetFilterSettings, **_MODELS}[setting[1]]
+        default, symbol = model.model_fields[setting[2]].default, unit(setting[2])
+        if not isinstance(default, float):
+            return setting[0]
+        return f"{default:g}{'' if symbol in ('°', '1/s') else ' '}{symbol.removeprefix('1/s')}".rstrip()
+
+    return re.sub(r"`(?:tuning\.)?(\w+)\.(\w+)`", value, text)
+
+
+def _key_table(head: str, keys: Mapping[str, str]) -> str:
+    rows = [f"| {name} | {', '.join(f'`{key}`' for key in each.split())} |" for name, each in keys.items()]
+    return "\n".join([f"| {head} | keys |", "|---|---|", *rows])
+
+
 def _sweep_column(column: Column) -> str:
     return f"| `{column.name}` | {column.kind.__name__} | {column.meaning} |"
 
@@ -177,58 +212,6 @@ def _descending(row: Row) -> str:
         return row.descending.value
     at_once = row.reactions[0] in (Reaction.LAND, Reaction.HAND_OVER)
     return row.reactions[0].value if at_once else "goes on"
-
-
-def _table(title: str, model: type[Settings]) -> str:
-    own = [name for name in model.model_fields if name in model.__annotations__]
-    names = [*own, *(name for name in model.model_fields if name not in own)]  # inherited keys last
-    fields = ((name, model.model_fields[name]) for name in names)
-    if any(field.description for field in model.model_fields.values()):
-        return _tuning_table(title, model)
-    rows = [f"| `{name}` | {_default(field)} | {_range(field)} |" for name, field in fields]
-    return "\n".join([*_head(title, model), "| key | default | range |", "|---|---|---|", *rows])
-
-
-def _tuning_table(title: str, model: type[Settings]) -> str:
-    fields = model.model_fields
-    symbols = any(map(_symbol, fields.values()))
-    rows = []
-    for name, field in fields.items():
-        cells = [f"`{name}`", *([_symbol(field)] if symbols else []), _default(field), _range(field), field.description]
-        rows.append(f"| {' | '.join(map(str, cells))} |")
-    head = ["key", *(["symbol"] if symbols else []), "default", "range", "reason for the default"]
-    return "\n".join([*_head(title, model), f"| {' | '.join(head)} |", "|---" * len(head) + "|", *rows])
-
-
-def _head(title: str, model: type[Settings]) -> list[str]:
-    purpose = " ".join((model.__doc__ or "").split()).replace("|", "\\|").removeprefix(f"`{title}`: ")
-    heading = title if title[0].isupper() else f"`{title}`"
-    return [f"### {heading}", "", purpose[:1].upper() + purpose[1:], ""]
-
-
-def _symbol(field: FieldInfo) -> str:
-    extra = field.json_schema_extra
-    return str(extra["symbol"]) if isinstance(extra, dict) else ""
-
-
-def _default(field: FieldInfo) -> str:
-    if field.default_factory is not None:
-        return f"`{field.get_default(call_default_factory=True, validated_data={'id': 1})}` for id 1, and so on"
-    if field.default is PydanticUndefined:
-        return "required"
-    if isinstance(field.default, Settings):
-        return "see below"
-    return f"`{field.default!r}`" if field.default is not None else "none"
-
-
-def _range(field: FieldInfo) -> str:
-    limits = [
-        f"{sign} {getattr(limit, name):g}"
-        for limit in field.metadata
-        for name, sign in _LIMITS
-        if getattr(limit, name, None) is not None
-    ]
-    return ", ".join(limits)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,10 @@ import msgspec
 
 from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
 from gcs.flightlog.schema import codec_of
+from tests.support.units import unit
 
 _TYPES = {1: "number", 3: "integer", 8: "true or false", 9: "text", 12: "bytes"}
 """Names of types by their Protobuf numbers."""
-_UNITS = {"m": "m", "m_s": "m/s", "m2": "m²", "rad": "rad", "rad_s": "rad/s", "deg": "°", "s": "s", "us": "µs"}
-"""Units by the suffix of a field's name; the longest matching suffix is used."""
 CHANNELS: dict[str, type[Any]] = {
     **{f"/{name}": kind for kind, name in RUN_TOPICS.items()},
     **{f"/vehicle/N/{name}": kind for kind, name in VEHICLE_TOPICS.items()},
@@ -29,12 +28,6 @@ def field_tables() -> str:
     fields = [row for topic, kind in CHANNELS.items() for row in _rows(topic, kind, codecs[topic].descriptor)]
     heads = ["| channel | holds |", "|---|---|"], ["| channel | field | holds | unit |", "|---|---|---|---|"]
     return "\n".join([*heads[0], *channels, "", *heads[1], *fields])
-
-
-def unit(field: str) -> str:
-    """Return the unit in a field's name, empty if it has none."""
-    ends = [end for end in _UNITS if field.endswith(f"_{end}")]
-    return _UNITS[max(ends, key=len)] if ends else ""
 
 
 def _rows(topic: str, kind: type[Any], message: Any, prefix: str = "") -> Iterator[str]:

@@ -28,13 +28,12 @@ def missions(*, options: MissionsOptions = _DEFAULTS) -> Exit:
 
     Example: cordon missions
     """
-    from json import dumps
-
     from gcs.cli.output import print_result
+    from gcs.metrics.json_output import json_output
     from gcs.mission.file import bundled_missions, load_mission
 
     known = [load_mission(name) for name in bundled_missions()]
-    print_result(dumps({"missions": list(map(_facts, known))}) if options.json else _table(known))
+    print_result(json_output({"missions": list(map(_facts, known))}) if options.json else _table(known))
     return Exit.HOLDS
 
 

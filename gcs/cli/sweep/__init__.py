@@ -1,6 +1,5 @@
 """`cordon sweep`: simulated flights over the product of values and seeds."""
 
-import json
 import os
 import shlex
 import sys
@@ -15,6 +14,7 @@ from cyclopts.validators import Number
 from gcs.cli.options import RESULT, Changes, Duration, Json, MissionName
 from gcs.cli.sweep.plot import plot
 from gcs.errors import Exit, InputError
+from gcs.metrics.json_output import json_output
 from gcs.signals import hold_back, pending
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def _report(options: SweepOptions, summary: "SweepSummary", table: Path, problem
         print_line(f"table: {table}\nnext: cordon sweep plot {shlex.quote(str(options.out))}")
     if options.json:
         written = None if problem else str(table)
-        print_result(json.dumps({"mission": options.mission, "table": written, **summary.to_dict()}))
+        print_result(json_output({"mission": options.mission, "table": written, **summary.to_dict()}))
 
 
 class _EndedError(Exception):

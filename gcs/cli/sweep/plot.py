@@ -1,7 +1,6 @@
 """`cordon sweep plot`: the figure of a sweep, and its worst cases."""
 
 import difflib
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from cyclopts.validators import Number
 
 from gcs.cli.options import RESULT, Json
 from gcs.errors import Exit, InputError
+from gcs.metrics.json_output import json_output
 
 if TYPE_CHECKING:
     from gcs.sweep.columns import Column, Row
@@ -73,7 +73,7 @@ def plot(options: PlotOptions) -> Exit:
         print_line(f"    {case.command}")
     print_line(f"figure: {path}")
     if options.json:
-        print_result(json.dumps({**summary.to_dict(), "figure": str(path), "worst": [asdict(case) for case in cases]}))
+        print_result(json_output({**summary.to_dict(), "figure": str(path), "worst": list(map(asdict, cases))}))
     return Exit.HOLDS
 
 

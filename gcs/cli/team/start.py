@@ -1,7 +1,6 @@
 """`cordon start`: the start of a team whose agents wait on the ground."""
 
 import asyncio
-import json
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,7 @@ from cyclopts.validators import Number
 
 from gcs.cli.options import Changes, Json, KeyName, MissionName, bus_mission
 from gcs.errors import Exit
+from gcs.metrics.json_output import json_output
 
 if TYPE_CHECKING:
     from gcs.console.team_start import StartResult
@@ -88,6 +88,4 @@ def _json(mission: "Mission", result: "StartResult") -> str:
         {**asdict(each), "answer": None if (answer := result.answers.get(each.vehicle)) is None else answer.did}
         for each in result.standings
     ]
-    return json.dumps(
-        {"mission": mission.mission.name, "started": result.started, "vehicles": vehicles}, ensure_ascii=False
-    )
+    return json_output({"mission": mission.mission.name, "started": result.started, "vehicles": vehicles})

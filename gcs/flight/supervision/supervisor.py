@@ -14,11 +14,11 @@ import termios
 import time
 from contextlib import suppress
 from dataclasses import asdict
-from json import dumps
 
 from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, LoopMonitor
 from gcs.metrics.ending import FlightEnding, How
+from gcs.metrics.json_output import json_output
 from gcs.signals import relay
 
 OVERLOAD = 1.5
@@ -64,7 +64,7 @@ def supervise(*, json: bool = False) -> int:
         return code
     if json and code < 0 and monitor.flying:
         with suppress(OSError):
-            os.write(sys.stdout.fileno(), f"{dumps({'ended': asdict(_ending(monitor, lines[1]))})}\n".encode())
+            os.write(sys.stdout.fileno(), f"{json_output({'ended': asdict(_ending(monitor, lines[1]))})}\n".encode())
     for line in (*terminal.restored(killed=code < 0), *lines):
         with suppress(OSError):  # the terminal may be gone
             os.write(sys.stderr.fileno(), f"{line}\n".encode())

@@ -144,7 +144,7 @@ def plant_profile(a0_per_s2: float, a1_per_s: float, delay_s: float) -> str:
 
 
 _MISSION = """\
-# A mission of cordon. docs/missions.md has every key with its default and range.
+# A mission of cordon. docs/mission-keys.md has every key with its default and range.
 # Lengths are metres, times seconds, angles radians. x points along x_bearing_deg, y to its left, z up.
 
 [mission]

@@ -23,7 +23,7 @@ from gcs.flight.faults.catalogue import FAULTS
 from gcs.mission.file import bundled_missions
 from gcs.mission.writing.schema import mission_schema
 from tests.support.paths import DATA, MISSIONS, ROOT
-from tests.support.result_keys import RESULT_KEYS
+from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
 
 # It warns that these tests run main() itself, as the console script does.
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
@@ -195,7 +195,10 @@ def test_completion_knows_every_command_and_its_options(tmp_path: Path, run_here
 
 def test_the_bundled_missions_are_listed_with_what_they_are_for(run_here: Cordon) -> None:
     lines = run_here("missions").out.splitlines()[1:]
-    listed = json.loads(run_here("missions", "--json").out)["missions"]
+    told = json.loads(run_here("missions", "--json").out)
+    listed = told["missions"]
+    keys = OUTPUT_KEYS["missions"].split(), OUTPUT_KEYS["missions[] of missions"].split()
+    assert (list(told), list(listed[0])) == keys
     assert [each["mission"] for each in listed] == [line.split()[0] for line in lines] == bundled_missions()
     for each, line in zip(listed, lines, strict=True):
         mission = tomllib.loads((MISSIONS / f"{each['mission']}.toml").read_text(encoding="utf-8"))
@@ -374,6 +377,7 @@ def test_three_flights_are_compared(run_here: Cordon) -> None:
     ran = run_here("report", "1.mcap", "--compare", "2.mcap", "3.mcap", "--html", "all.html", "--json")
     assert ran.code == 0
     told = json.loads(ran.out)
+    assert list(told) == OUTPUT_KEYS["report --compare"].split()
     assert (told["names"], told["differences"]) == (["1", "2", "3"], {"seed": [1, 2, 3]})
     assert "2: no vehicle engaged" in ran.err
 
@@ -398,7 +402,7 @@ def test_a_preview_tells_the_space_and_the_time_and_flies_nothing(run_here: Cord
     ran = run_here("excite", "case2", "--vehicle", "3", "--preview", "--json")
     assert ran.code == 0
     told = json.loads(ran.out)
-    assert told["vehicle"] == 3
+    assert (list(told), told["vehicle"]) == (OUTPUT_KEYS["excite --preview"].split(), 3)
     assert told["box_m"] == [[7.0, -9.0], [17.0, -9.0], [17.0, 1.0], [7.0, 1.0]]
     assert list(told["preview"]) == ["duration_s", "reach_m", "speed_m_s", "acceleration_m_s2", "distance_m"]
     assert 200.0 < told["preview"]["duration_s"] < 300.0

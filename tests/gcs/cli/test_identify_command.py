@@ -25,6 +25,7 @@ from gcs.vehicle_logs.vehicle_log import ModeSegment, Series, Span, VehicleLog
 from tests.support.flight_logs import record_simulation
 from tests.support.mission_text import content, parsed, put
 from tests.support.paths import DATA
+from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.synthetic_flights import Truth, recorded
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
@@ -100,6 +101,7 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
     file = ProfileShelf(ran.folder).load("own.toml")
     told, result = file.identified, json.loads(out)
     assert told is not None
+    assert list(result) == OUTPUT_KEYS["identify"].split()
     plant = (file.plant.x.a0_per_s2, file.plant.x.a1_per_s, file.plant.y.a0_per_s2, file.plant.y.a1_per_s)
     assert plant == pytest.approx((1.5, 1.9, 1.1, 1.6), rel=0.05)
     assert file.plant.delay_s == pytest.approx(0.2, abs=0.03)

@@ -17,6 +17,7 @@ import pytest
 
 from gcs.errors import Exit
 from tests.support.paths import MISSIONS, ROOT
+from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wire import free_ports
 
 RUNS = 12
@@ -149,13 +150,16 @@ def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path) -> None
     arguments = ("--vary", "encirclement.radius_m=-1,9", "--seeds", "3,4", "--duration", "5")
     code, out, err = ended(start(str(mission), *arguments, "--json", "--out", str(folder)))
     summary: dict[str, Any] = json.loads(out)
-    assert code is Exit.VERDICT_FAILED
+    assert (code, list(summary)) == (Exit.VERDICT_FAILED, OUTPUT_KEYS["sweep"].split())
     assert (summary["runs"], summary["hold"], summary["failed"]) == (4, 2, 2)
     assert list(summary["errors"].values()) == [2]
     assert "encirclement.radius_m: it must be greater than 0 (given: -1)" in err
     mission.write_text("edited")
     code, out, _ = ended(start("plot", str(folder), "--out", str(figure), "--json"))
-    (failed,) = (each for each in json.loads(out)["worst"] if "-1" in each["command"])
+    drawn = json.loads(out)
+    (failed,) = (each for each in drawn["worst"] if "-1" in each["command"])
+    plot_keys = OUTPUT_KEYS["sweep plot"].split(), OUTPUT_KEYS["worst[] of sweep plot"].split()
+    assert (list(drawn), list(failed)) == plot_keys
     copy = folder / "mission" / "mine.toml"
     assert failed["command"] == f"cordon sim {copy} --set encirclement.radius_m=-1 --seed 3 --duration 5"
     assert copy.read_text() == (MISSIONS / "case2.toml").read_text()

@@ -24,6 +24,7 @@ from gcs.preflight.mission import extent_m
 from gcs.preflight.parameters import parameters_wanted
 from gcs.preflight.preflight import preflight, worst
 from tests.support.mission_text import content, parsed, put
+from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wording import facts_missing
 
 OPEN = load_mission("case2")
@@ -486,7 +487,7 @@ def test_the_gravest_come_first_and_all_is_told_to_people_and_to_scripts() -> No
     told = json.loads(findings_json("case2", findings))
     assert (told["mission"], told["grade"], len(told["findings"])) == ("case2", "refuse", len(findings))
     battery = told["findings"][1]
-    assert list(battery) == ["grade", "subject", "check", "found", "why", "next_step", "temporary"]
+    assert (list(told), list(battery)) == (OUTPUT_KEYS["check"].split(), OUTPUT_KEYS["findings[] of check"].split())
     assert [battery[key] for key in ("grade", "subject", "check")] == ["warning", "vehicle 2", "battery"]
     assert "30%" in battery["found"]
     assert battery["why"]

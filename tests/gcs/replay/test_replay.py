@@ -50,6 +50,7 @@ from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, close
 from gcs.replay.cores import VehicleReplay, replay
 from gcs.replay.input_text import input_text, mission_time
 from tests.support.flight_logs import engaging, record_simulation, reencoded, rewrite
+from tests.support.result_keys import OUTPUT_KEYS
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 
@@ -119,6 +120,7 @@ def test_a_recorded_flight_is_replayed_bit_for_bit(name: str, tmp_path: Path, co
     code, out, err = cordon("replay", str(tmp_path / "log.mcap"), "--json")
     result = json.loads(out)
     assert (code, result["same"], result["tolerance"]) == (0, True, None)
+    assert list(result) == OUTPUT_KEYS["replay"].split()
     counts = [(each["id"], each["ticks"], each["compared"], each["identical"]) for each in result["vehicles"]]
     assert counts == [(vehicle_id, TICKS, TICKS, TICKS) for vehicle_id in (1, 2, 3)]
     assert "bit for bit" in err

@@ -15,6 +15,7 @@ from gcs.vehicle_logs.vehicle_log import VehicleLog
 from tests.gcs.vehicle_logs.test_bad_logs import BIN, LOCAL, ULOG, bin_records, topic_records, ulog_records
 from tests.support.flight_logs import record_simulation
 from tests.support.mission_text import content, parsed, put
+from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.telemetry_log import flight
 
 TLOG = bytes(flight((3,), seconds=5.0).log)
@@ -112,6 +113,7 @@ def test_report_gives_its_result_and_says_by_its_exit_code_that_a_log_is_damaged
             assert run(monkeypatch, "report", str(file), "--json") == code
             out, err = capsys.readouterr()
             (result,) = json.loads(out)["logs"]
+            assert list(result) == OUTPUT_KEYS["logs[] of report"].split()
             assert result["damaged"] is (code is Exit.VERDICT_FAILED)
             assert result["series"]["position"]["samples"] > 100
             assert result["notes"]

@@ -29,6 +29,7 @@ from gcs.radio.emulation import Emulation, run
 from sitl.radio.spec import RadioSpec
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
+from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wire import LOOPBACK, cordon, free_ports, until
 
 pytestmark = pytest.mark.wire
@@ -164,6 +165,7 @@ def test_the_command_counts_until_it_is_ended_and_removes_its_devices(ending: si
         relay.send_signal(ending)
         out, err = relay.communicate(timeout=10.0)
     assert relay.returncode == 0
+    assert list(json.loads(out)) == OUTPUT_KEYS["relay"].split()
     assert json.loads(out)["up"] == [{"frames": 1, "bytes": 21, "lost": 0, "dropped": 0}]
     assert re.findall(r"│ (to|from) ", err) == ["to", "from"]
     assert not station.is_symlink()
