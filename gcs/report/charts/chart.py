@@ -1,7 +1,7 @@
 """A chart: axes drawn by matplotlib, reduced to an SVG inside an HTML page."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
@@ -20,10 +20,14 @@ if TYPE_CHECKING:
 Draw = Callable[["Axes"], None]
 
 WIDTH_IN, HEIGHT_IN = 5.0, 2.9
+WIDE_IN = 10.3
+"""The width of two charts side by side, with the gap between them."""
 # The same margins everywhere, so that the axes of charts above each other line up.
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.85, 0.2, 0.52, 0.1
 _LABEL_IN = 0.24
 _KEY_IN = 0.26
+_LEVEL_PT = 12.0
+"""The height of a level's label."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # The page uses another font; matplotlib leaves room for DejaVu Sans, which is wider than most.
 _PAGE_STYLE: dict[Any, Any] = STYLE | {
@@ -44,7 +48,7 @@ _NAMED = re.compile(r'<(g|text) id="[^"]*"')
 class Chart:
     """A chart: title, main figure, alternative text, and SVG.
 
-    `missing` is the reason why the chart holds no data, empty if it does.
+    `missing` is the reason why the chart holds no data, empty if it does. A wide chart takes a row of the page.
     """
 
     title: str
@@ -52,10 +56,29 @@ class Chart:
     alt: str
     svg: Markup
     missing: str = ""
+    is_wide: bool = False
+
+
+def rows_of_two(draws: Sequence[Callable[..., Chart]], beside: int = 0) -> tuple[Chart, ...]:
+    """Draw charts, each a call with `width_in`, for rows of two.
+
+    With an odd number of charts that hold data, and of tables `beside` them, the first is as wide as a row.
+    """
+    charts = [draw(width_in=WIDTH_IN) for draw in draws]
+    drawn = [index for index, each in enumerate(charts) if not each.missing]
+    if drawn and (len(drawn) + beside) % 2:
+        charts[drawn[0]] = draws[drawn[0]](width_in=WIDE_IN)
+    return tuple(charts)
 
 
 def chart(
-    name: str, draws: Draw | Sequence[Draw], alt: str, height_in: float = HEIGHT_IN, *, key_rows: int = 0
+    name: str,
+    draws: Draw | Sequence[Draw],
+    alt: str,
+    height_in: float = HEIGHT_IN,
+    *,
+    key_rows: int = 0,
+    width_in: float = WIDTH_IN,
 ) -> Chart:
     """Draw panels below each other on one time axis; the titles of the first panel become the chart's.
 
@@ -68,11 +91,11 @@ def chart(
     draws = (draws,) if callable(draws) else tuple(draws)
     height_in += _KEY_IN * key_rows
     with rc_context(_PAGE_STYLE | {"svg.hashsalt": name}):
-        figure = Figure(figsize=(WIDTH_IN, height_in))
+        figure = Figure(figsize=(width_in, height_in))
         FigureCanvasSVG(figure)
         figure.subplots_adjust(
-            left=_LEFT_IN / WIDTH_IN,
-            right=1.0 - _RIGHT_IN / WIDTH_IN,
+            left=_LEFT_IN / width_in,
+            right=1.0 - _RIGHT_IN / width_in,
             bottom=(_BOTTOM_IN + _KEY_IN * key_rows) / height_in,
             top=1.0 - _TOP_IN / height_in,
             hspace=0.12,
@@ -81,7 +104,7 @@ def chart(
         for draw, axes in zip(draws, rows, strict=True):
             draw(axes)
             axes.label_outer()
-            axes.yaxis.set_label_coords((_LABEL_IN - _LEFT_IN) / (WIDTH_IN - _LEFT_IN - _RIGHT_IN), 0.5)
+            axes.yaxis.set_label_coords((_LABEL_IN - _LEFT_IN) / (width_in - _LEFT_IN - _RIGHT_IN), 0.5)
         missing = "; ".join(filter(None, map(empty_reason, rows)))
         title, finding = rows[0].get_title(loc="left"), rows[0].get_title(loc="right")
         for axes in rows:
@@ -89,7 +112,7 @@ def chart(
             axes.set_title("", loc="right")
         drawn = StringIO()
         figure.savefig(drawn, format="svg")
-    return Chart(title, finding, alt, _inline(drawn.getvalue(), alt), missing)
+    return Chart(title, finding, alt, _inline(drawn.getvalue(), alt), missing, width_in > WIDTH_IN)
 
 
 def _inline(svg: str, alt: str) -> Markup:
@@ -137,19 +160,33 @@ def _plain(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
-def level(axes: "Axes", value: float, label: str, *, below: bool = False) -> None:
-    """Draw a reference level with its label above or below the right end of the line."""
-    axes.axhline(value, **DESIRED)
-    axes.annotate(
-        label,
-        (1.0, value),
-        xycoords=("axes fraction", "data"),
-        xytext=(-2, -3 if below else 3),
-        textcoords="offset points",
-        ha="right",
-        va="top" if below else "bottom",
-        fontsize=9,
-        color="#5C5C5C",
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
-        zorder=9,
-    )
+def levels(axes: "Axes", values: Mapping[str, float]) -> None:
+    """Draw reference levels, each with its label above the right end of its line.
+
+    Labels that would cover each other are moved up, those that would leave the axes down. The vertical scale is fixed.
+    """
+    for value in values.values():
+        axes.axhline(value, **DESIRED)
+    axes.set_ylim(axes.get_ylim())
+    points = 72.0 / axes.get_figure(root=True).dpi
+    foot_pt, head_pt = (points * y for y in axes.get_window_extent().intervaly)
+    least_pt = foot_pt
+    for label, value in sorted(values.items(), key=lambda item: item[1]):
+        line_pt = points * float(axes.transData.transform((axes.get_xlim()[0], value))[1])
+        label_pt = max(line_pt + 2.0, least_pt)
+        if label_pt + _LEVEL_PT > head_pt:
+            label_pt = line_pt - _LEVEL_PT
+        least_pt = max(label_pt, line_pt) + _LEVEL_PT
+        axes.annotate(
+            label,
+            (1.0, (label_pt - foot_pt) / (head_pt - foot_pt)),
+            xycoords="axes fraction",
+            xytext=(-2, 0),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            fontsize=9,
+            color="#5C5C5C",
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5},
+            zorder=9,
+        )
