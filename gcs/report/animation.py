@@ -19,8 +19,8 @@ FRAMES_MAX = 150
 _FRAME_MS, _LAST_FRAME_MS = 80, 2500
 _WIDTH_IN, _DPI = 8.0, 100
 _GIF_COLOURS = 64
-_RECENT_S = 60.0
-"""The path of this time is drawn in full colour, what is older is faint [mission s]."""
+_RECENT_SHARE = 0.1
+"""The path of this share of the flight is drawn in full colour, what is older is faint."""
 
 
 def save_animation(sheet: Sheet, path: Path, progress: Callable[[float], None]) -> None:
@@ -72,7 +72,7 @@ class _Scene:
 
         record = self._sheet.record
         now_s = float(record.time_s[sample])
-        since = int(np.searchsorted(record.time_s, now_s - _RECENT_S))
+        since = max(0, sample - round(_RECENT_SHARE * record.time_s.size))
         target_m = record.target_path_m
         self._target_path.set_data(*target_m[: sample + 1].T)
         self._target.set_data(*target_m[sample : sample + 1].T)

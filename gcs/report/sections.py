@@ -163,8 +163,8 @@ def _events(flight: Flight) -> Section:
         missing.append("No events were recorded.")
     lead = (
         "The tactics and the engagement of every vehicle, the operator's commands, the failsafes, the guard's "
-        "interventions and injected faults; and the horizontal distance of the two vehicles closest to each other, with "
-        "its minimum marked by a triangle."
+        "interventions and injected faults; and the horizontal distance of the two vehicles closest to each other, "
+        "with its minimum marked by a triangle."
     )
     events = (tables.event_table(record.events),) if record.events else ()
     return Section("events", "Timeline and closest approach", lead, tuple(charts), events, tuple(missing), keyed=False)
@@ -185,8 +185,8 @@ def _estimates(flight: Flight) -> Section:
         missing.append("No own estimate was recorded.")
     lead = (
         "Errors along x and y, with three standard deviations of each vehicle's own covariance (thin dashes). Of a "
-        f"consistent filter {WITHIN_SHARE:.1%} of the errors are within these bounds, and the mean normalised estimation "
-        f"error squared (NEES) of both axes is {NEES_EXPECTED:g}. "
+        f"consistent filter {WITHIN_SHARE:.1%} of the errors are within these bounds, and the mean normalised "
+        f"estimation error squared (NEES) of both axes is {NEES_EXPECTED:g}. "
     )
     reference = "The truth is the simulator's." if true else "The truth is not known: each title names the reference."
     shown = [(name, heading, errors) for name, heading, errors in drawn if errors]
@@ -267,7 +267,8 @@ def _links(flight: Flight) -> Section:
         return Section("links", "Links", missing=("Reception of telemetry and messages was not recorded.",))
     dropped = [f"vehicle {v.vehicle_id} {v.dropped}" for v in vehicles if v.dropped]
     refused = f"Messages dropped: {'; '.join(dropped)}." if dropped else "No message was dropped."
-    lead = f"Telemetry of the own autopilot, and messages of the peers in the colour of their sender. {refused}{_in_wall_time(flight)}"
+    lead = "Telemetry of the own autopilot, and messages of the peers in the colour of their sender."
+    lead = f"{lead} {refused}{_in_wall_time(flight)}"
     return Section("links", "Links", lead, charts, (tables.link_table(flight.evidence),))
 
 

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from estimation.state import Vector
 from gcs.report.charts.panels import empty_reason
-from gcs.style import DESIRED, STYLE
+from gcs.style import DESIRED, STYLE, themed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,6 +41,8 @@ _PAGE_STYLE: dict[Any, Any] = STYLE | {
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
 _COORDINATES = re.compile(r' (d|x|y|points)="[^"]*"')
 _CUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", re.DOTALL)
+_STYLE = re.compile(r'style="[^"]*"')
+_COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 _NAMED = re.compile(r'<(g|text) id="[^"]*"')
 
 
@@ -121,6 +123,7 @@ def _inline(svg: str, alt: str) -> Markup:
     head, _, body = svg.partition(">")
     box = re.search(r'viewBox="[^"]*"', head)
     body = _COORDINATES.sub(lambda match: _rounded(match.group()), _NAMED.sub(r"<\1", body))
+    body = _STYLE.sub(lambda style: _COLOUR.sub(lambda colour: themed(colour.group()), style.group()), body)
     body = re.sub(r"\n\s*", " ", body)
     return Markup(f'<svg role="img" aria-label="{escape(alt)}" {box.group() if box else ""}>{body}')
 
