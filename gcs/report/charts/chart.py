@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
+from json import dumps
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from gcs.style import DESIRED, STYLE, themed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Draw = Callable[["Axes"], None]
 
@@ -43,7 +45,11 @@ _COORDINATES = re.compile(r' (d|x|y|points)="[^"]*"')
 _CUT = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|<style.*?</style>", re.DOTALL)
 _STYLE = re.compile(r'style="[^"]*"')
 _COLOUR = re.compile(r"#[0-9a-f]{6}\b")
-_NAMED = re.compile(r'<(g|text) id="[^"]*"')
+_NAMED = re.compile(r'<(g|text) id="([^"]*)"')
+_LINE = "line: "
+"""What the id of a line with a label begins with, until `_inline` keeps the label for the page's script."""
+_KEPT = {"matplotlib.axis": "axis", "xtick": "xtick", "legend": "legend"}
+"""The parts of a chart that the page's script tells apart, by the beginning of their ids: their classes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,21 +93,12 @@ def chart(
     `name` makes the ids in the SVG unique on a page; `key_rows` adds room for a legend below.
     """
     from matplotlib import rc_context  # noqa: PLC0415
-    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
 
     draws = (draws,) if callable(draws) else tuple(draws)
-    height_in += _KEY_IN * key_rows
+    key_in = _KEY_IN * key_rows
+    height_in += key_in
     with rc_context(_PAGE_STYLE | {"svg.hashsalt": name}):
-        figure = Figure(figsize=(width_in, height_in))
-        FigureCanvasSVG(figure)
-        figure.subplots_adjust(
-            left=_LEFT_IN / width_in,
-            right=1.0 - _RIGHT_IN / width_in,
-            bottom=(_BOTTOM_IN + _KEY_IN * key_rows) / height_in,
-            top=1.0 - _TOP_IN / height_in,
-            hspace=0.12,
-        )
+        figure = _figure(width_in, height_in, key_in)
         rows = figure.subplots(len(draws), 1, sharex=True, squeeze=False)[:, 0]
         for draw, axes in zip(draws, rows, strict=True):
             draw(axes)
@@ -112,17 +109,66 @@ def chart(
         for axes in rows:
             axes.set_title("", loc="left")
             axes.set_title("", loc="right")
+            for line in axes.lines:
+                if not line.get_label().startswith("_"):
+                    line.set_gid(f"{_LINE}{line.get_label()}")
+        scales = [_scale(axes, height_in) for axes in rows] if rows[-1].get_xlabel().startswith("time") else []
         drawn = StringIO()
         figure.savefig(drawn, format="svg")
-    return Chart(title, finding, alt, _inline(drawn.getvalue(), alt), missing, width_in > WIDTH_IN)
+    return Chart(title, finding, alt, _inline(drawn.getvalue(), alt, scales), missing, width_in > WIDTH_IN)
 
 
-def _inline(svg: str, alt: str) -> Markup:
-    """Return an SVG for inline use: without prolog, ids and comments, coordinates rounded to 0.01 points."""
+def _figure(width_in: float, height_in: float, key_in: float) -> "Figure":
+    """Return a figure with the margins of all charts, and with room for a legend below."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    figure = Figure(figsize=(width_in, height_in))
+    FigureCanvasSVG(figure)
+    figure.subplots_adjust(
+        left=_LEFT_IN / width_in,
+        right=1.0 - _RIGHT_IN / width_in,
+        bottom=(_BOTTOM_IN + key_in) / height_in,
+        top=1.0 - _TOP_IN / height_in,
+        hspace=0.12,
+    )
+    return figure
+
+
+def _scale(axes: "Axes", height_in: float) -> str:
+    """Return what a script needs to read values from axes over time: their box in the SVG [points], their limits."""
+    points = 72.0 / axes.get_figure(root=True).dpi
+    left, bottom, right, top = (points * edge for edge in axes.get_window_extent().extents)
+    box = [left, 72.0 * height_in - top, right, 72.0 * height_in - bottom]
+    scale = {
+        "box": [round(float(edge), 2) for edge in box],
+        "time_s": list(map(float, axes.get_xlim())),
+        "limits": list(map(float, axes.get_ylim())),
+        "is_logarithmic": axes.get_yscale() == "log",
+    }
+    return dumps(scale)
+
+
+def _inline(svg: str, alt: str, scales: Sequence[str]) -> Markup:
+    """Return an SVG for inline use: without prolog, ids and comments, coordinates rounded to 0.01 points.
+
+    `scales` are those of its axes, for the page's script.
+    """
+    numbered = iter(scales)
+
+    def kept(match: re.Match[str]) -> str:
+        tag, name = match.groups()
+        if name.startswith(_LINE):
+            return f'<{tag} data-label="{name.removeprefix(_LINE)}"'
+        if name.startswith("axes_"):
+            return f'<{tag} data-axes="{escape(scale)}"' if (scale := next(numbered, "")) else f"<{tag}"
+        kind = _KEPT.get(name.rpartition("_")[0])
+        return f'<{tag} class="{kind}"' if scales and kind else f"<{tag}"
+
     svg = _CUT.sub("", svg[svg.index("<svg") :])
     head, _, body = svg.partition(">")
     box = re.search(r'viewBox="[^"]*"', head)
-    body = _COORDINATES.sub(lambda match: _rounded(match.group()), _NAMED.sub(r"<\1", body))
+    body = _COORDINATES.sub(lambda match: _rounded(match.group()), _NAMED.sub(kept, body))
     body = _STYLE.sub(lambda style: _COLOUR.sub(lambda colour: themed(colour.group()), style.group()), body)
     body = re.sub(r"\n\s*", " ", body)
     return Markup(f'<svg role="img" aria-label="{escape(alt)}" {box.group() if box else ""}>{body}')

@@ -100,7 +100,7 @@ def draw_closest(axes: "Axes", sheet: Sheet, flocking: Flocking, criteria: Crite
     title(axes, "Closest approach", found)
     over_time(axes, "distance [m]", record.time_s)
     known_m = np.where(np.isfinite(closest_m), closest_m, np.nan)
-    axes.plot(*sheet.line(record.time_s, known_m), color=INK, linewidth=1.3)
+    axes.plot(*sheet.line(record.time_s, known_m), color=INK, linewidth=1.3, label="distance")
     violated = closest_m[sample] < separation_m
     mark: dict[str, Any] = {"color": FAIL if violated else INK, "markersize": 8, "clip_on": False, "zorder": 10}
     axes.plot(record.time_s[sample], closest_m[sample], "v", **mark)
@@ -130,7 +130,7 @@ def draw_order(axes: "Axes", sheet: Sheet, flocking: Flocking) -> None:
     """Draw the order parameter of the directions of flight."""
     title(axes, "Alignment: order parameter", "1: all in one direction")
     over_time(axes, "order [–]", sheet.record.time_s)
-    axes.plot(*sheet.line(sheet.record.time_s, flocking.order), color=INK, linewidth=1.2)
+    axes.plot(*sheet.line(sheet.record.time_s, flocking.order), color=INK, linewidth=1.2, label="order")
     axes.set_ylim(0.0, 1.05)
 
 

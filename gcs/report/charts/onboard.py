@@ -30,7 +30,8 @@ def draw_errors(axes: "Axes", sheet: Sheet, errors: Iterable[EstimateError], axi
         bound_m, error_m = SIGMAS * error.sigma_m[:, axis], error.error_m[:, axis]
         style = sheet.style(error.row)
         for side in (-1.0, 1.0):
-            thin = style | {"linewidth": 0.9, "alpha": 0.55, "linestyle": (0, (2, 1.5))}
+            label = f"{style['label']}, 3σ" if side > 0.0 else "_"
+            thin = style | {"linewidth": 0.9, "alpha": 0.55, "linestyle": (0, (2, 1.5)), "label": label}
             axes.plot(*sheet.line(error.time_s, side * bound_m), **thin)
         axes.plot(*sheet.line(error.time_s, error_m), **style | {"linewidth": 0.8})
         spread_m = np.concatenate((bound_m, np.abs(error_m[np.isfinite(error_m)])))
