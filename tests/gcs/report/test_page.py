@@ -124,11 +124,11 @@ def test_the_parts_come_in_order_and_every_link_finds_its_part(page: Page) -> No
     assert [each["href"] for each in page.all("a")] == [f"#{name}" for name in SECTIONS[3:]]
 
 
-def test_nothing_is_fetched_and_nothing_runs_but_the_replay(page: Page) -> None:
+def test_nothing_is_fetched_and_nothing_runs_but_the_replay_and_the_charts(page: Page) -> None:
     shown = re.sub(r'<(script type="text/plain"|template) .*?</(script|template)>', "", page.html, flags=re.DOTALL)
     assert len(shown) < len(page.html)
     assert "http" not in shown.replace("<meta http-equiv", "")
-    assert [each["type"] for each in page.all("script")] == ["text/plain", "module"]
+    assert [each["type"] for each in page.all("script")] == ["text/plain", "module", "module"]
     assert page.all("iframe") == [{"title": "Replay of the flight", "hidden": None}]
     assert "url(" not in re.sub(r"url\(#\w+\)", "", shown)
     for tag, attributes in page.tags:
