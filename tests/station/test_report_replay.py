@@ -134,7 +134,7 @@ def test_without_scripts_the_report_is_whole_and_says_so(flown: tuple[FlightReco
     page = open_page(flown[1].as_uri(), java_script_enabled=False)
     expect(page.locator("#replay")).to_have_text("The replay is missing: this browser runs no scripts here.")
     expect(page.locator("#replay iframe")).to_be_hidden()
-    assert page.locator("main > section").count() == 12
+    assert page.locator("main > section").count() == 15
     expect(page.locator("#paper figure").first).to_be_visible()
 
 
