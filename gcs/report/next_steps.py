@@ -7,27 +7,28 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from shlex import quote
 
-from agents.shell.outcome import KILLED
 from gcs.console.advice import advice, begun_alert, late_ticks
 from gcs.metrics.ending import How, named
-from gcs.metrics.result import FlightResult, VehicleResult
+from gcs.metrics.result import FlightResult
 from gcs.report.evidence.flight import FlightEvidence
 from gcs.report.page_parts import Table
 from gcs.report.summary import listed
 
 _AFTER_ENDING = {
-    How.KILLED: f"{KILLED.next_step} before it flies again",
-    How.ERROR: "repeat the mission with `cordon sim`, and report the error with this log",
-    How.WATCHDOG: "find out what stopped the agent's process: docs/deadman.md lists the causes",
-    How.IN_FLIGHT: "find out where it landed, and why the recording ended",
+    How.KILLED: "recover and inspect before the next flight",
+    How.ERROR: "report the error together with this log, and repeat the mission in simulation before the next flight",
+    How.WATCHDOG: "find out what stopped the agent's process; docs/deadman.md lists causes",
+    How.IN_FLIGHT: "the landing is not recorded: find out where and how it went, and why the recording ended",
     How.PILOT: "ask the pilot for the reason",
-    How.REFUSED: "let `cordon check` state what its autopilot refuses",
-    How.BATTERY: "charge its battery; fly a shorter mission if the battery was full at take-off",
-    How.FAILSAFE: "remove the cause of the failsafe, which the alerts below state",
+    How.REFUSED: "correct what the autopilot refuses; cordon check states the findings without a flight",
+    How.BATTERY: "charge the battery; fly a shorter mission if it was full at take-off",
+    How.FAILSAFE: "remove the cause of the failsafe; the alerts are below",
     How.UNKNOWN: "evaluate this log with the version of cordon that recorded it",
     How.ABORTED: "ask the operator for the reason; the commands are on the timeline",
     How.OPERATOR: "ask the operator for the reason; the commands are on the timeline",
 }
+_ERRORS = {"C2": "angular_rate_error_rms_rad_s", "formation": "formation_spacing_error_rms_m"}
+"""The metric that tells which vehicle to look at, by the verdict; that of the others is the error of the radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,22 +67,23 @@ def alert_table(result: FlightResult) -> Table:
 
 def _after_ending(result: FlightResult) -> Iterator[Step]:
     if result.ended is not None and result.ended.is_early:
-        text = _AFTER_ENDING[result.ended.how]
-        yield Step(
-            f"{_sentence(named(result.ended.vehicles))}: {text}." if result.ended.vehicles else f"{_sentence(text)}."
-        )
+        whose = named(result.ended.vehicles)
+        yield Step(f"{whose[:1].upper()}{whose[1:]}: {_AFTER_ENDING[result.ended.how]}.")
 
 
 def _separate(result: FlightResult, evidence: FlightEvidence) -> Iterator[Step]:
     if result.verdicts.separation is False:
-        text = "Find out why the vehicles came too close before this mission flies again: the guard's reasons are in"
-        yield Step(text, _explained(evidence, result.vehicles[0]))
+        text = (
+            "Find out why vehicles came too close before this mission flies again. The chart of the closest approach "
+            "names them, and the guard's reasons are in"
+        )
+        yield Step(text, _explained(evidence, "ID"))
 
 
 def _engage(result: FlightResult, evidence: FlightEvidence) -> Iterator[Step]:
     for vehicle in result.vehicles:
         if vehicle.id in result.engagement.missing:
-            yield Step(f"Vehicle {vehicle.id} did not engage: the reasons are in", _explained(evidence, vehicle))
+            yield Step(f"Vehicle {vehicle.id} did not engage: the reasons are in", _explained(evidence, vehicle.id))
 
 
 def _identify(result: FlightResult, evidence: FlightEvidence) -> Iterator[Step]:
@@ -95,11 +97,12 @@ def _settle(result: FlightResult, evidence: FlightEvidence) -> Iterator[Step]:
     failed = [name for name, holds in result.verdicts.named().items() if holds is False and name not in _APART]
     if not failed:
         return
-    worst = max(result.vehicles, key=_ring_error)
+    metric = _ERRORS.get(failed[0], "radius_error_rms_m")
+    worst = max(result.vehicles, key=lambda vehicle: getattr(vehicle, metric) or 0.0)
     left_s = result.ring.unsettled_at_s
     when = f"The ring left its limits at {left_s:.1f} s: look" if left_s is not None else "Look"
     text = f"{listed(failed)} {'does' if len(failed) == 1 else 'do'} not hold. {when} at the timeline and at"
-    yield Step(text, _explained(evidence, worst))
+    yield Step(text, _explained(evidence, worst.id))
 
 
 _APART = ("separation", "engaged")
@@ -112,14 +115,6 @@ def _hurry(result: FlightResult, evidence: FlightEvidence) -> Iterator[Step]:
         yield Step(f"{late}.")
 
 
-def _ring_error(vehicle: VehicleResult) -> float:
-    return vehicle.radius_error_rms_m or vehicle.formation_spacing_error_rms_m or 0.0
-
-
-def _explained(evidence: FlightEvidence, vehicle: VehicleResult) -> str:
+def _explained(evidence: FlightEvidence, vehicle: int | str) -> str:
     log = evidence.facts.get("log", "")
-    return f"cordon replay {quote(log) if log and ', ' not in log else 'LOG'} --explain {vehicle.id}"
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}"
+    return f"cordon replay {quote(log) if log and ', ' not in log else 'LOG'} --explain {vehicle}"
