@@ -186,6 +186,19 @@ def over_time(axes: "Axes", label: str, time_s: Vector) -> None:
         axes.set_xlim(float(time_s[0]), float(time_s[-1]))
 
 
+def _label_places(lines: Sequence[float], foot: float, head: float) -> list[float]:
+    """Return the lower edges of the labels of lines, from the lowest line up, between a foot and a head [points]."""
+    places: list[float] = []
+    for line in lines:
+        places.append(max(line + 2.0, places[-1] + _LEVEL_PT if places else foot))
+    limit = head - _LEVEL_PT
+    for index in reversed(range(len(places))):
+        if places[index] > limit:
+            places[index] = min(limit, lines[index] - _LEVEL_PT - 1.0)
+        limit = places[index] - _LEVEL_PT
+    return places
+
+
 def logarithmic(axes: "Axes", values: Vector, floor: float) -> None:
     """Set a logarithmic vertical axis from the smallest value, but not below the floor, with plain tick labels."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: PLC0415
@@ -219,13 +232,10 @@ def levels(axes: "Axes", values: Mapping[str, float]) -> None:
     axes.set_ylim(axes.get_ylim())
     points = 72.0 / axes.get_figure(root=True).dpi
     foot_pt, head_pt = (points * y for y in axes.get_window_extent().intervaly)
-    least_pt = foot_pt
-    for label, value in sorted(values.items(), key=lambda item: item[1]):
-        line_pt = points * float(axes.transData.transform((axes.get_xlim()[0], value))[1])
-        label_pt = max(line_pt + 2.0, least_pt)
-        if label_pt + _LEVEL_PT > head_pt:
-            label_pt = line_pt - _LEVEL_PT
-        least_pt = max(label_pt, line_pt) + _LEVEL_PT
+    ordered = sorted(values.items(), key=lambda item: item[1])
+    left = axes.get_xlim()[0]
+    lines_pt = [points * float(axes.transData.transform((left, value))[1]) for _, value in ordered]
+    for (label, _), label_pt in zip(ordered, _label_places(lines_pt, foot_pt, head_pt), strict=True):
         axes.annotate(
             label,
             (1.0, (label_pt - foot_pt) / (head_pt - foot_pt)),

@@ -16,11 +16,12 @@ class TimeChart {
     this.values = svg.parentElement.appendChild(Object.assign(document.createElement("output"), { className: "values", hidden: true }));
     this.whole = Object.assign(document.createElement("button"), { textContent: "Whole time", hidden: true, onclick: () => this.show(this.box.left, this.box.right) });
     svg.parentElement.querySelector("figcaption").append(this.whole);
-    svg.style.touchAction = "pan-y pinch-zoom";
     svg.addEventListener("pointerdown", (event) => this.#press(event));
     svg.addEventListener("pointermove", (event) => this.#move(event));
     svg.addEventListener("pointerup", (event) => this.#release(event));
-    for (const name of ["pointerleave", "pointercancel"]) svg.addEventListener(name, () => this.#leave());
+    svg.addEventListener("pointerleave", (event) => event.pointerType === "touch" || this.#leave()); // a tap leaves values
+    svg.addEventListener("pointercancel", () => this.#leave());
+    addEventListener("scroll", () => this.#leave(), { passive: true });
     svg.addEventListener("dblclick", () => this.whole.click());
   }
 
@@ -55,7 +56,8 @@ class TimeChart {
   }
 
   #press(event) {
-    if (event.button !== 0) return;
+    if (event.pointerType === "touch") this.#move(event); // a finger's drag scrolls the page
+    if (event.pointerType === "touch" || event.button !== 0) return;
     this.pressed = { x: this.#at(event), client: event.clientX };
     this.svg.setPointerCapture(event.pointerId);
   }
@@ -70,7 +72,7 @@ class TimeChart {
 
   #release(event) {
     const { pressed } = this;
-    this.#leave();
+    if (pressed) this.#leave();
     if (pressed && Math.abs(event.clientX - pressed.client) > DRAG_PX) {
       const [from, to] = [pressed.x, this.#at(event)].sort((a, b) => a - b).map((x) => this.#inWhole(x));
       this.show(from, to);
