@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimation.state import Vector
 from gcs.report.charts.panels import Sheet, landmarks_m, map_height_in
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL.Image import Image
 
 SUFFIXES = (".gif", ".webp")
@@ -21,6 +22,8 @@ _WIDTH_IN, _DPI = 8.0, 100
 _GIF_COLOURS = 64
 _RECENT_SHARE = 0.1
 """The path of this share of the flight is drawn in full colour, what is older is faint."""
+_ANGLES_RAD = np.linspace(0.0, 2.0 * np.pi, 121)
+_CIRCLE = np.column_stack((np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)))
 
 
 def save_animation(sheet: Sheet, path: Path, progress: Callable[[float], None]) -> None:
@@ -56,15 +59,15 @@ class _Scene:
 
     def __init__(self, sheet: Sheet) -> None:
         self._sheet = sheet
-        self._figure, self._axes = _empty_map(sheet)
-        tracks = enumerate(sheet.record.vehicles)
-        self._paths = [self._axes.plot([], [], alpha=0.35, **sheet.style(row))[0] for row, _ in tracks]
-        self._recent = [self._axes.plot([], [], **sheet.style(row))[0] for row in range(len(self._paths))]
-        self._target_path = self._axes.plot([], [], color="black", linewidth=1.0, zorder=3)[0]
-        self._target = self._axes.plot([], [], "D", color="black", markersize=8, zorder=6)[0]
-        self._ring = self._axes.plot([], [], **DESIRED)[0]
-        self._bodies = [_Body(self._axes, row, track.vehicle_id) for row, track in enumerate(sheet.record.vehicles)]
-        self._clock = self._axes.set_title("", loc="right", color=INK)
+        self._canvas, axes = _empty_map(sheet)
+        rows = range(len(sheet.record.vehicles))
+        self._paths = [axes.plot([], [], alpha=0.35, **sheet.style(row))[0] for row in rows]
+        self._recent = [axes.plot([], [], **sheet.style(row))[0] for row in rows]
+        self._target_path = axes.plot([], [], color="black", linewidth=1.0, zorder=3)[0]
+        self._target = axes.plot([], [], "D", color="black", markersize=8, zorder=6)[0]
+        self._ring = axes.plot([], [], **DESIRED)[0]
+        self._bodies = [_Body(axes, row, track.vehicle_id) for row, track in enumerate(sheet.record.vehicles)]
+        self._clock = axes.set_title("", loc="right", color=INK)
 
     def frame(self, sample: int) -> "Image":
         """Return the picture of the flight at one time."""
@@ -82,15 +85,13 @@ class _Scene:
         for row, track in enumerate(record.vehicles):
             self._paths[row].set_data(*track.position_m[: since + 1].T)
             self._recent[row].set_data(*track.position_m[since : sample + 1].T)
+            self._bodies[row].move(track.position_m[sample])
             each_s = engaged_s[row]
-            at = None if each_s is None or each_s > now_s else int(np.argmin(np.abs(record.time_s - each_s)))
-            self._bodies[row].move(track.position_m[sample], None if at is None else track.position_m[at])
+            if each_s is not None and each_s <= now_s:
+                self._bodies[row].engage(track.position_m[int(np.argmin(np.abs(record.time_s - each_s)))])
         self._clock.set_text(f"mission time {now_s:.0f} of {record.time_s[-1]:.0f} s")
-        self._figure.canvas.draw()
-        return Image.fromarray(np.asarray(self._figure.canvas.buffer_rgba())[..., :3].copy())  # type: ignore[attr-defined]
-
-
-_CIRCLE = np.column_stack([turn(np.linspace(0.0, 2.0 * np.pi, 121)) for turn in (np.cos, np.sin)])
+        self._canvas.draw()
+        return Image.fromarray(np.array(self._canvas.buffer_rgba())[..., :3])
 
 
 class _Body:
@@ -103,24 +104,26 @@ class _Body:
         self._name = axes.text(0.0, 0.0, str(vehicle_id), ha="center", va="center_baseline", fontsize=8, zorder=8)
         self._name.set(color="white", fontweight="bold")
 
-    def move(self, place_m: "np.ndarray[tuple[int], np.dtype[np.float64]]", engaged_m: object) -> None:
-        """Show the vehicle at a place (2,), NaN where it is not known, and the place of its engagement, if any."""
+    def move(self, place_m: Vector) -> None:
+        """Show the vehicle at a place (2,), NaN where it is not known."""
         is_known = bool(np.isfinite(place_m).all())
         self._mark.set_data(*([each] for each in place_m))
         self._name.set_visible(is_known)
         if is_known:
             self._name.set_position(tuple(place_m))
-        if engaged_m is not None:
-            self._engaged.set_data(*([each] for each in engaged_m))  # type: ignore[attr-defined]
+
+    def engage(self, place_m: Vector) -> None:
+        """Mark where (2,) the vehicle engaged."""
+        self._engaged.set_data(*([each] for each in place_m))
 
 
-def _empty_map(sheet: Sheet) -> "tuple[Figure, Axes]":
+def _empty_map(sheet: Sheet) -> "tuple[FigureCanvasAgg, Axes]":
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     points_m = landmarks_m(sheet)
     figure = Figure(figsize=(_WIDTH_IN, map_height_in(points_m, _WIDTH_IN) + 0.3), dpi=_DPI, layout="tight")
-    FigureCanvasAgg(figure)
+    canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.update_datalim(points_m)
     axes.margins(0.04)
@@ -130,6 +133,6 @@ def _empty_map(sheet: Sheet) -> "tuple[Figure, Axes]":
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.tick_params(colors=FAINT, labelcolor=INK)
     axes.set_title(sheet.record.mission, loc="left", fontweight="bold", parse_math=False)
-    figure.canvas.draw()
+    canvas.draw()
     figure.set_layout_engine("none")  # laid out once: every frame has the same map at the same place
-    return figure, axes
+    return canvas, axes
