@@ -28,8 +28,8 @@ WIDE_IN = 10.3
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.85, 0.2, 0.52, 0.1
 _LABEL_IN = 0.24
 _KEY_IN = 0.26
-_LEVEL_PT = 12.0
-"""The height of a level's label."""
+_LEVEL_PT, _ROUNDING_PT = 12.0, 1e-6
+"""The height of a level's label, and what is no difference between two heights."""
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # The page uses another font; matplotlib leaves room for DejaVu Sans, which is wider than most.
 _PAGE_STYLE: dict[Any, Any] = STYLE | {
@@ -193,7 +193,7 @@ def _label_places(lines: Sequence[float], foot: float, head: float) -> list[floa
         places.append(max(line + 2.0, places[-1] + _LEVEL_PT if places else foot))
     limit = head - _LEVEL_PT
     for index in reversed(range(len(places))):
-        if places[index] > limit:
+        if places[index] > limit + _ROUNDING_PT:
             places[index] = min(limit, lines[index] - _LEVEL_PT - 1.0)
         limit = places[index] - _LEVEL_PT
     return places
