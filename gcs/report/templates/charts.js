@@ -146,7 +146,7 @@ function place(panel, onScreen, times) {
   for (const old of panel.axis.querySelectorAll(".zoomed")) old.remove();
   for (const tick of ticks) tick.style.display = times ? "none" : "";
   if (!times || !ticks.length) return;
-  for (const seconds of ticksOf(...times)) panel.axis.append(tickAt(ticks[0], seconds, onScreen(panel.placeOf(seconds))));
+  for (const seconds of ticksOf(...times)) panel.axis.append(tickAt(ticks.at(-1), seconds, onScreen(panel.placeOf(seconds))));
 }
 
 function tickAt(template, seconds, x) {
