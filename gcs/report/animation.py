@@ -13,7 +13,7 @@ from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, STYLE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL.Image import Image
+    from PIL.Image import Image as Picture
 
 SUFFIXES = (".gif", ".webp")
 FRAMES_MAX = 150
@@ -45,12 +45,14 @@ def save_animation(sheet: Sheet, path: Path, progress: Callable[[float], None]) 
     _write(frames, path)
 
 
-def _write(frames: "list[Image]", path: Path) -> None:
+def _write(frames: "list[Picture]", path: Path) -> None:
+    from PIL import Image  # noqa: PLC0415
+
     durations_ms = [*(_FRAME_MS for _ in frames[1:]), _LAST_FRAME_MS]
     if path.suffix.lower() == ".gif":
         # One palette for all frames: between them only what moves differs. The last frame holds every colour.
         palette = frames[-1].quantize(_GIF_COLOURS)
-        frames = [frame.quantize(palette=palette, dither=0) for frame in frames]
+        frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations_ms, loop=0, quality=75, method=4)
 
 
@@ -69,7 +71,7 @@ class _Scene:
         self._bodies = [_Body(axes, row, track.vehicle_id) for row, track in enumerate(sheet.record.vehicles)]
         self._clock = axes.set_title("", loc="right", color=INK)
 
-    def frame(self, sample: int) -> "Image":
+    def frame(self, sample: int) -> "Picture":
         """Return the picture of the flight at one time."""
         from PIL import Image  # noqa: PLC0415
 
@@ -90,8 +92,8 @@ class _Scene:
             if each_s is not None and each_s <= now_s:
                 self._bodies[row].engage(track.position_m[int(np.argmin(np.abs(record.time_s - each_s)))])
         self._clock.set_text(f"mission time {now_s:.0f} of {record.time_s[-1]:.0f} s")
-        self._canvas.draw()
-        return Image.fromarray(np.array(self._canvas.buffer_rgba())[..., :3])
+        drawn, size = self._canvas.print_to_buffer()  # type: ignore[no-untyped-call]
+        return Image.frombytes("RGBA", size, drawn).convert("RGB")
 
 
 class _Body:
@@ -133,6 +135,6 @@ def _empty_map(sheet: Sheet) -> "tuple[FigureCanvasAgg, Axes]":
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.tick_params(colors=FAINT, labelcolor=INK)
     axes.set_title(sheet.record.mission, loc="left", fontweight="bold", parse_math=False)
-    canvas.draw()
+    figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once: every frame has the same map at the same place
     return canvas, axes

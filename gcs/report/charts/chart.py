@@ -137,7 +137,7 @@ def _figure(width_in: float, height_in: float, key_in: float) -> "Figure":
 
 def _scale(axes: "Axes", height_in: float) -> str:
     """Return what a script needs to read values from axes over time: their box in the SVG [points], their limits."""
-    points = 72.0 / axes.get_figure(root=True).dpi
+    points = _points(axes)
     left, bottom, right, top = (points * edge for edge in axes.get_window_extent().extents)
     box = [left, 72.0 * height_in - top, right, 72.0 * height_in - bottom]
     scale = {
@@ -147,6 +147,13 @@ def _scale(axes: "Axes", height_in: float) -> str:
         "is_logarithmic": axes.get_yscale() == "log",
     }
     return dumps(scale)
+
+
+def _points(axes: "Axes") -> float:
+    """Return the points of a pixel."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return 72.0 / figure.dpi
 
 
 def _inline(svg: str, alt: str, scales: Sequence[str]) -> Markup:
@@ -230,7 +237,7 @@ def levels(axes: "Axes", values: Mapping[str, float]) -> None:
     for value in values.values():
         axes.axhline(value, **DESIRED)
     axes.set_ylim(axes.get_ylim())
-    points = 72.0 / axes.get_figure(root=True).dpi
+    points = _points(axes)
     foot_pt, head_pt = (points * y for y in axes.get_window_extent().intervaly)
     ordered = sorted(values.items(), key=lambda item: item[1])
     left = axes.get_xlim()[0]

@@ -42,7 +42,7 @@ def test_vehicles_are_where_they_were_at_the_beginning_and_the_end(tmp_path: Pat
     with Image.open(path) as drawn:
         assert drawn.format == name.split(".")[1].upper()
         scales = []
-        for frame, sample in ((0, 0), (drawn.n_frames - 1, -1)):
+        for frame, sample in ((0, 0), (FRAMES_MAX - 1, -1)):
             drawn.seek(frame)
             places_px = [body_px(drawn, COLOURS[row]) for row in range(3)]
             places_m = [track.position_m[sample] for track in sheet.record.vehicles]
