@@ -40,6 +40,44 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "cordon",
 }
 
+DARK = {
+    "#000000": "#FFFFFF",
+    "#333333": "#DFE3E8",
+    "#4D4D4D": "#C8CDD2",
+    "#5C5C5C": "#A9B1BA",
+    "#7F7F7F": "#98A0A8",
+    "#8A8A8A": "#8A939C",
+    "#A6A6A6": "#78818A",
+    "#E4E4E4": "#2B323A",
+    "#F2F2F2": "#20262D",
+    "#FFFFFF": "#14181D",
+    "#B3200A": "#FF9A8D",
+    "#0077BB": "#4DB2F0",
+    "#CC3311": "#FF7A5C",
+    "#009E73": "#2FCF9F",
+    "#AA4499": "#DD88CF",
+    "#E69F00": "#F0B429",
+    "#56B4E9": "#8FD0F7",
+    "#882255": "#D97AA8",
+    "#8A8A2A": "#C2C25A",
+    "#DDDDDD": "#444B53",
+    "#99DDFF": "#1F5A78",
+    "#BBCC33": "#55620F",
+    "#44BB99": "#1D6B55",
+    "#FFAABB": "#7D3646",
+    "#EEDD88": "#665712",
+    "#77AADD": "#2C5480",
+    "#AAAAAA": "#555D66",
+    "#EE8866": "#7D3D22",
+    "#F7F7F7": "#1B2026",
+}
+"""The colours of charts on a dark page, by those of a light one."""
+
+
+def themed(colour: str) -> str:
+    """Return a colour of the light page for CSS, where a dark page gives it another one (`DARK`)."""
+    return f"var(--c{colour.removeprefix('#').lower()}, {colour})"
+
 
 def vehicle_style(row: int, vehicles: int) -> dict[str, Any]:
     """Return the line style of one of several vehicles: the colours in turn, then repeated with another dash."""

@@ -81,6 +81,13 @@ class ReadingProgress(_ProgressBar):
         super().__init__(path.name, "{task.percentage:.0f} % read", 1.0, _PROGRESS_STEP_SHARE)
 
 
+class AnimationProgress(_ProgressBar):
+    """How much of an animation is drawn, as a share."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path.name, "{task.percentage:.0f} % drawn", 1.0, _PROGRESS_STEP_SHARE)
+
+
 class IdentifyProgress(_ProgressBar):
     """Progress of an identification, as a fraction."""
 
@@ -104,6 +111,14 @@ def check_page(path: Path | None) -> None:
     """Refuse a page that cannot be written, before anything is read; raises InputError."""
     if path is not None:
         check_file("--html", path, (".html", ".htm"))
+
+
+def check_animation(path: Path | None) -> None:
+    """Refuse, before anything is read, an animation that could not be written; raises InputError."""
+    from gcs.report.animation import SUFFIXES
+
+    if path is not None:
+        check_file("--animate", path, SUFFIXES)
 
 
 def check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:

@@ -34,6 +34,10 @@ class ReportOptions:
             help="Compare the flight with those of these logs: metrics side by side, and differences.",
         ),
     ] = None
+    animate: Annotated[
+        Path | None,
+        Parameter(group=RESULT, help="Draw the flight from above as an animation into a .gif or .webp."),
+    ] = None
     json: Json = False
     plot: Plot = None
     figure: FigureNumber = None
@@ -63,27 +67,48 @@ def report(
 def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     """Show a flight from the logs of its processes; raises InputError."""
     from gcs.cli.output import present
-    from gcs.console.terminal import STDERR
+    from gcs.console.terminal import print_line
     from gcs.report.evidence.criteria import criteria_of
-    from gcs.report.evidence.plants import plant_facts
+    from gcs.report.evidence.plants import plant_notes
     from gcs.report.evidence.reading import read_flight
 
     read = _logs(logs)
     flight = read_flight(read)
-    plants = plant_facts(flight.mission, flight.evidence)
+    plants = plant_notes(flight.mission, flight.evidence)
     if options.html is not None:
         from gcs.report.flight_page import write_report
         from gcs.report.replay import replay_flight
 
         html, shown = options.html, replay_flight(*read)
-        evidence = replace(flight.evidence, facts={**flight.evidence.facts, **plants})
+        evidence = replace(flight.evidence, plants=plants)
         _write(html, lambda: write_report(evidence, _result(flight), criteria_of(flight.mission), shown, html))
+    if options.animate is not None:
+        _animate(flight, options.animate)
     verdict = present(
         flight.mission, flight.evidence.record, json=options.json, plot=options.plot, figure=options.figure
     )
-    for name, words in plants.items():
-        STDERR.print(f"{name}: {words}", style="dim", markup=False, highlight=False, soft_wrap=True)
+    for note in plants:
+        print_line(f"plant of vehicle {note.vehicle_id}: {note.validation}", "dim")
+        print_line(f"latency of vehicle {note.vehicle_id}: {note.latency}", "dim")
     return Exit.VERDICT_FAILED if flight.is_damaged and verdict is Exit.HOLDS else verdict
+
+
+def _animate(flight: "LoggedFlight", path: Path) -> None:
+    """Draw a flight from above; raises InputError."""
+    from gcs.cli.output import AnimationProgress, writing
+    from gcs.console.terminal import print_line
+    from gcs.metrics.references import ring_reference
+    from gcs.metrics.ring_motion import ring_motion
+    from gcs.report.animation import save_animation
+    from gcs.report.charts.panels import Sheet
+
+    record = flight.evidence.record
+    if not (record.time_s.size > 1 and record.vehicles):
+        raise InputError([f"--animate: {path}: the log holds no motion to draw"])
+    sheet = Sheet(record, _result(flight), ring_reference(flight.mission), None, ring_motion(record))
+    with writing("--animate", path), AnimationProgress(path) as progress:
+        save_animation(sheet, path, progress.update)
+    print_line(f"animation: {path} ({path.stat().st_size / 1e6:.1f} MB)")
 
 
 def _compare_flights(first: Sequence[Path], others: Sequence[Path], options: ReportOptions) -> Exit:
@@ -122,6 +147,8 @@ def _check_compared(paths: Sequence[Path], options: ReportOptions) -> None:
     _check_outputs(options, paths)
     if options.plot is not None:
         raise InputError(["--plot: with --compare the figures are in the page: use --html"])
+    if options.animate is not None:
+        raise InputError(["--animate: it draws one flight: leave out --compare"])
     faults = [f"--compare: {path} is given twice" for path in dict.fromkeys(paths) if paths.count(path) > 1]
     foreign = (path for path in paths if is_foreign(path))
     faults += [f"--compare: {path} was not recorded by cordon; only cordon's logs can be compared" for path in foreign]
@@ -148,6 +175,8 @@ def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
     from gcs.vehicle_logs.foreign import read_vehicle_logs
     from gcs.vehicle_logs.vehicle_log import describe
 
+    if options.animate is not None:
+        raise InputError([f"--animate: {paths[0]} was not recorded by cordon: use --html for its figures"])
     if options.plot is not None:
         raise InputError([f"--plot: {paths[0]} was not recorded by cordon: use --html for its figures"])
     logs = [log for path in paths for log in read_vehicle_logs(path)]
@@ -165,10 +194,11 @@ def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
 
 def _check_outputs(options: ReportOptions, logs: Sequence[Path]) -> None:
     """Refuse output files that cannot be written or would replace a log, before anything is read."""
-    from gcs.cli.output import check_page, check_plot
+    from gcs.cli.output import check_animation, check_page, check_plot
 
     check_plot(options.plot, options.figure)
     check_page(options.html)
+    check_animation(options.animate)
     if options.html in logs:
         raise InputError([f"--html: {str(options.html)!r} is a log"])
 

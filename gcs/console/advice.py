@@ -46,6 +46,8 @@ _ADVICE = {
     Condition.NO_OPERATOR: "join its network with an operator's keys, then resume",
     Condition.OPERATOR_LOST: "the team returns and lands: clear the landing places",
 }
+LATE_SHARE = 0.01
+"""More late ticks than this share are reported."""
 _OF_ALERT = {condition.value: sentence for condition, sentence in _ADVICE.items()}
 _OTHER = "watch it; hold or land it if in doubt"
 _WARNINGS = frozenset(row.condition.value for row in TABLE if row.reactions == (Reaction.DEGRADE,))
@@ -73,7 +75,29 @@ def event_severity(kind: str, text: str) -> Severity:
         return "warning" if text.startswith("kill ") or REFUSED in text else "information"
     if kind != "failsafe":
         return "information"
-    alert, _, then = text.removeprefix("alert: ").partition(": ")
+    alert, is_over = _alert_of(text)
     if alert in _OF_ALERT:
-        return "information" if then.startswith("cleared") else severity(alert)
+        return "information" if is_over else severity(alert)
     return "information" if alert == "alert cleared" else "warning"
+
+
+def begun_alert(kind: str, text: str) -> str:
+    """Return the alert that begins with an event of a flight, empty for any other event."""
+    alert, is_over = _alert_of(text)
+    return alert if kind == "failsafe" and alert in _OF_ALERT and not is_over else ""
+
+
+def _alert_of(text: str) -> tuple[str, bool]:
+    """Return the alert that a failsafe's event names, and whether the event is its end."""
+    alert, _, then = text.removeprefix("alert: ").partition(": ")
+    return alert, then.startswith("cleared")
+
+
+def late_ticks(missed: int, ticks: int, *, below_speed: float | None) -> str:
+    """Return how many ticks were late, and what to do; empty for few. `below_speed`: a lower speed is possible."""
+    if missed <= LATE_SHARE * ticks:
+        return ""
+    advised = (
+        "close other programs, or fly fewer vehicles" if below_speed is None else f"use a --speed below {below_speed:g}"
+    )
+    return f"{missed} of {missed + ticks} ticks were late: {advised}"

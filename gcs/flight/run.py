@@ -8,6 +8,7 @@ from functools import partial
 
 from agents.ports import VehicleRefusedError
 from agents.shell.outcome import Ending, Outcome
+from gcs.console.advice import late_ticks
 from gcs.console.backlog import unblocked
 from gcs.console.live import LiveView
 from gcs.console.terminal import STDERR, print_line, print_problem
@@ -22,7 +23,6 @@ from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.findings_view import findings_view
 
 _SPEED_REACHED_SHARE = 0.97
-_MISSED_SHARE = 0.01
 FULL_COLLECTION_NEVER = 1_000_000
 """Middle-generation collections before a full one: weeks."""
 
@@ -86,7 +86,5 @@ def _warn_of_lateness(flight: Flight, record: FlightRecord, *, slower: bool) -> 
     """Report a computer that was too slow, with advice; `slower` is whether the flight could have been slower."""
     if flight.speed_reached < _SPEED_REACHED_SHARE * flight.speed:
         print_line(f"this computer reached speed {flight.speed_reached:.1f}, not {flight.speed:g}", "yellow")
-    missed, ticks = record.loop.missed, record.loop.ticks
-    if missed > _MISSED_SHARE * ticks:
-        advice = f"use a --speed below {flight.speed:g}" if slower else "close other programs, or fly fewer vehicles"
-        print_line(f"{missed} of {missed + ticks} ticks were late: {advice}", "yellow")
+    if late := late_ticks(record.loop.missed, record.loop.ticks, below_speed=flight.speed if slower else None):
+        print_line(late, "yellow")

@@ -15,7 +15,7 @@ from estimation.identification.response import response_of
 from estimation.identification.simulated import PREDICTION_HORIZON_S, Simulated, simulated
 from estimation.state import Vector
 from gcs.identify.view import bounds_words, fit_rows, parameter_rows, remarks
-from gcs.report.charts.chart import chart, level, over_time
+from gcs.report.charts.chart import chart, levels, over_time
 from gcs.report.charts.panels import title
 from gcs.report.charts.thinning import thinned
 from gcs.report.page import KeyLine, render
@@ -147,7 +147,7 @@ def _draw_step(axes: "Axes", draws: Vector, axis: int) -> None:
     title(axes, f"Step along {_AXES[axis]}", f"overshoot {100 * max(float(rows[0].max()) - 1.0, 0.0):.0f} %")
     over_time(axes, "position [m]", time_s)
     _draw_band(axes, time_s, np.array(rows))
-    level(axes, 1.0, "setpoint")
+    levels(axes, {"setpoint": 1.0})
 
 
 def _gains(draws: Vector, axis: int) -> tuple[Vector, "np.ndarray[tuple[int, ...], np.dtype[np.complex128]]"]:

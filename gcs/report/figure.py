@@ -103,9 +103,8 @@ def _draw_legend(figure: "Figure", sheet: Sheet, columns: int) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
 
-    tracks = enumerate(sheet.record.vehicles)
     handles = [
-        *(Line2D([], [], label=f"vehicle {track.vehicle_id}", **sheet.style(row)) for row, track in tracks),
+        *(Line2D([], [], **sheet.style(row)) for row in range(len(sheet.record.vehicles))),
         Line2D([], [], label="target", color="black", marker="D", linewidth=1.2),
         Line2D([], [], label="desired", **DESIRED),
         Line2D([], [], label="engages", linestyle="", color=FAINT, **ENGAGED),

@@ -1,6 +1,7 @@
 """The report of a flight as one HTML file for screen and print, which fetches nothing.
 
-Its first part replays the flight on the operator's page. All else is there without scripts.
+It begins with how the flight ended. One part replays the flight on the operator's page; all else is there without
+scripts.
 """
 
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 from gcs.metrics.result import FlightResult, reference_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.evidence.flight import FlightEvidence
+from gcs.report.next_steps import alert_table, next_steps
 from gcs.report.page import key_of, render
 from gcs.report.replay import licences, packed_replay
 from gcs.report.sections import flight_of, sections
@@ -32,6 +34,9 @@ def report_html(evidence: FlightEvidence, result: FlightResult, criteria: Criter
         headline=headline(result),
         verdicts=verdicts(result, criteria),
         summary=summary(result, criteria),
+        steps=next_steps(result, evidence),
+        alerts=alert_table(result),
+        plants=evidence.plants,
         key=key_of(evidence.record),
         sections=sections(flight),
         replay=packed_replay(shown),
@@ -39,11 +44,21 @@ def report_html(evidence: FlightEvidence, result: FlightResult, criteria: Criter
     )
 
 
+def _wall_time(result: FlightResult) -> dict[str, str]:
+    if result.wall_time_s is None or result.realtime_factor is None:
+        return {}
+    return {"wall time": f"{result.wall_time_s:.1f} s, {result.realtime_factor:.3g}× real time"}
+
+
 def _facts(evidence: FlightEvidence, result: FlightResult) -> dict[str, str]:
+    facts = dict(evidence.facts)
+    versions = {"versions": facts.pop("versions")} if "versions" in facts else {}
     return {
-        **evidence.facts,
+        **facts,
         "source": f"{result.source}, seed {result.seed}" if result.source != "flight" else "flight",
-        "duration": f"{result.duration_s:g} s at {result.loop.rate_hz:g} Hz",
+        "mission time": f"{result.duration_s:g} s at {result.loop.rate_hz:g} Hz",
+        **_wall_time(result),
         "vehicles": ", ".join(str(track.vehicle_id) for track in evidence.record.vehicles) or "none",
         "reference": reference_line(result),
+        **versions,
     }

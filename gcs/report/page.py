@@ -7,7 +7,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gcs.metrics.record import FlightRecord
-from gcs.style import vehicle_style
+from gcs.style import DARK, themed, vehicle_style
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,8 @@ def render(template: str, **context: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(template).render(**context)
+    environment.filters["themed"] = themed
+    return environment.get_template(template).render(dark=DARK, **context)
 
 
 def key_of(record: FlightRecord) -> tuple[KeyLine, ...]:

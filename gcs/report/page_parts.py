@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from gcs.report.charts.chart import Chart
 
-_NARROW_COLUMNS = 5
+_NARROW_COLUMNS = 6
 
 
 @dataclass(frozen=True, slots=True)

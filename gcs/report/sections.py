@@ -13,11 +13,18 @@ from gcs.report import tables
 from gcs.report.charts import metrics as panels_metrics
 from gcs.report.charts import onboard as panels_onboard
 from gcs.report.charts import panels
-from gcs.report.charts.chart import WIDTH_IN, Chart, chart
+from gcs.report.charts.chart import WIDE_IN, Chart, chart, rows_of_two
 from gcs.report.charts.lanes import draw_lanes, key_rows, lanes_height_in
 from gcs.report.charts.panels import Sheet
+from gcs.report.consistency_note import consistency_note
 from gcs.report.evidence.criteria import Criteria
-from gcs.report.evidence.estimate_errors import EstimateError, own_errors, target_errors
+from gcs.report.evidence.estimate_errors import (
+    NEES_EXPECTED,
+    WITHIN_SHARE,
+    EstimateError,
+    own_errors,
+    target_errors,
+)
 from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
 from gcs.report.evidence.lyapunov import decays
 from gcs.report.page_parts import Section
@@ -75,20 +82,14 @@ def sections(flight: Flight) -> tuple[Section, ...]:
 
 def _paper(flight: Flight) -> Section:
     sheet = flight.sheet
-    drawn = (
-        chart(
-            "paths",
-            partial(panels.draw_paths, sheet=sheet),
-            "Map of the paths of all vehicles and of the target, with the final ring.",
-            panels.map_height_in(panels.landmarks_m(sheet), WIDTH_IN),
-        ),
-        chart(
-            "speeds", partial(panels.draw_speeds, sheet=sheet), "Speed in x of every vehicle in formation over time."
-        ),
-        chart("radii", partial(panels.draw_radii, sheet=sheet), "Distance to the target on the ring over time."),
-        chart("rates", partial(panels.draw_rates, sheet=sheet), "Angular velocity about the target over time."),
-        chart("spacings", partial(panels.draw_spacings, sheet=sheet), "Angle from each vehicle to the next over time."),
+    over_time = (
+        ("speeds", panels.draw_speeds, "Speed in x of every vehicle in formation over time."),
+        ("radii", panels.draw_radii, "Distance to the target on the ring over time."),
+        ("rates", panels.draw_rates, "Angular velocity about the target over time."),
+        ("spacings", panels.draw_spacings, "Angle from each vehicle to the next over time."),
     )
+    draws = [partial(chart, name, partial(draw, sheet=sheet), alt) for name, draw, alt in over_time]
+    drawn = rows_of_two([partial(_map, sheet), *draws])
     numbered = zip(("1, 4", "2", "3, 5", "3, 5", "6"), drawn, strict=True)
     headed = [replace(each, title=f"{each.title} (figure {number})") for number, each in numbered]
     headed[0] = replace(headed[0], title="Paths (figure 1, 4)", finding="")
@@ -99,6 +100,12 @@ def _paper(flight: Flight) -> Section:
         "diamonds its final position; the grey area is the window of the ring metrics.",
         tuple(headed),
     )
+
+
+def _map(sheet: Sheet, width_in: float) -> Chart:
+    alt = "Map of the paths of all vehicles and of the target, with the final ring."
+    height_in = panels.map_height_in(panels.landmarks_m(sheet), width_in)
+    return chart("paths", partial(panels.draw_paths, sheet=sheet), alt, height_in, width_in=width_in)
 
 
 def _errors(flight: Flight) -> Section:
@@ -118,13 +125,16 @@ def _errors(flight: Flight) -> Section:
             "Running rms error of the spacing in formation",
         ),
     )
-    charts = tuple(
-        chart(
-            name,
-            partial(draw, sheet=sheet, criteria=criteria),
-            f"{alt} of every vehicle over time, with its tolerance.",
-        )
-        for name, draw, alt in draws
+    charts = rows_of_two(
+        [
+            partial(
+                chart,
+                name,
+                partial(draw, sheet=sheet, criteria=criteria),
+                f"{alt} of every vehicle over time, with its tolerance.",
+            )
+            for name, draw, alt in draws
+        ]
     )
     lead = (
         f"Each line is the root mean square over the last {panels_metrics.RUNNING_S:g} seconds, on a logarithmic scale "
@@ -141,21 +151,23 @@ def _events(flight: Flight) -> Section:
             panels_metrics.draw_closest, sheet=flight.sheet, flocking=flight.flocking, criteria=flight.criteria
         )
         alt = "Distance of the two vehicles closest to each other over time, with the required separation."
-        charts.append(chart("closest", draw, alt))
+        charts.append(chart("closest", draw, alt, width_in=WIDE_IN))
     else:
         missing.append("One vehicle: there is no distance to another.")
-    lanes = partial(draw_lanes, record=record, evidence=evidence)
-    alt = "A lane for each vehicle with its tactics, commands, failsafes and guard interventions over time."
-    rows = key_rows(record, evidence)
-    charts.append(chart("lanes", lanes, alt, lanes_height_in(len(record.vehicles)), key_rows=rows))
+    lanes = partial(draw_lanes, sheet=flight.sheet, evidence=evidence)
+    alt = "A lane for each vehicle: tactics, engagement, commands, failsafes and guard interventions; injected faults."
+    rows = key_rows(flight.sheet, evidence)
+    timeline = chart("lanes", lanes, alt, lanes_height_in(record), key_rows=rows, width_in=WIDE_IN)
+    charts.insert(0, timeline)
     if not record.events:
         missing.append("No events were recorded.")
     lead = (
-        "The horizontal distance of the two vehicles closest to each other, with its minimum marked by a triangle; and "
-        "the tactics of every vehicle, the operator's commands, the failsafes and the guard's interventions."
+        "The tactics and the engagement of every vehicle, the operator's commands, the failsafes, the guard's "
+        "interventions and injected faults; and the horizontal distance of the two vehicles closest to each other, "
+        "with its minimum marked by a triangle."
     )
     events = (tables.event_table(record.events),) if record.events else ()
-    return Section("events", "Closest approach and timeline", lead, tuple(charts), events, tuple(missing), keyed=False)
+    return Section("events", "Timeline and closest approach", lead, tuple(charts), events, tuple(missing), keyed=False)
 
 
 def _estimates(flight: Flight) -> Section:
@@ -172,15 +184,18 @@ def _estimates(flight: Flight) -> Section:
     elif not own:
         missing.append("No own estimate was recorded.")
     lead = (
-        "Errors along x and y, with three standard deviations of each vehicle's own covariance (thin dashes). "
-        "A consistent filter keeps 99.7 % of the errors within these bounds. "
+        "Errors along x and y, with three standard deviations of each vehicle's own covariance (thin dashes). Of a "
+        f"consistent filter {WITHIN_SHARE:.1%} of the errors are within these bounds, and the mean normalised "
+        f"estimation error squared (NEES) of both axes is {NEES_EXPECTED:g}. "
     )
     reference = "The truth is the simulator's." if true else "The truth is not known: each title names the reference."
     shown = [(name, heading, errors) for name, heading, errors in drawn if errors]
+    ids = [vehicle.vehicle_id for vehicle in vehicles]
+    notes = [f" {consistency_note(name, errors, ids, true=true)}" for name, _, errors in shown]
     return Section(
         "estimates",
         "Estimation errors",
-        lead + reference,
+        f"{lead}{reference}{''.join(notes)}".rstrip(),
         tuple(_error_chart(flight, name, heading, errors) for name, heading, errors in shown),
         tuple(tables.error_table(heading, errors, flight.evidence) for _, heading, errors in shown),
         tuple(missing),
@@ -204,15 +219,27 @@ def _loops(flight: Flight) -> Section:
         "loop",
         "Control loop",
         "Computing time of each tick, with the period of the loop. A red cross marks skipped ticks. A fallback plan is "
-        "flown where the optimization has no solution.",
-        (chart("ticks", draw, alt),),
+        f"flown where the optimization has no solution.{_in_wall_time(flight)}",
+        rows_of_two([partial(chart, "ticks", draw, alt)]),
         (tables.loop_table(flight.evidence),),
+    )
+
+
+def _in_wall_time(flight: Flight) -> str:
+    """Return which figures are wall time, in a sentence; empty where mission time is the same."""
+    speed = flight.evidence.speed
+    if speed == 1.0:
+        return ""
+    return (
+        f" The flight ran {speed:g} times as fast as real time: computing times, periods, intervals and ages are wall "
+        "time, the time axes are mission time."
     )
 
 
 def _links(flight: Flight) -> Section:
     vehicles = flight.evidence.vehicles
-    telemetry = [(row, *panels_onboard.intervals_ms(v.telemetry)) for row, v in enumerate(vehicles)]
+    speed = flight.evidence.speed
+    telemetry = [(row, *panels_onboard.intervals_ms(v.telemetry, speed)) for row, v in enumerate(vehicles)]
     ages = [(row, v.telemetry.received_s, 1e3 * v.telemetry.age_s) for row, v in enumerate(vehicles)]
     series = (
         ("intervals", telemetry, "interval [ms]", "Telemetry: interval between samples"),
@@ -224,20 +251,24 @@ def _links(flight: Flight) -> Section:
             "Peers: age of messages on reception",
         ),
     )
-    charts = tuple(
-        chart(
-            f"link-{name}",
-            partial(panels_onboard.draw_reception, sheet=flight.sheet, received=received, label=label, what=what),
-            f"{what}, over time.",
-        )
-        for name, received, label, what in series
-        if any(time_s.size for _, time_s, _ in received)
+    charts = rows_of_two(
+        [
+            partial(
+                chart,
+                f"link-{name}",
+                partial(panels_onboard.draw_reception, sheet=flight.sheet, received=received, label=label, what=what),
+                f"{what}, over time.",
+            )
+            for name, received, label, what in series
+            if any(time_s.size for _, time_s, _ in received)
+        ]
     )
     if not charts:
         return Section("links", "Links", missing=("Reception of telemetry and messages was not recorded.",))
     dropped = [f"vehicle {v.vehicle_id} {v.dropped}" for v in vehicles if v.dropped]
     refused = f"Messages dropped: {'; '.join(dropped)}." if dropped else "No message was dropped."
-    lead = f"Telemetry of the own autopilot, and messages of the peers in the colour of their sender. {refused}"
+    lead = "Telemetry of the own autopilot, and messages of the peers in the colour of their sender."
+    lead = f"{lead} {refused}{_in_wall_time(flight)}"
     return Section("links", "Links", lead, charts, (tables.link_table(flight.evidence),))
 
 
@@ -255,7 +286,9 @@ def _reynolds(flight: Flight) -> Section:
         "Separation, alignment and cohesion as flown. In formation all vehicles fly in one direction; on the ring the "
         "directions cancel out, and the order parameter is near 0."
     )
-    charts = tuple(chart(name, partial(draw, sheet=sheet, flocking=figures), alt) for name, draw, alt in draws)
+    charts = rows_of_two(
+        [partial(chart, name, partial(draw, sheet=sheet, flocking=figures), alt) for name, draw, alt in draws]
+    )
     table = tables.reynolds_table(flight.result)
     return Section("reynolds", "Reynolds' rules", lead, charts, (table,))
 
@@ -274,7 +307,10 @@ def _lyapunov(flight: Flight) -> Section:
         ),
         ("decays", panels_metrics.draw_decays, "V after every change of the ring, with the expected decay."),
     )
-    charts = tuple(chart(name, partial(draw, sheet=flight.sheet, periods=periods), alt) for name, draw, alt in draws)
+    charts = rows_of_two(
+        [partial(chart, name, partial(draw, sheet=flight.sheet, periods=periods), alt) for name, draw, alt in draws],
+        beside=1,
+    )
     expected = (
         ""
         if gain is None
@@ -301,15 +337,15 @@ def _power(flight: Flight) -> Section:
     charts = []
     if any(v.altitude_m.size and v.own.time_s.size for v in evidence.vehicles):
         draw = partial(panels_onboard.draw_altitudes, sheet=sheet, evidence=evidence)
-        charts.append(chart("heights", draw, "Height of every vehicle over time."))
+        charts.append(partial(chart, "heights", draw, "Height of every vehicle over time."))
     if any(v.battery.size for v in evidence.vehicles):
         draw = partial(panels_onboard.draw_batteries, sheet=sheet, evidence=evidence)
-        charts.append(chart("batteries", draw, "Battery of every vehicle over time."))
+        charts.append(partial(chart, "batteries", draw, "Battery of every vehicle over time."))
     if any(np.nan_to_num(v.loop.yaw_rad).any() for v in evidence.vehicles):
         draw = partial(panels_onboard.draw_yaws, sheet=sheet, evidence=evidence)
-        charts.append(chart("yaws", draw, "Yaw of every vehicle's setpoints over time."))
+        charts.append(partial(chart, "yaws", draw, "Yaw of every vehicle's setpoints over time."))
     missing = () if charts else ("Neither heights nor batteries were recorded.",)
-    return Section("power", "Height, yaw and battery", charts=tuple(charts), missing=missing)
+    return Section("power", "Height, yaw and battery", charts=rows_of_two(charts), missing=missing)
 
 
 def _metrics(flight: Flight) -> Section:

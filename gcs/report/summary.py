@@ -66,7 +66,7 @@ def _of_team(result: FlightResult, separation_m: float) -> tuple[VerdictEntry, .
     engaged = engaged_line(result.engagement)
     return (
         VerdictEntry("separation", "closest approach", holds.separation, apart),
-        VerdictEntry("engaged", "who was to", holds.engaged, ((engaged, ""),) if engaged else ()),
+        VerdictEntry("engaged", "vehicles that were to", holds.engaged, ((engaged, ""),) if engaged else ()),
     )
 
 
@@ -100,7 +100,6 @@ def _verdicts_line(result: FlightResult) -> str:
 def summary(result: FlightResult, criteria: Criteria) -> str:
     """Return the flight in a paragraph."""
     sentences = [
-        *_ended(result),
         _flown(result),
         *_engaged(result),
         *_ring(result, criteria),
@@ -108,16 +107,8 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
         *_apart(result, criteria),
         *_guarded(result),
         *_troubles(result),
-        f"{headline(result)}.",
     ]
     return re.sub(r"(\d) (s|m|setpoints?)\b", "\\1\u00a0\\2", " ".join(sentences))
-
-
-def _ended(result: FlightResult) -> list[str]:
-    ended = result.ended
-    if ended is None:
-        return []
-    return [f"{ended.headline}.", ended.reason] if ended.is_early else [f"{ended.headline}."]
 
 
 def _flown(result: FlightResult) -> str:
@@ -134,9 +125,9 @@ def _engaged(result: FlightResult) -> list[str]:
     if not joined:
         return [f"No vehicle engaged the target{f', though {named(missing)} should have' if missing else ''}."]
     each = [f"vehicle {vehicle_id} after {at_s:.1f} s" for at_s, vehicle_id in joined]
-    shown = _listed(each) if len(each) <= _NAMED else f"{len(each)} vehicles, from {each[0]} to {each[-1]}"
+    shown = listed(each) if len(each) <= _NAMED else f"{len(each)} vehicles, from {each[0]} to {each[-1]}"
     stayed = [str(v.id) for v in result.vehicles if v.engaged_at_s is None and v.id not in missing]
-    rest = f"; not engaged: {_listed(stayed)}" if stayed else ""
+    rest = f"; not engaged: {listed(stayed)}" if stayed else ""
     never = f"; {named(missing)} should have, and never did" if missing else ""
     return [f"Engaged on the ring: {shown}{rest}{never}."]
 
@@ -186,7 +177,7 @@ def _guarded(result: FlightResult) -> list[str]:
     if not result.guard_interventions:
         return ["The guard moved no setpoint."]
     counted = [f"{cause} {count}" for cause, count in result.guard_causes.items()]
-    why = f" ({_listed(counted)})" if counted else ""
+    why = f" ({listed(counted)})" if counted else ""
     return [f"The guard moved {result.guard_interventions} setpoint{_s(result.guard_interventions)}{why}."]
 
 
@@ -200,7 +191,8 @@ def _s(count: int) -> str:
     return "" if count == 1 else "s"
 
 
-def _listed(parts: Sequence[str]) -> str:
+def listed(parts: Sequence[str]) -> str:
+    """Return one or more parts of a sentence as one: `a, b and c`."""
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 

@@ -10,7 +10,7 @@ from gcs.metrics.record import FlightEvent
 from gcs.metrics.result import FlightResult
 from gcs.metrics.reynolds_view import FLOCKING_LABELS, flocking_cells, phases
 from gcs.report.charts.onboard import intervals_ms
-from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError
+from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError, consistency
 from gcs.report.evidence.flight import FlightEvidence, Reception, VehicleEvidence
 from gcs.report.evidence.lyapunov import DECAYED_SHARE, Decay
 from gcs.report.page_parts import Table
@@ -62,8 +62,9 @@ def ring_table(result: FlightResult) -> Table:
         ("closest approach [m]", number(result.closest_approach_m, ".3f")),
         ("setpoints moved by the guard", number(result.guard_interventions, "d")),
         ("ticks, missed ticks", f"{loop.ticks}, {loop.missed}"),
+        ("mission time [s]", number(result.duration_s, ".1f")),
         ("wall time [s]", number(result.wall_time_s, ".1f")),
-        ("real-time factor", number(result.realtime_factor, ".3g")),
+        ("mission time per wall time", number(result.realtime_factor, ".3g")),
     )
     return Table("Metrics of the team", ("metric", "value"), rows)
 
@@ -99,26 +100,27 @@ def decay_table(periods: Sequence[Decay]) -> Table:
 
 
 def error_table(caption: str, errors: Sequence[EstimateError], evidence: FlightEvidence) -> Table:
-    """Return the size of the errors, and the share of them within the vehicle's own 3σ bounds."""
+    """Return the size of the errors, their share within the vehicle's own 3σ bounds, and their mean NEES."""
     rows = []
     for error in errors:
         known = np.isfinite(error.error_m).all(axis=1)
-        off_m, bound_m = error.error_m[known], SIGMAS * error.sigma_m[known]
-        length_m = np.hypot(*off_m.T)
+        length_m = np.hypot(*error.error_m[known].T)
         vehicle_id = str(evidence.vehicles[error.row].vehicle_id)
-        if not known.any():
-            rows.append((vehicle_id, *["–"] * 4))
+        found = consistency(error)
+        if found is None:
+            rows.append((vehicle_id, *["–"] * 5))
             continue
         rows.append(
             (
                 vehicle_id,
                 f"{np.sqrt(np.mean(length_m**2)):.3f}",
                 f"{length_m.max():.3f}",
-                f"{bound_m.mean():.3f}",
-                f"{np.mean(np.abs(off_m) <= bound_m):.1%}",
+                f"{SIGMAS * error.sigma_m[known].mean():.3f}",
+                f"{found.within:.1%}",
+                f"{found.nees:.2f}",
             )
         )
-    columns = ("vehicle", "rms [m]", "max [m]", "mean 3σ [m]", "within 3σ")
+    columns = ("vehicle", "rms [m]", "max [m]", "mean 3σ [m]", "within 3σ", "NEES")
     return Table(caption, columns, tuple(rows))
 
 
@@ -164,7 +166,9 @@ def link_table(evidence: FlightEvidence) -> Table:
         received = [("own\u00a0autopilot", vehicle.telemetry)]
         received += [(f"vehicle\u00a0{sender}", reception) for sender, reception in sorted(vehicle.peers.items())]
         rows += [
-            _reception_row(vehicle, source, reception) for source, reception in received if reception.received_s.size
+            _reception_row(vehicle, source, reception, evidence.speed)
+            for source, reception in received
+            if reception.received_s.size
         ]
     columns = (
         "receiver",
@@ -179,8 +183,8 @@ def link_table(evidence: FlightEvidence) -> Table:
     return Table("Reception", columns, tuple(rows), words=2, folded=len(rows) > _FOLDED_ROWS)
 
 
-def _reception_row(vehicle: VehicleEvidence, source: str, reception: Reception) -> tuple[str, ...]:
-    _, interval_ms = intervals_ms(reception)
+def _reception_row(vehicle: VehicleEvidence, source: str, reception: Reception, speed: float) -> tuple[str, ...]:
+    _, interval_ms = intervals_ms(reception, speed)
     ages_ms = 1e3 * reception.age_s[np.isfinite(reception.age_s)]
     return (
         f"vehicle\u00a0{vehicle.vehicle_id}",

@@ -1,13 +1,14 @@
-"""The replay in a report, opened from a file: nothing is fetched, and it shows what the simulator knows."""
+"""A report, opened from a file: nothing is fetched, and its replay and its charts show what the simulator knows."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from playwright.sync_api import FrameLocator, Page, expect
+from playwright.sync_api import FrameLocator, Locator, Page, expect
 
 from gcs.cli.report import ReportOptions, report
 from gcs.flightlog.reader import read_log
@@ -133,7 +134,7 @@ def test_without_scripts_the_report_is_whole_and_says_so(flown: tuple[FlightReco
     page = open_page(flown[1].as_uri(), java_script_enabled=False)
     expect(page.locator("#replay")).to_have_text("The replay is missing: this browser runs no scripts here.")
     expect(page.locator("#replay iframe")).to_be_hidden()
-    assert page.locator("main > section").count() == 12
+    assert page.locator("main > section").count() == 15
     expect(page.locator("#paper figure").first).to_be_visible()
 
 
@@ -141,3 +142,85 @@ def test_a_browser_that_cannot_unpack_it_says_so(flown: tuple[FlightRecord, Path
     page = open_page(flown[1].as_uri(), script="delete globalThis.DecompressionStream;")
     expect(page.locator("#replay")).to_contain_text("The replay is missing: this browser cannot open it")
     expect(page.locator("#verdicts")).to_be_visible()
+
+
+RADII = "Radius about the target (figure 3, 5)"
+
+
+@pytest.fixture
+def radii(page: Page) -> Locator:
+    """The chart of the radii."""
+    figure = page.locator("figure", has=page.get_by_role("heading", name=RADII, exact=True))
+    figure.scroll_into_view_if_needed()
+    return figure
+
+
+def pointing(figure: Locator) -> Callable[[float], tuple[float, float]]:
+    """Return where on the screen a time is, in the middle of a chart's axes."""
+    svg = figure.locator("svg")
+    screen, view = svg.bounding_box(), (svg.get_attribute("viewBox") or "").split()
+    scale = json.loads(svg.locator("[data-axes]").get_attribute("data-axes") or "")
+    assert screen is not None
+    pixels = screen["width"] / float(view[2])
+    left, top, right, bottom = scale["box"]
+    begin_s, end_s = scale["time_s"]
+
+    def at(time_s: float) -> tuple[float, float]:
+        x = left + (time_s - begin_s) / (end_s - begin_s) * (right - left)
+        return screen["x"] + pixels * x, screen["y"] + pixels * (top + bottom) / 2.0
+
+    return at
+
+
+def assert_true_radii(figure: Locator, record: FlightRecord, time_s: float) -> None:
+    """Fail unless the values under the pointer are those at a time."""
+    first, *lines = figure.locator("output").inner_text().splitlines()
+    assert float(first.removesuffix(" s")) == pytest.approx(time_s, abs=0.11)
+    sample = int(np.argmin(np.abs(record.time_s - time_s)))
+    shown = {name: float(value) for name, value in (line.split(": ") for line in lines)}
+    assert shown
+    for track in record.vehicles:
+        if (name := f"vehicle {track.vehicle_id}") in shown:
+            relative_m, _ = record.relative(track)
+            assert shown[name] == pytest.approx(float(np.hypot(*relative_m[sample])), abs=0.02)
+
+
+def ticks_s(figure: Locator) -> list[float]:
+    return [float(text) for text in figure.locator(".xtick:visible text").all_inner_texts()]
+
+
+def test_a_chart_shows_the_values_under_the_pointer_also_when_zoomed(
+    page: Page, radii: Locator, flown: tuple[FlightRecord, Path]
+) -> None:
+    record, _ = flown
+    at, whole_s = pointing(radii), ticks_s(radii)
+    for time_s in (45.0, 55.0):
+        page.mouse.move(*at(time_s))
+        assert_true_radii(radii, record, time_s)
+    page.mouse.move(*at(50.0))
+    page.mouse.down()
+    page.mouse.move(*at(54.0), steps=3)
+    page.mouse.up()
+    zoomed_s = ticks_s(radii)
+    assert len(zoomed_s) >= 3
+    assert all(49.9 <= tick_s <= 54.1 for tick_s in zoomed_s)
+    begin_s, end_s = json.loads(radii.locator("[data-axes]").get_attribute("data-axes") or "")["time_s"]
+    page.mouse.move(*at(begin_s + 0.5 * (end_s - begin_s)))
+    assert_true_radii(radii, record, 52.0)
+    radii.get_by_role("button", name="Whole time").click()
+    assert ticks_s(radii) == whole_s
+
+
+def test_the_report_is_dark_where_the_system_is_but_not_on_paper(page: Page) -> None:
+    def ground() -> str:
+        return str(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+
+    page.emulate_media(color_scheme="dark")
+    assert ground() == "rgb(20, 24, 29)"
+    page.emulate_media(color_scheme="dark", media="print")
+    assert ground() == "rgb(255, 255, 255)"
+
+
+def test_the_report_fits_a_phone(page: Page) -> None:
+    page.set_viewport_size({"width": 390, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -9,7 +9,7 @@ from estimation.state import Vector
 from gcs.metrics.metrics import formation_errors
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.reynolds import Flocking
-from gcs.report.charts.chart import level, logarithmic, over_time
+from gcs.report.charts.chart import levels, logarithmic, over_time
 from gcs.report.charts.panels import Sheet, mark_empty, title
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.evidence.lyapunov import Decay, lyapunov_rad2
@@ -82,7 +82,7 @@ def _draw_error(
         return
     over_time(axes, label, time_s[known[0] : known[-1] + 1])
     logarithmic(axes, np.append(rms, tolerance), _FLOOR_SHARE * tolerance)
-    level(axes, tolerance, level_label)
+    levels(axes, {level_label: tolerance})
     for row in range(len(rms)):
         axes.plot(*sheet.line(time_s, np.maximum(rms[row], 1e-3 * _FLOOR_SHARE * tolerance)), **sheet.style(row))
 
@@ -100,12 +100,12 @@ def draw_closest(axes: "Axes", sheet: Sheet, flocking: Flocking, criteria: Crite
     title(axes, "Closest approach", found)
     over_time(axes, "distance [m]", record.time_s)
     known_m = np.where(np.isfinite(closest_m), closest_m, np.nan)
-    axes.plot(*sheet.line(record.time_s, known_m), color=INK, linewidth=1.3)
+    axes.plot(*sheet.line(record.time_s, known_m), color=INK, linewidth=1.3, label="distance")
     violated = closest_m[sample] < separation_m
     mark: dict[str, Any] = {"color": FAIL if violated else INK, "markersize": 8, "clip_on": False, "zorder": 10}
     axes.plot(record.time_s[sample], closest_m[sample], "v", **mark)
     axes.set_ylim(0.0, 1.08 * max(float(np.nanmax(known_m)), 1.5 * separation_m))
-    level(axes, separation_m, f"required separation: {separation_m:g} m", below=True)
+    levels(axes, {f"required separation: {separation_m:g} m": separation_m})
 
 
 def _pair(record: FlightRecord, flocking: Flocking, sample: int) -> str:
@@ -130,7 +130,7 @@ def draw_order(axes: "Axes", sheet: Sheet, flocking: Flocking) -> None:
     """Draw the order parameter of the directions of flight."""
     title(axes, "Alignment: order parameter", "1: all in one direction")
     over_time(axes, "order [–]", sheet.record.time_s)
-    axes.plot(*sheet.line(sheet.record.time_s, flocking.order), color=INK, linewidth=1.2)
+    axes.plot(*sheet.line(sheet.record.time_s, flocking.order), color=INK, linewidth=1.2, label="order")
     axes.set_ylim(0.0, 1.05)
 
 
@@ -164,7 +164,7 @@ def draw_lyapunov(axes: "Axes", sheet: Sheet, periods: Sequence[Decay]) -> None:
         shown = expected > 0.5 * low_rad2
         axes.plot(fine_s[shown], expected[shown], **_EXPECTED, label="" if index else "expected")
     if periods[0].decay_per_s is not None:
-        axes.legend(loc="upper right", edgecolor="none", framealpha=0.8)
+        axes.legend(loc="best", edgecolor="none", framealpha=0.8)
 
 
 def draw_decays(axes: "Axes", sheet: Sheet, periods: Sequence[Decay]) -> None:

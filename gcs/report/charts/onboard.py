@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.state import Vector
-from gcs.report.charts.chart import level, logarithmic, over_time
+from gcs.report.charts.chart import levels, logarithmic, over_time
 from gcs.report.charts.panels import Sheet, title
 from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError
 from gcs.report.evidence.flight import FlightEvidence, Reception
@@ -30,7 +30,8 @@ def draw_errors(axes: "Axes", sheet: Sheet, errors: Iterable[EstimateError], axi
         bound_m, error_m = SIGMAS * error.sigma_m[:, axis], error.error_m[:, axis]
         style = sheet.style(error.row)
         for side in (-1.0, 1.0):
-            thin = style | {"linewidth": 0.9, "alpha": 0.55, "linestyle": (0, (2, 1.5))}
+            label = f"{style['label']}, 3σ" if side > 0.0 else "_"
+            thin = style | {"linewidth": 0.9, "alpha": 0.55, "linestyle": (0, (2, 1.5)), "label": label}
             axes.plot(*sheet.line(error.time_s, side * bound_m), **thin)
         axes.plot(*sheet.line(error.time_s, error_m), **style | {"linewidth": 0.8})
         spread_m = np.concatenate((bound_m, np.abs(error_m[np.isfinite(error_m)])))
@@ -47,16 +48,15 @@ def draw_ticks(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
     title(axes, "Computing time of a tick", f"median {p50_us:.0f} µs, 99 % {p99_us:.0f} µs")
     over_time(axes, "computing time [µs]", np.array([v.loop.time_s[0] for v in timed] + [timed[0].loop.time_s[-1]]))
     axes.set_xlim(min(v.loop.time_s[0] for v in timed), max(v.loop.time_s[-1] for v in timed))
-    period_us = 1e6 / sheet.record.loop.rate_hz
+    # The period of the wall's clock, which the computing times are of as well.
+    period_us = 1e6 / (sheet.record.loop.rate_hz * evidence.speed)
     logarithmic(axes, np.append(all_us, period_us), 1.0)
     for row, vehicle in enumerate(evidence.vehicles):
         loop = vehicle.loop
         axes.plot(*sheet.line(loop.time_s, loop.tick_us), **sheet.style(row) | {"linewidth": 0.7, "alpha": 0.8})
         late = loop.skipped > 0
         axes.plot(loop.time_s[late], np.full(late.sum(), 0.7 * period_us), "x", color=FAIL, markersize=6, zorder=8)
-    level(axes, period_us, "period")
-    level(axes, float(p50_us), "median")
-    level(axes, float(p99_us), "99 %")
+    levels(axes, {f"period, {1e-3 * period_us:.3g} ms": period_us, "median": float(p50_us), "99 %": float(p99_us)})
 
 
 def draw_reception(
@@ -75,9 +75,9 @@ def draw_reception(
     axes.set_ylim(-0.02 * top_ms, top_ms)
 
 
-def intervals_ms(reception: Reception) -> tuple[Vector, Vector]:
-    """Return the reception time of each message but the first, and the interval to the previous one [ms]."""
-    return reception.received_s[1:], 1e3 * np.diff(reception.received_s)
+def intervals_ms(reception: Reception, speed: float) -> tuple[Vector, Vector]:
+    """Return the reception time of each message but the first, and the interval to the previous one [wall ms]."""
+    return reception.received_s[1:], 1e3 * np.diff(reception.received_s) / speed
 
 
 def ages_by_sender(evidence: FlightEvidence) -> list[tuple[int, Vector, Vector]]:

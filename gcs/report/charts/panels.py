@@ -31,8 +31,9 @@ class Sheet:
     points_max: int | None = None
 
     def style(self, row: int) -> dict[str, Any]:
-        """Return the line style of a vehicle."""
-        return vehicle_style(row, len(self.record.vehicles))
+        """Return the line style of a vehicle, and its label."""
+        label = f"vehicle {self.record.vehicles[row].vehicle_id}"
+        return {**vehicle_style(row, len(self.record.vehicles)), "label": label}
 
     def line(self, time_s: Vector, values: Vector) -> tuple[Vector, Vector]:
         """Return the points to draw of a quantity over time."""

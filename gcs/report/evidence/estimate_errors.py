@@ -10,6 +10,12 @@ from gcs.metrics.record import FlightRecord
 from gcs.report.evidence.flight import EstimateSeries, VehicleEvidence
 
 SIGMAS = 3.0
+WITHIN_SHARE = 0.997
+"""The share of Gaussian errors that is within three standard deviations."""
+NEES_EXPECTED = 2.0
+"""The mean normalised estimation error squared of a consistent filter, over two axes."""
+_OUTSIDE_FACTOR = 3.0
+_CAUTIOUS_NEES = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +26,37 @@ class EstimateError:
     time_s: Vector
     error_m: Vector
     sigma_m: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """How the errors of an estimate compare with its own covariance.
+
+    `within` is the share within `SIGMAS`; `nees` the mean normalised estimation error squared, 2 where the covariance
+    is right. The two axes are taken as independent, which leaves the mean as it is.
+    """
+
+    within: float
+    nees: float
+
+    @property
+    def is_optimistic(self) -> bool:
+        """Whether the errors leave the bounds more than three times as often as those of a consistent filter."""
+        return 1.0 - self.within > _OUTSIDE_FACTOR * (1.0 - WITHIN_SHARE)
+
+    @property
+    def is_pessimistic(self) -> bool:
+        """Whether the errors are so small that the covariance is at least twice too large."""
+        return not self.is_optimistic and self.nees < _CAUTIOUS_NEES
+
+
+def consistency(error: EstimateError) -> Consistency | None:
+    """Return how errors compare with their covariance; None where no error is known."""
+    known = np.isfinite(error.error_m).all(axis=1) & (error.sigma_m > 0.0).all(axis=1)
+    if not known.any():
+        return None
+    ratio = error.error_m[known] / error.sigma_m[known]
+    return Consistency(float(np.mean(np.abs(ratio) <= SIGMAS)), float(np.mean((ratio**2).sum(axis=1))))
 
 
 def estimate_error(row: int, estimate: EstimateSeries, time_s: Vector, position_m: Vector) -> EstimateError:

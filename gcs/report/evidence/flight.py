@@ -88,12 +88,28 @@ class VehicleEvidence:
 
 
 @dataclass(frozen=True, slots=True)
+class PlantNote:
+    """Whether the plant of a vehicle's profile is valid for the flight, and its latency, as text.
+
+    `is_invalid` is whether another plant explains the flight better.
+    """
+
+    vehicle_id: int
+    validation: str
+    latency: str
+    is_invalid: bool
+
+
+@dataclass(frozen=True, slots=True)
 class FlightEvidence:
     """The record behind the metrics, and each vehicle's evidence in the record's order.
 
-    `facts` are name and value of what heads the report: date, log, versions.
+    `facts` are name and value of what heads the report: date, log, versions. `speed` is seconds of mission time per
+    second of wall time; ages, computing times and intervals of messages are wall time.
     """
 
     record: FlightRecord
     vehicles: tuple[VehicleEvidence, ...]
     facts: dict[str, str] = field(default_factory=dict)
+    plants: tuple[PlantNote, ...] = ()
+    speed: float = 1.0

@@ -8,41 +8,42 @@ from estimation.plant.model import Plant
 from estimation.plant.watch import DELAY_MAX_S, effect_delay_s, others, watch
 from estimation.state import POSITION, Vector
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
+from gcs.report.evidence.flight import FlightEvidence, PlantNote, VehicleEvidence
 
 AGAIN_SHARE = 0.7
 """Identify again where another plant leaves less than this share of the residual of the profile's plant (rms):
 half of the variance. In closed loop, noise alone favours a softer plant: the drift of PX4's estimate gives 0.9."""
 
 
-def plant_facts(mission: Mission, evidence: FlightEvidence) -> dict[str, str]:
-    """Return the validation of the plant of each recorded vehicle's profile, and its latency, as text by fact name."""
-    facts: dict[str, str] = {}
-    for each in evidence.vehicles:
-        if each.loop.time_s.size and each.samples.size:
-            vehicle = mission.vehicle(each.vehicle_id)
-            facts[f"plant of vehicle {each.vehicle_id}"] = _validation(vehicle, each)
-            facts[f"latency of vehicle {each.vehicle_id}"] = _latency(vehicle, each)
-    return facts
+def plant_notes(mission: Mission, evidence: FlightEvidence) -> tuple[PlantNote, ...]:
+    """Return the validation of the plant of each recorded vehicle's profile, and its latency."""
+    recorded = [each for each in evidence.vehicles if each.loop.time_s.size and each.samples.size]
+    return tuple(_note(mission.vehicle(each.vehicle_id), each) for each in recorded)
 
 
-def _validation(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
+def _note(vehicle: MissionVehicle, evidence: VehicleEvidence) -> PlantNote:
+    validation, is_invalid = _validation(vehicle, evidence)
+    return PlantNote(vehicle.id, validation, _latency(vehicle, evidence), is_invalid)
+
+
+def _validation(vehicle: MissionVehicle, evidence: VehicleEvidence) -> tuple[str, bool]:
+    """Return the validation of a plant as text, and whether another plant is better."""
     plant = _over_the_link(vehicle.plant, evidence)
     watched = watch(plant, _setpoints(plant, evidence), evidence.samples)
     name = f"'{vehicle.section.profile}'"
     if watched is None:
-        return f"{name}: not enough excitation to validate the plant"
+        return f"{name}: not enough excitation to validate the plant", False
     left = f"{name}: residual {watched.unexplained_m:.2f} m rms over {watched.windows} windows"
     if watched.best_m >= AGAIN_SHARE * watched.unexplained_m:
-        return f"{left}, best of {len(others(plant))} other plants {watched.best_m:.2f} m: valid for this flight"
-    return (
-        f"{left}, other plant {watched.best_m:.2f} m ({_numbers(watched.best, plant)}): identify again (cordon excite)"
-    )
+        best = f"best of {len(others(plant))} other plants {watched.best_m:.2f} m"
+        return f"{left}, {best}: valid for this flight", False
+    other = f"other plant {watched.best_m:.2f} m ({_numbers(watched.best, plant)})"
+    return f"{left}, {other}: identify again (cordon excite)", True
 
 
 def _latency(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
     effect_s = effect_delay_s(vehicle.plant, _setpoints(vehicle.plant, evidence), evidence.samples)
-    effect = "not enough excitation to measure it" if effect_s is None else f"{effect_s:.2f} s"
+    effect = "not measured, for want of excitation" if effect_s is None else f"{effect_s:.2f} s"
     trips_s, link = evidence.round_trip_s, "not measured"
     if trips_s.size:
         link = f"{np.median(trips_s):.2f} s ({trips_s.min():.2f} to {trips_s.max():.2f})"

@@ -66,7 +66,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in vehicles}
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
     is_damaged = any(log.is_damaged for log in logs)
-    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs)), is_damaged)
+    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs), speed=speed), is_damaged)
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:
@@ -110,7 +110,7 @@ def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
     if kinds := _kinds(logs):
         facts["vehicles"] = "; ".join(f"{i}: {kind}" for i, kind in kinds.items())
     if run.faults:
-        facts["practice"] = ", ".join(run.faults)
+        facts["injected faults"] = ", ".join(run.faults)
     faults = [f"{log.path.name}: {fault}" for log in logs for fault in log.faults]
     return {**facts, "incomplete": "; ".join(faults)} if faults else facts
 

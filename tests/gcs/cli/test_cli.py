@@ -371,6 +371,23 @@ def test_logs_that_cannot_be_compared_are_refused(others: tuple[str, ...], compl
     assert fault.startswith(complaint)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("a.mcap", "--animate", "a.mp4"), "--animate: 'a.mp4' must end in .gif, .webp"),
+        (("a.mcap", "--animate", "nowhere/a.gif"), "--animate: no folder 'nowhere'"),
+        (("a.mcap", "--animate", "/dev/full/a.gif"), "--animate: no folder '/dev/full'"),
+        (("a.mcap", "--animate", "a.gif", "--compare", "b.mcap"), "--animate: it draws one flight"),
+        ((str(DATA / "px4-quad.ulg"), "--animate", "a.webp"), f"--animate: {DATA / 'px4-quad.ulg'} was not recorded"),
+    ],
+)
+def test_an_animation_that_cannot_be_drawn_is_refused(
+    arguments: tuple[str, ...], complaint: str, refused: Refused
+) -> None:
+    (fault,) = refused("report", *arguments)
+    assert fault.startswith(complaint)
+
+
 def test_three_flights_are_compared(run_here: Cordon) -> None:
     for seed in "123":
         assert run_here("sim", "case1", "--duration", "2", "--seed", seed, "--log", f"{seed}.mcap").code == 0

@@ -7,7 +7,8 @@ import pytest
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.report.evidence.estimate_errors import own_errors, target_errors
+from gcs.report.consistency_note import consistency_note
+from gcs.report.evidence.estimate_errors import EstimateError, consistency, own_errors, target_errors
 from gcs.report.evidence.flight import EstimateSeries, VehicleEvidence
 
 TIME_S = np.arange(101) / 10.0
@@ -90,3 +91,37 @@ def test_one_that_does_not_know_of_the_target_yet_is_no_part_of_the_others_mean(
     error = target_errors(blind, (*TEAM[:2], later))[1][0]
     assert error.error_m[59] == pytest.approx(np.subtract(OFFSETS_M[0], OFFSETS_M[1]))
     assert error.error_m[60] == pytest.approx(np.subtract(OFFSETS_M[0], np.mean(OFFSETS_M[1:], axis=0)))
+
+
+@pytest.mark.parametrize(
+    ("times", "within", "nees", "optimistic", "pessimistic"),
+    [
+        (1.0, 0.9973, 2.0, False, False),
+        (2.0, 0.8664, 8.0, True, False),  # within 1.5 standard deviations
+        (0.5, 1.0, 0.5, False, True),
+    ],
+)
+def test_errors_are_judged_by_the_covariance_that_claims_them(
+    times: float, within: float, nees: float, optimistic: bool, pessimistic: bool
+) -> None:
+    error_m = np.random.default_rng(3).normal(0.0, 0.1 * times, (40_000, 2))
+    error_m[:7] = np.nan
+    found = consistency(EstimateError(0, np.arange(40_000.0), error_m, np.full(error_m.shape, 0.1)))
+    assert found is not None
+    assert found.within == pytest.approx(within, abs=0.003)
+    assert found.nees == pytest.approx(nees, rel=0.03)
+    assert (found.is_optimistic, found.is_pessimistic) == (optimistic, pessimistic)
+
+
+def test_a_table_that_contradicts_a_consistent_filter_is_explained() -> None:
+    def errors(row: int, times: float) -> EstimateError:
+        error_m = np.random.default_rng(row).normal(0.0, 0.1 * times, (5000, 2))
+        return EstimateError(row, np.arange(5000.0), error_m, np.full(error_m.shape, 0.1))
+
+    said = consistency_note("own", [errors(0, 1.0), errors(1, 3.0)], [4, 7], true=True)
+    assert "vehicle 7" in said
+    assert "3.0 times" in said
+    assert "vehicle 4" not in said
+    assert "reference" in consistency_note("target", [errors(0, 3.0)], [4], true=False)
+    assert "too large" in consistency_note("target", [errors(0, 0.3)], [4], true=True)
+    assert consistency_note("own", [errors(0, 1.0)], [4], true=True) == ""

@@ -13,7 +13,7 @@ from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.mission.file import load_mission
 from gcs.report.evidence.flight import FlightEvidence, Loop, VehicleEvidence
-from gcs.report.evidence.plants import plant_facts
+from gcs.report.evidence.plants import plant_notes
 
 FILE = Plant(PlantAxis(1.7, 1.8), PlantAxis(1.7, 1.8), delay_s=0.2)
 WIND = np.array([0.3, -0.2])
@@ -83,11 +83,12 @@ def test_a_link_is_no_fault_of_the_plant(link_s: float) -> None:
     vehicle = VehicleEvidence(1, loop=loop, samples=samples, round_trip_s=trips_s)
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
-    facts = plant_facts(mission, FlightEvidence(record, (vehicle,)))
-    assert "valid for this flight" in facts["plant of vehicle 1"]
+    (note,) = plant_notes(mission, FlightEvidence(record, (vehicle,)))
+    assert (note.vehicle_id, note.is_invalid) == (1, False)
+    assert "valid for this flight" in note.validation
     measured = "link's round trip 0.15 s (0.14 to 0.16)" if link_s else "link's round trip not measured"
-    assert measured in facts["latency of vehicle 1"]
-    found = re.search(r"setpoint to effect (\d\.\d\d) s", facts["latency of vehicle 1"])
+    assert measured in note.latency
+    found = re.search(r"setpoint to effect (\d\.\d\d) s", note.latency)
     assert found is not None
     assert float(found[1]) == pytest.approx(0.213 + link_s, abs=0.02)
 
@@ -110,8 +111,9 @@ def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> N
     loop = Loop(time_s=time_s, setpoint_m=np.hstack([setpoints, flat]), velocity_m_s=np.hstack([velocities, flat]))
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
-    facts = plant_facts(mission, FlightEvidence(record, (VehicleEvidence(1, loop=loop, samples=samples),)))
-    assert told in facts["plant of vehicle 1"]
+    (note,) = plant_notes(mission, FlightEvidence(record, (VehicleEvidence(1, loop=loop, samples=samples),)))
+    assert told in note.validation
+    assert note.is_invalid == (gain == 0.0)
 
 
 @pytest.mark.parametrize(("seconds", "step_m"), [(150.0, 0.0), (150.0, 0.2), (40.0, 1.5)])
@@ -156,7 +158,7 @@ def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -
     seen = VehicleEvidence(1, loop=Loop(time_s=setpoints[:, 0], setpoint_m=sent), samples=samples)
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
-    told = plant_facts(mission, FlightEvidence(record, (seen, VehicleEvidence(2))))
-    assert list(told) == ["plant of vehicle 1", "latency of vehicle 1"]
-    assert told["plant of vehicle 1"].startswith("'px4': residual 0.")
-    assert told["plant of vehicle 1"].endswith(expected)
+    (note,) = plant_notes(mission, FlightEvidence(record, (seen, VehicleEvidence(2))))
+    assert note.vehicle_id == 1
+    assert note.validation.startswith("'px4': residual 0.")
+    assert note.validation.endswith(expected)
