@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.control.linearization import aim_for, aim_for_acceleration
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from agents.control.programme import Programme, condensed
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
 from agents.ring.place import RingPlace
@@ -188,7 +189,12 @@ def damped_motion(task: RingTask) -> Vector:
 
 
 def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
-    """Build the LMPC of two double integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
+    """Return the LMPC that solves the ring's programme."""
+    return Lmpc(ring_programme(settings), _SLACK_WEIGHT)
+
+
+def ring_programme(settings: EncirclementSettings) -> Programme:
+    """Return the ring's programme: integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
 
     Angles are in metres along the ring of radius R, so that one slack suits all bounds.
 
@@ -202,7 +208,7 @@ def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
     transition = np.eye(4)
     transition[:2, 2:] = np.eye(2) * step_s
     input_gain = np.vstack([np.eye(2) * step_s**2 / 2.0, np.eye(2) * step_s])
-    return Lmpc(
+    return condensed(
         transition,
         input_gain,
         horizon=settings.horizon,
@@ -210,5 +216,4 @@ def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
         state_weight=np.diag([settings.radius_weight, spacing_weight * per_m2, 0.0, settings.rate_weight * per_m2]),
         increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight * per_m2]),
         constrained_states=_CONSTRAINED,
-        slack_weight=_SLACK_WEIGHT,
     )

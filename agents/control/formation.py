@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from agents.control.programme import Programme, condensed
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant, exact_step
 from estimation.state import POSITION, VELOCITY, Vector
@@ -44,7 +45,7 @@ class FormationPlanner:
         self._speeds_m_s = both_ways[:, np.newaxis] * settings.speed_max_m_s
         self._reference = np.zeros((settings.horizon, 4))
         self._relative_aim_m: Vector | None = None
-        self._lmpc = formation_lmpc(config)
+        self._lmpc = Lmpc(formation_programme(config))
 
     def reset(self) -> None:
         """Clear the last relative aim, when predecessor or tactic have changed."""
@@ -75,14 +76,14 @@ class FormationPlanner:
         return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
 
 
-def formation_lmpc(config: AgentConfig) -> Lmpc:
-    """Build the LMPC of the error dynamics between a vehicle and its predecessor - (1), (2), (13), (14).
+def formation_programme(config: AgentConfig) -> Programme:
+    """Return the formation's programme: the error dynamics of a vehicle and its predecessor - (1), (2), (13), (14).
 
     They equal the plant's, in [e_x e_y e_x' e_y'] with relative aims as inputs.
     """
     settings = config.formation
     step = exact_step(config.plant, settings.prediction_step_s)
-    return Lmpc(
+    return condensed(
         step.transition,
         step.input_gain,
         horizon=settings.horizon,

@@ -1,11 +1,7 @@
-"""Linear model predictive control: builds and solves the quadratic programme of formation and ring.
+"""Linear model predictive control: solves the quadratic programmes of agents/control/programme.py under bounds.
 
-Over the decision U = (u_0 ... u_{c-1}), with the last input held to the end of the horizon, it minimises
-
-    sum_j (x_j - r_j)' Q (x_j - r_j) + sum_i du_i' R du_i,   x_{j+1} = A x_j + B u_j
-
-under bounds on the inputs and on selected states - (13), (14) for the formation, (23), (24) for the ring. Bounds on
-inputs are hard, bounds on states soft: a vehicle outside them still has a plan, which leads back inside.
+Inputs and selected states are bounded. Bounds on inputs are hard, bounds on states soft: a vehicle outside them still
+has a plan, which leads back inside.
 """
 
 from enum import Enum
@@ -14,6 +10,7 @@ import msgspec
 import numpy as np
 
 from agents.control.active_set import ActiveSet
+from agents.control.programme import Programme
 from estimation.state import Vector
 
 _FEASIBLE_SLACK = 1e-9
@@ -41,17 +38,6 @@ class Solution(msgspec.Struct, frozen=True):
         return np.asarray(self.inputs[0], dtype=np.float64)
 
 
-class Gains(msgspec.Struct, frozen=True):
-    """The first input while no bound is active: `state @ x + reference @ r + previous @ u`, with constant r.
-
-    Shapes (m, n), (m, n) and (m, m).
-    """
-
-    state: Vector
-    reference: Vector
-    previous: Vector
-
-
 class Bounds(msgspec.Struct, frozen=True):
     """Lower and upper bounds of one solve: inputs (2, m) and constrained states (2, horizon, k).
 
@@ -63,54 +49,28 @@ class Bounds(msgspec.Struct, frozen=True):
 
 
 class Lmpc:
-    """A condensed LMPC with constant matrices: a solve updates vectors only and starts warm - (13), (23)."""
+    """An LMPC with constant matrices: a solve updates vectors only and starts warm - (13), (23)."""
 
-    def __init__(
-        self,
-        transition: Vector,
-        input_gain: Vector,
-        *,
-        horizon: int,
-        control_horizon: int,
-        state_weight: Vector,
-        increment_weight: Vector,
-        constrained_states: tuple[int, ...],
-        slack_weight: float = _SLACK_WEIGHT,
-    ) -> None:
-        """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,).
+    def __init__(self, programme: Programme, slack_weight: float = _SLACK_WEIGHT) -> None:
+        """Set the solver up.
 
         `slack_weight` is the cost of exceeding a bound on states. It must be well above what the other terms gain by
         exceeding it; a much larger one makes the solver slow and inaccurate.
         """
-        states, inputs = input_gain.shape
-        size = control_horizon * inputs
+        states, inputs, horizon = programme.states, programme.inputs, programme.horizon
+        size, rows = len(programme.hessian), len(programme.forced_rows)
         self._states, self._inputs, self._size = states, inputs, size
-        free, forced = _condense(transition, input_gain, horizon, control_horizon)
-        weighted = np.kron(np.eye(horizon), state_weight) @ forced
-        difference = np.eye(size) - np.eye(size, k=-inputs)
-        increment_cost = difference.T @ np.diag(np.tile(increment_weight, control_horizon))
-        hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
+        self._gradient, self._free_rows = programme.gradient, programme.free_rows
         # State, reference and previous input form one vector, in which the problem is linear.
-        self._given = np.zeros(states + horizon * states + inputs)
+        self._given = np.zeros(self._gradient.shape[1])
         self._given_reference = self._given[states:-inputs].reshape(horizon, states)
-        self._gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
-        rows = [step * states + state for step in range(horizon) for state in constrained_states]
-        self._free_rows = np.hstack([free[rows], np.zeros((len(rows), len(self._given) - states))])
-        self._best: Vector = -np.asarray(np.linalg.solve(hessian, self._gradient), dtype=np.float64)
-        self._outcome = np.vstack([self._best, self._free_rows + forced[rows] @ self._best])
-        self._lower, self._upper = self._limits = np.empty((2, size + len(rows)))
+        self._outcome = np.vstack([programme.best, self._free_rows + programme.forced_rows @ programme.best])
+        self._lower, self._upper = self._limits = np.empty((2, size + rows))
         # The same by input and by sample, as the bounds are given.
-        self._input_limits = self._limits[:, :size].reshape(2, control_horizon, inputs).swapaxes(0, 1)
-        self._state_limits = self._limits[:, size:].reshape(2, horizon, len(constrained_states))
+        self._input_limits = self._limits[:, :size].reshape(2, programme.control_horizon, inputs).swapaxes(0, 1)
+        self._state_limits = self._limits[:, size:].reshape(2, horizon, rows // horizon)
         self._room = np.empty_like(self._limits)
-        self._solver = _SoftQp(hessian, forced[rows], slack_weight)
-
-    @property
-    def gains(self) -> Gains:
-        """The linear feedback that equals the optimum while no bound is active."""
-        first, states = self._best[: self._inputs], self._states
-        by_sample = first[:, states : -self._inputs].reshape(self._inputs, -1, states)
-        return Gains(first[:, :states], by_sample.sum(axis=1), first[:, -self._inputs :])
+        self._solver = _SoftQp(programme.hessian, programme.forced_rows, slack_weight)
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
@@ -139,21 +99,6 @@ class Lmpc:
             return np.clip(solution, lower[:size], upper[:size]), QpStatus.BOUNDED
         # The fallback for a failed solve: the unbounded optimum, clipped to the input bounds.
         return np.clip(interior, lower[:size], upper[:size]), QpStatus.FALLBACK
-
-
-def _condense(transition: Vector, input_gain: Vector, horizon: int, control_horizon: int) -> tuple[Vector, Vector]:
-    """Return the free response (horizon n, n) and the response to the decision (horizon n, control_horizon m)."""
-    states, inputs = input_gain.shape
-    free = np.zeros((horizon * states, states))
-    forced = np.zeros((horizon * states, control_horizon * inputs))
-    power, response = np.eye(states), np.zeros((states, control_horizon * inputs))
-    for step in range(horizon):
-        held = min(step, control_horizon - 1) * inputs
-        power, response = transition @ power, transition @ response
-        response[:, held : held + inputs] += input_gain
-        free[step * states : (step + 1) * states] = power
-        forced[step * states : (step + 1) * states] = response
-    return free, forced
 
 
 class _SoftQp:

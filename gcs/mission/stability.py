@@ -12,8 +12,8 @@ from math import cos, inf, log, tau
 
 import numpy as np
 
-from agents.control.encirclement import ring_lmpc
-from agents.control.formation import formation_lmpc
+from agents.control.encirclement import ring_programme
+from agents.control.formation import formation_programme
 from agents.ring.place import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import PlantAxis, exact_step
@@ -47,8 +47,8 @@ class Loop:
 def loops(config: AgentConfig) -> Iterator[Loop]:
     """Yield every loop of a vehicle, for the whole team in formation and on the ring."""
     settings, members = config.encirclement, len(config.slots)
-    relative = formation_lmpc(config).gains
-    polar = ring_lmpc(settings).gains
+    relative = formation_programme(config).gains
+    polar = ring_programme(settings).gains
     for index, axis in enumerate((config.plant.x, config.plant.y)):
         motion = _Sampled(config, axis, index)
         own = [index, index + 2]

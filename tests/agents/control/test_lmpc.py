@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from agents.control.programme import condensed
 from estimation.state import Vector
 
 HORIZON = 6
@@ -31,7 +32,7 @@ class Problem:
     previous: Vector
 
     def lmpc(self) -> Lmpc:
-        return Lmpc(
+        programme = condensed(
             self.transition,
             self.input_gain,
             horizon=HORIZON,
@@ -40,6 +41,7 @@ class Problem:
             increment_weight=self.increment_weight,
             constrained_states=CONSTRAINED,
         )
+        return Lmpc(programme)
 
     def states(self, decision: Vector) -> Vector:
         inputs, state, states = decision.reshape(self.control_horizon, 2), self.state, []

@@ -1,5 +1,7 @@
 """Eigenvalues against what the same loops do in time, on the planner itself and the exact plant."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -114,3 +116,11 @@ def test_gains_that_make_a_loop_unstable_are_refused_with_the_margin() -> None:
     hard = put(slow, ("tuning", "encirclement"), {"lag_weight": 1e6, "angular_increment_weight": 1e-6})
     (fault,) = faults(hard)
     assert fault.startswith("encirclement: keeping the bearing along x is unstable")
+
+
+def test_a_mission_is_loaded_and_its_loops_are_checked_without_the_solver() -> None:
+    """Importing it takes half as long as the rest, in every process that loads a mission."""
+    program = "import sys; from gcs.mission.file import load_mission; load_mission('case2')"
+    program += "; print([name for name in ('osqp', 'scipy') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout == "[]\n"

@@ -1,0 +1,98 @@
+"""The condensed quadratic programme of an LMPC: its matrices, and the linear feedback that solves it without bounds.
+
+Over the decision U = (u_0 ... u_{c-1}), with the last input held to the end of the horizon, it minimises
+
+    sum_j (x_j - r_j)' Q (x_j - r_j) + sum_i du_i' R du_i,   x_{j+1} = A x_j + B u_j
+
+(13), (14) for the formation, (23), (24) for the ring. It needs no solver: missions are checked with its gains.
+"""
+
+import msgspec
+import numpy as np
+
+from estimation.state import Vector
+
+
+class Gains(msgspec.Struct, frozen=True):
+    """The first input while no bound is active: `state @ x + reference @ r + previous @ u`, with constant r.
+
+    Shapes (m, n), (m, n) and (m, m).
+    """
+
+    state: Vector
+    reference: Vector
+    previous: Vector
+
+
+class Programme(msgspec.Struct, frozen=True):
+    """Half U' `hessian` U + g' `gradient`' U, with g the state, the reference and the previous input in one vector.
+
+    U has s = `control_horizon` m entries, g has n + `horizon` n + m. `hessian` is (s, s), `gradient` (s, g). Without
+    bounds `best` (s, g) takes g to the optimum. The constrained states of all samples, k of each, are
+    `free_rows` (horizon k, g) times g plus `forced_rows` (horizon k, s) times U.
+    """
+
+    states: int
+    inputs: int
+    horizon: int
+    control_horizon: int
+    hessian: Vector
+    gradient: Vector
+    best: Vector
+    free_rows: Vector
+    forced_rows: Vector
+
+    @property
+    def gains(self) -> Gains:
+        """The linear feedback that equals the optimum while no bound is active."""
+        first = self.best[: self.inputs]
+        by_sample = first[:, self.states : -self.inputs].reshape(self.inputs, self.horizon, self.states)
+        return Gains(first[:, : self.states], by_sample.sum(axis=1), first[:, -self.inputs :])
+
+
+def condensed(
+    transition: Vector,
+    input_gain: Vector,
+    *,
+    horizon: int,
+    control_horizon: int,
+    state_weight: Vector,
+    increment_weight: Vector,
+    constrained_states: tuple[int, ...],
+) -> Programme:
+    """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,)."""
+    states, inputs = input_gain.shape
+    size = control_horizon * inputs
+    free, forced = _responses(transition, input_gain, horizon, control_horizon)
+    weighted = np.kron(np.eye(horizon), state_weight) @ forced
+    difference = np.eye(size) - np.eye(size, k=-inputs)
+    increment_cost = difference.T @ np.diag(np.tile(increment_weight, control_horizon))
+    hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
+    gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
+    rows = [step * states + state for step in range(horizon) for state in constrained_states]
+    return Programme(
+        states=states,
+        inputs=inputs,
+        horizon=horizon,
+        control_horizon=control_horizon,
+        hessian=hessian,
+        gradient=gradient,
+        best=-np.asarray(np.linalg.solve(hessian, gradient), dtype=np.float64),
+        free_rows=np.hstack([free[rows], np.zeros((len(rows), gradient.shape[1] - states))]),
+        forced_rows=forced[rows],
+    )
+
+
+def _responses(transition: Vector, input_gain: Vector, horizon: int, control_horizon: int) -> tuple[Vector, Vector]:
+    """Return the free response (horizon n, n) and the response to the decision (horizon n, control_horizon m)."""
+    states, inputs = input_gain.shape
+    free = np.zeros((horizon * states, states))
+    forced = np.zeros((horizon * states, control_horizon * inputs))
+    power, response = np.eye(states), np.zeros((states, control_horizon * inputs))
+    for step in range(horizon):
+        held = min(step, control_horizon - 1) * inputs
+        power, response = transition @ power, transition @ response
+        response[:, held : held + inputs] += input_gain
+        free[step * states : (step + 1) * states] = power
+        forced[step * states : (step + 1) * states] = response
+    return free, forced
