@@ -1,6 +1,7 @@
 """The documentation says what the code does."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,15 @@ def test_readme_holds_exactly_two_commands() -> None:
     blocks = re.findall(r"```sh\n(.*?)```", readme, flags=re.DOTALL)
     assert [len(block.strip().splitlines()) for block in blocks] == [1, 1]
     assert blocks[1].strip().endswith("python -m tests"), ".ci/run looks for this line"
+
+
+def test_all_state_one_version() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    cited = re.findall(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    released = re.findall(
+        r"^## (.+) - \d{4}-\d\d-\d\d$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert [cited, released[0]] == [[version], version]
 
 
 def test_links_lead_somewhere(subtests: pytest.Subtests) -> None:

@@ -57,13 +57,14 @@ Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pai
 
 
 class MissionSection(Settings):
-    """`[mission]`: name, description, duration, rate of the control loop, and seed of all simulated random numbers."""
+    """`[mission]`: name, description, duration, control loop rate, seed of all random numbers. `format` 1 is that of cordon 0.1."""
 
     name: str = Field(min_length=1, max_length=60)
     description: str = ""
     duration_s: float = Field(gt=0.0, le=86400.0)
     rate_hz: float = Field(10.0, ge=2.0, le=100.0)
     seed: int = Field(0, ge=0)
+    format: Literal[1, 2] = 2
 
 
 class FrameSection(Settings):

@@ -26,6 +26,12 @@ def test_no_bundled_mission_has_a_warning() -> None:
     assert {name: load_mission(name).warnings for name in bundled_missions()} == dict.fromkeys(bundled_missions(), ())
 
 
+def test_a_file_of_a_later_format_is_refused_and_earlier_ones_are_not() -> None:
+    for number in (1, 2):
+        assert parsed(put(content(), ("mission", "format"), number)).mission.format == number
+    assert places(put(content(), ("mission", "format"), 3)) == ["mission.format"]
+
+
 def test_a_plant_is_a_profile_today() -> None:
     mission = parsed(old("px4", "stub-delayed"))
     assert [each.section.profile for each in mission.vehicles] == ["px4", "stub-delayed", "stub"]
