@@ -22,6 +22,9 @@ from tests.support.paths import ROOT
 INSIDE = "CORDON_CONTAINER_STEPS"
 """Is set in the mount namespace, which ends with its last process, and all mounts with it."""
 
+PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+"""As images have it."""
+
 
 @dataclass
 class Stage:
@@ -37,7 +40,8 @@ class Stage:
     def run(self, command: Sequence[str]) -> int:
         """Run a command as the stage's user, and return its exit code."""
         home = next(line.split(":")[5] for line in self._users() if line.startswith(f"{self.user}:"))
-        environment = {**os.environ, "HOME": home, **self.environment}
+        outside = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "PYENV"))}
+        environment = {**outside, "PATH": PATH, "HOME": home, **self.environment}
         inside = ["env", "-C", self.folder, *command]
         chroot = ["chroot", f"--userspec={self.user}", "--groups=", str(self.root), *inside]
         return subprocess.run(chroot, env=environment, check=False).returncode
