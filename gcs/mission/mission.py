@@ -57,7 +57,7 @@ Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pai
 
 
 class MissionSection(Settings):
-    """`[mission]`: name, description, duration, control loop rate, seed of random numbers, `format` (1: of cordon 0.1)."""
+    """`[mission]`: name, description, duration, control loop rate, seed of random numbers, `format` (1: cordon 0.1)."""
 
     name: str = Field(min_length=1, max_length=60)
     description: str = ""
