@@ -186,7 +186,7 @@ def assert_true_radii(figure: Locator, record: FlightRecord, time_s: float) -> N
 
 
 def ticks_s(figure: Locator) -> list[float]:
-    return [float(text) for text in figure.locator(".xtick:visible text").all_inner_texts()]
+    return [float(text) for text in figure.locator(".xtick:visible text").all_text_contents()]
 
 
 def test_a_chart_shows_the_values_under_the_pointer_also_when_zoomed(

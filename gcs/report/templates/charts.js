@@ -1,6 +1,6 @@
 /** Charts over time: values under the pointer, and zoom into a part of the time by a drag. Without this they are pictures. */
 
-const NEAR_PT = 8; // a line that has no point so near to the pointer's time has no value there
+const NEAR_PT = 2; // beyond its ends by more, a line has no value
 const DRAG_PX = 5;
 const TICKS = 6;
 
@@ -87,7 +87,7 @@ class TimeChart {
 
   #tell(x, event) {
     const whole = this.#inWhole(x);
-    const near = NEAR_PT * Math.max(1, (this.shown[1] - this.shown[0]) / (this.box.right - this.box.left));
+    const near = (NEAR_PT * (this.shown[1] - this.shown[0])) / (this.box.right - this.box.left);
     const rows = this.panels.flatMap((panel) => panel.lines.map((line) => [line, valueAt(panel, line, whole, near)])).filter(([, value]) => value !== null);
     this.values.replaceChildren(row(`${this.panels[0].timeAt(whole).toFixed(1)} s`, ""), ...rows.map(([line, value]) => row(`${line.label}: ${Number(value.toPrecision(4))}`, line.colour)));
     this.values.hidden = false;
@@ -118,21 +118,23 @@ function panelOf(group) {
 
 function lineOf(group) {
   const path = group.querySelector("path");
-  const points = [...(path?.getAttribute("d") ?? "").matchAll(/(-?[\d.]+) (-?[\d.]+)/g)].map(([, x, y]) => [Number(x), Number(y)]);
+  const parts = (path?.getAttribute("d") ?? "").matchAll(/([ML]) ?(-?[\d.]+) (-?[\d.]+)/g);
+  const points = [...parts].map(([, letter, x, y]) => ({ starts: letter === "M", x: Number(x), y: Number(y) }));
   return { label: group.dataset.label, colour: path?.style.stroke ?? "", points };
 }
 
-/** The value of a line at a place, of its nearest point; null where none is near. */
-function valueAt(panel, line, x, near) {
-  let [low, high] = [0, line.points.length - 1];
+/** The value of a line at a place: between two points of it, or that of an end that is near; null elsewhere. */
+function valueAt(panel, { points }, x, near) {
+  let [low, high] = [0, points.length - 1];
   while (low < high) {
     const middle = (low + high) >> 1;
-    if (line.points[middle][0] < x) low = middle + 1;
+    if (points[middle].x < x) low = middle + 1;
     else high = middle;
   }
-  const [before, after] = [line.points[Math.max(low - 1, 0)], line.points[low]];
-  const [nearest, y] = x - before[0] < after[0] - x ? before : after;
-  return Math.abs(nearest - x) > near ? null : panel.value(y);
+  const [before, after] = [points[low - 1], points[low]];
+  if (before && !after.starts && after.x >= x) return panel.value(before.y + ((after.y - before.y) * (x - before.x)) / (after.x - before.x || 1));
+  const end = [after, before].find((each) => each && Math.abs(each.x - x) <= near);
+  return end ? panel.value(end.y) : null;
 }
 
 /** Move everything of a panel to where it is on the screen; `times` are the limits of the time that is shown, null: all. */

@@ -143,7 +143,7 @@ def test_panels_without_data_say_why(tmp_path: Path, drawn: list[Figure], engagi
 def test_sixteen_vehicles_are_told_apart(tmp_path: Path, drawn: list[Figure]) -> None:
     flown, result, formation = flight(16, 16)
     save_figure(flown, result, RING, tmp_path / "flight.png", formation)
-    lines = [line for line in panel(drawn[0], "Radius").lines if str(line.get_label()).startswith("_child")]
+    lines = [line for line in panel(drawn[0], "Radius").lines if str(line.get_label()).startswith("vehicle ")]
     looks = {(str(line.get_color()), str(line.get_linestyle()), str(line._dash_pattern)) for line in lines}  # type: ignore[attr-defined]
     assert len(looks) >= 16
     assert {text.get_text() for text in panel(drawn[0], "paths").texts} == {str(i) for i in range(1, 17)}
