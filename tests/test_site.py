@@ -22,7 +22,7 @@ _LOADED = re.compile(r"<(?:img|link|script|source)\b[^>]*?\b(?:href|src)=[\"']?(
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of the site, built strictly: a broken link, anchor or omitted page fails here."""
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment, check=False)
     assert built.returncode == 0, built.stderr
