@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from markdown_it import MarkdownIt
-from playwright.sync_api import Request, expect
+from playwright.sync_api import expect
 
 from tests.support.page.browser import launched
 from tests.support.paths import DOCS, ROOT
@@ -22,7 +22,7 @@ _LOADED = re.compile(r"<(?:img|link|script|source)\b[^>]*?\b(?:href|src)=[\"']?(
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of the site, built strictly: a broken link, anchor or omitted page fails here."""
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment, check=False)
     assert built.returncode == 0, built.stderr
@@ -50,14 +50,14 @@ def test_pages_have_the_blocks_that_a_forge_shows(site: Path, subtests: pytest.S
 
 @pytest.mark.browser
 def test_diagrams_are_drawn_and_the_operators_sheet_prints_on_two_sides(site: Path) -> None:
-    requests: list[Request] = []
+    requests: list[str] = []
     with launched() as browser:
         page = browser.new_page()
-        page.on("request", requests.append)
+        page.on("request", lambda request: requests.append(request.url))
         page.goto((site / "design.html").as_uri())
         diagrams = (DOCS / "design.md").read_text(encoding="utf-8").count("```mermaid")
         expect(page.locator("div.mermaid")).to_have_count(diagrams)  # what is not drawn stays a `pre`
         page.goto((site / "operator.html").as_uri())
         printed = page.pdf(prefer_css_page_size=True)
     assert len(re.findall(rb"/Type /Page\b", printed)) == 2
-    assert not [each.url for each in requests if not each.url.startswith(("file:", "data:"))]
+    assert not [url for url in requests if not url.startswith(("file:", "data:"))]

@@ -11,7 +11,7 @@ from agents.safety.failsafe import TABLE, Reaction, Row
 from agents.shell import life
 from agents.tactics import diagram
 from cordon.channels import VehicleChannels
-from estimation.settings import OwnFilterSettings, TargetFilterSettings
+from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
 from gcs.mission.file import bundled_missions, load_mission
@@ -27,7 +27,12 @@ from tests.support.public_names import name_sections
 from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
 from tests.support.units import unit
 
-_MODELS = {name: model for name, (_, model) in TUNED.items()}
+_MODELS: dict[str, type[Settings]] = {
+    "own_filter": OwnFilterSettings,
+    "target": TargetFilterSettings,
+    **{name: model for name, (_, model) in TUNED.items()},
+}
+"""The models of settings by the first word of their names in the failsafe table."""
 
 
 def mission_table() -> str:
@@ -174,8 +179,7 @@ def _with_defaults(text: str) -> str:
     """Return a text with the default and its unit in place of each setting that is a number."""
 
     def value(setting: re.Match[str]) -> str:
-        model = {"own_filter": OwnFilterSettings, "target": TargetFilterSettings, **_MODELS}[setting[1]]
-        default, symbol = model.model_fields[setting[2]].default, unit(setting[2])
+        default, symbol = _MODELS[setting[1]].model_fields[setting[2]].default, unit(setting[2])
         if not isinstance(default, float):
             return setting[0]
         return f"{default:g}{'' if symbol in ('°', '1/s') else ' '}{symbol.removeprefix('1/s')}".rstrip()
