@@ -12,6 +12,7 @@ from agents.ports import FlightMode
 from agents.tape import Autopilot
 from estimation.frames import MissionFrame, Triple, up_from_ned
 from estimation.state import Telemetry, Vector
+from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, Truth, Vehicle
 from gcs.flightlog.run import mission_of
@@ -26,10 +27,12 @@ DECISION, TELEMETRY, TRUTH, AUTOPILOT = "decision", "telemetry", "truth", "autop
 
 
 def read_own_log(log: LogFile) -> tuple[VehicleLog, ...]:
-    """Return the log of each vehicle that this log's process flew; raises LogError when it cannot be read."""
+    """Return the log of each vehicle that this process flew; raises LogError when it cannot be read or has none."""
     flight = read_log(log.path)
     mission = mission_of(flight)
     flown = [vehicle for vehicle in mission.vehicles if vehicle.id in flight.vehicles]
+    if not flown:
+        raise LogError([f"{log.name}: it has no record of a vehicle: its flight ended before it began"])
     logs = [_vehicle(log, flight, mission, vehicle) for vehicle in flown]
     return tuple(sorted(logs, key=lambda each: each.system_id))
 

@@ -172,6 +172,15 @@ def test_a_file_of_another_program_in_the_same_container_is_refused(tmp_path: Pa
     assert caught.value.faults[0] == f"{path}: it holds no cordon record"
 
 
+def test_a_flight_that_ended_before_it_began_is_refused(tmp_path: Path) -> None:
+    mission = parsed(content((MISSIONS / "case1.toml").read_text(encoding="utf-8")))
+    writer = LogWriter(tmp_path / "flight.mcap", Context())
+    writer.write(0, 0, 0, run_of(mission, (1,), seed=0, source="flight", speed=1.0, began_s=1.7e9, duration_s=1.0))
+    writer.close()
+    with pytest.raises(LogError, match=r"flight\.mcap: it has no record of a vehicle"):
+        read_vehicle_logs(tmp_path / "flight.mcap")
+
+
 def test_a_log_without_setpoints_says_what_was_looked_for(own: VehicleLog) -> None:
     bare = replace(own, setpoint=None, missing=("decision",))
     with pytest.raises(LogError, match="vehicle 1: the log has no setpoint; looked for decision"):
