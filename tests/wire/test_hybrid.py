@@ -80,7 +80,7 @@ def test_on_the_bench_a_board_flies_once_its_propellers_are_said_to_be_off(missi
     board.start()
     code, shown = answered("off", "fly", mission, "--sitl", "2,3", "--bench", "--no-log", "--duration", "3")
     board.stop()
-    assert "Propellers off?" in shown
+    assert "propellers are off:" in shown
     assert "Landed and disarmed" in shown
     assert code in (0, 1), "a ring of three seconds does not settle"
 
@@ -106,7 +106,7 @@ def answered(answer: str, *arguments: str) -> tuple[int, str]:
         os.chdir(ROOT)
         os.execv(sys.executable, [sys.executable, "-m", "gcs", *arguments])
     shown = b""
-    while b"Propellers off?" not in shown:
+    while b"propellers are off:" not in shown:
         shown += os.read(terminal, 4096)
     os.write(terminal, answer.encode() + b"\n")
     with suppress(OSError):  # the terminal's other end is closed
