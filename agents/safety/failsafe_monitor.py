@@ -60,7 +60,7 @@ class _Alert:
         return _GRAVITY[self.reaction], -_ORDER[self.row.condition]
 
     def demand(self, tactic: Tactic) -> Reaction:
-        """Return the reaction that is due; during a return it may be graver."""
+        """Return the reaction that is due; during a return it may be more severe."""
         if tactic is Tactic.RETURN_AND_LAND and self.present and self.row.descending is not None:
             return self.row.descending
         return self.reaction

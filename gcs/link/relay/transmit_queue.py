@@ -1,7 +1,7 @@
 """Orders and delays the frames to the vehicles of a connection: no more than it carries, important ones first.
 
-A serial device or a radio accepts bytes faster than it sends them, and frames in its buffers grow old. So frames
-wait here, where a newer setpoint replaces an older one. No clock and no sockets: times are arguments [s].
+A serial device or a radio accepts bytes faster than it sends them, and frames in its buffers are outdated when sent. So
+frames wait here, where a newer setpoint replaces an older one. No clock and no sockets: times are arguments [s].
 """
 
 from collections import deque

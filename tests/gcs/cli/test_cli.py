@@ -435,7 +435,7 @@ def test_sitl_and_only_exclude_each_other(refused: Refused) -> None:
 
 def test_a_drill_that_there_is_not_names_those_that_there_are(refused: Refused) -> None:
     (line,) = refused("drill", "case2", "--fault", "fire")
-    assert line.startswith("--fault: there is no fault 'fire' (there are ")
+    assert line.startswith("--fault: there is no fault 'fire'; the faults are ")
     assert "killed-agent" in line
 
 

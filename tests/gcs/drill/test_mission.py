@@ -100,5 +100,5 @@ def test_grace_times_are_the_missions() -> None:
 def test_drills_are_chosen_by_name() -> None:
     assert chosen([]) == DRILLS
     assert [drill.fault for drill in chosen(["killed-agent", "gps jump"])] == ["GPS jump", "killed agent"]
-    with pytest.raises(InputError, match=r"--fault: there is no fault 'fire' \(there are .*killed-agent"):
+    with pytest.raises(InputError, match=r"--fault: there is no fault 'fire'; the faults are .*killed-agent"):
         chosen(["fire"])

@@ -98,5 +98,5 @@ def test_recorded_logs_are_reported(name: str, tmp_path: Path, capsys: pytest.Ca
     page = tmp_path / "page.html"
     assert report([DATA / name], options=ReportOptions(json=True, html=page)) is Exit.HOLDS
     out = capsys.readouterr().out
-    assert out.startswith('{"logs": [{"path": ')
+    assert out.startswith('{"format": 1, "logs": [{"path": ')
     assert 0.02e6 < page.stat().st_size < 0.5e6
