@@ -21,9 +21,9 @@ CHECKS = (
     ("lint-imports", "--no-logo"),
 )
 
-WORKERS = 1 + 2 * (os.cpu_count() or 1)
+WORKERS = 2 * (os.cpu_count() or 1)
 SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))
-"""Tests on real sockets mostly wait: more than twice as many as there are cores run side by side."""
+"""Tests on real sockets mostly wait: twice as many as there are cores run side by side. More lack the processor."""
 AGAIN = ("--reruns", "2", "--reruns-delay", "3")
 """Watchdogs and leases run on the wall clock: a test that lacked the processor runs again; the summary counts it."""
 BROWSER = ("-m", "browser")
