@@ -100,7 +100,10 @@ def new(options: NewOptions) -> Exit:
         _write(path.with_name(name), text)
         print_line(f"written: {path.with_name(name)}")
     verdict = sim(SimOptions(mission=str(path), plot=options.plot))
-    print_line(f"next: cordon fly {path} --sitl --speed 10")
+    # Stubs speak over UDP and TCP: a serial line has a vehicle at its other end.
+    print_line(
+        f"next: cordon check {path}" if mission.links == "serial" else f"next: cordon fly {path} --sitl --speed 10"
+    )
     return verdict
 
 

@@ -30,9 +30,10 @@ class StationOptions:
     address: Annotated[
         str, Parameter(help="Address of the page, HOST:PORT. Beyond this computer it needs --tls and --token-file.")
     ] = STATION_ADDRESS
-    tls: Annotated[tuple[Path, Path] | None, Parameter(help="The server's certificate and private key, PEM files.")] = (
-        None
-    )
+    tls: Annotated[
+        tuple[Path, Path] | None,
+        Parameter(negative="", help="The server's certificate and private key, PEM files."),
+    ] = None
     token_file: Annotated[
         Path | None, Parameter(help="A file with the page's access token, instead of the one that cordon stores.")
     ] = None

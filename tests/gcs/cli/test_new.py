@@ -99,6 +99,14 @@ def test_what_would_not_hold_is_refused_before_anything_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("links", "step"), [("udp", "fly my.toml --sitl --speed 10"), ("serial", "check my.toml")])
+def test_the_next_command_fits_the_links(
+    new: Callable[..., int], capsys: pytest.CaptureFixture[str], links: str, step: str
+) -> None:
+    new(*(word for pair in {**CHOICES, "--links": links, "--profile": "stub"}.items() for word in pair))
+    assert f"next: cordon {step}" in capsys.readouterr().err
+
+
 def test_without_a_terminal_every_missing_option_is_named(
     new: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
