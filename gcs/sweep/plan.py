@@ -71,11 +71,6 @@ class SweepPlan(msgspec.Struct, frozen=True):
         seeds = f"{counted(len(self.seeds), 'seed')} ({_some(self.seeds)})"
         return f"{counted(len(self.runs), 'run')}: {' × '.join([*varied, seeds])}"
 
-    def task(self, run: Run) -> Task:
-        """Return a worker's input for a run."""
-        text = overridden(self.mission_text, {**self.fixed, **run.values})
-        return Task(text, self.profile_texts, run.seed, self.duration_s, self.versions)
-
     def differences(self, other: "SweepPlan") -> list[str]:
         """Return the parts in which the other plan differs."""
         names = {"fixed": "values of --set", "variations": "varied values", "profile_texts": "profiles"}
@@ -84,6 +79,22 @@ class SweepPlan(msgspec.Struct, frozen=True):
             for field in SweepPlan.__struct_fields__
             if msgspec.json.encode(getattr(self, field)) != msgspec.json.encode(getattr(other, field))
         ]
+
+
+class Tasks:
+    """The inputs of workers for the runs of a plan. Consecutive runs with the same values share a mission text."""
+
+    def __init__(self, plan: SweepPlan) -> None:
+        self._plan = plan
+        self._values: Mapping[str, Any] | None = None
+        self._text = ""
+
+    def of(self, run: Run) -> Task:
+        """Return a worker's input for a run."""
+        plan = self._plan
+        if run.values != self._values:
+            self._values, self._text = run.values, overridden(plan.mission_text, {**plan.fixed, **run.values})
+        return Task(self._text, plan.profile_texts, run.seed, plan.duration_s, plan.versions)
 
 
 def planned(

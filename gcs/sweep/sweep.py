@@ -6,7 +6,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 
 from gcs.sweep.columns import Row
 from gcs.sweep.journal import Journal
-from gcs.sweep.plan import Run, SweepPlan
+from gcs.sweep.plan import Run, SweepPlan, Tasks
 from gcs.sweep.run import UnlikeWorkerError, failure
 from gcs.sweep.workers import Workers
 
@@ -32,13 +32,14 @@ def fly_missing(
     cannot be written. The journal then holds all finished runs; a second call continues from there.
     """
     waiting = deque(run for run in plan.runs if run.index not in journal.rows)
+    tasks = Tasks(plan)
     flying: dict[Future[Row], Run] = {}
     deaths: Counter[int] = Counter()
     rows: list[tuple[int, Row]] = []
     while waiting or flying or rows:
         while waiting and len(flying) < workers.at_once:
             run = waiting.popleft()
-            flying[workers.submit(plan.task(run))] = run
+            flying[workers.submit(tasks.of(run))] = run
         for index, row in rows:  # written while the workers fly the next ones
             journal.append(index, row)
             finished(row)

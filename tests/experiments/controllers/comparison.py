@@ -6,6 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 
+import agents.control.planner
 from tests.experiments.controllers.figures import draw
 from tests.experiments.controllers.flights import COURSES, FAMILY, LMPC, NMPC, Course, Job, Outcome, family, flown
 from tests.experiments.controllers.tables import PLANNERS, tables
@@ -50,6 +51,12 @@ def main(count: int, first: int, scenes: Sequence[str], folder: Path | None) -> 
     """Print the tables of both planners, draw the figures into a folder, and return the exit code."""
     if find_spec("casadi") is None:
         print("not installed: casadi; install it by: pip install -e '.[rivals]'", file=sys.stderr)
+        return 2
+    if not str(agents.control.planner.__file__).endswith(".py"):
+        print(
+            "cordon is compiled, so its plans cannot be timed: install its sources by: pip install -e '.[rivals]'",
+            file=sys.stderr,
+        )
         return 2
     courses = COURSES | {FAMILY: family(count, first)}
     outcomes = flights({scene: courses[scene] for scene in scenes})

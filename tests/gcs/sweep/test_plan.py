@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from gcs.errors import InputError
-from gcs.sweep.plan import SweepPlan, planned
+from gcs.mission.overrides import overridden
+from gcs.sweep.plan import SweepPlan, Tasks, planned
 from gcs.sweep.variation import Variation, variation
 from tests.support.paths import MISSIONS, PROFILES
 
@@ -34,11 +35,15 @@ def test_text_and_profiles_are_fixed_when_the_sweep_is_planned(tmp_path: Path) -
     mission.write_text(text)
     profile.write_text((PROFILES / "stub.toml").read_text())
     plan = plan_of(RADII, mission=str(mission))
-    tasks = [plan.task(run) for run in plan.runs]
+    of_plan = Tasks(plan)
+    tasks = [of_plan.of(run) for run in plan.runs]
+    assert [task.mission_text for task in tasks] == [
+        overridden(text, {RADII.place: radius}) for radius in RADII.values for _ in plan.seeds
+    ]
     assert all(task.profile_texts["own.toml"] == profile.read_text() for task in tasks)
     profile.unlink()
     mission.unlink()
-    assert [plan.task(run) for run in plan.runs] == tasks
+    assert [Tasks(plan).of(run) for run in plan.runs] == tasks  # as a sweep that continues
 
 
 def test_runs_without_a_valid_mission_are_known_beforehand() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.sweep.columns import Row
 from gcs.sweep.journal import Journal
-from gcs.sweep.plan import SweepPlan, Task, planned
+from gcs.sweep.plan import SweepPlan, Task, Tasks, planned
 from gcs.sweep.run import UnlikeWorkerError, flown
 from gcs.sweep.sweep import TRIES, WorkersError, fly_missing
 
@@ -103,7 +103,7 @@ def test_what_is_finished_is_kept_when_the_sweep_ends_early(plan: SweepPlan, tmp
 
 
 def test_a_run_that_raises_is_a_row_and_unlike_workers_fly_nothing(plan: SweepPlan) -> None:
-    task = plan.task(plan.runs[0])
+    task = Tasks(plan).of(plan.runs[0])
     broken = Task("", {}, 0, 1.0, task.versions)
     assert "mission: this section is missing" in str(flown(broken)["error"])
     endless = Task(task.mission_text, task.profile_texts, 0, -1.0, task.versions)

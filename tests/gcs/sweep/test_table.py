@@ -16,7 +16,7 @@ from gcs.metrics.references import evaluated
 from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
 from gcs.sweep.columns import TEAM, Row, columns, result_row
-from gcs.sweep.plan import SweepPlan, planned
+from gcs.sweep.plan import SweepPlan, Tasks, planned
 from gcs.sweep.run import flown
 from gcs.sweep.table import require_pyarrow, table_bytes
 from gcs.sweep.variation import Variation
@@ -82,8 +82,9 @@ def swept() -> tuple[SweepPlan, dict[int, Row]]:
     """Return a sweep whose values have all kinds of types, flown here in order; one of its runs fails."""
     varied = (Variation("encirclement.radius_m", (8, 8.5)), Variation("target.velocity_m_s", ([0.1, 0.0], "x")))
     plan, faults = planned("case2", varied, (3, 4), {}, 2.0)
+    tasks = Tasks(plan)
     return plan, {
-        run.index: {"error": faults[run.index]} if run.index in faults else flown(plan.task(run)) for run in plan.runs
+        run.index: {"error": faults[run.index]} if run.index in faults else flown(tasks.of(run)) for run in plan.runs
     }
 
 
@@ -106,7 +107,8 @@ def test_a_table_has_a_row_for_each_run(swept: tuple[SweepPlan, dict[int, Row]])
 
 def test_equal_rows_are_equal_bytes_in_any_order(swept: tuple[SweepPlan, dict[int, Row]]) -> None:
     plan, rows = swept
-    again = {run.index: flown(plan.task(run)) for run in reversed(plan.runs) if "error" not in rows[run.index]}
+    tasks = Tasks(plan)
+    again = {run.index: flown(tasks.of(run)) for run in reversed(plan.runs) if "error" not in rows[run.index]}
     backwards = dict(sorted((rows | again).items(), reverse=True))
     assert table_bytes(plan, backwards) == table_bytes(plan, rows)
 
