@@ -46,7 +46,11 @@ def _latency(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
     effect = "not measured, for want of excitation" if effect_s is None else f"{effect_s:.2f} s"
     trips_s, link = evidence.round_trip_s, "not measured"
     if trips_s.size:
-        link = f"{np.median(trips_s):.2f} s ({trips_s.min():.2f} to {trips_s.max():.2f})"
+        trip_s = float(np.median(trips_s))
+        link = f"{trip_s:.2f} s ({trips_s.min():.2f} to {trips_s.max():.2f})"
+        if effect_s is not None and effect_s < trip_s / 2.0:
+            # No effect precedes its setpoint's arrival: this flight cannot tell the delay from the plant's own lag.
+            effect = "not measured, because the profile's plant is slower than the vehicle in this flight"
     return f"setpoint to effect {effect}; delay of the profile {vehicle.plant.delay_s:.2f} s, link's round trip {link}"
 
 

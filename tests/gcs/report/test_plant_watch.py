@@ -12,7 +12,7 @@ from estimation.plant.watch import effect_delay_s, others, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.mission.file import load_mission
-from gcs.report.evidence.flight import FlightEvidence, Loop, VehicleEvidence
+from gcs.report.evidence.flight import FlightEvidence, Loop, PlantNote, VehicleEvidence
 from gcs.report.evidence.plants import plant_notes
 
 FILE = Plant(PlantAxis(1.7, 1.8), PlantAxis(1.7, 1.8), delay_s=0.2)
@@ -70,20 +70,25 @@ def test_no_delay_is_found_where_nothing_was_asked_for() -> None:
     assert effect_delay_s(FILE, *flown(1.7, 1.8, 0.2, step_m=0.0)) is None
 
 
-@pytest.mark.parametrize("link_s", [0.0, 0.15])
-def test_a_link_is_no_fault_of_the_plant(link_s: float) -> None:
-    """A flight over a link whose round trip is known, and one whose is not measured."""
+def noted(flight: tuple[Vector, Vector], trips_s: tuple[float, ...]) -> PlantNote:
+    """Return the note about a vehicle whose profile is FILE, over a link with these round trips."""
     mission = load_mission("px4-trio")
     mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=FILE), *mission.vehicles[1:]))
-    sent, samples = flown(1.7, 1.8, 0.2 + link_s)
+    sent, samples = flight
     loop = Loop(
         time_s=sent[:, 0], setpoint_m=np.pad(sent[:, 1:], ((0, 0), (0, 1))), velocity_m_s=np.zeros((len(sent), 3))
     )
-    trips_s = np.array([0.14, 0.15, 0.16]) if link_s else np.empty(0)
-    vehicle = VehicleEvidence(1, loop=loop, samples=samples, round_trip_s=trips_s)
+    vehicle = VehicleEvidence(1, loop=loop, samples=samples, round_trip_s=np.array(trips_s))
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
     (note,) = plant_notes(mission, FlightEvidence(record, (vehicle,)))
+    return note
+
+
+@pytest.mark.parametrize("link_s", [0.0, 0.15])
+def test_a_link_is_no_fault_of_the_plant(link_s: float) -> None:
+    """A flight over a link whose round trip is known, and one whose is not measured."""
+    note = noted(flown(1.7, 1.8, 0.2 + link_s), (0.14, 0.15, 0.16) if link_s else ())
     assert (note.vehicle_id, note.is_invalid) == (1, False)
     assert "valid for this flight" in note.validation
     measured = "link's round trip 0.15 s (0.14 to 0.16)" if link_s else "link's round trip not measured"
@@ -91,6 +96,12 @@ def test_a_link_is_no_fault_of_the_plant(link_s: float) -> None:
     found = re.search(r"setpoint to effect (\d\.\d\d) s", note.latency)
     assert found is not None
     assert float(found[1]) == pytest.approx(0.213 + link_s, abs=0.02)
+
+
+def test_an_effect_before_the_setpoint_can_arrive_is_not_reported() -> None:
+    """A vehicle that is so much quicker than its profile that no delay explains its flight."""
+    note = noted(flown(6.0, 4.5, 0.07), (0.14,))
+    assert "setpoint to effect not measured, because the profile's plant is slower than the vehicle" in note.latency
 
 
 @pytest.mark.parametrize(("gain", "told"), [(1.0, ": valid "), (0.0, "without velocity feed-forward): ")])
