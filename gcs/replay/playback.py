@@ -1,53 +1,20 @@
 """A log's records of one vehicle as the inputs of its core and the recorded decisions."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import msgspec
 
-from agents.drops import Drops
 from agents.settings.config import AgentConfig
-from agents.tape import (
-    Autopilot,
-    Bus,
-    Command,
-    Computer,
-    CoreInput,
-    Killed,
-    LateTicks,
-    Presence,
-    Start,
-    TacticEvent,
-    Tick,
-    TimeScale,
-)
+from agents.tape import Command, CoreInput, Tick
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
-from estimation.state import Sighting, Telemetry
 from gcs.flightlog.log_error import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision, FormerMessage, LocalCommand, Taken
 from gcs.mission.mission import Mission
 
-_CORE_RECORDS = {
-    TimeScale,
-    Start,
-    TacticEvent,
-    Autopilot,
-    LateTicks,
-    Bus,
-    Drops,
-    Computer,
-    Telemetry,
-    Sighting,
-    Taken,
-    FormerMessage,
-    LocalCommand,
-    Killed,
-    Presence,
-    Tick,
-    Decision,
-}
+_CORE_RECORDS = {*get_args(CoreInput), Taken, FormerMessage, LocalCommand, Decision}
 
 
 class MissingRecords(NamedTuple):

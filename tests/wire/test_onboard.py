@@ -69,7 +69,7 @@ class Site:
     def agent(self, vehicle: int) -> "subprocess.Popen[str]":
         holder = f"vehicle-{vehicle}"
         self.run(holder, "sitl", "mission.toml", "--speed", SPEED)
-        options = ("--only", str(vehicle), "--wait-for-start", "--speed", SPEED, "--no-log")
+        options = ("--only", str(vehicle), "--wait-for-start", "--speed", SPEED, "--log", "flight.mcap")
         return self.run(holder, "fly", "mission.toml", *options)
 
 
@@ -105,7 +105,7 @@ def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_ope
         assert code == Exit.HOLDS, err
         assert [each["answer"] for each in json.loads(out)["vehicles"]] == ["takes off", "takes off"]
         for flying in (first, second):
-            said_until(flying, "standby -> formation")
+            assert "log is incomplete" not in said_until(flying, "standby -> formation")
         watching.terminate()
         for flying in (first, second):
             assert "no operator on the bus" in said_until(flying, "formation -> hold")
@@ -113,6 +113,8 @@ def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_ope
         assert code == Exit.HOLDS, err
         code, _, err = site.ended("operator-anna", "command", "land", "--mission", "mission.toml")
         assert code == Exit.HOLDS, err
-        for flying in (first, second):
+        for vehicle, flying in enumerate((first, second), start=1):
             flying.communicate(timeout=60.0)
             assert flying.returncode == Exit.ENDED_IN_FLIGHT
+            code, out, err = site.ended(f"vehicle-{vehicle}", "replay", "flight.mcap")
+            assert code == Exit.HOLDS, out + err

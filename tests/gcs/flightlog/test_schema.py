@@ -3,7 +3,7 @@
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import pytest
@@ -13,10 +13,10 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from agents.ports import FlightMode, Setpoint, VehicleStatus
-from agents.tape import Autopilot
+from agents.tape import Autopilot, Command, CoreInput, Message
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
-from gcs.flightlog.records import Decision, FormerMessage, Place
+from gcs.flightlog.records import VEHICLE_TOPICS, Decision, FormerMessage, Place
 from gcs.flightlog.schema import Codec, Decoder
 from tests.support.flight_logs import engaging, record_simulation
 
@@ -47,6 +47,11 @@ def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> 
 @given(st.binary(max_size=300), NUMBERS)
 def test_payloads_keep_every_byte(payload: bytes, now_s: float) -> None:
     assert back(FormerMessage(now_s, payload)) == FormerMessage(now_s, payload)
+
+
+def test_every_input_of_a_core_has_a_channel() -> None:
+    """Messages and commands are recorded as others: as the messages that were taken, and as what was commanded here."""
+    assert set(get_args(CoreInput)) - set(VEHICLE_TOPICS) == {Message, Command}
 
 
 def test_nothing_is_told_from_nought(subtests: pytest.Subtests) -> None:
