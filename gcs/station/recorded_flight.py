@@ -142,7 +142,7 @@ def _ending(logs: Sequence[FlightLog]) -> str:
     for log, vehicle_id in _recorded(logs):
         end = next(log.of_kind(vehicle_id, VehicleEnd), None)
         if end is None:
-            endings.append(VehicleEnding(vehicle_id, How.IN_FLIGHT, "its log ends in flight"))
+            endings.append(VehicleEnding(vehicle_id, How.IN_FLIGHT, "the log ends in flight"))
         elif end.how:
             endings.append(VehicleEnding(vehicle_id, How(end.how), end.reason))
     ending = FlightEnding.of(endings)

@@ -83,14 +83,20 @@ def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
     expect(page.get_by_role("button", name="Play")).to_be_visible()
 
 
-def test_the_page_says_at_what_rate_it_shows_the_flight(open_page: OpenPage) -> None:
+def test_the_page_says_at_what_rate_it_shows_the_flight_from_its_start(open_page: OpenPage) -> None:
     """Pictures before the mission's start have no time."""
     whole = ring_flight(60.0).teams
     waiting = tuple(replace(team, time_s=None) for team in whole[:100])
-    for teams, words in ((waiting + whole, "5 pictures a second"), (whole[::12], "a picture every 2.4 s")):
+    shown = (
+        (waiting + whole, "5 pictures a second", "100"),
+        (whole[::12], "a picture every 2.4 s", "0"),
+        (waiting, "", "0"),
+    )
+    for teams, words, first in shown:
         with CannedStation(flight=replace(ring_flight(60.0), teams=teams)) as station:
             page = open_page(station.url, script=NO_WEBGL)
             expect(page.locator("#rate")).to_have_text(words)
+            expect(page.locator("#seek")).to_have_value(first)
 
 
 def test_slider_by_keyboard(page: Page) -> None:

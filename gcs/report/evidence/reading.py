@@ -194,7 +194,7 @@ class _VehicleReader:
     def ending(self, start_s: float) -> VehicleEnding | None:
         """Return how its flight ended: where the log does not say so it ends before that; None in older logs."""
         if self._end is None:
-            ends = f"its log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
+            ends = f"the log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
             return VehicleEnding(self.vehicle_id, How.IN_FLIGHT, ends)
         return VehicleEnding(self.vehicle_id, How(self._end.how), self._end.reason) if self._end.how else None
 

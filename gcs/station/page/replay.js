@@ -21,7 +21,7 @@ export class Replay {
     byId("play").addEventListener("click", () => this.play(!this.isPlaying));
     byId("next-event").addEventListener("click", () => this.#jump(1));
     byId("previous-event").addEventListener("click", () => this.#jump(-1));
-    this.seek(0);
+    this.seek(Math.max(flight.teams.findIndex((team) => team.time_s !== null), 0)); // where the mission begins
   }
 
   /** Show the picture at a place. */
