@@ -158,7 +158,10 @@ def fly(policy: str, link: Wireless, seed: int) -> tuple[Flown, Load]:
             agent.send_signal(signal.SIGINT)
         for agent in agents:
             agent.wait(120.0)
-        return _flown([site.log(vehicle) for vehicle in (1, 2, 3)], cut_s, back_s), load
+        flown = _flown([site.log(vehicle) for vehicle in (1, 2, 3)], cut_s, back_s)
+        if faults(policy, flown):
+            print(*(site.said(each, "fly") for each in site.companions), sep="\n", file=sys.stderr, flush=True)
+        return flown, load
 
 
 def _started(site: Site) -> list["subprocess.Popen[bytes]"]:
