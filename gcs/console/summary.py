@@ -9,7 +9,7 @@ from rich.text import Text
 from gcs.console.table_view import TACTIC_STYLES, number
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import engaged_line
-from gcs.metrics.result import EstimateResult, FlightResult, VehicleResult, reference_line
+from gcs.metrics.result import EstimatedVehicleResult, EstimateResult, FlightResult, VehicleResult, reference_line
 from gcs.metrics.reynolds_view import reynolds_grid
 from gcs.metrics.window import window_line
 
@@ -51,8 +51,7 @@ def _ending(ended: FlightEnding) -> Text:
 
 
 def _headline(result: FlightResult) -> Text:
-    factor = "" if result.realtime_factor is None else f" ({result.realtime_factor:.3g}× real time)"
-    took = "" if result.wall_time_s is None else f" in {result.wall_time_s:.1f} s{factor}"
+    took = f" in {result.wall_time_line}" if result.wall_time_line else ""
     source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
     reference = f"\n{reference_line(result)}"
     practice = f"\npractice: {', '.join(result.faults)}" if result.faults else ""
@@ -65,7 +64,7 @@ def _headline(result: FlightResult) -> Text:
 def _verdict_table(result: FlightResult) -> Table:
     meanings = {
         "C1": ("radius", _worst("error {} m rms", [v.radius_error_rms_m for v in result.vehicles])),
-        "C2": ("angular rate", _rates(result)),
+        "C2": ("angular rate", _rates("mean", result.vehicles)),
         "C3": ("spacing", _spacing(result)),
         "formation": ("", _formation(result)),
         "separation": ("", _worst("closest approach {} m", [result.closest_approach_m])),
@@ -79,12 +78,12 @@ def _verdict_table(result: FlightResult) -> Table:
     return table
 
 
-def _rates(result: FlightResult) -> str:
-    means = [v.angular_rate_mean_rad_s for v in result.vehicles if v.angular_rate_mean_rad_s is not None]
+def _rates(noun: str, vehicles: Sequence[VehicleResult | EstimatedVehicleResult]) -> str:
+    means = [v.angular_rate_mean_rad_s for v in vehicles if v.angular_rate_mean_rad_s is not None]
     if not means:
         return ""
     low, high = f"{min(means):.4f}", f"{max(means):.4f}"
-    return f"mean {low} rad/s" if low == high else f"means {low} to {high} rad/s"
+    return f"{noun} {low} rad/s" if low == high else f"{noun}s {low} to {high} rad/s"
 
 
 def _spacing(result: FlightResult) -> str:
@@ -135,11 +134,10 @@ def _vehicle_cells(vehicle: VehicleResult) -> tuple[Text, ...]:
 
 def _estimate_line(estimate: EstimateResult) -> Text:
     """Return the worst figures from the vehicles' estimates, beside those from the true positions."""
-    rates = [v.angular_rate_mean_rad_s for v in estimate.vehicles if v.angular_rate_mean_rad_s is not None]
     spacing = estimate.ring.spacing_error_rms_deg
     parts = [
         _worst("radius error {} m rms", [v.radius_error_rms_m for v in estimate.vehicles]),
-        f"rates {min(rates):.4f} to {max(rates):.4f} rad/s" if rates else "",
+        _rates("rate", estimate.vehicles),
         "" if spacing is None else f"spacing error {spacing:.2f}° rms",
         _worst("closest approach {} m", [estimate.closest_approach_m]),
         _worst("estimated positions {} m rms off", [v.estimate_error_rms_m for v in estimate.vehicles]),

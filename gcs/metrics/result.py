@@ -263,6 +263,14 @@ class FlightResult:
         return "; ".join(f"{kind}: {', '.join(each)}" for kind, each in ids.items())
 
     @property
+    def wall_time_line(self) -> str:
+        """The wall time and the speed of the flight, such as `3.5 s (172× real time)`; empty if they are unknown."""
+        if self.wall_time_s is None or self.realtime_factor is None:
+            return ""
+        rounded = float(f"{self.realtime_factor:.3g}")  # :g writes a rounded number above 1000 without an exponent
+        return f"{self.wall_time_s:.1f} s ({rounded:g}× real time)"
+
+    @property
     def ended_early(self) -> bool:
         """Whether the record shows that it ended in flight, before its mission was over."""
         return self.ended is not None and self.ended.is_early

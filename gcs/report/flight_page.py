@@ -44,12 +44,6 @@ def report_html(evidence: FlightEvidence, result: FlightResult, criteria: Criter
     )
 
 
-def _wall_time(result: FlightResult) -> dict[str, str]:
-    if result.wall_time_s is None or result.realtime_factor is None:
-        return {}
-    return {"wall time": f"{result.wall_time_s:.1f} s, {result.realtime_factor:.3g}× real time"}
-
-
 def _facts(evidence: FlightEvidence, result: FlightResult) -> dict[str, str]:
     facts = dict(evidence.facts)
     versions = {"versions": facts.pop("versions")} if "versions" in facts else {}
@@ -57,7 +51,7 @@ def _facts(evidence: FlightEvidence, result: FlightResult) -> dict[str, str]:
         **facts,
         "source": f"{result.source}, seed {result.seed}" if result.source != "flight" else "flight",
         "mission time": f"{result.duration_s:g} s at {result.loop.rate_hz:g} Hz",
-        **_wall_time(result),
+        **({"wall time": result.wall_time_line} if result.wall_time_line else {}),
         "vehicles": ", ".join(str(track.vehicle_id) for track in evidence.record.vehicles) or "none",
         "reference": reference_line(result),
         **versions,

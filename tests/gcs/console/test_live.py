@@ -337,12 +337,18 @@ def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
     assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[19]
 
 
+def test_the_summary_writes_a_high_speed_without_an_exponent() -> None:
+    (first, *_) = rendered(summary(replace(RESULT, wall_time_s=0.25, realtime_factor=1437.6))).splitlines()
+    assert first.strip() == "case2  simulation, seed 7, 600 s in 0.2 s (1440× real time)"
+
+
 def test_the_summary_names_the_reference_and_the_figures_beside_it() -> None:
     beside = EstimateResult(
         (EstimatedVehicleResult(1, 0.111, 0.2, 0.05, 0.444, 0.5),), RingResult(None, 0.77, 1.0), 1.5
     )
     lines = rendered(summary(replace(RESULT, estimate=beside))).splitlines()
     (told,) = [line for line in lines if "0.111" in line]
+    assert "rate 0.0500 rad/s" in told
     assert "estimate" in told
     assert "truth" in lines[1]
     plain = rendered(summary(RESULT))
