@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gcs.cli.options import RESULT, Json, MissionName, loaded_mission
-from gcs.errors import Exit, InputError
+from gcs.errors import Exit
 from gcs.flight.faults.names import OPTIONS
 
 
@@ -39,7 +39,7 @@ def drill(options: DrillOptions) -> Exit:
     Example: cordon drill ardupilot-trio --fault battery-low --fault killed-agent
     """
     from agents.ports import VehicleRefusedError
-    from gcs.cli.output import print_result
+    from gcs.cli.output import check_folder, print_result
     from gcs.console.terminal import STDERR, print_problem
     from gcs.drill.faults import chosen
     from gcs.drill.run import DrillRun
@@ -47,8 +47,8 @@ def drill(options: DrillOptions) -> Exit:
     from gcs.drill.view import DrillProgress, drill_table, drills_json
 
     drills, mission = chosen(options.fault), loaded_mission(options.mission)
-    if options.log is not None and not options.log.is_dir():
-        raise InputError([f"--log: the folder {str(options.log)!r} for the flight logs does not exist"])
+    if options.log is not None:
+        check_folder("--log", options.log)
     fly = partial(StubFlight, logs=options.log, profile_texts=mission.profile_texts)
     try:
         rows = asyncio.run(DrillRun(options.mission, fly, drills, DrillProgress(STDERR, len(drills))).run())

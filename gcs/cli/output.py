@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from shlex import quote
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -127,8 +128,15 @@ def check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
         raise InputError([f"{option}: {path.name!r} must end in {', '.join(suffixes)}"])
     if path.is_dir():
         raise InputError([f"{option}: {str(path)!r} is a folder"])
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError([f"{option}: no folder {str(path.parent)!r} to write to"])
+    check_folder(option, path.parent)
+
+
+def check_folder(option: str, folder: Path) -> None:
+    """Refuse a folder for output that does not exist or cannot be written to; raises InputError."""
+    if not folder.is_dir():
+        raise InputError([f"{option}: no folder {str(folder)!r} to write to; next: mkdir -p {quote(str(folder))}"])
+    if not os.access(folder, os.W_OK):
+        raise InputError([f"{option}: no permission to write to the folder {str(folder)!r}"])
 
 
 @contextmanager

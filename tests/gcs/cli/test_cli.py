@@ -347,13 +347,19 @@ def test_every_fault_of_a_mission_is_a_line_with_its_place(
     ("plot", "complaint"),
     [
         ("flight.bmp", "--plot: 'flight.bmp' must end in .png, .svg, .pdf"),
-        ("nowhere/flight.png", "--plot: no folder 'nowhere' to write to"),
+        ("nowhere/flight.png", "--plot: no folder 'nowhere' to write to; next: mkdir -p nowhere"),
     ],
 )
 def test_a_figure_that_cannot_be_written_is_refused_before_flying(
     command: str, plot: str, complaint: str, refused: Refused
 ) -> None:
     assert refused(command, "case1", "--plot", plot) == [complaint]
+
+
+def test_a_drill_without_a_folder_for_its_logs_is_refused_before_flying(refused: Refused) -> None:
+    assert refused("drill", "case1", "--log", "my logs") == [
+        "--log: no folder 'my logs' to write to; next: mkdir -p 'my logs'"
+    ]
 
 
 @pytest.mark.parametrize(

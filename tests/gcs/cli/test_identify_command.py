@@ -221,7 +221,7 @@ def test_a_short_log_of_real_firmware_is_told_to_be_too_short(ran: Runner) -> No
         (("a.ulg", "a.ulg"), "a.ulg: given more than once"),
         (("a.ulg", "-o", "own.txt"), "--output: 'own.txt' must end in .toml"),
         (("a.ulg", "-o", "here.toml"), "--output: 'here.toml' exists already"),
-        (("a.ulg", "-o", "no/own.toml"), "--output: no folder 'no' to write to"),
+        (("a.ulg", "-o", "no/own.toml"), "--output: no folder 'no' to write to; next: mkdir -p no"),
         (("a.ulg", "--html", "own.pdf"), "--html: 'own.pdf' must end in .html"),
         (("a.ulg", "--vehicle", "9"), "--vehicle: the logs have no vehicle 9 (they have 3)"),
         (("a.ulg", "b.ulg"), "--vehicle: the logs hold vehicles 3, 4; choose one of them"),
