@@ -43,9 +43,10 @@ NO_OPERATOR_S = 5.0
 REACTS_WITHIN_S = NO_OPERATOR_S + 3.0 + 1.5
 """The grace time, Zenoh's lease on the router's side, and the transport time over two links, including one loss."""
 RADIUS_M = 6.0
-RING_S, BEFORE_S, CUT_S, BACK_S = 35.0, 15.0, 25.0, 25.0
-"""The time on the ring before the cut, and the part of it that is measured; the duration of the cut, and the flight
-time after it [s].
+RING_S, BEFORE_S, CUT_S, BACK_S = 65.0, 15.0, 25.0, 25.0
+"""The time from the last engagement to the cut, and the part of it that is measured; the duration of the cut, and the
+flight time after it [s]. If the vehicle furthest from the target engages after the others, it waits outside for 30 s
+until its gap is wide enough, and is on the ring 15 s later.
 """
 RADIUS_ERROR_MAX_M = 0.25
 READY_S, ALOFT_S = 120.0, 120.0
