@@ -294,7 +294,7 @@ def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
 def _row(policy: str, flown: Flown, load: Load, wrong: Sequence[str]) -> str:
     did = ", ".join(sorted({*flown.cut_tactics}))
     after = "-" if min(flown.reacted_s) == inf else f"{min(flown.reacted_s):.1f} to {max(flown.reacted_s):.1f} s"
-    noted = "-" if min(flown.noted_s) == inf else f"{max(flown.noted_s):.1f} s"
+    noted = "-" if max(flown.noted_s) == inf else f"{max(flown.noted_s):.1f} s"
     cells = (
         policy,
         did,
