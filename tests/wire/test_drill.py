@@ -101,7 +101,7 @@ class Unwatched(StubFlight):
         super().fail(fault, roles)
 
 
-@pytest.mark.long
+@pytest.mark.alone
 async def test_every_drill_holds() -> None:
     drills = [
         drill for drill in DRILLS if not drill.ends_flight
