@@ -61,7 +61,7 @@ _TEAM = (
     _Metric("missed ticks", ".0f", "less", lambda r: r.loop.missed),
     _Metric("computing time, median [µs]", ".0f", "less", lambda r: r.loop.tick_p50_us),
     _Metric("computing time, 99 % [µs]", ".0f", "less", lambda r: r.loop.tick_p99_us),
-    _Metric("real-time factor", ".3g", "neither", lambda r: r.realtime_factor),
+    _Metric("real-time factor", ".2f", "neither", lambda r: r.realtime_factor),
 )
 # Which value is better depends on the mission: a wide ring is not worse than a narrow one.
 _REYNOLDS = tuple(

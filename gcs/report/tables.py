@@ -64,7 +64,7 @@ def ring_table(result: FlightResult) -> Table:
         ("ticks, missed ticks", f"{loop.ticks}, {loop.missed}"),
         ("mission time [s]", number(result.duration_s, ".1f")),
         ("wall time [s]", number(result.wall_time_s, ".1f")),
-        ("mission time per wall time", number(result.realtime_factor, ".3g")),
+        ("mission time per wall time", number(result.realtime_factor, ".2f")),
     )
     return Table("Metrics of the team", ("metric", "value"), rows)
 
