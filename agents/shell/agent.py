@@ -100,7 +100,7 @@ class Agent:
 
         An exception that is not a refusal is raised once the vehicle is on the ground.
         """
-        self._core.set_time_scale(max(self._clock.speed, 1.0))
+        self._core.set_time_scale(max(self._clock.time_scale, 1.0))
         self._duration_s, self._stop = duration_s, stop
         self._reporter.wait(None)
         self._start_agreement.bound(duration_s)
@@ -223,11 +223,11 @@ class Agent:
         return LifeEvent.START_AGREED
 
     async def _fly_duration(self, start_s: float) -> LifeEvent:
-        await self._sleep(start_s + self._duration_s - self._clock.now_s())
+        await self._clock.sleep_until(start_s + self._duration_s)
         return LifeEvent.DURATION_OVER
 
     async def _come_to_rest(self) -> LifeEvent:
-        await self._sleep(HOLD_BEFORE_LANDING_S)
+        await self._clock.sleep(HOLD_BEFORE_LANDING_S)
         return LifeEvent.HOLD_OVER
 
     async def _call_take_off(self) -> LifeEvent:
@@ -235,7 +235,7 @@ class Agent:
         return LifeEvent.TAKE_OFF_DONE
 
     async def _wait_for_arming(self) -> LifeEvent:
-        await self._sleep(ARMED_HEARD_AFTER_S)
+        await self._clock.sleep(ARMED_HEARD_AFTER_S)
         return self._armed()
 
     async def _call_offboard(self) -> LifeEvent:
@@ -243,7 +243,7 @@ class Agent:
         return LifeEvent.OFFBOARD_CONFIRMED
 
     async def _call_offboard_anew(self) -> LifeEvent:
-        await self._sleep(2.0 * self._loop.period_s)  # setpoints have to be streaming first
+        await self._clock.sleep(2.0 * self._loop.period_s)  # setpoints have to be streaming first
         return await self._call_offboard()
 
     async def _call_stop_offboard(self) -> LifeEvent:
@@ -395,6 +395,3 @@ class Agent:
     def _show_life(self) -> None:
         if self._phase is not Phase.ENDED:  # the end has been reported to the supervisor
             self._loop.show_life()
-
-    async def _sleep(self, mission_s: float) -> None:
-        await asyncio.sleep(max(mission_s, 0.0) / self._clock.speed)

@@ -38,7 +38,7 @@ class ControlLoop:
         clock, config = self._parts.clock, self._parts.config
         phase = sorted(config.slots).index(config.vehicle_id) / len(config.slots)
         start_s = first_deadline_s(clock.now_s(), self.period_s, phase)
-        return Ticker(self.period_s, clock.now_s, speed=clock.speed, start_s=start_s)
+        return Ticker(self.period_s, clock, start_s)
 
     def control_ticker(self) -> Ticker:
         """Return the same for ticks with control of the vehicle, which are counted."""
@@ -70,7 +70,7 @@ class ControlLoop:
 
     def show_life(self) -> None:
         """Report the tick to the supervisor."""
-        self._parts.heartbeat.tick(self.period_s / self._parts.clock.speed)
+        self._parts.heartbeat.tick(self.period_s / self._parts.clock.time_scale)
 
     def _publish(self, output: TickOutput, tick_us: float | None) -> None:
         self.newest = output

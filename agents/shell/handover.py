@@ -17,8 +17,10 @@ PERIOD_S = 0.002
 class Handover:
     """Calls a function on an event loop, at once if the last call was not recent."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, call: Callable[[], object], *, gathers: bool = True) -> None:
+        """Take the loop and the function; unless it `gathers` requests, each is met at once."""
         self._loop, self._call = loop, call
+        self._period_s = PERIOD_S if gathers else 0.0
         self._asked = False
         self._called_s = -inf
 
@@ -31,7 +33,7 @@ class Handover:
             self._loop.call_soon_threadsafe(self._call_in_time)
 
     def _call_in_time(self) -> None:
-        wait_s = self._called_s + PERIOD_S - monotonic()
+        wait_s = self._called_s + self._period_s - monotonic()
         if wait_s > 0.0:
             self._loop.call_later(wait_s, self._call_now)
         else:

@@ -19,6 +19,6 @@ class OutsideSensors:
             if parts.positions is not None and (position := parts.positions.take(payload, time.time())) is not None:
                 parts.link.locate(position)
             return
-        seen = parts.perception.take(payload, parts.clock.now_s(), max(parts.clock.speed, 1.0))
+        seen = parts.perception.take(payload, parts.clock.now_s(), max(parts.clock.time_scale, 1.0))
         if seen is not None:
             parts.core.on_sighting(seen)

@@ -49,7 +49,7 @@ class Reporter:
 
     def sense(self) -> None:
         """Note that a sample of the vehicle's motion has been received now."""
-        self._motion_s = _wall_s()
+        self._motion_s = self._wall_s()
 
     def start_mission(self, start_s: float, duration_s: float) -> None:
         """Take the mission's begin on the team's clock, and its duration."""
@@ -67,18 +67,22 @@ class Reporter:
     async def close(self) -> None:
         """Send the last report and stop."""
         if self._running is not None:
-            self._send(_wall_s())
+            self._send(self._wall_s())
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
 
     async def _run(self) -> None:
         while True:
             self._look()
-            await asyncio.sleep(_LOOK_S)
+            await self._parts.clock.sleep(_LOOK_S * self._parts.clock.time_scale)
+
+    def _wall_s(self) -> float:
+        """Return the time of links and radios: of the wall, or simulated as they are."""
+        return self._parts.clock.now_s() / self._parts.clock.time_scale
 
     def _look(self) -> None:
         """Send a report if one is due or something has changed."""
-        output, status, now_s = self._newest(), self._parts.link.status, _wall_s()
+        output, status, now_s = self._newest(), self._parts.link.status, self._wall_s()
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
         said = (
@@ -155,7 +159,3 @@ def ended_words(outcome: Outcome) -> str:
     """Return how a vehicle's flight ended, as text."""
     words = f"{outcome.ending.value}: {outcome.reason}" if outcome.reason else outcome.ending.value
     return printable(words)[:ENDED_LIMIT]
-
-
-def _wall_s() -> float:
-    return asyncio.get_running_loop().time()

@@ -88,7 +88,7 @@ class StartAgreement:
                 return
             now_s = self._clock.now_s()
             lag_s = now_s - message.time_s
-            self._clocks.receive(message.sender, lag_s / self._clock.speed)
+            self._clocks.receive(message.sender, lag_s / self._clock.time_scale)
             if abs(lag_s) < TOPICS[StartProposal].age_max_s and is_possible(message, now_s, self._duration_s):
                 self._readiness.receive(message)
 
@@ -102,7 +102,7 @@ class StartAgreement:
         Raises VehicleRefusedError when a clock differs, or a vehicle of this team flies another mission.
         """
         self.announce()
-        end_s = self._clock.now_s() + CLOCKS_TIMEOUT_S * self._clock.speed
+        end_s = self._clock.now_s() + CLOCKS_TIMEOUT_S * self._clock.time_scale
         while self._clocks.unmeasured(self._present & self._readiness.others) and self._clock.now_s() < end_s:
             self._require_one_mission()
             await self._pause()
@@ -147,7 +147,7 @@ class StartAgreement:
         while True:
             if not self._agreeing:
                 self._publish(self._readiness.message(self._clock.now_s(), ready=self._agreed))
-            await (asyncio.sleep(_PERIOD_S) if self._agreed else self._pause())
+            await (self._clock.sleep(_PERIOD_S * self._clock.time_scale) if self._agreed else self._pause())
 
     def _require_one_mission(self) -> None:
         """Refuse to fly with a vehicle of the team that flies another mission, or another version of this one."""
@@ -169,4 +169,4 @@ class StartAgreement:
         self._bus.publish(TOPICS[StartProposal].name, encode(msgspec.structs.replace(message, mission=self._mission)))
 
     async def _pause(self) -> None:
-        await asyncio.sleep(_PERIOD_S / self._clock.speed)
+        await self._clock.sleep(_PERIOD_S)

@@ -3,10 +3,10 @@
 Ticks that are a whole period late are counted and skipped, not made up in a burst.
 """
 
-import asyncio
-from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from math import ceil, floor, isfinite
+
+from agents.shell.clock import MissionClock
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,28 +37,15 @@ def first_deadline_s(now_s: float, period_s: float, phase: float) -> float:
 class Ticker:
     """Ticks every `period_s` of the mission clock: `async for tick in ticker`.
 
-    The first deadline is `start_s`, by default the first use. `now_s` returns mission seconds, which pass `speed`
-    times as fast as wall seconds; `sleep` takes wall seconds and may return early or late (asyncio's is up to a
-    millisecond late). Deadlines lie on one grid, so lateness does not accumulate.
-    Raises ValueError when the period or the speed is not positive.
+    The first deadline is `start_s`, by default the first use. The clock may wake it late. Deadlines lie on one grid,
+    so lateness does not accumulate. Raises ValueError when the period is not positive.
     """
 
-    def __init__(
-        self,
-        period_s: float,
-        now_s: Callable[[], float],
-        *,
-        speed: float = 1.0,
-        start_s: float | None = None,
-        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
-    ) -> None:
-        for name, value in (("period_s", period_s), ("speed", speed)):
-            if not (isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} = {value}: it must be positive")
+    def __init__(self, period_s: float, clock: MissionClock, start_s: float | None = None) -> None:
+        if not (isfinite(period_s) and period_s > 0.0):
+            raise ValueError(f"period_s = {period_s}: it must be positive")
         self._period_s = period_s
-        self._now_s = now_s
-        self._speed = speed
-        self._sleep = sleep
+        self._clock = clock
         self._start_s = start_s
         self._next_index = 0
         self._ticks = 0
@@ -86,23 +73,15 @@ class Ticker:
         Yields to other tasks at least once, even if it is late.
         """
         if self._start_s is None:
-            self._start_s = self._now_s()
+            self._start_s = self._clock.now_s()
         deadline_s = self._start_s + self._next_index * self._period_s
-        now_s = await self._wait_until(deadline_s)
-        skipped = floor((now_s - deadline_s) / self._period_s)
+        now_s = await self._clock.sleep_until(deadline_s)
+        skipped = max(floor((now_s - deadline_s) / self._period_s), 0)
         index = self._next_index + skipped
         # From the index, not by addition: a million additions of 0.1 are 0.1 ms off the grid.
         deadline_s = self._start_s + index * self._period_s
         self._next_index = index + 1
         return self._count(Tick(index, deadline_s, max(0.0, now_s - deadline_s), skipped))
-
-    async def _wait_until(self, deadline_s: float) -> float:
-        """Wait until the deadline has passed, and return the time."""
-        now_s = self._now_s()
-        await self._sleep(max(0.0, deadline_s - now_s) / self._speed)
-        while (now_s := self._now_s()) < deadline_s:
-            await self._sleep((deadline_s - now_s) / self._speed)
-        return now_s
 
     def _count(self, tick: Tick) -> Tick:
         self._ticks += 1

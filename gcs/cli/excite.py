@@ -5,7 +5,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json, Log, MissionName, Recorded, Speed, bus_mission, chosen_vehicle
+from gcs.cli.options import (
+    RESULT,
+    Json,
+    Log,
+    MissionName,
+    Recorded,
+    Speed,
+    bus_mission,
+    chosen_vehicle,
+    require_governed,
+)
 from gcs.errors import Exit
 from gcs.metrics.json_output import json_output
 from gcs.signals import hold_back
@@ -66,6 +76,7 @@ def _excite(options: ExciteOptions) -> Exit:
         if options.json:
             print_result(json_output(preview_dict(mission, planned)))
         return Exit.HOLDS
+    require_governed(options.speed, only_stubs=options.sitl, advice="it needs --sitl: a real vehicle does not wait")
     speed = options.speed or (1.0 if options.sitl else None)
     plan = FlightPlan(mission, mission.mission.duration_s, mission.vehicles, speed, mission.ids if options.sitl else ())
 

@@ -24,6 +24,7 @@ from gcs.cli.options import (
     StationTiles,
     bus_mission,
     chosen_vehicle,
+    require_governed,
     require_station,
     stub_ids,
 )
@@ -190,6 +191,11 @@ def _fly(options: FlyOptions) -> Exit:
         raise InputError(["--only: with --sitl all vehicles fly in this process; use `cordon sitl` for the stubs"])
     if options.fault and not stubs:
         raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
+    require_governed(
+        options.speed,
+        only_stubs=len(stubs) == len(mission.ids),
+        advice="it needs --sitl: only stub vehicles can wait for this computer; name a number for other simulators",
+    )
     only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
     duration_s = options.duration or mission.mission.duration_s
     plan = FlightPlan(

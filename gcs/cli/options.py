@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,8 @@ from cyclopts.validators import Number
 from gcs.errors import InputError
 
 if TYPE_CHECKING:
+    from cyclopts import Token
+
     from gcs.mission.mission import Mission, MissionVehicle
 
 RESULT = Group("Result")
@@ -38,9 +41,34 @@ Duration = Annotated[
     float | None,
     Parameter(help="Seconds of mission time to fly, instead of the mission's.", validator=Number(gt=0, lte=86400)),
 ]
+AS_FAST_AS_POSSIBLE = "max"
+
+
+def _speed(_kind: object, tokens: "Sequence[Token]") -> float:
+    """Return a speed; infinity for one that only the computer limits."""
+    text = tokens[0].value
+    try:
+        speed = inf if text.lower() == AS_FAST_AS_POSSIBLE else float(text)
+    except ValueError:
+        speed = nan
+    if not (speed == inf or 0.1 <= speed <= 50.0):
+        raise ValueError(f"{text!r} is neither {AS_FAST_AS_POSSIBLE} nor a number from 0.1 to 50")
+    return speed
+
+
+def require_governed(speed: float | None, *, only_stubs: bool, advice: str) -> None:
+    """Raise InputError for a speed that only the computer limits, unless every vehicle is a stub."""
+    if speed == inf and not only_stubs:
+        raise InputError([f"--speed {AS_FAST_AS_POSSIBLE}: {advice}"])
+
+
 Speed = Annotated[
     float | None,
-    Parameter(help="Speed of simulated time, as a multiple of the wall clock's.", validator=Number(gte=0.1, lte=50)),
+    Parameter(
+        help="Speed of simulated time, as a multiple of the wall clock's (0.1 to 50), or max: as fast as this computer "
+        "can, if every vehicle is a stub.",
+        converter=_speed,
+    ),
 ]
 Json = Annotated[bool, Parameter(name="--json", negative="", group=RESULT, help="Print the result as one JSON object.")]
 Plot = Annotated[

@@ -36,6 +36,7 @@ def sitl(options: SitlOptions) -> Exit:
     from contextlib import ExitStack
 
     from agents.ports import VehicleRefusedError
+    from agents.shell.clock import WallClock
     from gcs.console.terminal import STDERR, print_problem
     from gcs.flight.stubs import serve_until_ctrl_c, stub_configs
     from gcs.link.ports.claims import stub_claims
@@ -56,7 +57,7 @@ def sitl(options: SitlOptions) -> Exit:
                 place = f"{config.client_host}:{config.client_port}"
                 STDERR.print(f"vehicle {config.vehicle_id}: MAVLink to udp {place}", highlight=False)
             STDERR.print(f"simulated time runs at {speed:g} times the wall clock; Ctrl-C ends it", highlight=False)
-            asyncio.run(serve_until_ctrl_c(configs, speed))
+            asyncio.run(serve_until_ctrl_c(configs, WallClock(speed)))
     except VehicleRefusedError as refusal:
         print_problem(f"the stub vehicles did not start: {refusal.reason}", refusal.next_step)
         return Exit.REFUSED

@@ -7,6 +7,7 @@ from contextlib import suppress
 from agents.ports import PeerBus
 from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
 from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.clock import MissionClock
 from agents.team.codec import encode
 from agents.team.messages import OperatorCommand, topic_of
 from gcs.errors import InputError
@@ -15,11 +16,11 @@ from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission
 
 
-def guest_bus(mission: Mission, identity: Identity) -> ParticipantBus:
-    """Return the bus of an operator, a sensor or an observer, not yet open."""
+def guest_bus(mission: Mission, identity: Identity, clock: MissionClock | None = None) -> ParticipantBus:
+    """Return the bus of an operator, a sensor or an observer, not yet open; a governed `clock` waits for it."""
     endpoints = [vehicle.section.endpoint for vehicle in mission.vehicles]
     team = BusTeam(mission.network.team, mission.ids, mission.network.router)
-    return single_bus(identity.participant, team, None, endpoints, identity.security)
+    return single_bus(identity.participant, team, None, endpoints, identity.security, clock)
 
 
 def observer(keys: TeamKeys) -> Identity:

@@ -16,6 +16,7 @@ from gcs.flight.run import run_flight
 from gcs.flightlog.place import FOLDER_VARIABLE
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
+from sitl.server.shared_clock import ClockName
 
 
 class FaultReceiver(PresentFaults):
@@ -31,11 +32,16 @@ class FaultReceiver(PresentFaults):
     def _receive(self, connection: sockets.socket) -> None:
         with connection.makefile("rb") as lines:
             for line in lines:
-                self.set(msgspec.json.decode(line, type=TeamFaults))
+                faults = msgspec.json.decode(line, type=TeamFaults)
+                if faults.hang:  # nothing can be sent from then on
+                    connection.sendall(b"\n")
+                self.set(faults)
+                if not faults.hang:
+                    connection.sendall(b"\n")
         os._exit(0)  # the drill has ended, and its vehicles with it
 
 
-def fly(name: str, speed: float, duration_s: float, *, socket: str, logs: str) -> Exit:
+def fly(name: str, duration_s: float, clock: ClockName | None, *, socket: str, logs: str) -> Exit:
     """Fly a mission's whole team; `socket` delivers the faults, `logs` is the folder of the log (empty: unrecorded).
 
     Raises InputError.
@@ -49,5 +55,5 @@ def fly(name: str, speed: float, duration_s: float, *, socket: str, logs: str) -
         return verdict_of(show_result(mission, record))
 
     equipment = FailingEquipment(receiver)
-    plan = FlightPlan(mission, duration_s, mission.vehicles, speed, equipment=equipment)
+    plan = FlightPlan(mission, duration_s, mission.vehicles, 1.0, equipment=equipment, clock=clock)
     return run_flight(plan, RecordingOptions(recorded=bool(logs)), judge)

@@ -15,30 +15,30 @@ from gcs.drill.roles import Roles
 from gcs.drill.stubs import StubFlight
 from gcs.flight.faults.catalogue import BUS_DELAY_S, LINK_DELAY_S, fault_named, required_fault
 from gcs.flight.faults.failing_equipment import FLOOD_HZ
-from gcs.flight.stubs import station_timeout_s
+from gcs.flight.stubs import STATION_TIMEOUT_S
 from gcs.mission.mission import Mission
 
 OUT_OF_OFFBOARD_S = 2.0
-"""A PX4 without an agent leaves offboard within this time, an ArduPilot after FS_GCS_TIMEOUT [wall s]."""
+"""A PX4 without an agent leaves offboard within this time, an ArduPilot after FS_GCS_TIMEOUT."""
 MARGIN_S = 0.5
-"""Tolerance for a reaction to be observed: ticks and messages take time [wall s]."""
+"""Tolerance for a reaction to be observed: ticks and messages take time."""
 STATION_GRACE_S = 1.0
-"""Tolerance of FS_GCS_TIMEOUT: ArduPilot checks it three times a second [wall s]."""
+"""Tolerance of FS_GCS_TIMEOUT: ArduPilot checks it three times a second."""
 HEARTBEAT_S, BATTERY_S = 1.0, 2.0
-"""Period of an autopilot's mode and battery reports [s]."""
+"""Period of an autopilot's mode and battery reports."""
 CUT_S = 5.0
 PUSHED_S = 3.0
-"""Time until half of the deviation shows in a comparison, for the bundled stub plants [s]."""
+"""Time until half of the deviation shows in a comparison, for the bundled stub plants."""
 ESTIMATOR_S = 1.0
-"""Period of the requested estimator reports [s]."""
+"""Period of the requested estimator reports."""
 FLOODED_S = 1.0
-"""A flood is detected within this time [wall s]."""
+"""A flood is detected within this time."""
 CONTRADICTED_S = 1.0
-"""Within this time several contradictory messages have been received [mission s]."""
+"""Within this time several contradictory messages have been received."""
 TOLERATED_S = 20.0
-"""Time for which the team has to fly on under a fault that requires no reaction [mission s]."""
+"""Time for which the team has to fly on under a fault that requires no reaction."""
 RESPACED_S = 60.0
-"""Time limit for the vehicles on the ring to become evenly spaced [mission s]."""
+"""Time limit for the vehicles on the ring to become evenly spaced."""
 
 Flight = TypeVar("Flight", bound=DrillFlight)
 
@@ -53,20 +53,18 @@ _TACTICS = {
 
 @dataclass(frozen=True, slots=True)
 class Drill(Generic[Flight]):
-    """One fault: `expect` returns the expected reaction, given the roles and the flight's speed.
+    """One fault: `expect` returns the expected reaction, given the roles. Times are those of the team's clock.
 
-    A drill that `ends_flight` is the flight's last; after one that `lands_subject` the others fly on. Its times are in
-    wall seconds with `by_wall`, otherwise in mission seconds. The fault is cleared after `undo_after_s` [wall s], or
-    once the reaction was observed; if none is expected, the team is watched for `watched_s` [mission s]. With
-    `waits_for_spacing` the drill begins once the ring is evenly spaced; with `waits_for_estimate` the subject resumes
-    once its estimate has settled.
+    A drill that `ends_flight` is the flight's last; after one that `lands_subject` the others fly on. The fault is
+    cleared after `undo_after_s`, or once the reaction was observed; if none is expected, the team is watched for
+    `watched_s`. With `waits_for_spacing` the drill begins once the ring is evenly spaced; with `waits_for_estimate` the
+    subject resumes once its estimate has settled.
     """
 
     fault: str
     expected: str
-    expect: Callable[[Roles, float], Expectation]
+    expect: Callable[[Roles], Expectation]
     undo_after_s: float | None = None
-    by_wall: bool = False
     ends_flight: bool = False
     lands_subject: bool = False
     watched_s: float = 0.0
@@ -86,18 +84,18 @@ class Drill(Generic[Flight]):
 
 def by_table(
     condition: Condition, who: Callable[[Roles], tuple[int, ...]], *, found_within_s: float = 0.0
-) -> Callable[[Roles, float], Expectation]:
+) -> Callable[[Roles], Expectation]:
     """Expect the first reaction of a row of the failsafe table, detected within `found_within_s` of mission time."""
     row = ROWS[condition]
 
-    def expect(roles: Roles, speed: float) -> Expectation:
+    def expect(roles: Roles) -> Expectation:
         config = roles.mission.agent_config(roles.mission.vehicle(roles.subject))
         flies_on = row.reactions[0] is Reaction.DEGRADE
-        grace = grace_s(row, config) / (1.0 if row.by_wall else speed)
+        grace = grace_s(row, config)
         return Expectation(
             who(roles),
             tuple(i for i in roles.airborne if flies_on or i not in who(roles)),
-            grace + found_within_s / speed + MARGIN_S,
+            grace + found_within_s + MARGIN_S,
             tactic=_TACTICS.get(row.reactions[0]),
             alert=condition.value,
             leaves_offboard=row.reactions[0] is Reaction.HAND_OVER,
@@ -112,20 +110,20 @@ def _reaction(condition: Condition) -> str:
     return f"{ROWS[condition].reactions[0].value} ({condition.value})"
 
 
-def _jump(roles: Roles, speed: float) -> Expectation:
+def _jump(roles: Roles) -> Expectation:
     within_s = roles.mission.vehicle(roles.subject).own_filter.gate_timeout_s
-    return by_table(Condition.ESTIMATOR_JUMPED, the_subject, found_within_s=within_s)(roles, speed)
+    return by_table(Condition.ESTIMATOR_JUMPED, the_subject, found_within_s=within_s)(roles)
 
 
-def _out_of_offboard_s(roles: Roles, vehicles: tuple[int, ...], speed: float) -> dict[int, float]:
-    """Return the time limit for each vehicle's autopilot to leave offboard by itself [wall s]."""
-    by_autopilot = {"px4": OUT_OF_OFFBOARD_S / speed, "ardupilot": station_timeout_s(speed) / speed + STATION_GRACE_S}
+def _out_of_offboard_s(roles: Roles, vehicles: tuple[int, ...]) -> dict[int, float]:
+    """Return the time limit for each vehicle's autopilot to leave offboard by itself."""
+    by_autopilot = {"px4": OUT_OF_OFFBOARD_S, "ardupilot": STATION_TIMEOUT_S + STATION_GRACE_S}
     return {i: by_autopilot[roles.mission.vehicle(i).autopilot] for i in vehicles}
 
 
-def dead(roles: Roles, _speed: float) -> Expectation:
+def dead(roles: Roles) -> Expectation:
     """Expect that all vehicles leave offboard: their agents have ended."""
-    limits_s = _out_of_offboard_s(roles, roles.airborne, 1.0)
+    limits_s = _out_of_offboard_s(roles, roles.airborne)
     return Expectation(
         roles.airborne,
         (),
@@ -136,12 +134,12 @@ def dead(roles: Roles, _speed: float) -> Expectation:
     )
 
 
-def cut(roles: Roles, speed: float) -> Expectation:
+def cut(roles: Roles) -> Expectation:
     """Expect that the subject, its link cut, leaves offboard and does not return, and that the others close the gap."""
     return Expectation(
         (roles.subject,),
         roles.others,
-        _out_of_offboard_s(roles, (roles.subject,), speed)[roles.subject] + MARGIN_S,
+        _out_of_offboard_s(roles, (roles.subject,))[roles.subject] + MARGIN_S,
         leaves_offboard=True,
         at_last=Tactic.PILOT_OVERRIDE.value,
         respacing=tuple(i for i in roles.others if i in roles.on_ring),
@@ -149,7 +147,7 @@ def cut(roles: Roles, speed: float) -> Expectation:
     )
 
 
-def _tolerated(roles: Roles, _speed: float) -> Expectation:
+def _tolerated(roles: Roles) -> Expectation:
     return Expectation(
         (),
         roles.airborne,
@@ -164,18 +162,18 @@ def the_subject(roles: Roles) -> tuple[int, ...]:
     return (roles.subject,)
 
 
-def _peer_silent(roles: Roles, speed: float) -> Expectation:
-    return by_table(Condition.PEER_SILENT, lambda roles: roles.others)(roles, speed)
+def _peer_silent(roles: Roles) -> Expectation:
+    return by_table(Condition.PEER_SILENT, lambda roles: roles.others)(roles)
 
 
-def _flooded(roles: Roles, speed: float) -> Expectation:
-    others = by_table(Condition.BUS_FLOODED, lambda roles: roles.others, found_within_s=FLOODED_S * speed)
-    return others(roles, speed)
+def _flooded(roles: Roles) -> Expectation:
+    others = by_table(Condition.BUS_FLOODED, lambda roles: roles.others, found_within_s=FLOODED_S)
+    return others(roles)
 
 
-def _doubted(roles: Roles, speed: float) -> Expectation:
+def _doubted(roles: Roles) -> Expectation:
     others = by_table(Condition.PEER_DOUBTFUL, lambda roles: roles.others, found_within_s=CONTRADICTED_S)
-    return others(roles, speed)
+    return others(roles)
 
 
 DRILLS: tuple[Drill[StubFlight], ...] = (
@@ -201,7 +199,6 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         "flood",
         f"the others: {_reaction(Condition.BUS_FLOODED)} ({FLOOD_HZ:g} messages a second)",
         _flooded,
-        by_wall=True,
     ),
     Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _doubted),
     Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _doubted),
@@ -209,19 +206,16 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         "one vehicle not heard",
         f"the others: {_reaction(Condition.PEER_SILENT)}",
         _peer_silent,
-        by_wall=True,
     ),
     Drill(
         "nobody hears anybody",
         f"all: {_reaction(Condition.PEERS_SILENT)}",
         by_table(Condition.PEERS_SILENT, lambda roles: roles.airborne),
-        by_wall=True,
     ),
     Drill(
         "telemetry frozen",
         _reaction(Condition.TELEMETRY_STALE),
         by_table(Condition.TELEMETRY_STALE, the_subject),
-        by_wall=True,
     ),
     Drill(
         "GPS jump",
@@ -281,9 +275,9 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
         by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
-    Drill("frozen agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
-    Drill("frozen interpreter", "all out of offboard", dead, by_wall=True, ends_flight=True),
+    Drill("killed agent", "all out of offboard", dead, ends_flight=True),
+    Drill("frozen agent", "all out of offboard", dead, ends_flight=True),
+    Drill("frozen interpreter", "all out of offboard", dead, ends_flight=True),
 )
 """In an order that one flight allows: first those that a vehicle resumes from, then those after which it lands, and
 last those that end the flight."""

@@ -4,7 +4,6 @@ import asyncio
 import os
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Self
 import msgspec
 
 from agents.ports import VehicleRefusedError
+from agents.shell.clock import MissionClock, WallClock
 from agents.team.messages import BusMessage, MemberState
 from estimation.frames import Triple
 from estimation.profile.shelf import bundled_profiles
@@ -29,9 +29,11 @@ from gcs.flight.faults.team_faults import TeamFaults
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
-_POLL_S = 0.004
-_STALL_S = 0.1
-_ALOFT_TIMEOUT_S = 90.0
+_POLL_S = 0.02
+_ALOFT_TIMEOUT_S = 300.0
+"""Time of the team's clock, part of which connecting takes."""
+_TAKEN_WITHIN_S = 1.0
+"""Wall time: a stopped process takes none."""
 _END_TIMEOUT_S = 10.0
 _RESUME_TIMEOUT_S = 6.0
 _FLIGHT_S = 3600.0
@@ -42,17 +44,28 @@ class ProcessUnderTest:
 
     def __init__(self) -> None:
         self.pid = 0
+        self._reader: asyncio.StreamReader | None = None
         self._writer: asyncio.StreamWriter | None = None
+        self._untaken = 0
 
     async def meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Accept its connection, as a server's callback."""
         self.pid = int(await reader.readline())
-        self._writer = writer
+        self._reader, self._writer = reader, writer
 
     def inject(self, faults: TeamFaults) -> None:
         """Set its present faults."""
         if self._writer is not None:
             self._writer.write(msgspec.json.encode(faults) + b"\n")
+            self._untaken += 1
+
+    async def taken(self) -> None:
+        """Wait until it has taken all faults, or has ended, at most `_TAKEN_WITHIN_S`."""
+        with suppress(TimeoutError, OSError):
+            async with asyncio.timeout(_TAKEN_WITHIN_S):
+                while self._untaken and self._reader is not None and await self._reader.readline():
+                    self._untaken -= 1
+        self._untaken = 0
 
 
 class DrillFlight:
@@ -68,6 +81,8 @@ class DrillFlight:
         self.mission = parse_mission(text, None, profile_texts)
         self.log = TeamLog()
         self.speed = speed
+        self.clock: MissionClock = WallClock(speed)
+        """The team's clock, of which all times in the log are."""
         self.positions_m: dict[int, Triple] = {}
         self._text = text
         self._logs = logs
@@ -77,7 +92,6 @@ class DrillFlight:
         self._output = ""
         self._keys: TeamKeys = NoKeys()
         self._stranger: asyncio.Task[None] | None = None
-        self._stalls: list[tuple[float, float]] = []
 
     async def __aenter__(self) -> Self:
         """Start it; raises VehicleRefusedError."""
@@ -94,25 +108,27 @@ class DrillFlight:
         """End the processes first, then the vehicles."""
         await self._stack.aclose()
 
-    @staticmethod
-    def now_s() -> float:
-        """Return the time of the log [wall s]."""
-        return time.monotonic()
+    def now_s(self) -> float:
+        """Return the time of the log."""
+        return self.clock.now_s()
 
     def fail(self, fault: str, roles: Roles) -> None:
         """Inject a fault of the catalogue; subclasses inject those of vehicles."""
         self._inject(required_fault(fault).inject(self._scene(roles)))
 
+    async def faults_taken(self) -> None:
+        """Wait until the flying process has taken the faults, while its time stands still."""
+        with self.clock.held():
+            await self._under_test.taken()
+
     def _scene(self, roles: Roles) -> Scene:
-        return Scene(roles.mission, roles.subject, roles.airborne, self.places_m(), self.speed)
+        return Scene(roles.mission, roles.subject, roles.airborne, self.places_m())
 
     def places_m(self) -> Mapping[int, Triple]:
         """Return the vehicles' reported positions [m]."""
         return self.positions_m
 
     def _inject(self, injection: Injection) -> None:
-        if injection.ends_flight:
-            self.abandon()
         if injection.signal is not None:
             os.kill(self._under_test.pid, injection.signal)
         if injection.stranger:
@@ -127,9 +143,6 @@ class DrillFlight:
         """Record the vehicles' present states."""
         raise NotImplementedError
 
-    def abandon(self) -> None:
-        """Prepare for the end of the flying process: called before it is killed or stopped."""
-
     def clear_faults(self) -> None:
         """Clear all faults that can be cleared."""
         self._under_test.inject(TeamFaults())
@@ -137,22 +150,18 @@ class DrillFlight:
             self._stranger.cancel()
             self._stranger = None
 
-    def mission_now_s(self) -> float:
-        """Return the time of the team's clock [mission s]."""
-        raise NotImplementedError
-
     def _intrude(self) -> None:
         """Send forged messages and commands in the vehicles' names, until the faults are cleared."""
-        self._stranger = asyncio.create_task(Stranger(self.mission, self.mission_now_s).run())
+        self._stranger = asyncio.create_task(Stranger(self.mission, self.clock).run())
         self._stack.push_async_callback(_cancelled, self._stranger)
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for a condition [wall s]; return whether it became true."""
+        """Wait for a condition; return whether it became true."""
         end_s = self.now_s() + timeout_s
         while not condition():
             if self.now_s() > end_s:
                 return False
-            await asyncio.sleep(_POLL_S)
+            await self.clock.sleep(_POLL_S)
         return True
 
     async def reach_mission(self, vehicles: Sequence[int], tactics: Callable[[int], str]) -> None:
@@ -169,9 +178,8 @@ class DrillFlight:
             radii = self.log.radii_m[vehicle]
             return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)
 
-        # Connecting takes wall time, flying takes mission time.
-        timeout_s = 20.0 + _ALOFT_TIMEOUT_S / self.speed
-        if not await self.until(lambda: self._has_ended or all(map(settled, vehicles)), timeout_s) or self._has_ended:
+        await self.until(lambda: self._has_ended or all(map(settled, vehicles)), _ALOFT_TIMEOUT_S)
+        if self._has_ended or not all(map(settled, vehicles)):
             states = ", ".join(f"{i}: {self.log.mode(i) or '-'} {self.log.tactic(i) or '-'}" for i in vehicles)
             raise VehicleRefusedError(
                 f"the team of the drill did not reach its mission ({states})",
@@ -214,8 +222,8 @@ class DrillFlight:
                 "-m",
                 "gcs.drill.process_under_test",
                 str(mission_file),
-                f"{self.speed:g}",
                 f"{_FLIGHT_S:g}",
+                *self.clock_arguments(),
             ),
             env={**os.environ, SOCKET: str(path), LOGS: str(self._logs or ""), "TERM": "dumb", "COLUMNS": "200"},
             stdin=asyncio.subprocess.DEVNULL,
@@ -226,6 +234,10 @@ class DrillFlight:
         reading = asyncio.create_task(self._read(self._process))
         self._stack.push_async_callback(_cancelled, reading)
         self._stack.push_async_callback(self._end, self._process)
+
+    def clock_arguments(self) -> tuple[str, ...]:
+        """Return the number of the governed clock that the flying process joins, if there is one."""
+        return ()
 
     async def _read(self, process: asyncio.subprocess.Process) -> None:
         assert process.stderr is not None
@@ -244,32 +256,23 @@ class DrillFlight:
             await process.wait()
 
     async def _listen(self) -> None:
-        bus = guest_bus(self.mission, self._keys.identity("observer"))
+        bus = guest_bus(self.mission, self._keys.identity("observer"), self.clock)
         await bus.open(self._receive, lambda *_: None, lambda *_: None)
         self._stack.push_async_callback(bus.close)
 
     def _receive(self, message: BusMessage) -> None:
-        now_s = self.now_s()
         if isinstance(message, MemberState):
+            now_s = message.time_s
             self.log.note_status(now_s, message.sender, message.tactic, message.alert)
             self.positions_m[message.sender] = (*message.position_m, message.altitude_m)
             if message.angle is not None:
                 self.log.radii_m[message.sender].append((now_s, message.angle.radius_m))
                 self.log.bearings_rad[message.sender] = (now_s, message.angle.bearing_rad)
 
-    def stalled_s(self, since_s: float) -> float:
-        """Return the longest time without an observation of the vehicles, caused by load of this computer [wall s]."""
-        return max((gap_s for at_s, gap_s in self._stalls if at_s >= since_s), default=0.0)
-
     async def _watch(self) -> None:
-        observed_s = self.now_s()
         while True:
-            now_s = self.now_s()
-            if now_s - observed_s > _STALL_S:
-                self._stalls.append((now_s, now_s - observed_s))
-            observed_s = now_s
-            self.observe(now_s)
-            await asyncio.sleep(_POLL_S)
+            self.observe(self.now_s())
+            await self.clock.sleep(_POLL_S)
 
     @property
     def _has_ended(self) -> bool:

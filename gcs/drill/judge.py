@@ -1,6 +1,6 @@
 """The record of a team in a drill, and the check that the right vehicles, and no others, reacted as expected.
 
-Pure: times are arguments, wall seconds of one clock. Flight modes, setpoints and positions are observed at the
+Pure: times are arguments, of one clock. Flight modes, setpoints and positions are observed at the
 vehicles; tactics, alerts, radii and bearings are those that they report on the bus.
 """
 
@@ -108,10 +108,10 @@ class TeamLog:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """The expected reaction to a fault: which vehicles react, how, within which time [wall s], and which fly on.
+    """The expected reaction to a fault: which vehicles react, how, within which time, and which fly on.
 
     A reaction is a tactic, an alert, or leaving offboard; without a reaction all vehicles fly on until the drill ends.
-    `limits_s` are tighter limits of single vehicles [wall s]. With `stands_back` no more setpoints are sent to them;
+    `limits_s` are tighter limits of single vehicles. With `stands_back` no more setpoints are sent to them;
     `at_last` is their final tactic. The gaps on the ring between the vehicles of `respacing` become even again.
     """
 

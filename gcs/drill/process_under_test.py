@@ -1,7 +1,8 @@
-"""The flying process of a drill: `python -m gcs.drill.process_under_test MISSION SPEED DURATION`.
+"""The flying process of a drill: `python -m gcs.drill.process_under_test MISSION DURATION [CLOCK]`.
 
-It receives the faults to inject through the Unix socket that CORDON_DRILL names. Otherwise it is a normal flight with a
-supervisor: no heavy import before signals are blocked.
+CLOCK is the number of the governed clock of stub vehicles; without it the vehicles are others. The process receives the
+faults to inject through the Unix socket that CORDON_DRILL names. Otherwise it is a normal flight with a supervisor: no
+heavy import before signals are blocked.
 """
 
 import os
@@ -9,6 +10,7 @@ import sys
 
 from gcs.flight.supervision.supervisor import is_supervised, supervise
 from gcs.signals import hold_back
+from sitl.server.shared_clock import ClockName
 
 SOCKET = "CORDON_DRILL"
 """The environment variable that names the socket."""
@@ -23,8 +25,9 @@ def main() -> int:
         return supervise()
     from gcs.drill.failing_flight import fly  # noqa: PLC0415
 
-    mission, speed, duration = sys.argv[1:]
-    return fly(mission, float(speed), float(duration), socket=os.environ[SOCKET], logs=os.environ.get(LOGS, ""))
+    mission, duration, *clocks = sys.argv[1:]
+    clock = ClockName(int(clocks[0])) if clocks else None
+    return fly(mission, float(duration), clock, socket=os.environ[SOCKET], logs=os.environ.get(LOGS, ""))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The stub vehicles of a drill, in this process: their true state is known, and faults can be injected."""
 
 import asyncio
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -10,29 +9,13 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
 from gcs.flight.faults.injection import Injection
-from gcs.flight.stubs import prepared_configs, station_timeout_s
-from sitl.mavlink.dialects import AutopilotKind
+from gcs.flight.flight import clock_refusal
+from gcs.flight.stubs import prepared_configs
+from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, serve
+from sitl.server.shared_clock import ClockError, Rank, new_clock
 
 _AIRBORNE_M = 0.5
-
-
-class StubClock:
-    """The clock that stubs and agents share: fast at first, later at the wall clock's rate."""
-
-    def __init__(self, speed: float) -> None:
-        self.speed = speed
-        self._since_s = (time.monotonic(), time.time() * speed)
-
-    def now_s(self) -> float:
-        """Return its time; while it is fast, that of `sitl.server.process.unix_clock`."""
-        wall_s, since_s = self._since_s
-        return since_s + (time.monotonic() - wall_s) * self.speed
-
-    def run_at_wall_speed(self) -> None:
-        """Run at the wall clock's rate from now on, in which autopilots' timeouts are measured."""
-        self._since_s = (time.monotonic(), self.now_s())
-        self.speed = 1.0
 
 
 class StubFlight(DrillFlight):
@@ -43,7 +26,7 @@ class StubFlight(DrillFlight):
     ) -> None:
         super().__init__(text, speed, logs, profile_texts)
         self.stubs: dict[int, Stub] = {}
-        self._clock = StubClock(speed)
+        self._governed: GovernedClock | None = None
         self._received: dict[int, int] = {}
 
     async def serve(self, stack: AsyncExitStack) -> None:
@@ -55,16 +38,25 @@ class StubFlight(DrillFlight):
             self.stubs = {by_system[stub.config.vehicle_id]: stub for stub in stubs}
             ready.set()
 
-        configs = prepared_configs(self.mission, self.mission.ids, self.speed)
-        serving = asyncio.create_task(
-            serve(configs, speed=self.speed, now_s=self._clock.now_s, stop=stop, on_ready=take)
-        )
+        self.clock = self._governed = stack.enter_context(self._new_clock(stack))
+        configs = prepared_configs(self.mission, self.mission.ids, self.clock.time_scale)
+        serving = asyncio.create_task(serve(configs, self.clock, stop, take))
         stack.push_async_callback(_stopped, stop, serving)
         waiting = asyncio.create_task(ready.wait())
         await asyncio.wait((serving, waiting), return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
         if serving.done():
             raise VehicleRefusedError(f"the stub vehicles did not start: {serving.exception()}", "try again")
+
+    def _new_clock(self, stack: AsyncExitStack) -> GovernedClock:
+        try:
+            return GovernedClock(stack.enter_context(new_clock(self.speed)), Rank.STUBS)
+        except ClockError as error:
+            raise clock_refusal(error) from error
+
+    def clock_arguments(self) -> tuple[str, ...]:
+        """Return the number of the clock."""
+        return () if self._governed is None else (str(self._governed.name.number),)
 
     def observe(self, now_s: float) -> None:
         """Record true modes, setpoints and positions."""
@@ -75,17 +67,6 @@ class StubFlight(DrillFlight):
                 self._received[i], self.log.setpoint_s[i] = autopilot.setpoints_received, now_s
         bodies = {i: stub.autopilot.airframe for i, stub in self.stubs.items()}
         self.log.note_places(now_s, {i: b.position_m for i, b in bodies.items() if b.height_m > _AIRBORNE_M})
-
-    def mission_now_s(self) -> float:
-        """Return the time of the stubs' clock."""
-        return self._clock.now_s()
-
-    def abandon(self) -> None:
-        """Run at the wall clock's rate, with its timeouts: what follows is measured in wall time."""
-        self._clock.run_at_wall_speed()
-        for stub in self.stubs.values():
-            if stub.config.autopilot is AutopilotKind.ARDUPILOT:
-                stub.autopilot.parameters.set("FS_GCS_TIMEOUT", station_timeout_s(self._clock.speed))
 
     def places_m(self) -> Mapping[int, Triple]:
         """Return the vehicles' true positions [m]."""

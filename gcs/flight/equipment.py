@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from agents.ports import PeerBus, TargetSensor
 from agents.shell.bus.zenoh_bus import Station, ZenohBus
 from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.clock import MissionClock
 from agents.team import participant
 from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission, MissionVehicle
@@ -19,12 +20,12 @@ class Equipment:
     """Creates the equipment that the mission specifies; a drill passes in one that can fail."""
 
     def buses(
-        self, mission: Mission, vehicles: Sequence[MissionVehicle], speed: float, keys: TeamKeys
+        self, mission: Mission, vehicles: Sequence[MissionVehicle], clock: MissionClock, keys: TeamKeys
     ) -> Mapping[int, PeerBus]:
         """Return the bus of each vehicle that this process flies, by its id, not yet open.
 
-        Vehicles with the same keys share a session, which listens at the endpoint of the first. The mission's clock
-        passes `speed` times as fast as the wall's. Raises InputError when keys are missing or not valid.
+        Vehicles with the same keys share a session, which listens at the endpoint of the first. Rates follow from how
+        fast the `clock` runs. Raises InputError when keys are missing or not valid.
         """
         here = {vehicle.id: vehicle for vehicle in vehicles}
         stations = [
@@ -36,8 +37,9 @@ class Equipment:
             for identity in keys.flying(tuple(here))
         ]
         elsewhere = [other.section.endpoint for other in mission.vehicles if other.id not in here]
-        rate_hz = RATE_SHARE * mission.mission.rate_hz * max(speed, 1.0)
-        bus = ZenohBus(BusTeam(mission.network.team, mission.ids, mission.network.router), stations, elsewhere, rate_hz)
+        rate_hz = RATE_SHARE * mission.mission.rate_hz * max(clock.time_scale, 1.0)
+        team = BusTeam(mission.network.team, mission.ids, mission.network.router)
+        bus = ZenohBus(team, stations, elsewhere, rate_hz, clock)
         return {each: bus.of(participant.vehicle(each)) for each in here}
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from agents.ports import VehicleRefusedError
-from agents.shell.clock import MissionClock
+from agents.shell.clock import MissionClock, WallClock
 from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
 from gcs.flight.practice import Practice
-from gcs.flight.preparation.held_speed import held_speed
 from gcs.flight.preparation.readiness import Readiness
 from gcs.flight.preparation.start_wait import StartWait
 from gcs.flight.stubs import FlightStubs
@@ -30,7 +29,11 @@ from gcs.link.signing_keys import signing_keys
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
+from sitl.server.governed_clock import GovernedClock
+from sitl.server.shared_clock import ClockError, Rank, new_clock
 
+PREPARING_SPEED = 10.0
+"""The highest speed of stubs before take-off: connecting to them takes wall time, in which the flight would go on."""
 _UNSUPERVISED = Unsupervised()
 _ORPHANED = Outcome(Ending.ORPHANED, "the flight's supervisor process had ended")
 
@@ -57,13 +60,11 @@ async def fly(
 
     Ctrl-C makes every vehicle hold, then land; a second Ctrl-C makes them land at once.
     """
-    if plan.only_stubs and plan.speed is not None:
-        plan = replace(plan, speed=_held_speed(plan, plan.speed, view))
     practice = Practice(plan.faults)
     if plan.faults:
         plan = replace(plan, equipment=practice.equipment())
-    clock = MissionClock(plan.speed or 1.0)
     with ExitStack() as stack:
+        clock = _mission_clock(plan, stack)
         keys = stack.enter_context(flight_keys(plan.mission))
         recording: Recording = Unrecorded()
         if plan.log is not None:
@@ -72,19 +73,33 @@ async def fly(
         return await _fly(team, report, supervisor, practice)
 
 
-def _held_speed(plan: FlightPlan, asked: float, view: LiveView) -> float:
-    """Return the speed that this computer can keep, and show it if it is below the requested one."""
-    held = held_speed(asked, len(plan.vehicles) * plan.mission.mission.rate_hz)
-    if held < asked:
-        view.print_line(f"this computer holds speed {held:g} of the {asked:g} asked for")
-    return held
+def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
+    """Return the clock of a flight, until the stack ends: governed if every vehicle is a stub.
+
+    Raises VehicleRefusedError if no clock can be shared.
+    """
+    if plan.clock is None and not plan.only_stubs:
+        return WallClock(plan.speed or 1.0)
+    speed = plan.speed or 1.0
+    try:
+        name = plan.clock or stack.enter_context(new_clock(min(speed, PREPARING_SPEED)))
+        return stack.enter_context(GovernedClock(name, Rank.AGENTS))
+    except ClockError as error:
+        raise clock_refusal(error) from error
+
+
+def clock_refusal(error: ClockError) -> VehicleRefusedError:
+    """Return the refusal of a flight whose clock cannot be made."""
+    return VehicleRefusedError(
+        f"the clock of the stub vehicles: {error}", "free memory there, or name another folder by CORDON_CLOCKS"
+    )
 
 
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, practice: Practice) -> Flight:
     plan, clock = team.plan, team.clock
-    team.recording.begin(plan.run(clock.speed))
+    team.recording.begin(plan.run(clock.time_scale))
     # First: a url that stubs cannot serve is bad input, also while a port is in use.
-    flight_stubs = FlightStubs(plan.mission, plan.stubs, clock.speed)
+    flight_stubs = FlightStubs(plan.mission, plan.stubs, clock)
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
         claims = stack.enter_context(flight_claims(plan.mission, plan.stubs))
@@ -92,7 +107,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
             lambda: loop.call_soon_threadsafe(team.stop.ask, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
         stubs = await stack.enter_async_context(flight_stubs)
-        hub = MavsdkHub()
+        hub = MavsdkHub(clock)
         stack.push_async_callback(hub.close)
         team.equip(hub, supervisor.heartbeat)
         for agent in team.agents:
@@ -103,15 +118,17 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         await _unless_stopped(_prepare(team, target, report), team.stop)
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         list(claims.take_fed(fed_ports(plan.vehicles)))
-        team.recording.begin(plan.run(clock.speed))
-        began_s = perf_counter()
+        team.recording.begin(plan.run(clock.time_scale))
         hint = await command_by_keyboard(team, stack)
-        outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
-        wall_time_s = perf_counter() - began_s
+        began_s, began_mission_s = perf_counter(), clock.now_s()
+        if isinstance(clock, GovernedClock) and plan.clock is None:
+            clock.set_speed(plan.speed or 1.0)
+        with supervisor.follow(clock):
+            outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
+        wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
-    reached = clock.speed if stubs.record is None else stubs.record.speed_reached
-    return Flight(outcomes, record, clock.speed, reached)
+    return Flight(outcomes, record, clock.speed, mission_time_s / wall_time_s)
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:

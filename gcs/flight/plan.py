@@ -15,6 +15,7 @@ from gcs.keys.team_keys import leaves_this_computer
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.preflight import preflight
+from sitl.server.shared_clock import ClockName
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,7 @@ class FlightPlan:
     open log, None for a flight that is not recorded. `wait_s` [wall s] limits the wait on the ground for vehicles that
     are about to be ready. `faults` are those to inject into stubs, in order of time. On the `bench`, boards with
     simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
-    starts them (`cordon start`).
+    starts them (`cordon start`). A flight of stubs joins the governed `clock`, or makes one.
     """
 
     mission: Mission
@@ -39,6 +40,7 @@ class FlightPlan:
     faults: tuple[ScheduledFault, ...] = ()
     bench: bool = False
     awaits_start: bool = False
+    clock: ClockName | None = None
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""

@@ -13,7 +13,7 @@ from gcs.flight.faults.team_faults import PresentFaults
 from gcs.flight.stubs import FlightStubs
 from gcs.flight.team import Team
 
-_PERIOD_S = 0.02
+_PERIOD_S = 0.1
 _SHOWN_S = 0.3
 """Time to show the line that names a fault before the fault ends the process [wall s]."""
 
@@ -35,8 +35,9 @@ class Practice:
         """Inject each fault at its time of the mission, until cancelled."""
         try:
             for each in self.faults:
-                while team.start_s is None or team.clock.now_s() < team.start_s + each.at_s:
-                    await asyncio.sleep(_PERIOD_S)
+                while team.start_s is None:
+                    await team.clock.sleep(_PERIOD_S)
+                await team.clock.sleep_until(team.start_s + each.at_s)
                 await self._begin(each, team, stubs)
             await asyncio.Event().wait()
         finally:
@@ -52,7 +53,7 @@ class Practice:
             team.view.print_line(f"{words}: not injected: too few vehicles are airborne", "warning")
             return
         team.view.print_line(words)
-        scene = Scene(team.plan.mission, subject, tuple(airborne), airborne, team.clock.speed)
+        scene = Scene(team.plan.mission, subject, tuple(airborne), airborne)
         injection = fault.inject(scene)
         if injection.ends_flight:
             await asyncio.sleep(_SHOWN_S)
@@ -62,7 +63,7 @@ class Practice:
         for vehicle_id, each in injection.vehicles.items():
             stubs.inject(team.plan.mission.vehicle(vehicle_id).system_id, each)
         if injection.stranger:
-            self._strangers.append(asyncio.create_task(Stranger(team.plan.mission, team.clock.now_s).run()))
+            self._strangers.append(asyncio.create_task(Stranger(team.plan.mission, team.clock).run()))
         self._present.set(self._present.now.with_more(injection.team))
         if injection.signal is not None:
             os.kill(os.getpid(), injection.signal)

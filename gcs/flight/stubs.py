@@ -1,14 +1,16 @@
 """The mission's vehicles as stubs: those that `cordon sitl` serves and `cordon fly --sitl` starts."""
 
 import asyncio
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
 
 from agents.ports import VehicleRefusedError
+from agents.shell.clock import MissionClock, WallClock
 from estimation.frames import Triple
 from gcs.errors import InputError
 from gcs.link.relay.signing import wall_ticks
@@ -21,8 +23,10 @@ from sitl.faults import VehicleInjection
 from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.mavlink.signing import SigningKey
-from sitl.server.process import StubProcess, unix_clock
-from sitl.server.server import StubConfig, StubRecord, serve
+from sitl.server.governed_clock import GovernedClock
+from sitl.server.process import StubProcess
+from sitl.server.server import StubClock, StubConfig, StubRecord, serve
+from sitl.server.shared_clock import Rank
 
 PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
     AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
@@ -30,15 +34,15 @@ PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
 }
 """The failsafe parameters that docs/hardware.md requires where the firmware's defaults differ: land."""
 STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S = 5.0, 3.0
-"""FS_GCS_TIMEOUT: the firmware's default, but at least this many wall seconds.
+"""FS_GCS_TIMEOUT: the firmware's default, but at least this many seconds of the link.
 
-MAVSDK sends a heartbeat once per wall second; the autopilot counts in its own time, which may pass faster.
+MAVSDK sends a heartbeat once per wall second; beside other simulators the autopilot's time may pass faster.
 """
 
 
-def station_timeout_s(speed: float) -> float:
-    """Return the FS_GCS_TIMEOUT of a prepared ArduPilot stub whose time passes `speed` times as fast as the wall's."""
-    return max(STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S * speed)
+def station_timeout_s(time_scale: float) -> float:
+    """Return the FS_GCS_TIMEOUT of a prepared ArduPilot stub, `time_scale` of whose seconds pass in one of its link."""
+    return max(STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S * time_scale)
 
 
 def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> list[StubConfig]:
@@ -81,21 +85,21 @@ def url_ports(mission: Mission, ids: Collection[int]) -> dict[int, int]:
     return {vehicle.id: urlsplit(vehicle.section.url).port or 0 for _, vehicle in stubs}
 
 
-def prepared_configs(mission: Mission, ids: Collection[int], speed: float) -> list[StubConfig]:
+def prepared_configs(mission: Mission, ids: Collection[int], time_scale: float) -> list[StubConfig]:
     """Return the stubs of these vehicles, with failsafes and signing keys set as docs/hardware.md requires.
 
-    For flights that start their own vehicles, whose clock runs `speed` times as fast as the wall's. Raises InputError
+    For flights that start their own vehicles, `time_scale` of whose seconds pass in one of the link. Raises InputError
     when the keys cannot be read.
     """
     keys = {i: SigningKey(key, wall_ticks()) for i, key in signing_keys(mission).items()}
     return [
-        replace(config, parameters=_prepared(config.autopilot, speed), signing_key=keys.get(config.vehicle_id))
+        replace(config, parameters=_prepared(config.autopilot, time_scale), signing_key=keys.get(config.vehicle_id))
         for config in stub_configs(mission, url_ports(mission, ids))
     ]
 
 
-def _prepared(autopilot: AutopilotKind, speed: float) -> Mapping[str, Value]:
-    timeout = {"FS_GCS_TIMEOUT": station_timeout_s(speed)} if autopilot is AutopilotKind.ARDUPILOT else {}
+def _prepared(autopilot: AutopilotKind, time_scale: float) -> Mapping[str, Value]:
+    timeout = {"FS_GCS_TIMEOUT": station_timeout_s(time_scale)} if autopilot is AutopilotKind.ARDUPILOT else {}
     return {**PREPARED[autopilot], **timeout}
 
 
@@ -105,20 +109,28 @@ def _origin_offset_m(vehicle: MissionVehicle) -> Triple:
     return x - start_x, y - start_y, z
 
 
-async def serve_until_ctrl_c(configs: Sequence[StubConfig], speed: float) -> None:
+async def serve_until_ctrl_c(configs: Sequence[StubConfig], clock: StubClock) -> None:
     """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be opened."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     relay(lambda: loop.call_soon_threadsafe(stop.set))
-    await serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop)
+    await serve(configs, clock, stop)
+
+
+def _clock_maker(clock: MissionClock) -> Callable[[], StubClock]:
+    """Return what makes the same clock in the process of the stubs."""
+    if isinstance(clock, GovernedClock):
+        return partial(GovernedClock, clock.name, Rank.STUBS)
+    return partial(WallClock, clock.speed)
 
 
 class FlightStubs:
     """The stub vehicles that a flight starts itself; their record is available once they have been stopped."""
 
-    def __init__(self, mission: Mission, ids: Collection[int], speed: float) -> None:
+    def __init__(self, mission: Mission, ids: Collection[int], clock: MissionClock) -> None:
         """Prepare the stubs of these vehicles, or none."""
-        self._process = StubProcess(prepared_configs(mission, ids, speed), speed) if ids else None
+        configs = prepared_configs(mission, ids, clock.time_scale)
+        self._process = StubProcess(configs, _clock_maker(clock)) if ids else None
         self.record: StubRecord | None = None
 
     async def __aenter__(self) -> Self:

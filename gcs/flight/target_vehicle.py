@@ -39,7 +39,7 @@ class TargetVehicle:
             key = signing_keys.get(target.system_id)
             pace = Pace(full_rates(mission.link, mission.mission.rate_hz))
             config = LinkConfig(target.url, target.system_id, frame, pace, origin_m, signing_key=key)
-            self._link = MavsdkLink(hub, config, clock.now_s, clock.speed)
+            self._link = MavsdkLink(hub, config, clock)
         self._agents = agents
         self._take = sightings_of(target, self._see)
 

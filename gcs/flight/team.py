@@ -8,7 +8,7 @@ from functools import partial
 from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
-from agents.shell.clock import MissionClock
+from agents.shell.clock import MissionClock, WallClock
 from agents.shell.outcome import Ending, Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.team.external_positions import ExternalPositions
@@ -98,7 +98,7 @@ class Team:
         """
         plan = self.plan
         equipment = plan.equipment or Equipment()
-        buses = equipment.buses(plan.mission, plan.vehicles, self.clock.speed, self.keys)
+        buses = equipment.buses(plan.mission, plan.vehicles, self.clock, self.keys)
         paces = link_paces(plan.mission, truth=not (plan.only_stubs or plan.mission.frame.local))
         for vehicle in plan.vehicles:
             link = self._link(vehicle, hub, paces[vehicle.section.url])
@@ -117,7 +117,7 @@ class Team:
             truth=pace.truth_bytes_s > 0.0 and vehicle.id not in self.plan.stubs,
             external_positions=self._located_from_outside(vehicle),
         )
-        link = CheckedLink(hub, config, clock.now_s, clock.speed)
+        link = CheckedLink(hub, config, clock)
         if link.truth is not None:
             link.truth.on_sample = partial(self.recording.truth, vehicle.id)
         return link
@@ -170,9 +170,10 @@ class Team:
 
     async def measure_speed(self) -> None:
         """Set the clock to the autopilots' speed: a simulator may run faster than the wall clock."""
+        assert isinstance(self.clock, WallClock)
         self.clock.set_speed(await self.members[0].link.measure_speed())
         for member in self.members:
-            member.link.set_speed(self.clock.speed)
+            member.link.follow_clock()
 
     async def facts(self, settle_s: float) -> Sequence[VehicleFacts]:
         """Return what the vehicles on the ground report, once they are healthy or `settle_s` has passed."""
@@ -190,7 +191,7 @@ class Team:
         flown_s = min(min(seen_s, ended_s) - start_s, self.plan.duration_s)
         loops = [agent.loop for agent in self.agents]
         totals = RunTotals(
-            self.plan.source(self.clock.speed),
+            self.plan.source(self.clock.time_scale),
             sum(loop.ticks for loop in loops),
             sum(loop.missed for loop in loops),
             wall_time_s,

@@ -158,7 +158,7 @@ class Watch:
             separation_m=self._team.plan.mission.safety.separation_m,
             fence_m=None if fence is None or place_m is None else fence.clearance_m(place_m),
             link_age_s=None if motion is None else self._age_s(motion),
-            round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.speed,
+            round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.time_scale,
             gps=_gps(vehicle),
             ending=ending,
         )
@@ -166,7 +166,7 @@ class Watch:
     def _age_s(self, motion: Telemetry) -> float:
         """Return the age of a sample [wall s]."""
         clock = self._team.clock
-        return max(clock.now_s() - motion.time_s, 0.0) / clock.speed
+        return max(clock.now_s() - motion.time_s, 0.0) / clock.time_scale
 
 
 def _places_m(team: Team) -> dict[int, Place]:

@@ -91,7 +91,7 @@ class FlightRecording:
     """Records on a thread of its own; use it as a context manager around everything that flies."""
 
     def __init__(self, writer: RecordWriter, clock: MissionClock) -> None:
-        self._recorder = Recorder(writer, clock.now_s, lambda: clock.speed, AuditTrail())
+        self._recorder = Recorder(writer, clock.now_s, lambda: clock.time_scale, AuditTrail())
         self._thread = RecorderThread(self._recorder)
         self._tapes: dict[int, VehicleTape] = {}
 

@@ -14,6 +14,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from mavsdk.plugins.telemetry import TelemetryError
 
 from agents.ports import VehicleRefusedError
+from agents.shell.clock import MissionClock
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
@@ -23,8 +24,7 @@ from gcs.link.status_texts import quoted
 Result = TypeVar("Result")
 
 POLL_PERIOD_S = 0.02
-WALL_WAIT_MIN_S = 3.0
-"""Shortest wait at any speed of the simulation: threads and heartbeats take wall time."""
+"""How often a condition is looked at [s of the link]."""
 TEXT_DELAY_S = 0.3
 """Wait for the status text that explains a refusal: PX4 sends it beside the acknowledgement."""
 SPEED_SNAP = 0.1
@@ -50,11 +50,11 @@ class VehicleCalls:
     """Runs MAVSDK's blocking calls for one vehicle, and waits for their effect.
 
     Every vehicle has its own threads: calls to a dead vehicle block for seconds and must not delay the others.
-    `speed` is how many times faster than the wall the mission clock runs.
+    Waits are times of the mission's clock.
     """
 
-    def __init__(self, system_id: int, feed: VehicleFeed, speed: float) -> None:
-        self.speed = speed
+    def __init__(self, system_id: int, feed: VehicleFeed, clock: MissionClock) -> None:
+        self._clock = clock
         self._system_id = system_id
         self._feed = feed
         self._executor = ThreadPoolExecutor(2, thread_name_prefix=f"vehicle-{system_id}")
@@ -69,18 +69,15 @@ class VehicleCalls:
     ) -> None:
         """Repeat a call on the urgent thread until it is accepted and its effect is received.
 
-        Each attempt waits `each_s` [wall s] for the effect. Raises VehicleRefusedError when all attempts fail.
+        Each attempt waits `each_s` [s of the link] for the effect. Raises VehicleRefusedError when all attempts fail.
         """
         accepted, began_s = False, time.monotonic()
         for _ in range(attempts):
-            with suppress(MavsdkError, RuntimeError):
+            with suppress(MavsdkError, RuntimeError), self._clock.held():
                 await asyncio.get_running_loop().run_in_executor(self._urgent, function)
                 accepted = True
-            end_s = time.monotonic() + each_s
-            while time.monotonic() < end_s:
-                if accepted and condition():
-                    return
-                await asyncio.sleep(POLL_PERIOD_S)
+            if await self.reached(lambda: accepted and condition(), each_s * self._clock.time_scale):  # noqa: B023
+                return
         failure = "did not carry it out" if accepted else "did not acknowledge it"
         raise self.refusal(
             f"{failure}: command to {verb}, sent {attempts} times", "take over by remote control", began_s
@@ -91,10 +88,11 @@ class VehicleCalls:
         began_s = time.monotonic()
         for attempt in range(1, attempts + 1):
             try:
-                await self.run(function, *arguments)
+                with self._clock.held():
+                    await self.run(function, *arguments)
             except (MavsdkError, RuntimeError) as error:
                 if attempt == attempts:
-                    await asyncio.sleep(TEXT_DELAY_S)
+                    await self._clock.sleep(TEXT_DELAY_S * self._clock.time_scale)
                     result = getattr(getattr(error, "result", None), "name", str(error))
                     if result == TIMEOUT:
                         raise self.refusal(
@@ -111,21 +109,17 @@ class VehicleCalls:
     ) -> None:
         """Wait for a condition; raises VehicleRefusedError with `failure()` after `timeout_s` of the mission clock."""
         began_s = time.monotonic()
-        if not await self.reached(condition, self.wall_s(timeout_s)):
+        if not await self.reached(condition, self._clock.allowed_s(timeout_s)):
             raise self.refusal(f"{failure()} within {timeout_s:g} s", next_step, began_s)
 
     async def reached(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Wait for a condition, at most `within_s` of the wall clock, and return whether it holds."""
-        end_s = time.monotonic() + within_s
+        """Wait for a condition, at most `within_s`, and return whether it holds."""
+        end_s = self._clock.now_s() + within_s
         while not condition():
-            if time.monotonic() > end_s:
+            if self._clock.now_s() > end_s:
                 return False
-            await asyncio.sleep(POLL_PERIOD_S)
+            await self._clock.sleep(POLL_PERIOD_S * self._clock.time_scale)
         return True
-
-    def wall_s(self, mission_s: float) -> float:
-        """Return the wall seconds to wait for an action that takes `mission_s`."""
-        return max(mission_s / self.speed, WALL_WAIT_MIN_S)
 
     def refusal(self, reason: str, next_step: str, since_s: float | None = None) -> VehicleRefusedError:
         """Return the refusal with its reason, the state of the link, and the status texts that explain it.
@@ -159,6 +153,22 @@ class VehicleCalls:
         command = command_long(self._system_id, SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz)
         await self.request(direct.send_command, command)
 
+    async def clock_ratio(self, rates: Rates, duration_s: float) -> float | None:
+        """Return how many times faster than its link's time the autopilot's clock runs; None without attitudes.
+
+        The attitude rate is set for `duration_s` [s of the link] only, or for as long as some of them take at a low
+        rate. On a governed clock, which is the autopilot's as well, nothing is measured.
+        """
+        duration_s = max(duration_s, min(CLOCK_SAMPLES / rates.clock_hz, CLOCK_LONGEST_S))
+        if self._clock.is_governed:
+            await self._clock.sleep(duration_s)
+            return 1.0
+        await self.request(self._feed.plugin.set_rate_attitude_euler, rates.clock_hz)
+        try:
+            return clock_ratio(await self._feed.attitude_clock(duration_s), duration_s)
+        finally:
+            await self.request(self._feed.plugin.set_rate_attitude_euler, rates.status_hz)
+
     async def close(self) -> None:
         """Wait for running calls: destroying MAVSDK's objects before would block their threads for ever."""
         for executor in (self._executor, self._urgent):
@@ -183,19 +193,6 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: Rates) ->
         await calls.request_message(feed.reports.direct, feed.truth_message.number, TRUTH_RATE_HZ)
 
 
-async def measure_clock(calls: VehicleCalls, feed: VehicleFeed, rates: Rates, duration_s: float) -> float | None:
-    """Return how many times faster than the wall the autopilot's clock runs; None without attitudes.
-
-    The attitude rate is set for `duration_s` [wall s] only, or for as long as some of them take at a low rate.
-    """
-    duration_s = max(duration_s, min(CLOCK_SAMPLES / rates.clock_hz, CLOCK_LONGEST_S))
-    await calls.request(feed.plugin.set_rate_attitude_euler, rates.clock_hz)
-    try:
-        return clock_ratio(await feed.attitude_clock(duration_s), duration_s)
-    finally:
-        await calls.request(feed.plugin.set_rate_attitude_euler, rates.status_hz)
-
-
 def choose_guided(system: Any) -> None:
     """Switch an ArduCopter to GUIDED; blocks until acknowledged, raises MavsdkError when it is refused.
 
@@ -217,14 +214,16 @@ def command_long(system_id: int, command: int, *params: float) -> MavlinkMessage
     return MavlinkMessage("COMMAND_LONG", 0, 0, system_id, AUTOPILOT_COMPONENT, json.dumps(fields))
 
 
-async def find_origin(calls: VehicleCalls, feed: VehicleFeed, frame: MissionFrame, timeout_s: float) -> Triple:
+async def find_origin(
+    calls: VehicleCalls, feed: VehicleFeed, frame: MissionFrame, clock: MissionClock, timeout_s: float
+) -> Triple:
     """Return the mission position of the vehicle's own NED origin [m].
 
     Raises VehicleRefusedError when its estimator has none in time, or one that is too far from the mission's.
     """
-    end_s = time.monotonic() + calls.wall_s(timeout_s)
+    end_s = clock.now_s() + clock.allowed_s(timeout_s)
     while (place := await calls.run(_origin, feed.plugin)) is None:
-        if time.monotonic() > end_s:
+        if clock.now_s() > end_s:
             raise calls.unready(
                 f"has no position after {timeout_s:g} s ({feed.failing()})", "wait for GPS, or check it"
             )

@@ -1,7 +1,5 @@
 """Telemetry of a vehicle: MAVSDK's subscriptions, converted to the mission frame on the event loop."""
 
-import asyncio
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
@@ -12,6 +10,7 @@ from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 
 from agents.ports import FlightMode, VehicleStatus
+from agents.shell.clock import LinkTransit, MissionClock
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
@@ -59,9 +58,11 @@ class VehicleFeed:
         self,
         system: Any,
         frame: MissionFrame,
-        now_s: Callable[[], float],
+        clock: MissionClock,
         postbox: Postbox,
+        *,
         truth: GroundTruth | None = None,
+        transit: LinkTransit | None = None,
     ) -> None:
         self.status = VehicleStatus()
         self.motion: Telemetry | None = None
@@ -70,7 +71,9 @@ class VehicleFeed:
         self.on_telemetry: Callable[[Telemetry], None] | None = None
         self.on_loss: Callable[[], None] | None = None
         self.on_return: Callable[[], None] | None = None
-        self.motion_received_s = time.monotonic()
+        self._clock = clock
+        self._transit = transit
+        self._motion_received_s = self.link_s()
         self.clock_received = False
         self.plugin: Any = TelemetryPlugin(system)
         self.reports = SelfReports(system, self._update)
@@ -79,7 +82,6 @@ class VehicleFeed:
         self.truth = truth
         self._system = system
         self._frame = frame
-        self._now_s = now_s
         self._health: Any = None
         self._mode: Any = None
         self._home_z_m: float | None = None
@@ -112,6 +114,11 @@ class VehicleFeed:
         return None if self.motion is None else self.motion.position_m
 
     @property
+    def motion_age_s(self) -> float:
+        """The time since the newest motion was received [s of the link]."""
+        return self.link_s() - self._motion_received_s
+
+    @property
     def ground_z_m(self) -> float:
         """The altitude of the vehicle's home in the mission frame, to which take-off altitudes are relative.
 
@@ -122,10 +129,10 @@ class VehicleFeed:
         return (self.position_m or self.origin_m or (0.0, 0.0, 0.0))[2]
 
     async def attitude_clock(self, duration_s: float) -> list[tuple[float, float]]:
-        """Return (wall time, autopilot time) of the attitudes received within `duration_s` wall seconds [s]."""
+        """Return (time of the link, autopilot's time) of the attitudes received within `duration_s` of the link [s]."""
         notes = self._clock_notes = []
         try:
-            await asyncio.sleep(duration_s)
+            await self._clock.sleep(duration_s * self._clock.time_scale)
         finally:
             self._clock_notes = None
         return notes
@@ -170,6 +177,10 @@ class VehicleFeed:
         self.reports.close()
         self._system.destroy()
 
+    def link_s(self) -> float:
+        """Return the time of what carries messages: the wall's, unless the clock is governed."""
+        return self._clock.now_s() / self._clock.time_scale
+
     def _posting(self, take: Callable[[Any], None]) -> Callable[[Any, object], None]:
         """Return a callback for MAVSDK's thread that runs `take` on the event loop."""
 
@@ -183,7 +194,7 @@ class VehicleFeed:
 
     def _note_attitude(self, attitude: Any, _user_data: object) -> None:
         # On MAVSDK's thread: the time of reception is now, not the time when the event loop runs.
-        times_s = (time.monotonic(), attitude.timestamp_us * 1e-6)
+        times_s = (self.link_s(), attitude.timestamp_us * 1e-6)
         self._postbox.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
 
     def _take_attitude(self, times_s: tuple[float, float], roll_deg: float, pitch_deg: float) -> None:
@@ -213,15 +224,19 @@ class VehicleFeed:
             self.on_return()
 
     def _take_motion(self, motion: Any) -> None:
-        self.motion_received_s = time.monotonic()
+        self._motion_received_s = self.link_s()
+        position, velocity = motion.position, motion.velocity
+        time_s = self._clock.now_s()
+        if self._transit is not None:
+            rates_m_s = (velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)
+            time_s = self._transit.sent_s(position.north_m, position.east_m, position.down_m, rates_m_s)
         if self.origin_m is None:
             return
-        position, velocity = motion.position, motion.velocity
         x, y, z = self._frame.mission_from_ned((position.north_m, position.east_m, position.down_m))
         x0, y0, z0 = self.origin_m
         try:
             sample = Telemetry(
-                self._now_s(),
+                time_s,
                 (x + x0, y + y0, z + z0),
                 self._frame.mission_from_ned((velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)),
             )

@@ -15,6 +15,7 @@ from mavsdk.component_type import ComponentType
 from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
+from agents.shell.clock import MissionClock
 from gcs.link.ports.urls import require_usable
 from gcs.link.postbox import Postbox
 from gcs.link.rates.pace import Pace
@@ -44,9 +45,12 @@ class MavsdkHub:
     system id, and commands go to both.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: MissionClock | None = None) -> None:
+        """Take the mission's clock, of which only a governed one makes a difference: round trips are measured on it."""
+        governed = clock if clock is not None and clock.is_governed else None
         _redirect_log()
-        self.postbox = Postbox()
+        self._link_s = time.monotonic if governed is None else governed.now_s
+        self.postbox = Postbox(gathers=governed is None)
         """Passes what MAVSDK's threads receive to the event loop, for all vehicles together."""
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
         self._mavsdk: Any = None
@@ -107,6 +111,11 @@ class MavsdkHub:
         if pace.is_bound and url in self._relays:
             self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed)
 
+    def show_life(self, url: str) -> None:
+        """Send the vehicles of a connection a heartbeat beside those of MAVSDK."""
+        if url in self._relays:
+            self._relays[url][0].show_life()
+
     def traffic(self, url: str) -> Traffic:
         """Return the counts of a connection."""
         return self._relays[url][0].traffic() if url in self._relays else Traffic()
@@ -158,7 +167,7 @@ class MavsdkHub:
             if self._mavsdk is None:
                 self._mavsdk = _ground_station()
         try:
-            relay = Relay(url, self._relay_thread)
+            relay = Relay(url, self._relay_thread, self._link_s)
             try:
                 connection = self._mavsdk.add_any_connection_with_handle(relay.inner_url)
                 relay.start()

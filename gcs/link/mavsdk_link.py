@@ -17,10 +17,11 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
+from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
 from estimation.frames import Triple
 from estimation.state import Telemetry
-from gcs.link.calls import VehicleCalls, choose_guided, find_origin, measure_clock, request_rates
+from gcs.link.calls import VehicleCalls, choose_guided, find_origin, request_rates
 from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender
 from gcs.link.feed import VehicleFeed
@@ -33,7 +34,7 @@ from gcs.link.relay.gate import LinkReport
 
 MODE_TIMEOUT_S = 5.0
 REQUEST_PERIOD_S = 1.0
-"""After this a mode that was not entered is requested again [wall s]."""
+"""After this a mode that was not entered is requested again [s of the link]."""
 CLIMB_SLOWEST_M_S = 0.5
 SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
@@ -50,20 +51,21 @@ RENEWAL_TIMEOUT_S = 5.0
 class MavsdkLink:
     """Implements `agents.ports.VehicleLink` for the vehicle that `config` names, over the process's `hub`.
 
-    `now_s` is the mission clock, which runs `speed` times as fast as the wall. Flights time out on the mission clock,
-    the radio link on the wall's.
+    Flights time out on the mission's `clock`, the radio link on what carries its messages: the wall's, unless the
+    clock is governed.
     """
 
-    def __init__(self, hub: MavsdkHub, config: LinkConfig, now_s: Callable[[], float], speed: float = 1.0) -> None:
+    def __init__(self, hub: MavsdkHub, config: LinkConfig, clock: MissionClock) -> None:
         self._hub = hub
         self._config = config
-        self._now_s = now_s
-        self._speed = speed
-        self.truth = GroundTruth(config.system_id, config.frame, now_s) if config.truth else None
+        self._clock = clock
+        self._transit: LinkTransit | None = None
+        self.truth = GroundTruth(config.system_id, config.frame, clock.now_s) if config.truth else None
         self._parts: LinkParts | None = None
         self._guided: Callable[[], object] | None = None
         self._keeper: asyncio.Task[None] | None = None
         self._attention = asyncio.Event()
+        self._notified = False
         self._silent = False
         self._asking = 0
         self._sent = 0
@@ -105,12 +107,10 @@ class MavsdkLink:
         """What arrived with the vehicle's system id, from it and from others."""
         return self._hub.report(self._config.system_id)
 
-    def set_speed(self, speed: float) -> None:
-        """Set how many times faster than the wall clock the mission clock runs."""
-        self._speed = speed
+    def follow_clock(self) -> None:
+        """Set the connection's pace of sending by the clock's speed, once it has been measured."""
         if self._parts is not None:
-            self._parts.calls.speed = speed
-            self._hub.set_pace(self._config.url, self._config.pace, speed)
+            self._hub.set_pace(self._config.url, self._config.pace, self._clock.time_scale)
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
         """Find the vehicle, verify its system id, request rates, and deliver telemetry on the event loop from then on.
@@ -122,10 +122,13 @@ class MavsdkLink:
             self._config.system_id,
             self._config.heartbeat_timeout_s,
             signing_key=self._config.signing_key,
-            speed=self._speed,
+            speed=self._clock.speed,
         )
-        feed = VehicleFeed(system, self._config.frame, self._now_s, self._hub.postbox, self.truth)
-        calls = VehicleCalls(self._config.system_id, feed, self._speed)
+        self._transit = self._clock.transit(self._config.system_id)
+        feed = VehicleFeed(
+            system, self._config.frame, self._clock, self._hub.postbox, truth=self.truth, transit=self._transit
+        )
+        calls = VehicleCalls(self._config.system_id, feed, self._clock)
         external = None
         if self._config.external_positions:
             external = ExternalPositionSender(system, self._config.frame, self._config.origin_m)
@@ -136,7 +139,7 @@ class MavsdkLink:
         await self._request_rates()
         await self._locate()
         feed.on_telemetry = on_telemetry
-        feed.on_loss, feed.on_return = self._mute, self._attention.set
+        feed.on_loss, feed.on_return = self._mute, self._notify
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
     def locate(self, position: ExternalPosition) -> None:
@@ -254,8 +257,10 @@ class MavsdkLink:
             self._unsent += 1
             return
         try:
-            parts.send(setpoint, parts.feed.origin_m, self._config.frame)
+            ned_m = parts.send(setpoint, parts.feed.origin_m, self._config.frame)
             self._sent += 1
+            if self._transit is not None:
+                self._transit.send(*ned_m)
         except (MavsdkError, RuntimeError):
             self._unsent += 1
 
@@ -264,8 +269,8 @@ class MavsdkLink:
 
         A ratio within a tenth of a whole number is rounded to it. Raises VehicleRefusedError without attitudes.
         """
-        _, feed, calls, *_ = self._connected()
-        ratio = await measure_clock(calls, feed, self._config.pace.rates, duration_s)
+        _, _feed, calls, *_ = self._connected()
+        ratio = await calls.clock_ratio(self._config.pace.rates, duration_s)
         if ratio is None:
             raise calls.refusal("sends no attitude for the clock's speed", "check the link, or state the speed")
         return ratio
@@ -307,7 +312,7 @@ class MavsdkLink:
     async def _until_ready(self, condition: Callable[[], bool]) -> None:
         _, feed, calls, *_ = self._connected()
         within_s = self._config.ready_timeout_s
-        if not await calls.reached(condition, calls.wall_s(within_s)):
+        if not await calls.reached(condition, self._clock.allowed_s(within_s)):
             failure = f"was not ready ({feed.failing()}) within {within_s:g} s"
             raise calls.unready(failure, "resolve the cause that the autopilot reports")
 
@@ -315,13 +320,13 @@ class MavsdkLink:
         """Request a mode repeatedly: autopilots accept the command even if they cannot enter the mode yet."""
         _, feed, calls, *_ = self._connected()
         began_s, entered = time.monotonic(), False
-        end_s = began_s + calls.wall_s(MODE_TIMEOUT_S)
+        end_s = self._clock.now_s() + self._clock.allowed_s(MODE_TIMEOUT_S)
         while not entered:
-            if time.monotonic() > end_s:
+            if self._clock.now_s() > end_s:
                 failure = f"is in {feed.status.mode.value} and did not enter {mode.value} within {MODE_TIMEOUT_S:g} s"
                 raise calls.refusal(failure, "resolve the cause that the autopilot reports", began_s)
             await self._request(mode, function)
-            entered = await calls.reached(lambda: feed.status.mode is mode, REQUEST_PERIOD_S)
+            entered = await calls.reached(lambda: feed.status.mode is mode, REQUEST_PERIOD_S * self._clock.time_scale)
 
     async def _request(self, mode: FlightMode, function: Callable[[], object]) -> None:
         _, feed, calls, *_ = self._connected()
@@ -347,11 +352,9 @@ class MavsdkLink:
         """Request rates and origin again after a reconnection, after a restart, and without motion on a live link."""
         feed = self._connected().feed
         while True:
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self._attention.wait(), WATCH_PERIOD_S)
-            notified = self._attention.is_set()
-            self._attention.clear()
-            silent = time.monotonic() - feed.motion_received_s > SILENCE_MAX_S
+            await self._until_due()
+            notified, self._notified = self._notified, False
+            silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and feed.origin_m is not None:
                 feed.lose()
             lost = feed.origin_m is None and not (self._config.frame.is_local and feed.clock_received)
@@ -359,16 +362,33 @@ class MavsdkLink:
                 with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
             self._config.pace.look(self._hub.traffic(self._config.url), time.monotonic())
-            feed.note_link(self.report.round_trip_s, self._config.pace.fault, self._speed)
+            feed.note_link(self.report.round_trip_s, self._config.pace.fault, self._clock.time_scale)
             if self._rates is not self._config.pace.rates:
                 with suppress(VehicleRefusedError):
                     await self._request_rates()
+
+    def _notify(self) -> None:
+        """Let the rates and the origin be requested again now."""
+        self._notified = True
+        self._attention.set()
+
+    async def _until_due(self) -> None:
+        """Wait for a period, or until the link needs attention."""
+        due_s = self._clock.now_s() + WATCH_PERIOD_S * self._clock.time_scale
+        timer = self._clock.call_at(due_s, self._attention.set)
+        try:
+            await self._attention.wait()
+        finally:
+            timer.cancel()
+        self._attention.clear()
+        if self._clock.is_governed:
+            self._hub.show_life(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
 
     async def _request_rates(self) -> None:
         """Request the rates in force, and set them in the relay."""
         _, feed, calls, *_ = self._connected()
         self._rates = self._config.pace.rates
-        self._hub.set_pace(self._config.url, self._config.pace, self._speed)
+        self._hub.set_pace(self._config.url, self._config.pace, self._clock.time_scale)
         await request_rates(calls, feed, self._rates)
 
     async def _renew(self) -> None:
@@ -394,4 +414,4 @@ class MavsdkLink:
         _, feed, calls, *_ = self._connected()
         if self._config.frame.is_local:
             return None if feed.status.restarts else self._config.origin_m
-        return await find_origin(calls, feed, self._config.frame, timeout_s)
+        return await find_origin(calls, feed, self._config.frame, self._clock, timeout_s)

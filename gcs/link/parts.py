@@ -22,21 +22,23 @@ class LinkParts(NamedTuple):
     offboard: Any
     external: ExternalPositionSender | None
 
-    def send(self, setpoint: Setpoint, origin_m: Triple, frame: MissionFrame) -> None:
+    def send(self, setpoint: Setpoint, origin_m: Triple, frame: MissionFrame) -> Triple:
         """Send a setpoint to the vehicle in its own NED, whose origin is at `origin_m` in the mission frame.
 
-        Raises what MAVSDK raises.
+        Returns its position in NED. Raises what MAVSDK raises.
         """
         x, y, z = setpoint.position_m
         x0, y0, z0 = origin_m
         heading_deg = degrees(wrap_signed_rad(frame.x_bearing_rad - setpoint.yaw_rad))
-        place = PositionNedYaw(*frame.ned_from_mission((x - x0, y - y0, z - z0)), heading_deg)
+        ned_m = frame.ned_from_mission((x - x0, y - y0, z - z0))
+        place = PositionNedYaw(*ned_m, heading_deg)
         if setpoint.velocity_m_s:
             x_rate, y_rate, climb = setpoint.velocity_m_s
             velocity = VelocityNedYaw(*frame.ned_from_mission((x_rate, y_rate, climb)), heading_deg)
             self.offboard.set_position_velocity_ned(place, velocity)
         else:
             self.offboard.set_position_ned(place)
+        return ned_m
 
     def destroy(self) -> None:
         """Destroy MAVSDK's plugins; blocks until running callbacks have returned."""

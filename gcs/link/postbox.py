@@ -11,10 +11,11 @@ from agents.shell.handover import Handover
 class Postbox:
     """Calls functions with posted values on the running event loop, in the order of posting."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, gathers: bool) -> None:
+        """Take whether values are gathered for a moment, which costs less than a call for each."""
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[tuple[Callable[..., object], tuple[Any, ...]]] = deque()
-        self._handover = Handover(self._loop, self._take_all)
+        self._handover = Handover(self._loop, self._take_all, gathers=gathers)
 
     def post(self, take: Callable[..., object], *values: Any) -> None:
         """Call `take` with values on the event loop, from any thread; do nothing once the loop is closed.

@@ -15,8 +15,9 @@ from mavsdk.plugins.telemetry import FixType
 from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
-from gcs.link.calls import NotReadyError, VehicleCalls, find_origin, measure_clock, request_rates
+from gcs.link.calls import NotReadyError, VehicleCalls, find_origin, request_rates
 from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
@@ -91,9 +92,9 @@ class CheckedLink(MavsdkLink):
     """A vehicle's link that also reads the facts for the preflight checks; read-only."""
 
     async def facts(self, vehicle_id: int, settle_s: float) -> VehicleFacts:
-        """Return the facts of a connected vehicle once it is healthy, at the latest after `settle_s` [wall s]."""
+        """Return the facts of a connected vehicle once it is healthy, or `settle_s` [s of the link] have passed."""
         system, feed, calls, *_ = self._connected()
-        await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s)
+        await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s * self._clock.time_scale)
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.pace.rates)
         facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
         return replace(facts, link=self.report)
@@ -118,8 +119,9 @@ async def _facts(
     except VehicleRefusedError as refusal:
         await connection.came_bytes_s()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
-    feed = VehicleFeed(system, frame, time.monotonic, hub.postbox)
-    calls = VehicleCalls(system_id, feed, speed=1.0)
+    clock = WallClock()
+    feed = VehicleFeed(system, frame, clock, hub.postbox)
+    calls = VehicleCalls(system_id, feed, clock)
     try:
         feed.subscribe()
         with suppress(VehicleRefusedError):  # the measured rate shows a refusal
@@ -142,7 +144,7 @@ async def _find_place(
     """Set the origin of the feed; return the reason and the next step if the vehicle has no position."""
     try:
         configured = vehicle.origin_m if frame.is_local else None
-        feed.origin_m = configured or await find_origin(calls, feed, frame, ORIGIN_TIMEOUT_S)
+        feed.origin_m = configured or await find_origin(calls, feed, frame, WallClock(), ORIGIN_TIMEOUT_S)
     except VehicleRefusedError as refusal:
         return f"it {refusal.reason.removeprefix(f'vehicle {vehicle.system_id} ')}", refusal.next_step
     with suppress(VehicleRefusedError):  # the facts state what is missing
@@ -200,19 +202,19 @@ class _VehicleQuery(NamedTuple):
         )
 
     async def _timing(self, listening_s: float) -> tuple[float | None, float]:
-        """Return the rate of the autopilot's clock relative to wall time, and the motion rate in that clock [Hz]."""
+        """Return the rate of the autopilot's clock relative to its link's, and the motion rate in that clock [Hz]."""
         samples = 0
 
         def count(_motion: object, _user_data: object) -> None:
             nonlocal samples
             samples += 1
 
-        began_s = time.monotonic()
+        began_s = self.feed.link_s()
         handle = self.feed.plugin.subscribe_position_velocity_ned(count)
         try:
-            ratio = await measure_clock(self.calls, self.feed, self.rates, listening_s)
+            ratio = await self.calls.clock_ratio(self.rates, listening_s)
         finally:
-            listened_s = time.monotonic() - began_s
+            listened_s = self.feed.link_s() - began_s
             self.feed.plugin.unsubscribe_position_velocity_ned(handle)
         return ratio, samples / listened_s / (ratio or 1.0)
 

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from enum import Enum
 from math import isfinite, isnan
-from typing import Any
+from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # common and EKF_STATUS_REPORT
 
@@ -69,6 +69,18 @@ class _Outbox:
         return packets
 
 
+class Observer(Protocol):
+    """Takes what a vehicle sends and receives."""
+
+    def on_motion(self, ned: tuple[float, ...]) -> None:
+        """Take position and velocity in NED that are about to be sent."""
+        ...
+
+    def on_setpoint(self, ned: tuple[float, float, float]) -> None:
+        """Take the position in NED of a setpoint that has arrived."""
+        ...
+
+
 class MavlinkVehicle:
     """One autopilot behind its MAVLink interface, with its system id and local NED origin."""
 
@@ -78,8 +90,10 @@ class MavlinkVehicle:
         config: MavlinkConfig,
         dialect: Dialect = PX4,
         faults: VehicleFaults | None = None,
+        observer: Observer | None = None,
     ) -> None:
         """Serve `autopilot` in its dialect; `faults` may change while it is served."""
+        self._observer = observer
         self._faults = faults or VehicleFaults()
         self.autopilot = autopilot
         autopilot.parameters.set(dialect.system_id_parameter, config.system_id)
@@ -133,14 +147,23 @@ class MavlinkVehicle:
 
     def emit(self, time_s: float) -> list[bytes]:
         """Return the packets due at `time_s`: telemetry, texts, and parameters being listed."""
-        for message in self._schedule.due(time_s):
+        # The motion last: a client that has received it has received the rest as well.
+        for message in sorted(self._schedule.due(time_s), key=MessageId.LOCAL_POSITION_NED.__eq__):
             for report in self._reporter.report(message):
                 self._send(report)
+                if message == MessageId.LOCAL_POSITION_NED and self._observer is not None:
+                    self._observer.on_motion(report[1][1:])
         for severity, text in self.autopilot.take_texts():
             for chunk in self._chunked(text):
                 self._send((MessageId.STATUSTEXT, (int(severity), *chunk)))
         if self._listing:
             self._send(self._param_value(self._listing.pop()))
+        return self._outbox.take()
+
+    def heartbeat(self) -> list[bytes]:
+        """Return the packets of a heartbeat beside those that are due."""
+        for report in self._reporter.report(MessageId.HEARTBEAT):
+            self._send(report)
         return self._outbox.take()
 
     def _chunked(self, text: str) -> Iterator[tuple[bytes, int, int]]:
@@ -216,6 +239,8 @@ class MavlinkVehicle:
 
     def _on_setpoint(self, m: Any, time_s: float) -> list[Outgoing]:
         """Process a local position setpoint, with its velocity if it has one; its acceleration is ignored."""
+        if self._observer is not None:
+            self._observer.on_setpoint((m.x, m.y, m.z))
         if m.coordinate_frame != LOCAL_NED:
             return self._drop(Drop.FRAME)
         if m.type_mask & POSITION_IGNORED:

@@ -4,14 +4,14 @@ import asyncio
 import multiprocessing
 import signal
 import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from sitl.faults import VehicleInjection
-from sitl.server.server import Stub, StubConfig, StubRecord, serve
+from sitl.server.server import Stub, StubClock, StubConfig, StubRecord, serve
+from sitl.server.shared_clock import ClockError
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +34,7 @@ class StubInjection:
     injection: VehicleInjection
 
 
-def unix_clock(speed: float) -> Callable[[], float]:
-    """Return a monotonic clock of simulated seconds: the Unix time, times `speed`."""
-    offset_s = time.time() - time.monotonic()
-    return lambda: (time.monotonic() + offset_s) * speed
-
-
-def run_in_process(configs: Sequence[StubConfig], speed: float, connection: Connection) -> None:
+def run_in_process(configs: Sequence[StubConfig], make_clock: Callable[[], StubClock], connection: Connection) -> None:
     """Serve stubs: the target of a spawned multiprocessing.Process.
 
     Sends StubReady or StubFailed, takes StubInjections, runs until None arrives through `connection`, then sends its
@@ -50,14 +44,16 @@ def run_in_process(configs: Sequence[StubConfig], speed: float, connection: Conn
     signal.pthread_sigmask(signal.SIG_SETMASK, ())  # the parent may block signals
     with suppress(BrokenPipeError):
         try:
-            record = asyncio.run(_serve_until_told(configs, speed, connection))
-        except (OSError, ValueError) as error:
+            record = asyncio.run(_serve_until_told(configs, make_clock, connection))
+        except (OSError, ValueError, ClockError) as error:
             connection.send(StubFailed(str(error)))
         else:
             connection.send(record)
 
 
-async def _serve_until_told(configs: Sequence[StubConfig], speed: float, connection: Connection) -> StubRecord:
+async def _serve_until_told(
+    configs: Sequence[StubConfig], make_clock: Callable[[], StubClock], connection: Connection
+) -> StubRecord:
     loop = asyncio.get_running_loop()
     stop = asyncio.Event()
     served: dict[int, Stub] = {}
@@ -74,17 +70,23 @@ async def _serve_until_told(configs: Sequence[StubConfig], speed: float, connect
         threading.Thread(target=listen, daemon=True).start()
         connection.send(StubReady())
 
-    return await serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop, on_ready=begin)
+    clock = make_clock()
+    try:
+        return await serve(configs, clock, stop, begin)
+    finally:
+        clock.close()
 
 
 class StubProcess:
     """The parent's handle: start the stubs, later stop them and collect their record."""
 
-    def __init__(self, configs: Sequence[StubConfig], speed: float) -> None:
-        """Prepare a process; nothing runs yet."""
+    def __init__(self, configs: Sequence[StubConfig], make_clock: Callable[[], StubClock]) -> None:
+        """Prepare a process; nothing runs yet. `make_clock` is pickled, and makes the stubs' clock in that process."""
         context = multiprocessing.get_context("spawn")
         self._connection, self._theirs = context.Pipe()
-        self._process = context.Process(target=run_in_process, args=(tuple(configs), speed, self._theirs), daemon=True)
+        self._process = context.Process(
+            target=run_in_process, args=(tuple(configs), make_clock, self._theirs), daemon=True
+        )
 
     @property
     def pid(self) -> int | None:

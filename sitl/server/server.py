@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
-from math import floor, isfinite
-from typing import cast
+from math import ceil, floor, isfinite
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -23,15 +23,20 @@ from sitl.mavlink.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
+from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTransit
 
 WAKE_PERIOD_S = 0.004
-"""The shortest wall time between two updates: at high speed an update takes several steps."""
+"""The shortest wall time between two updates by the wall's clock: at high speed an update takes several steps."""
+SHOWN_ALIVE_S = 0.5
+"""Wall time without a step after which a stub sends its heartbeat: MAVSDK takes it as lost after 3 s of the wall."""
 CATCH_UP_MAX_S = 0.5
 """The largest simulated time of one update; time beyond it is dropped, which lowers the speed reached.
 
 It is shorter than the offboard timeout: a stall of the stub must not trigger that timeout.
 """
 TRUTH_STEPS = round(0.1 / STEP_S)
+_ROUNDING = 1e-4
+"""Of a step: clocks count microseconds."""
 DATAGRAM_MAX = 1400
 PEERS_MAX = 4
 LOOPBACK = "127.0.0.1"
@@ -115,13 +120,41 @@ class StubRecord:
     dropped: dict[int, dict[str, int]]
 
 
+class StubClock(Protocol):
+    """The clock of the stubs, which is also that of their clients: monotonic simulated seconds."""
+
+    @property
+    def speed(self) -> float:
+        """How many times as fast as the wall's it runs, at most."""
+        ...
+
+    def now_s(self) -> float:
+        """Return the present time."""
+        ...
+
+    def call_at(self, time_s: float, call: Callable[[], object]) -> object:
+        """Call a function at a time, on the running event loop."""
+        ...
+
+    async def sleep_until(self, time_s: float) -> float:
+        """Wait until a time has come, yielding at least once."""
+        ...
+
+    def close(self) -> None:
+        """Leave the clock."""
+        ...
+
+
 class _Endpoint(asyncio.DatagramProtocol):
     """One vehicle's socket: sends to its client and to every other address that has sent to it."""
 
-    def __init__(self, receive: Callable[[bytes], list[bytes]], client: Address, faults: VehicleFaults) -> None:
+    def __init__(
+        self, receive: Callable[[bytes], list[bytes]], client: Address, faults: VehicleFaults, clock: StubClock
+    ) -> None:
         self._receive = receive
         self._peers = [client]
         self._faults = faults
+        self._clock = clock
         self._transport: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -132,20 +165,22 @@ class _Endpoint(asyncio.DatagramProtocol):
             self._peers.append(addr)
         self._carry(lambda: self.send(self._receive(data)))
 
-    def send(self, packets: list[bytes]) -> None:
+    def send(self, packets: list[bytes], on_sent: Callable[[], object] = lambda: None) -> None:
+        """Send packets as the link's faults demand; `on_sent` is called when they are sent."""
         if packets:
-            self._carry(lambda: self._send(packets))
+            self._carry(lambda: self._send(packets, on_sent))
 
-    def _carry(self, deliver: Callable[[], None]) -> None:
+    def _carry(self, deliver: Callable[[], object]) -> None:
         """Deliver packets as the link's faults demand: at once, late, or not at all."""
         if self._faults.link_cut:
             return
         if self._faults.link_delay_s > 0.0:
-            asyncio.get_running_loop().call_later(self._faults.link_delay_s, deliver)
+            self._clock.call_at(self._clock.now_s() + self._faults.link_delay_s, deliver)
         else:
             deliver()
 
-    def _send(self, packets: list[bytes]) -> None:
+    def _send(self, packets: list[bytes], on_sent: Callable[[], object] = lambda: None) -> None:
+        on_sent()
         if self._transport is None or self._transport.is_closing():
             return
         for datagram in _bundled(packets):
@@ -158,13 +193,19 @@ class _Pace:
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
-        self._start_s = now_s()
+        # On the grid of the steps, so that a flight's events coincide with them in the same way each time.
+        self._start_s = ceil(now_s() / STEP_S) * STEP_S
         self.slipped_s = 0.0
         self.step = 0
 
     @property
     def clock_offset_s(self) -> float:
         return self._start_s + self.slipped_s
+
+    @property
+    def next_s(self) -> float:
+        """When the next step is due, on the common clock."""
+        return self.clock_offset_s + (self.step + 1) * STEP_S
 
     def uptime_s(self) -> float:
         return self._now_s() - self.clock_offset_s
@@ -174,7 +215,7 @@ class _Pace:
         late_s = self.uptime_s() - self.step * STEP_S
         self.slipped_s += max(0.0, late_s - CATCH_UP_MAX_S)
         first = self.step + 1
-        self.step = max(self.step, floor(self.uptime_s() / STEP_S))
+        self.step = max(self.step, floor(self.uptime_s() / STEP_S + _ROUNDING))
         return range(first, self.step + 1)
 
     def share_kept(self) -> float:
@@ -191,7 +232,7 @@ _MANNERS: Mapping[AutopilotKind, tuple[type[Autopilot], Dialect]] = {
 class Stub:
     """One served vehicle: its protocol, its socket, its track, and its faults."""
 
-    def __init__(self, config: StubConfig, pace: _Pace) -> None:
+    def __init__(self, config: StubConfig, pace: _Pace, clock: StubClock) -> None:
         x, y = config.start_position_m
         dx, dy, dz = config.origin_offset_m
         self.config = config
@@ -210,14 +251,23 @@ class Stub:
         mavlink = MavlinkConfig(
             config.vehicle_id, config.frame, origin_m, config.noise, seed, config.signing_key, config.uid
         )
-        self._vehicle = MavlinkVehicle(self.autopilot, mavlink, dialect, self.faults)
+        self._vehicle = MavlinkVehicle(self.autopilot, mavlink, dialect, self.faults, observer=self)
         self.endpoint = _Endpoint(
             lambda data: self._vehicle.receive(data, pace.uptime_s()),
             (config.client_host, config.client_port),
             self.faults,
+            clock,
         )
+        self.setpoints = 0
+        """How many setpoints have arrived."""
         self._pace = pace
         self._truth: list[tuple[float, ...]] = []
+        self._motion: tuple[float, ...] | None = None
+        self._motions: MotionTransit | None = None
+        self._setpoints: SetpointTransit | None = None
+        if isinstance(clock, GovernedClock):
+            self._motions, self._setpoints = clock.motions(config.vehicle_id), clock.setpoints(config.vehicle_id)
+            clock.expect(self)
 
     def advance(self, steps: range) -> None:
         """Take the steps one by one, record the truth, and send the messages that are due."""
@@ -230,7 +280,36 @@ class Stub:
                 airframe = self.autopilot.airframe
                 clock_s = self.autopilot.time_s + self._pace.clock_offset_s
                 self._truth.append((clock_s, *airframe.position_m, *airframe.velocity_m_s))
-        self.endpoint.send(packets)
+        motion, self._motion = self._motion, None
+        self.endpoint.send(packets, lambda: self._note_sent(motion))
+
+    def show_life(self) -> None:
+        """Send a heartbeat, while the simulated time stands still."""
+        self.endpoint.send(self._vehicle.heartbeat())
+
+    def on_motion(self, ned: tuple[float, ...]) -> None:
+        """Take position and velocity in NED that are about to be sent; implements the protocol's `Observer`."""
+        self._motion = ned
+
+    def on_setpoint(self, ned: tuple[float, float, float]) -> None:
+        """Take the position in NED of a setpoint that has arrived."""
+        self.setpoints += 1
+        if self._setpoints is not None:
+            self._setpoints.take(*ned)
+
+    def arrived(self) -> bool:
+        """Return whether the newest setpoint has arrived; with a cut or late link none is waited for."""
+        faulty = self.faults.link_cut or self.faults.link_delay_s > 0.0
+        return self._setpoints is None or faulty or self._setpoints.arrived()
+
+    def forget(self) -> None:
+        """Take a setpoint under way as lost."""
+        if self._setpoints is not None:
+            self._setpoints.forget()
+
+    def _note_sent(self, motion: tuple[float, ...] | None) -> None:
+        if motion is not None and self._motions is not None:
+            self._motions.send(motion)
 
     def inject(self, injection: VehicleInjection) -> None:
         """Inject faults from now on."""
@@ -252,38 +331,59 @@ class Stub:
 
 async def serve(
     configs: Sequence[StubConfig],
-    *,
-    speed: float,
-    now_s: Callable[[], float],
+    clock: StubClock,
     stop: asyncio.Event,
     on_ready: Callable[[Sequence[Stub]], None] | None = None,
 ) -> StubRecord:
     """Run the stubs until `stop` is set, then return their record; `on_ready` receives them when all can be reached.
 
-    `now_s` is the clock that all processes share: monotonic simulated seconds, `speed` times as fast as the wall's.
-    Raises OSError when a socket cannot be bound, ValueError for a speed that is not positive.
+    `clock` is the clock that all processes share. Raises OSError when a socket cannot be bound.
     """
-    if not (isfinite(speed) and speed > 0.0):
-        raise ValueError(f"speed = {speed}: it must be positive")
     for config in configs:
         if not config.frame.is_local:
             config.frame.geodetic_from_mission((0.0, 0.0, 0.0))  # its first use loads a library
-    pace = _Pace(now_s)
-    stubs = [Stub(config, pace) for config in configs]
+    pace = _Pace(clock.now_s)
+    stubs = [Stub(config, pace, clock) for config in configs]
     async with AsyncExitStack() as stack:
         for stub in stubs:
             await stack.enter_async_context(_bound(stub.endpoint, stub.config.port))
         if on_ready is not None:
             on_ready(stubs)
-        while not stop.is_set():
-            steps = pace.steps_due()
-            for stub in stubs:
-                stub.advance(steps)
-            due_in_s = ((pace.step + 1) * STEP_S - pace.uptime_s()) / speed
-            await asyncio.sleep(max(due_in_s, WAKE_PERIOD_S))
+        stepping = asyncio.create_task(_step(stubs, pace, clock))
+        showing = asyncio.create_task(_show_life(stubs, pace))
+        stopping = asyncio.create_task(stop.wait())
+        try:
+            done, _ = await asyncio.wait((stepping, showing, stopping), return_when=asyncio.FIRST_COMPLETED)
+            for each in done:
+                each.result()
+        finally:
+            for each in (stepping, showing, stopping):
+                each.cancel()
+            await asyncio.gather(stepping, showing, stopping, return_exceptions=True)
     tracks = tuple(stub.track() for stub in stubs)
     dropped = {stub.config.vehicle_id: stub.dropped() for stub in stubs}
-    return StubRecord(tracks, speed * pace.share_kept(), pace.slipped_s, dropped)
+    return StubRecord(tracks, clock.speed * pace.share_kept(), pace.slipped_s, dropped)
+
+
+async def _step(stubs: Sequence[Stub], pace: _Pace, clock: StubClock) -> None:
+    """Take every step at its time."""
+    wake_period_s = 0.0 if isinstance(clock, GovernedClock) else WAKE_PERIOD_S * clock.speed
+    while True:
+        steps = pace.steps_due()
+        for stub in stubs:
+            stub.advance(steps)
+        await clock.sleep_until(max(pace.next_s, clock.now_s() + wake_period_s))
+
+
+async def _show_life(stubs: Sequence[Stub], pace: _Pace) -> None:
+    """Send heartbeats while the simulated time stands still, as the clock of a flight may for seconds."""
+    step = -1
+    while True:
+        await asyncio.sleep(SHOWN_ALIVE_S)
+        if pace.step == step:
+            for stub in stubs:
+                stub.show_life()
+        step = pace.step
 
 
 @asynccontextmanager

@@ -13,13 +13,23 @@ from agents.ports import VehicleRefusedError
 from agents.shell.bus.bus_security import BusSecurity
 from agents.shell.bus.mailbox import Mailbox
 from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
+from agents.shell.clock import MissionClock
 from agents.shell.handover import Handover
 from agents.team.admission import Admission
-from agents.team.messages import OPERATORS_TOPIC, PRESENCE_TOPIC, REPORT_TOPIC, BusMessage, OperatorCommand
+from agents.team.messages import (
+    OPERATORS_TOPIC,
+    PRESENCE_TOPIC,
+    REPORT_TOPIC,
+    TOPICS,
+    BusMessage,
+    MemberState,
+    OperatorCommand,
+)
 from agents.team.participant import Participant, Role, is_name
 from agents.team.sensors import SENSOR_TOPICS
 
 RATE_HZ = 100.0
+_STATES = TOPICS[MemberState].name
 _SHOWN: dict[Role, str] = {"vehicle": PRESENCE_TOPIC, "operator": OPERATORS_TOPIC}
 """The topics of the presence of participants."""
 
@@ -48,15 +58,27 @@ class ZenohBus:
     """
 
     def __init__(
-        self, team: BusTeam, stations: Sequence[Station], connect: Sequence[str] = (), rate_hz: float = RATE_HZ
+        self,
+        team: BusTeam,
+        stations: Sequence[Station],
+        connect: Sequence[str] = (),
+        rate_hz: float = RATE_HZ,
+        clock: MissionClock | None = None,
     ) -> None:
-        """Take the settings; the sessions are opened with the first participant."""
+        """Take the settings; the sessions are opened with the first participant.
+
+        Rates are those of the wall, or of a governed `clock`.
+        """
+        self._governed = clock is not None and clock.is_governed
+        self.transit = None if clock is None else clock.bus_transit()
+        self._now_s = clock.now_s if clock is not None and clock.is_governed else monotonic
         ends = [*(each.listen for each in stations[1:] if each.listen is not None), *connect]
         self._sessions = [
             ZenohSession(team, station.listen, connect if i else ends, station.security)
             for i, station in enumerate(stations)
         ]
         self._stations = stations
+        self._names = {str(each): each for each in team.members}
         self._mailbox = Mailbox(stations[0].vehicle_ids, team.members, rate_hz)
         self._admission = Admission()
         self._present: set[int] = set()
@@ -98,7 +120,7 @@ class ZenohBus:
             bus.on_presence(peer_id, True)
         if self._opening is None:
             self._loop = asyncio.get_running_loop()
-            self._handover = Handover(self._loop, self._hand_over)
+            self._handover = Handover(self._loop, self._hand_over, gathers=not self._governed)
             self._opening = asyncio.ensure_future(asyncio.to_thread(self._open_blocking))
             self._opening.add_done_callback(lambda opening: opening.cancelled() or opening.exception())
         await asyncio.shield(self._opening)
@@ -123,8 +145,11 @@ class ZenohBus:
 
     def take_message(self, key: str, length: int, read: Callable[[], bytes], *, own: bool) -> None:
         """Take one message, on a Zenoh thread, or an own one on the publishing thread."""
+        topic, _, name = key.partition("/")
+        if self.transit is not None and not own and topic == _STATES and name in self._names:
+            self.transit.take(self._names[name])
         try:
-            if self._mailbox.put(key, length, read, monotonic(), own=own):
+            if self._mailbox.put(key, length, read, self._now_s(), own=own):
                 self._wake()
         except Exception:  # no exception may reach Zenoh's thread
             self._mailbox.count(Reason.MALFORMED)
@@ -265,6 +290,8 @@ class ParticipantBus:
             raise ValueError(f"topic = {topic!r}: letters, digits, '_', '.' and '-' only")
         if self._closed or self.participant.role == "observer":
             return
+        if self._bus.transit is not None and topic == _STATES and self.vehicle_id is not None:
+            self._bus.transit.send(self.vehicle_id)  # before it can arrive
         if not self._session.publish(f"{topic}/{self.participant.name}", payload):
             self._bus.count(Reason.NOT_SENT)
 
@@ -284,9 +311,10 @@ def single_bus(
     listen: str | None,
     connect: Sequence[str] = (),
     security: BusSecurity | None = None,
+    clock: MissionClock | None = None,
 ) -> ParticipantBus:
     """Return the bus of a process with one participant, not yet open."""
-    return ZenohBus(team, [Station((participant,), listen, security)], connect).of(participant)
+    return ZenohBus(team, [Station((participant,), listen, security)], connect, clock=clock).of(participant)
 
 
 def _ignore(*_received: object) -> None:

@@ -63,8 +63,8 @@ def _of_subject(make: Callable[[Scene], VehicleFaults]) -> Callable[[Scene], Inj
 
 def _latency(scene: Scene) -> Injection:
     """Delay all messages, and all links in both directions."""
-    late = VehicleInjection(VehicleFaults(link_delay_s=LINK_DELAY_S / scene.speed))
-    return Injection(TeamFaults(delay_s=BUS_DELAY_S / scene.speed), dict.fromkeys(scene.mission.ids, late))
+    late = VehicleInjection(VehicleFaults(link_delay_s=LINK_DELAY_S))
+    return Injection(TeamFaults(delay_s=BUS_DELAY_S), dict.fromkeys(scene.mission.ids, late))
 
 
 def _jump_aside(scene: Scene) -> VehicleFaults:

@@ -10,6 +10,7 @@ import msgspec
 
 from agents.drops import Drops
 from agents.ports import PeerBus, TargetSensor
+from agents.shell.clock import MissionClock
 from agents.team.codec import decode, encode
 from agents.team.messages import TOPICS, BusMessage, CommandAnswer, MemberState, OperatorCommand
 from estimation.state import Sighting
@@ -21,17 +22,18 @@ from gcs.mission.mission import Mission, MissionVehicle
 _Received = TypeVar("_Received")
 
 FLOOD_HZ, _BURST_S, _FLOODED, _JUNK = 8000.0, 0.01, TOPICS[CommandAnswer].name, bytes(64)
-"""A flood: its messages per second [1 / wall s], the period of its bursts [wall s], its topic, and its payload."""
+"""A flood: its messages per second and the period of its bursts [s of the bus], its topic, and its payload."""
 _SECOND_LATER_S = 0.01
-"""Delay of a second source of a vehicle's messages after the first [wall s]."""
+"""Delay of a second source of a vehicle's messages after the first [s of the bus]."""
 _HERE_M = (0.0, 0.0)
 
 
 class FailingBus:
     """A vehicle's bus that loses, delays, withholds or falsifies messages; implements `agents.ports.PeerBus`."""
 
-    def __init__(self, bus: PeerBus, faults: PresentFaults, vehicle_id: int) -> None:
+    def __init__(self, bus: PeerBus, clock: MissionClock, faults: PresentFaults, vehicle_id: int) -> None:
         self._bus = bus
+        self._clock = clock
         self._present = faults
         self._vehicle_id = vehicle_id
         self._chance = random.Random(vehicle_id)
@@ -73,7 +75,7 @@ class FailingBus:
         if self._chance.random() < faults.loss:
             return
         if faults.delay_s > 0.0:
-            asyncio.get_running_loop().call_later(faults.delay_s, receive, *received)
+            self._after(faults.delay_s, partial(receive, *received))
         else:
             receive(*received)
 
@@ -84,7 +86,7 @@ class FailingBus:
         self._bus.publish(topic, _moved(payload, lie_m, 0.0) if lies else payload)
         if self._vehicle_id in faults.impostors:
             second = _moved(payload, lie_m, _SECOND_LATER_S)
-            asyncio.get_running_loop().call_later(_SECOND_LATER_S, self._bus.publish, topic, second)
+            self._after(_SECOND_LATER_S, partial(self._bus.publish, topic, second))
 
     async def close(self) -> None:
         """Leave."""
@@ -93,9 +95,13 @@ class FailingBus:
             await asyncio.gather(self._flooding, return_exceptions=True)
         await self._bus.close()
 
+    def _after(self, delay_s: float, call: Callable[[], object]) -> None:
+        """Make a call after a delay of the bus."""
+        self._clock.call_at(self._clock.now_s() + delay_s * self._clock.time_scale, call)
+
     async def _flood(self) -> None:
         while True:
-            await asyncio.sleep(_BURST_S)
+            await self._clock.sleep(_BURST_S * self._clock.time_scale)
             if self._vehicle_id in self._present.now.flooders:
                 for _ in range(round(FLOOD_HZ * _BURST_S)):
                     self._bus.publish(_FLOODED, _JUNK)
@@ -121,12 +127,12 @@ class FailingEquipment(Equipment):
         self._present = faults
 
     def buses(
-        self, mission: Mission, vehicles: Sequence[MissionVehicle], speed: float, keys: TeamKeys
+        self, mission: Mission, vehicles: Sequence[MissionVehicle], clock: MissionClock, keys: TeamKeys
     ) -> Mapping[int, PeerBus]:
         """Return buses that can fail."""
         self._present.loop = asyncio.get_running_loop()
-        buses = super().buses(mission, vehicles, speed, keys)
-        return {each: FailingBus(bus, self._present, each) for each, bus in buses.items()}
+        buses = super().buses(mission, vehicles, clock, keys)
+        return {each: FailingBus(bus, clock, self._present, each) for each, bus in buses.items()}
 
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a sensor that can fail."""

@@ -12,13 +12,12 @@ from sitl.faults import VehicleInjection
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A team in flight: the fault's subject, the airborne vehicles, their positions [m], and the speed of its clock."""
+    """A team in flight: the fault's subject, the airborne vehicles, and their positions [m]."""
 
     mission: Mission
     subject: int
     airborne: tuple[int, ...]
     places_m: Mapping[int, Triple]
-    speed: float
 
     @property
     def others(self) -> tuple[int, ...]:

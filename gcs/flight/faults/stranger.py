@@ -1,12 +1,11 @@
 """An intruder on the bus, injected as a fault: sessions without keys send under the ids of vehicles and an operator."""
 
-import asyncio
-from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
 
 from agents.ports import VehicleRefusedError
 from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
 from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.clock import MissionClock
 from agents.team.codec import encode
 from agents.team.messages import MemberState, NeighbourAngle, OperatorCommand
 from agents.team.participant import Participant, vehicle
@@ -21,10 +20,10 @@ _ORIGIN = "stranger"
 class Stranger:
     """Sends states from far away, one bearing for all vehicles, and the command to hold, as long as it runs."""
 
-    def __init__(self, mission: Mission, now_s: Callable[[], float]) -> None:
+    def __init__(self, mission: Mission, clock: MissionClock) -> None:
         """Take the team and its clock: messages with another date are dropped from any sender."""
         self._mission = mission
-        self._now_s = now_s
+        self._clock = clock
         self._number = 0
 
     async def run(self) -> None:
@@ -34,7 +33,7 @@ class Stranger:
             operator = await self._joined(stack, Participant("operator", _ORIGIN))
             while True:
                 self._send(vehicles, operator)
-                await asyncio.sleep(_PERIOD_S)
+                await self._clock.sleep(_PERIOD_S * self._clock.time_scale)
 
     async def _joined(self, stack: AsyncExitStack, participant: Participant) -> ParticipantBus:
         mission = self._mission
@@ -46,7 +45,7 @@ class Stranger:
         return bus
 
     def _send(self, vehicles: dict[int, ParticipantBus], operator: ParticipantBus) -> None:
-        now_s = self._now_s()
+        now_s = self._clock.now_s()
         for i, bus in vehicles.items():
             angle = NeighbourAngle(i, now_s, 0.0, 0.0, self._mission.encirclement.radius_m)
             state = MemberState(i, now_s, "encircle", _FAR_M, _STILL_M_S, _FAR_M, _STILL_M_S, angle=angle)

@@ -5,19 +5,21 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from types import TracebackType
 from typing import Protocol, Self
 
 from agents.ports import Heartbeat
+from agents.shell.clock import MissionClock
 from gcs import signals
-from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, Beat, encode_beat
+from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, Beat, encode_beat, encode_clock
+from sitl.server.governed_clock import GovernedClock
 
 TICK_PERIOD_MIN_S = 0.04
 """A faster loop sends fewer heartbeats than ticks: the supervisor polls ten times a second."""
-SUPERVISOR_SILENCE_POLLS = 30
-"""A supervisor without a heartbeat for this many polls of this process, 3 s, counts as dead: it may be stopped."""
+SUPERVISOR_SILENCE_S, SILENT_POLL_S = 3.0, 1.5 * POLL_PERIOD_S
+"""A supervisor without a heartbeat for this time counts as dead: it may be stopped."""
 
 
 class SupervisorLink(Protocol):
@@ -36,6 +38,10 @@ class SupervisorLink(Protocol):
         """Call `ask`, on another thread, for each request of the operator to end."""
         ...
 
+    def follow(self, clock: MissionClock) -> AbstractContextManager[None]:
+        """Let silences be measured on the flight's clock within a context."""
+        ...
+
 
 class Unsupervised:
     """No supervisor: signals reach this process directly, as in a program that calls `gcs.flight.flight`."""
@@ -49,6 +55,10 @@ class Unsupervised:
     def relay(self, ask: Callable[[], object]) -> None:
         """Call `ask` for each signal."""
         signals.relay(ask)
+
+    def follow(self, _clock: MissionClock) -> AbstractContextManager[None]:
+        """Return a context without effect."""
+        return nullcontext()
 
 
 class SupervisorHeartbeat:
@@ -64,6 +74,7 @@ class SupervisorHeartbeat:
         self._on_lost = on_lost
         self._listener: threading.Thread | None = None
         self._closing = False
+        self._now_s: Callable[[], float] = time.monotonic
         self.is_lost = False
 
     def __enter__(self) -> Self:
@@ -86,7 +97,28 @@ class SupervisorHeartbeat:
 
     def heartbeat(self, vehicle_id: int) -> Heartbeat:
         """Return the heartbeat of a vehicle's agent."""
-        return _Sent(self._connection, vehicle_id)
+        return _Sent(self._connection, vehicle_id, self._time_s)
+
+    @contextmanager
+    def follow(self, clock: MissionClock) -> Iterator[None]:
+        """Measure silences, here and in the supervisor, on a governed clock within a context."""
+        if not isinstance(clock, GovernedClock):
+            yield
+            return
+        self._now_s = clock.now_s
+        self._send_clock(clock.name.number)
+        try:
+            yield
+        finally:
+            self._now_s = time.monotonic
+            self._send_clock(None)
+
+    def _time_s(self) -> float:
+        return self._now_s()
+
+    def _send_clock(self, number: int | None) -> None:
+        with suppress(OSError):  # the supervisor has ended: the listening thread handles it
+            self._connection.send(encode_clock(number))
 
     def relay(self, ask: Callable[[], object]) -> None:
         """Call `ask` for each request of the operator to end, and once if the supervisor is lost before that."""
@@ -99,12 +131,12 @@ class SupervisorHeartbeat:
         self._listener.start()
 
     def _listen(self, ask: Callable[[], object]) -> None:
-        asked, silent_polls = False, 0
+        asked, silent_s, polled_s = False, 0.0, self._now_s()
         while not self._closing:
             received = self._received()
-            silent_polls = 0 if received else silent_polls + 1
+            silent_s, polled_s = self._silent_s(silent_s, polled_s, received), self._now_s()
             requests = received.count(STOP) if received else 0
-            lost = received == b"" or silent_polls == SUPERVISOR_SILENCE_POLLS
+            lost = received == b"" or (silent_s > SUPERVISOR_SILENCE_S and not self.is_lost)
             if lost:
                 self.is_lost = True
                 requests = 0 if asked else 1  # a second request would mean: land at once
@@ -115,6 +147,13 @@ class SupervisorHeartbeat:
                 self._on_lost()  # after the request: printing may fail if the terminal has closed, too
             if received == b"":
                 return
+
+    def _silent_s(self, before_s: float, polled_s: float, received: bytes | None) -> float:
+        """Return for how long the supervisor has been silent.
+
+        A poll counts for its usual time at most: while the whole computer stalls, the supervisor is silent as well.
+        """
+        return 0.0 if received else before_s + min(self._now_s() - polled_s, SILENT_POLL_S)
 
     def _received(self) -> bytes | None:
         """Return what the supervisor sent; None when nothing arrived within a poll, b"" when it has ended."""
@@ -140,17 +179,18 @@ class _Unsent:
 class _Sent:
     """Implements `agents.ports.Heartbeat`."""
 
-    def __init__(self, connection: socket.socket, vehicle_id: int) -> None:
+    def __init__(self, connection: socket.socket, vehicle_id: int, now_s: Callable[[], float]) -> None:
         self._connection = connection
         self._vehicle_id = vehicle_id
+        self._now_s = now_s
         self._sent_s = 0.0
 
     def rising(self) -> None:
         self._send(encode_beat(Beat.RISING, self._vehicle_id))
 
     def tick(self, due_s: float) -> None:
-        now_s = time.monotonic()
-        if now_s - self._sent_s >= TICK_PERIOD_MIN_S:
+        now_s = self._now_s()
+        if abs(now_s - self._sent_s) >= TICK_PERIOD_MIN_S:
             self._sent_s = now_s
             self._send(encode_beat(Beat.TICK, self._vehicle_id, due_s))
 

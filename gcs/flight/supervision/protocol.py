@@ -20,21 +20,32 @@ OVERDUE_MAX_S = 0.3
 ALIVE, STOP = b".", b"!"
 """What the supervisor sends: its heartbeat, and the operator's request to end."""
 
-_RECORD = Struct("!BBH")
-_DUE_MAX_MS = 0xFFFF
+_RECORD = Struct("!BBI")
+_NUMBER_MAX = 0xFFFFFFFF
 
 
 class Beat(IntEnum):
-    """The content of an agent's heartbeat: it is about to take off, its control loop ticked, or it has ended."""
+    """The content of a record.
+
+    An agent is about to take off, its control loop ticked, or it has ended; or silence is from now on measured on the
+    governed clock of this number, or on the wall's again.
+    """
 
     RISING = 1
     TICK = 2
     ENDED = 3
+    GOVERNED = 4
+    UNGOVERNED = 5
 
 
-def encode_beat(beat: Beat, vehicle_id: int, due_s: float = 0.0) -> bytes:
-    """Return a record; `due_s` is the time until the next tick is due [wall s]."""
-    return _RECORD.pack(beat, vehicle_id, min(round(due_s * 1000.0), _DUE_MAX_MS))
+def encode_beat(beat: Beat, vehicle_id: int = 0, due_s: float = 0.0) -> bytes:
+    """Return a record; `due_s` is the time until the next tick is due [s of the link]."""
+    return _RECORD.pack(beat, vehicle_id, min(round(due_s * 1000.0), _NUMBER_MAX))
+
+
+def encode_clock(number: int | None) -> bytes:
+    """Return the record of the clock that silence is measured on from now on; None for the wall's."""
+    return _RECORD.pack(Beat.UNGOVERNED if number is None else Beat.GOVERNED, 0, number or 0)
 
 
 @dataclass(slots=True)
@@ -57,6 +68,8 @@ class LoopMonitor:
         self._rising: set[int] = set()
         self._watched: dict[int, _Watched] = {}
         self.has_flown = False
+        self.clock: int | None = None
+        """The number of the governed clock that polls follow, None for the wall's."""
 
     @property
     def flying(self) -> tuple[int, ...]:
@@ -68,8 +81,12 @@ class LoopMonitor:
         data = self._rest + data
         whole = len(data) - len(data) % _RECORD.size
         self._rest = data[whole:]
-        for kind, vehicle_id, due_ms in _RECORD.iter_unpack(data[:whole]):
-            self._take(Beat(kind), vehicle_id, due_ms / 1000.0)
+        for kind, vehicle_id, number in _RECORD.iter_unpack(data[:whole]):
+            beat = Beat(kind)
+            if beat in (Beat.GOVERNED, Beat.UNGOVERNED):
+                self.clock = number if beat is Beat.GOVERNED else None
+            else:
+                self._take(beat, vehicle_id, number / 1000.0)
 
     def poll(self) -> dict[int, float]:
         """Count a poll; return the vehicles whose control loop is dead, with how long it has been silent [s]."""

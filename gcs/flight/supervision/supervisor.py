@@ -20,6 +20,7 @@ from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERI
 from gcs.metrics.ending import FlightEnding, How
 from gcs.metrics.json_output import json_output
 from gcs.signals import relay
+from sitl.server.shared_clock import US_PER_S, ClockError, ClockName, Rank, Seat
 
 OVERLOAD = 1.5
 """The load average per core from which a computer counts as overloaded."""
@@ -79,14 +80,44 @@ def _start(heartbeat: int) -> subprocess.Popen[bytes]:
 
 def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, monitor: LoopMonitor) -> dict[int, float]:
     """Watch until the process ends; kill it when a loop is dead. Return the silences that were the reason [s]."""
-    while flying.poll() is None:
-        time.sleep(POLL_PERIOD_S)
-        _send(connection, ALIVE)
-        monitor.receive(_received(connection))
-        if silences_s := monitor.poll():
-            flying.kill()
-            return silences_s
-    return {}
+    pace = _PollPace()
+    try:
+        while flying.poll() is None:
+            pace.wait(monitor.clock)
+            _send(connection, ALIVE)
+            monitor.receive(_received(connection))
+            if silences_s := monitor.poll():
+                flying.kill()
+                return silences_s
+        return {}
+    finally:
+        pace.leave_clock()
+
+
+class _PollPace:
+    """Waits from one poll to the next: by the wall's clock, or on the governed clock of a flight of stubs."""
+
+    def __init__(self) -> None:
+        self._number: int | None = None
+        self._seat: Seat | None = None
+
+    def wait(self, clock: int | None) -> None:
+        """Wait on the clock of this number, None for the wall's; also on the wall's if there is no such clock."""
+        if clock != self._number:
+            self.leave_clock()
+            self._number = clock
+            with suppress(ClockError):
+                self._seat = None if clock is None else Seat(ClockName(clock), Rank.SUPERVISOR)
+        if self._seat is None:
+            time.sleep(POLL_PERIOD_S)
+        else:
+            self._seat.wait_until(self._seat.now_us + round(POLL_PERIOD_S * US_PER_S))
+
+    def leave_clock(self) -> None:
+        """Leave the governed clock, if there is one."""
+        if self._seat is not None:
+            self._seat.leave()
+        self._seat = None
 
 
 def _send(connection: socket.socket, data: bytes) -> None:

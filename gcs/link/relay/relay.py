@@ -5,7 +5,7 @@ MAVSDK itself accepts any sender, and sends setpoints to each. So it connects on
 
 import threading
 import time
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from math import inf
 
 from gcs.link.rates.budget import ROUND_TRIP_HZ
@@ -36,7 +36,9 @@ class Relay:
     connection cannot be opened, ValueError for an invalid url.
     """
 
-    def __init__(self, url: str, shared: RelayThread) -> None:
+    def __init__(self, url: str, shared: RelayThread, now_s: Callable[[], float] = time.monotonic) -> None:
+        """Take the clock of round trips and senders."""
+        self._now_s = now_s
         self._carrier = open_carrier(url)
         self._own_thread = RelayThread(f"relay {url}") if self._carrier.blocks else None
         self._thread = self._own_thread or shared
@@ -44,6 +46,7 @@ class Relay:
         self._lock = threading.Lock()
         self._first: list[bytes] = []
         self._called = 0
+        self._shows_life = False
         self._call_next_s = -inf
         self._round_trips = 0
         self._round_trip_next_s = -inf
@@ -94,7 +97,7 @@ class Relay:
         """Accept and address only this sender from now on, and pass its last heartbeat to MAVSDK."""
         with self._lock:
             claim = self._gate.claims[system_id]
-            claim.verify(address, time.monotonic())
+            claim.verify(address, self._now_s())
             self._first.append(claim.candidates.pop(address))
             self._round_trip_next_s = -inf
         self._thread.wake()
@@ -121,6 +124,11 @@ class Relay:
         queue.setpoint_hz, queue.extra_bytes = setpoint_hz, SIGNATURE_LENGTH if signed else 0
         self._queue = queue
 
+    def show_life(self) -> None:
+        """Send a heartbeat to every verified vehicle now."""
+        self._shows_life = True
+        self._thread.wake()
+
     def close(self) -> None:
         """End both connections; the port is free afterwards."""
         self._thread.remove(self)
@@ -145,7 +153,8 @@ class Relay:
         self._carrier.call_again()
         # Each system call releases the interpreter lock, and waits to acquire it again.
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
-        for frame, address in (*self._signed_all(self._paced([*sent, *self._requests()])), *self._calls()):
+        outgoing = self._paced([*sent, *self._requests(), *self._signs_of_life()])
+        for frame, address in (*self._signed_all(outgoing), *self._calls()):
             if self._carrier.send(frame, address):
                 self._up_bytes += len(frame)
         arrives = any(descriptor in readable for descriptor in self._carrier.watched())
@@ -159,7 +168,7 @@ class Relay:
             for data, address in received:
                 self._down_bytes += len(data)
                 if data:
-                    passed.append(self._gate.admit(data, address, time.monotonic()))
+                    passed.append(self._gate.admit(data, address, self._now_s()))
                 else:
                     self._gate.gone(address)
         return passed
@@ -191,7 +200,7 @@ class Relay:
 
     def _requests(self) -> list[Outgoing]:
         """Return the TIMESYNC requests that are due, one for each address: all vehicles there answer it."""
-        now_s = time.monotonic()
+        now_s = self._now_s()
         if now_s < self._round_trip_next_s:
             return []
         self._round_trip_next_s = now_s + ROUND_TRIP_PERIOD_S
@@ -203,6 +212,16 @@ class Relay:
                 claim.round_trips.asked(now_ns)
         request = timesync_request(self._round_trips, now_ns)
         return [(request, address) for address in peers]
+
+    def _signs_of_life(self) -> list[Outgoing]:
+        """Return the heartbeats that were requested."""
+        if not self._shows_life:
+            return []
+        self._shows_life = False
+        self._called += 1
+        heartbeat = station_heartbeat(self._called)
+        with self._lock:
+            return [(heartbeat, address) for address in self._gate.peers()]
 
     def _calls(self) -> list[tuple[bytes, Address]]:
         """Return the heartbeats that are due to senders that are not verified yet, to which MAVSDK sends none.

@@ -1,0 +1,324 @@
+"""The governed clock of a flight of stubs, for one event loop, and what is under way on its links.
+
+The simulated time waits until this event loop has nothing more to do at the present time, and until the motions and
+setpoints that were sent have arrived. Results then do not depend on how fast the computer is.
+"""
+
+import asyncio
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from heapq import heappop, heappush
+from itertools import count
+from struct import Struct
+from typing import Protocol, Self
+
+from sitl.server.shared_clock import NEVER_US, US_PER_S, VEHICLES, ClockName, Rank, Seat
+
+TRANSIT_MAX_S = 0.5
+"""Wall time after which a message that has not arrived is taken as lost."""
+_MOTION, _SETPOINT = Struct("<6f"), Struct("<3f")
+
+
+class Arriving(Protocol):
+    """Messages under way to this participant."""
+
+    def arrived(self) -> bool:
+        """Return whether all that were sent have arrived."""
+        ...
+
+    def forget(self) -> None:
+        """Take those under way as lost."""
+        ...
+
+
+class Alarm:
+    """A call that is due at a time of the clock."""
+
+    __slots__ = ("call", "time_us")
+
+    def __init__(self, time_us: int, call: Callable[[], object]) -> None:
+        self.time_us = time_us
+        self.call: Callable[[], object] | None = call
+
+    def cancel(self) -> None:
+        """Do not make the call."""
+        self.call = None
+
+
+class GovernedClock:
+    """Implements `agents.shell.clock.MissionClock` for the running event loop; close it at the end.
+
+    Its seconds are those since 1970, beginning when the clock was made. Raises ClockError if it cannot be joined.
+    """
+
+    time_scale = 1.0
+    """Links and radios are simulated as well: what carries messages takes the same time."""
+    is_governed = True
+
+    def __init__(self, name: ClockName, rank: Rank) -> None:
+        self.name = name
+        self._loop = asyncio.get_running_loop()
+        self._seat = Seat(name, rank)
+        self._alarms: list[tuple[int, int, Alarm]] = []
+        self._number = count()
+        self._arriving: list[Arriving] = []
+        self._unarrived_since_s: float | None = None
+        self._holds = 0
+        self._looks: asyncio.Handle | None = None
+        self._looks_later: asyncio.TimerHandle | None = None
+        self._loop.add_reader(self._seat.woken, self._on_woken)
+
+    @property
+    def speed(self) -> float:
+        """How many times as fast as the wall's it runs, at most."""
+        return self._seat.speed
+
+    def set_speed(self, speed: float) -> None:
+        """Set the highest speed for all participants; infinity for as fast as they come on."""
+        self._seat.speed = speed
+
+    def now_s(self) -> float:
+        """Return the present time."""
+        return self._seat.epoch_s + self._seat.now_us / US_PER_S
+
+    def call_at(self, time_s: float, call: Callable[[], object]) -> Alarm:
+        """Call a function at a time, to the nearest microsecond."""
+        alarm = Alarm(max(round((time_s - self._seat.epoch_s) * US_PER_S), self._seat.now_us), call)
+        heappush(self._alarms, (alarm.time_us, next(self._number), alarm))
+        self.look()
+        return alarm
+
+    async def sleep(self, duration_s: float) -> None:
+        """Wait for a time on this clock."""
+        await self.sleep_until(self.now_s() + duration_s)
+
+    async def sleep_until(self, time_s: float) -> float:
+        """Wait until a time has come, yielding at least once; return the time."""
+        woken = self._loop.create_future()
+
+        def wake() -> None:
+            if not woken.done():
+                woken.set_result(None)
+
+        alarm = self.call_at(time_s, wake)
+        try:
+            await woken
+        finally:
+            alarm.cancel()
+        return self.now_s()
+
+    def allowed_s(self, duration_s: float) -> float:
+        """Return the time limit of an action: this computer takes no time."""
+        return duration_s
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Return a context of work on this computer, during which the time stands still."""
+        self._holds += 1
+        self._state()
+        try:
+            yield
+        finally:
+            self._holds -= 1
+            self.look()
+
+    def transit(self, system_id: int) -> "LinkTransit":
+        """Return what is under way to and from a vehicle: the time waits for its motions."""
+        transit = LinkTransit(self, self._seat, system_id)
+        self._arriving.append(transit)
+        return transit
+
+    def bus_transit(self) -> "BusTransit":
+        """Return what is under way on the bus: the time waits for the states of vehicles of other processes."""
+        transit = BusTransit(self, self._seat)
+        self._arriving.append(transit)
+        return transit
+
+    def look_soon(self) -> None:
+        """Do as `look` does, from any thread."""
+        with suppress(RuntimeError):  # the event loop is closed
+            self._loop.call_soon_threadsafe(self.look)
+
+    def expect(self, arriving: Arriving) -> None:
+        """Let the time wait for further messages."""
+        self._arriving.append(arriving)
+
+    def setpoints(self, system_id: int) -> "SetpointTransit":
+        """Return the setpoints under way to a vehicle: the time of a stub waits for them."""
+        return SetpointTransit(self, self._seat, system_id)
+
+    def motions(self, system_id: int) -> "MotionTransit":
+        """Return where a stub states the motions that it sends."""
+        return MotionTransit(self._seat, system_id)
+
+    def close(self) -> None:
+        """Leave the clock. Calls that are due later are not made."""
+        self._loop.remove_reader(self._seat.woken)
+        for each in (self._looks, self._looks_later):
+            if each is not None:
+                each.cancel()
+        self._alarms.clear()
+        self._seat.leave()
+
+    def look(self) -> None:
+        """See whether the next event may happen, once the event loop has nothing else to do."""
+        if self._looks is None:
+            self._looks = self._loop.call_soon(self._look)
+
+    def _look(self) -> None:
+        self._looks = None
+        if getattr(self._loop, "_ready", ()):  # asyncio has no public way to ask whether it is idle
+            self.look()
+            return
+        self._state()
+        if self._holds or not self._alarms:
+            return
+        wait_s = self._arrival_s() or self._seat.turn()
+        if wait_s > 0.0:
+            self._look_later(wait_s)
+            return
+        now_us = self._seat.now_us
+        while self._alarms and self._alarms[0][0] <= now_us:
+            call = heappop(self._alarms)[2].call
+            if call is not None:
+                call()
+        self.look()
+
+    def _state(self) -> None:
+        """State the time of the next event: the present time as long as work on this computer is under way."""
+        while self._alarms and self._alarms[0][2].call is None:
+            heappop(self._alarms)
+        next_us = self._alarms[0][0] if self._alarms else NEVER_US
+        event_us = min(next_us, self._seat.now_us) if self._holds else next_us
+        if event_us != self._seat.waits_us or self._holds:
+            self._seat.state(event_us)
+
+    def _arrival_s(self) -> float:
+        """Return wall seconds after which to look again for messages under way; 0 if all have arrived, or are lost."""
+        if all(each.arrived() for each in self._arriving):
+            self._unarrived_since_s = None
+            return 0.0
+        wall_s = time.monotonic()
+        self._unarrived_since_s = self._unarrived_since_s or wall_s
+        if wall_s - self._unarrived_since_s < TRANSIT_MAX_S:
+            return 0.005
+        for each in self._arriving:
+            each.forget()
+        self._unarrived_since_s = None
+        return 0.0
+
+    def _look_later(self, wait_s: float) -> None:
+        if self._looks_later is not None:
+            self._looks_later.cancel()
+        self._looks_later = self._loop.call_later(wait_s, self.look)
+
+    def _on_woken(self) -> None:
+        with suppress(BlockingIOError):
+            os.read(self._seat.woken, 4096)
+        self.look()
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the clock."""
+        self.close()
+
+
+class MotionTransit:
+    """The motions that a stub sends, by its system id."""
+
+    def __init__(self, seat: Seat, system_id: int) -> None:
+        self._seat, self._system_id = seat, system_id
+
+    def send(self, ned: tuple[float, ...]) -> None:
+        """Take position and velocity in NED, as they are sent now."""
+        self._seat.memory.send_motion(self._system_id, _MOTION.pack(*ned))
+
+
+class LinkTransit:
+    """What is under way to and from a vehicle; implements `agents.shell.clock.LinkTransit`."""
+
+    def __init__(self, clock: GovernedClock, seat: Seat, system_id: int) -> None:
+        self._clock, self._seat, self._system_id = clock, seat, system_id
+        self._taken = seat.memory.motions(system_id)
+
+    def sent_s(self, north_m: float, east_m: float, down_m: float, velocity_m_s: tuple[float, float, float]) -> float:
+        """Take a motion in NED that has arrived, and return when it was sent; now, if that is unknown."""
+        sent, time_us = self._seat.memory.find_motion(
+            self._system_id, self._taken, _MOTION.pack(north_m, east_m, down_m, *velocity_m_s)
+        )
+        if time_us is None:
+            return self._clock.now_s()
+        self._taken = sent + 1
+        self._clock.look()
+        return self._seat.epoch_s + time_us / US_PER_S
+
+    def send(self, north_m: float, east_m: float, down_m: float) -> None:
+        """Take a setpoint that is sent now, in the vehicle's NED."""
+        self._seat.memory.send_setpoint(self._system_id, _SETPOINT.pack(north_m, east_m, down_m))
+
+    def arrived(self) -> bool:
+        """Return whether all motions have arrived."""
+        return self._taken >= self._seat.memory.motions(self._system_id)
+
+    def forget(self) -> None:
+        """Take the motions under way as lost."""
+        self._taken = self._seat.memory.motions(self._system_id)
+
+
+class SetpointTransit:
+    """The setpoints under way to a stub: the newest has to arrive, each supersedes those before it."""
+
+    def __init__(self, clock: GovernedClock, seat: Seat, system_id: int) -> None:
+        self._clock, self._seat, self._system_id = clock, seat, system_id
+        self._newest = b""
+        self._lost = 0
+
+    def take(self, north_m: float, east_m: float, down_m: float) -> None:
+        """Take a setpoint that has arrived, in the vehicle's NED."""
+        self._newest = _SETPOINT.pack(north_m, east_m, down_m)
+        self._clock.look()
+
+    def arrived(self) -> bool:
+        """Return whether the newest setpoint has arrived."""
+        sent, newest = self._seat.memory.newest_setpoint(self._system_id)
+        return sent == self._lost or newest == self._newest
+
+    def forget(self) -> None:
+        """Take the newest setpoint as lost."""
+        self._lost, _ = self._seat.memory.newest_setpoint(self._system_id)
+
+
+class BusTransit:
+    """The states of vehicles under way on the bus; implements `agents.shell.clock.BusTransit`.
+
+    The states of a vehicle are waited for once one has arrived, and until one is lost.
+    """
+
+    def __init__(self, clock: GovernedClock, seat: Seat) -> None:
+        self._clock, self._seat = clock, seat
+        self._taken: dict[int, int] = {}
+
+    def send(self, vehicle_id: int) -> None:
+        """Take that a vehicle of this process sends its state now."""
+        self._seat.memory.states_sent[vehicle_id % VEHICLES] += 1
+
+    def take(self, vehicle_id: int) -> None:
+        """Take that a state of a vehicle of another process has arrived."""
+        place = vehicle_id % VEHICLES
+        self._taken[place] = self._taken.get(place, self._seat.memory.states_sent[place] - 1) + 1
+        self._clock.look_soon()
+
+    def arrived(self) -> bool:
+        """Return whether all states have arrived."""
+        sent = self._seat.memory.states_sent
+        return all(taken >= sent[place] for place, taken in list(self._taken.items()))
+
+    def forget(self) -> None:
+        """Wait for no state of a vehicle until one has arrived again."""
+        sent = self._seat.memory.states_sent
+        self._taken = {place: taken for place, taken in self._taken.items() if taken >= sent[place]}

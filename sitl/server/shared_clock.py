@@ -1,0 +1,380 @@
+"""A simulated time in shared memory, with the participants that it waits for.
+
+Each participant has a seat, which states the time of its next event. The participant with the earliest event is the
+only one that may go on: it sets the time to that of its event, handles it, and states its next one. So the time never
+passes a participant, and events happen in one order on every computer. Simultaneous events happen in the order of the
+seats.
+
+A participant that does not go on for `HUNG_S` of wall time is passed over until it states another event; one whose
+process has ended is removed. Imports nothing heavy: a supervisor uses it.
+"""
+
+import fcntl
+import os
+import select
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from math import inf, isnan
+from mmap import mmap
+from pathlib import Path
+from typing import Any, Self
+
+HUNG_S = 2.0
+"""Wall time for which the others wait for a participant that does not go on."""
+LOOK_S = 0.02
+"""Wall time after which a waiting participant looks again, if none has woken it."""
+LATE_MAX_S = 0.05
+"""Wall time that is made up: a clock that is further behind its speed does not run faster to catch up."""
+US_PER_S = 1e6
+NEVER_US = 1 << 56
+FOLDER_VARIABLE = "CORDON_CLOCKS"
+"""The environment variable that names the folder of the clocks; by default that of shared memory, if there is one."""
+
+_VERSION = 1
+_PREFIX = "cordon-clock"
+_SEAT_BITS = 6
+_SEATS = 1 << _SEAT_BITS
+_IDLE = NEVER_US << _SEAT_BITS
+_WORD = 8
+VEHICLES = 256
+"""Vehicles are told apart by their ids modulo this."""
+_MOTIONS = 32
+"""How many motions of a vehicle may be under way before the oldest is forgotten."""
+_MOTION_BYTES, _SETPOINT_BYTES = 24, 12
+
+
+class Rank(IntEnum):
+    """Who goes first of those whose events are simultaneous."""
+
+    STUBS = 0
+    AGENTS = 1
+    SUPERVISOR = 2
+    GUEST = 3
+
+
+class ClockError(Exception):
+    """A shared clock that cannot be made or joined, with the reason."""
+
+
+class _Memory:
+    """The sections of the shared memory. Integers are written whole; only the participant that goes on writes `now`."""
+
+    def __init__(self, buffer: mmap) -> None:
+        self._buffer = buffer
+        self._views: list[memoryview[Any]] = []
+        self._used = 0
+        self.version, self.now_us = self._integers(1), self._integers(1)
+        self.epoch_s, self.speed = self._section(_WORD).cast("d"), self._section(_WORD).cast("d")
+        self._views += [self.epoch_s, self.speed]
+        self.event, self.hung, self.serial = (self._integers(_SEATS) for _ in range(3))
+        self._motions_sent, self._setpoints_sent, self.states_sent = (self._integers(VEHICLES) for _ in range(3))
+        self._motion_us = self._integers(VEHICLES * _MOTIONS)
+        self._motions = self._section(VEHICLES * _MOTIONS * _MOTION_BYTES)
+        self._setpoints = self._section(VEHICLES * _SETPOINT_BYTES)
+
+    @classmethod
+    def size(cls) -> int:
+        words = 4 + 3 * _SEATS + 3 * VEHICLES + VEHICLES * _MOTIONS
+        return words * _WORD + VEHICLES * (_MOTIONS * _MOTION_BYTES + _SETPOINT_BYTES)
+
+    def motions(self, system_id: int) -> int:
+        """Return how many motions a vehicle has sent."""
+        return int(self._motions_sent[system_id])
+
+    def send_motion(self, system_id: int, motion: bytes) -> None:
+        """State that a vehicle sends a motion now."""
+        sent = self.motions(system_id)
+        place = system_id * _MOTIONS + sent % _MOTIONS
+        self._motion_us[place] = self.now_us[0]
+        self._motions[place * _MOTION_BYTES : (place + 1) * _MOTION_BYTES] = motion
+        self._motions_sent[system_id] = sent + 1
+
+    def find_motion(self, system_id: int, first: int, motion: bytes) -> tuple[int, int | None]:
+        """Return which of a vehicle's motions, from the `first` on, is this one, and when it was sent; else None."""
+        sent = self.motions(system_id)
+        for number in range(max(first, sent - _MOTIONS), sent):
+            place = system_id * _MOTIONS + number % _MOTIONS
+            if self._motions[place * _MOTION_BYTES : (place + 1) * _MOTION_BYTES] == motion:
+                return number, int(self._motion_us[place])
+        return sent, None
+
+    def send_setpoint(self, system_id: int, setpoint: bytes) -> None:
+        """State that a vehicle is sent a setpoint now."""
+        self._setpoints[system_id * _SETPOINT_BYTES : (system_id + 1) * _SETPOINT_BYTES] = setpoint
+        self._setpoints_sent[system_id] += 1
+
+    def newest_setpoint(self, system_id: int) -> tuple[int, bytes]:
+        """Return how many setpoints a vehicle was sent, and the newest."""
+        setpoint = self._setpoints[system_id * _SETPOINT_BYTES : (system_id + 1) * _SETPOINT_BYTES]
+        return int(self._setpoints_sent[system_id]), bytes(setpoint)
+
+    def _section(self, length: int) -> "memoryview[int]":
+        view = memoryview(self._buffer)[self._used : self._used + length]
+        self._used += length
+        self._views.append(view)
+        return view
+
+    def _integers(self, count: int) -> "memoryview[int]":
+        view = self._section(count * _WORD).cast("q")
+        self._views.append(view)
+        return view
+
+    def close(self) -> None:
+        for view in reversed(self._views):
+            view.release()
+        self._buffer.close()
+
+
+@dataclass(frozen=True, slots=True)
+class ClockName:
+    """The number that identifies a clock on this computer, and its folder."""
+
+    number: int
+
+    @property
+    def folder(self) -> Path:
+        """The folder of its memory and of the pipes that wake its participants."""
+        return clocks_folder() / f"{_PREFIX}-{os.getuid()}-{self.number:08x}"
+
+
+def clocks_folder() -> Path:
+    """Return the folder of all clocks."""
+    if given := os.environ.get(FOLDER_VARIABLE):
+        return Path(given)
+    shared = Path("/dev/shm")
+    return shared if os.access(shared, os.W_OK) else Path(tempfile.gettempdir())
+
+
+@contextmanager
+def new_clock(speed: float) -> Iterator[ClockName]:
+    """Make a clock that runs at most `speed` times as fast as the wall's (infinity: as fast as its participants).
+
+    It begins at the present Unix time, in whole seconds, and is removed at the end of the context. Clocks that killed
+    programs have left are removed as well. Raises ClockError.
+    """
+    if isnan(speed) or speed <= 0.0:
+        raise ValueError(f"speed = {speed}: it must be positive")
+    try:
+        _remove_abandoned()
+        name = ClockName(int.from_bytes(os.urandom(4)))
+        name.folder.mkdir(mode=0o700)
+    except OSError as error:
+        raise ClockError(f"no memory can be shared in {clocks_folder()}: {error}") from error
+    owned = -1
+    try:
+        try:
+            owned = os.open(name.folder / "owner", os.O_CREAT | os.O_RDWR, 0o600)
+            fcntl.flock(owned, fcntl.LOCK_EX)
+            _write_memory(name.folder / "memory", speed)
+        except OSError as error:
+            raise ClockError(f"no memory can be shared in {clocks_folder()}: {error}") from error
+        yield name
+    finally:
+        shutil.rmtree(name.folder, ignore_errors=True)
+        if owned >= 0:
+            os.close(owned)
+
+
+def _write_memory(path: Path, speed: float) -> None:
+    descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+    try:
+        # Not truncated to its size, which would reserve nothing: writing to memory that is short ends a process.
+        os.write(descriptor, bytes(_Memory.size()))
+        memory = _Memory(mmap(descriptor, _Memory.size()))
+    finally:
+        os.close(descriptor)
+    memory.epoch_s[0], memory.speed[0] = float(int(time.time())), speed
+    for seat in range(_SEATS):
+        memory.event[seat], memory.hung[seat] = _IDLE, -1
+    memory.version[0] = _VERSION
+    memory.close()
+
+
+def _remove_abandoned() -> None:
+    for folder in clocks_folder().glob(f"{_PREFIX}-{os.getuid()}-*"):
+        with suppress(OSError):
+            owner = os.open(folder / "owner", os.O_RDWR)
+            try:
+                fcntl.flock(owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(owner)
+
+
+class Seat:
+    """A participant's seat at a clock. Use it from one thread.
+
+    Between `state` and a `turn` that returns 0 the participant waits; from then to the next `state` it handles its
+    event, and the time stands still. A participant without a next event holds up nobody.
+    """
+
+    def __init__(self, name: ClockName, rank: Rank) -> None:
+        """Take a seat without an event. Raises ClockError if there is no such clock, or no seat is left."""
+        self._folder = name.folder
+        try:
+            descriptor = os.open(self._folder / "memory", os.O_RDWR)
+            try:
+                self.memory = _Memory(mmap(descriptor, _Memory.size()))
+            finally:
+                os.close(descriptor)
+            if self.memory.version[0] != _VERSION:
+                raise ClockError(f"the clock in {self._folder} is of another version of cordon")
+            self._woken, self._seat = self._take(rank)
+        except (OSError, ValueError) as error:
+            raise ClockError(f"there is no clock in {self._folder}: {error}") from error
+        self._serial = self.memory.serial[self._seat]
+        self._others: dict[int, int] = {}
+        self._blocking, self._blocking_due_s = _IDLE, 0.0
+        self._origin_s = -inf
+        self._stated_us = NEVER_US
+
+    @property
+    def woken(self) -> int:
+        """The descriptor that becomes readable when this participant should look; to be read empty."""
+        return self._woken
+
+    @property
+    def epoch_s(self) -> float:
+        """The Unix time at which the clock began, in whole seconds."""
+        return float(self.memory.epoch_s[0])
+
+    @property
+    def now_us(self) -> int:
+        """The present time since the epoch."""
+        return int(self.memory.now_us[0])
+
+    @property
+    def speed(self) -> float:
+        """How many times as fast as the wall's the clock runs, at most; settable."""
+        return float(self.memory.speed[0])
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        self.memory.speed[0] = speed
+        self._origin_s = -inf
+
+    @property
+    def waits_us(self) -> int:
+        """The time of the event that is stated."""
+        return self._stated_us
+
+    def state(self, event_us: int) -> None:
+        """State the time of the next event: everything before it is done. `NEVER_US` if there is none."""
+        event_us = min(max(event_us, self.now_us), NEVER_US)
+        self._stated_us = event_us
+        self.memory.event[self._seat] = event_us << _SEAT_BITS | self._seat
+        first = self._first()
+        if first is not None and first != self._seat:
+            self._wake(first)
+
+    def turn(self) -> float:
+        """Return 0 if the stated event happens now, and set the time; else wall seconds after which to look again."""
+        wall_s = time.monotonic()
+        if self.memory.hung[self._seat] == self.memory.event[self._seat]:  # the others have gone on meanwhile
+            self.memory.hung[self._seat] = -1
+            self.state(max(self._stated_us, self.now_us))
+        first = self._first()
+        if first != self._seat:
+            if first is not None:
+                self._watch(first, wall_s)
+            return LOOK_S
+        due_s = self._due_s(self._stated_us, wall_s)
+        if due_s > wall_s:
+            return due_s - wall_s
+        self.memory.now_us[0] = max(self._stated_us, self.now_us)
+        return 0.0
+
+    def wait_until(self, event_us: int) -> None:
+        """Block until a time has come, which then stands still until the next call or `leave`."""
+        self.state(event_us)
+        while (wait_s := self.turn()) > 0.0:
+            if select.select([self._woken], [], [], wait_s)[0]:
+                os.read(self._woken, 4096)
+
+    def leave(self) -> None:
+        """Leave the clock, which goes on without this participant."""
+        self.memory.serial[self._seat] = 0
+        self.memory.event[self._seat] = _IDLE
+        first = self._first()
+        if first is not None:
+            self._wake(first)
+        with suppress(OSError):
+            self._pipe(self._serial).unlink()
+        for descriptor in (self._woken, *self._others.values()):
+            os.close(descriptor)
+        self.memory.close()
+
+    def _take(self, rank: Rank) -> tuple[int, int]:
+        """Return the descriptor of this participant's pipe, and its seat."""
+        per_rank = _SEATS // len(Rank)
+        lock = os.open(self._folder / "joining", os.O_CREAT | os.O_RDWR, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            for seat in range(rank * per_rank, (rank + 1) * per_rank):
+                if self.memory.serial[seat] == 0:
+                    serial = time.time_ns()
+                    os.mkfifo(self._pipe(serial), 0o600)
+                    # Also open for writing: without a writer it would be readable, at its end, all the time.
+                    woken = os.open(self._pipe(serial), os.O_RDWR | os.O_NONBLOCK)
+                    self.memory.event[seat], self.memory.hung[seat] = _IDLE, -1
+                    self.memory.serial[seat] = serial
+                    return woken, seat
+        finally:
+            os.close(lock)
+        raise ClockError(f"all {per_rank} seats for {rank.name.lower()} at the clock in {self._folder} are taken")
+
+    def _pipe(self, serial: int) -> Path:
+        return self._folder / f"wake-{serial:x}"
+
+    def _first(self) -> int | None:
+        """Return the seat that may go on, None if there is no event."""
+        memory = self.memory
+        first = int(min(memory.event))
+        seat = first & _SEATS - 1
+        if first < _IDLE and memory.hung[seat] == first:
+            events = (event for event, hung in zip(memory.event, memory.hung, strict=True) if event != hung)
+            first = min(events, default=_IDLE)
+            seat = first & _SEATS - 1
+        return seat if first < _IDLE else None
+
+    def _due_s(self, event_us: int, wall_s: float) -> float:
+        """Return when an event is due at the clock's speed [s, monotonic]."""
+        after_s = event_us / US_PER_S / self.speed
+        self._origin_s = max(self._origin_s, wall_s - LATE_MAX_S - after_s)
+        return self._origin_s + after_s
+
+    def _watch(self, blocking: int, wall_s: float) -> None:
+        """Pass over the seat that may go on if it has not done so for too long; remove it if its process has ended."""
+        event = int(self.memory.event[blocking])
+        if event != self._blocking:
+            self._blocking, self._blocking_due_s = event, max(self._due_s(event >> _SEAT_BITS, wall_s), wall_s)
+        if wall_s - self._blocking_due_s > HUNG_S:
+            self.memory.hung[blocking] = event
+        self._wake(blocking)
+
+    def _wake(self, seat: int) -> None:
+        serial = int(self.memory.serial[seat])
+        if serial == 0:
+            return
+        try:
+            if serial not in self._others:
+                self._others[serial] = os.open(self._pipe(serial), os.O_WRONLY | os.O_NONBLOCK)
+            os.write(self._others[serial], b"\0")
+        except BlockingIOError:
+            pass  # it has been woken often enough
+        except OSError:  # nobody reads: its process has ended
+            self.memory.serial[seat] = 0
+            self.memory.event[seat] = _IDLE
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave."""
+        self.leave()
