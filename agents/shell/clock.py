@@ -80,6 +80,10 @@ class MissionClock(Protocol):
         """Wait until a time has come, yielding at least once; return the time."""
         ...
 
+    def begin_mission(self, time_s: float, /) -> None:
+        """Take when the mission begins."""
+        ...
+
     def allowed_s(self, duration_s: float) -> float:
         """Return the time limit of an action of a vehicle that takes `duration_s`."""
         ...
@@ -134,6 +138,9 @@ class WallClock:
         while (now_s := self.now_s()) < time_s:
             await self.sleep(time_s - now_s)
         return now_s
+
+    def begin_mission(self, _time_s: float) -> None:
+        """Do nothing: no vehicle of this clock asks for it."""
 
     def allowed_s(self, duration_s: float) -> float:
         """Return the time limit of an action of a vehicle that takes `duration_s`."""

@@ -135,6 +135,8 @@ class StartAgreement:
                     "start their agents, or check the vehicles' endpoints in the mission file",
                 )
             self._publish(self._readiness.message(now_s))
+            if self.start_s is not None:
+                self._clock.begin_mission(self.start_s)
             await self._pause()
         return self.start_s
 

@@ -2,12 +2,15 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterable
+from math import ceil
 
 from agents.ports import VehicleRefusedError
 from agents.team.messages import TOPICS, StartProposal
 
 LEAD_TIME_S = 2.0
 """The lead time of a proposed start: longer than a proposal takes to reach all members."""
+GRID_S = 1.0
+"""Missions start at whole seconds: ticks and samples then come at the same times of the mission in each flight."""
 SAMPLES_MIN = 5
 CLOCK_OFFSET_LIMIT_S = 0.5
 _AGE_MAX_S = TOPICS[StartProposal].age_max_s
@@ -19,7 +22,7 @@ def is_possible(message: StartProposal, now_s: float, duration_s: float) -> bool
     A new proposal is one lead time ahead; its time stamp may be wrong by up to `_AGE_MAX_S`.
     """
     start_s = message.start_s
-    return start_s is None or now_s - duration_s <= start_s <= now_s + LEAD_TIME_S + _AGE_MAX_S
+    return start_s is None or now_s - duration_s <= start_s <= now_s + LEAD_TIME_S + GRID_S + _AGE_MAX_S
 
 
 class PeerClocks:
@@ -94,5 +97,5 @@ class TeamReadiness:
         if not ready:
             return StartProposal(self._vehicle_id, now_s, None, ready=False)
         if self._start_s is None and not self.missing(now_s):
-            self._start_s = now_s + LEAD_TIME_S
+            self._start_s = GRID_S * ceil((now_s + LEAD_TIME_S) / GRID_S)
         return StartProposal(self._vehicle_id, now_s, self._start_s)

@@ -160,6 +160,10 @@ class MavlinkVehicle:
             self._send(self._param_value(self._listing.pop()))
         return self._outbox.take()
 
+    def begin_mission(self) -> None:
+        """Draw the noise of the mission from its seed."""
+        self._reporter.begin_mission()
+
     def heartbeat(self) -> list[bytes]:
         """Return the packets of a heartbeat beside those that are due."""
         for report in self._reporter.report(MessageId.HEARTBEAT):

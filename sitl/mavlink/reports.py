@@ -137,6 +137,10 @@ class Reporter:
         """The ids of all messages that can be requested."""
         return frozenset(self._builders)
 
+    def begin_mission(self) -> None:
+        """Draw the noise from its seed again: a mission then has the same noise whenever it begins."""
+        self._random = np.random.default_rng(self._config.seed)
+
     def report(self, message: int) -> list[Outgoing]:
         """Return a message, or nothing while the estimator is not ready; KeyError if the message is unknown."""
         if self._faults.motion_silent and message in MOTION_MESSAGES:

@@ -1,7 +1,7 @@
 """The schedule of telemetry messages, in simulated time."""
 
 from collections.abc import Iterable, Mapping
-from math import inf
+from math import ceil, inf
 
 TOLERANCE_S = 1e-6
 """A message is due up to this long before its time, because the sum of physics steps has rounding errors."""
@@ -31,7 +31,8 @@ class Schedule:
         self._due_s.pop(message, None)
         if interval is not None:
             self._interval_s[message] = interval
-            self._due_s[message] = now_s
+            # On a grid from the start: what a client requests a moment later comes at the same times nevertheless.
+            self._due_s[message] = ceil(now_s / interval - TOLERANCE_S) * interval
         self._next_s = now_s
         return True
 

@@ -109,6 +109,16 @@ class GovernedClock:
             alarm.cancel()
         return self.now_s()
 
+    def begin_mission(self, time_s: float) -> None:
+        """Take when the mission begins: stubs draw its noise from their seeds then."""
+        self._seat.memory.begin_us[0] = round((time_s - self._seat.epoch_s) * US_PER_S)
+
+    @property
+    def mission_began_s(self) -> float | None:
+        """When the mission began; None before."""
+        begin_us = self._seat.memory.begin_us[0]
+        return self._seat.epoch_s + begin_us / US_PER_S if 0 < begin_us <= self._seat.now_us else None
+
     def allowed_s(self, duration_s: float) -> float:
         """Return the time limit of an action: this computer takes no time."""
         return duration_s

@@ -193,8 +193,8 @@ class _Pace:
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
-        # On the grid of the steps, so that a flight's events coincide with them in the same way each time.
-        self._start_s = ceil(now_s() / STEP_S) * STEP_S
+        # A whole second, so that a mission's events coincide with the steps and messages in the same way each time.
+        self._start_s = float(ceil(now_s()))
         self.slipped_s = 0.0
         self.step = 0
 
@@ -283,6 +283,10 @@ class Stub:
         motion, self._motion = self._motion, None
         self.endpoint.send(packets, lambda: self._note_sent(motion))
 
+    def begin_mission(self) -> None:
+        """Draw the noise of the mission from its seed."""
+        self._vehicle.begin_mission()
+
     def show_life(self) -> None:
         """Send a heartbeat, while the simulated time stands still."""
         self.endpoint.send(self._vehicle.heartbeat())
@@ -368,8 +372,14 @@ async def serve(
 async def _step(stubs: Sequence[Stub], pace: _Pace, clock: StubClock) -> None:
     """Take every step at its time."""
     wake_period_s = 0.0 if isinstance(clock, GovernedClock) else WAKE_PERIOD_S * clock.speed
+    governed = clock if isinstance(clock, GovernedClock) else None
+    began_s = None
     while True:
         steps = pace.steps_due()
+        if governed is not None and governed.mission_began_s != began_s:
+            began_s = governed.mission_began_s
+            for stub in stubs:
+                stub.begin_mission()
         for stub in stubs:
             stub.advance(steps)
         await clock.sleep_until(max(pace.next_s, clock.now_s() + wake_period_s))

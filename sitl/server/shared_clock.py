@@ -68,7 +68,7 @@ class _Memory:
         self._buffer = buffer
         self._views: list[memoryview[Any]] = []
         self._used = 0
-        self.version, self.now_us = self._integers(1), self._integers(1)
+        self.version, self.now_us, self.begin_us = (self._integers(1) for _ in range(3))
         self.epoch_s, self.speed = self._section(_WORD).cast("d"), self._section(_WORD).cast("d")
         self._views += [self.epoch_s, self.speed]
         self.event, self.hung, self.serial = (self._integers(_SEATS) for _ in range(3))
@@ -79,7 +79,7 @@ class _Memory:
 
     @classmethod
     def size(cls) -> int:
-        words = 4 + 3 * _SEATS + 3 * VEHICLES + VEHICLES * _MOTIONS
+        words = 5 + 3 * _SEATS + 3 * VEHICLES + VEHICLES * _MOTIONS
         return words * _WORD + VEHICLES * (_MOTIONS * _MOTION_BYTES + _SETPOINT_BYTES)
 
     def motions(self, system_id: int) -> int:
