@@ -9,9 +9,7 @@ compare these equations with filterpy's.
 """
 
 from math import sqrt
-from typing import NamedTuple
-
-import msgspec
+from typing import Final, NamedTuple
 
 Rotation = tuple[float, float]
 """Cosine and sine of the oscillator's phase advance in a step."""
@@ -23,35 +21,54 @@ _Gain = tuple[float, float, Column, Column, "AxisCovariance"]
 """With the innovation covariance S = L L': the diagonal of L, both columns of the gain times L, and the updated P."""
 
 
-class AxisCovariance(msgspec.Struct, frozen=True):
+class AxisCovariance:
     """The upper triangle of the symmetric covariance (5, 5) of [p v c s q]."""
 
-    pp: float = 0.0
-    pv: float = 0.0
-    pc: float = 0.0
-    ps: float = 0.0
-    pq: float = 0.0
-    vv: float = 0.0
-    vc: float = 0.0
-    vs: float = 0.0
-    vq: float = 0.0
-    cc: float = 0.0
-    cs: float = 0.0
-    cq: float = 0.0
-    ss: float = 0.0
-    sq: float = 0.0
-    qq: float = 0.0
+    def __init__(
+        self,
+        pp: float = 0.0,
+        pv: float = 0.0,
+        pc: float = 0.0,
+        ps: float = 0.0,
+        pq: float = 0.0,
+        vv: float = 0.0,
+        vc: float = 0.0,
+        vs: float = 0.0,
+        vq: float = 0.0,
+        cc: float = 0.0,
+        cs: float = 0.0,
+        cq: float = 0.0,
+        ss: float = 0.0,
+        sq: float = 0.0,
+        qq: float = 0.0,
+    ) -> None:
+        self.pp: Final = pp
+        self.pv: Final = pv
+        self.pc: Final = pc
+        self.ps: Final = ps
+        self.pq: Final = pq
+        self.vv: Final = vv
+        self.vc: Final = vc
+        self.vs: Final = vs
+        self.vq: Final = vq
+        self.cc: Final = cc
+        self.cs: Final = cs
+        self.cq: Final = cq
+        self.ss: Final = ss
+        self.sq: Final = sq
+        self.qq: Final = qq
 
 
-class AxisEstimate(msgspec.Struct, frozen=True):
+class AxisEstimate:
     """The estimated state along one axis [m, m/s, m/s²] and its covariance."""
 
-    p: float
-    v: float
-    c: float
-    s: float
-    q: float
-    covariance: AxisCovariance
+    def __init__(self, p: float, v: float, c: float, s: float, q: float, covariance: AxisCovariance) -> None:
+        self.p: Final = p
+        self.v: Final = v
+        self.c: Final = c
+        self.s: Final = s
+        self.q: Final = q
+        self.covariance: Final = covariance
 
 
 class Step(NamedTuple):

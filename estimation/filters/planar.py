@@ -6,9 +6,7 @@ measurements, this code 1.8 us. The tests compare these equations with filterpy'
 """
 
 from math import sqrt
-from typing import NamedTuple
-
-import msgspec
+from typing import Final, NamedTuple
 
 from estimation.state import PlanarSpread
 
@@ -16,19 +14,32 @@ _LEAST_M2 = 1e-9
 """Lower bound of an innovation's variance: rounding must not make it negative."""
 
 
-class PlanarCovariance(msgspec.Struct, frozen=True):
+class PlanarCovariance:
     """The upper triangle of the symmetric covariance (4, 4) of [x y x' y']."""
 
-    xx: float
-    xy: float
-    xu: float
-    xv: float
-    yy: float
-    yu: float
-    yv: float
-    uu: float
-    uv: float
-    vv: float
+    def __init__(
+        self,
+        xx: float,
+        xy: float,
+        xu: float,
+        xv: float,
+        yy: float,
+        yu: float,
+        yv: float,
+        uu: float,
+        uv: float,
+        vv: float,
+    ) -> None:
+        self.xx: Final = xx
+        self.xy: Final = xy
+        self.xu: Final = xu
+        self.xv: Final = xv
+        self.yy: Final = yy
+        self.yu: Final = yu
+        self.yv: Final = yv
+        self.uu: Final = uu
+        self.uv: Final = uv
+        self.vv: Final = vv
 
     @property
     def upper(self) -> PlanarSpread:
@@ -36,15 +47,16 @@ class PlanarCovariance(msgspec.Struct, frozen=True):
         return self.xx, self.xy, self.xu, self.xv, self.yy, self.yu, self.yv, self.uu, self.uv, self.vv
 
 
-class Motion(msgspec.Struct, frozen=True):
+class Motion:
     """The estimated position and velocity [m, m/s] at one time, and their covariance."""
 
-    time_s: float
-    x: float
-    y: float
-    u: float
-    v: float
-    spread: PlanarCovariance
+    def __init__(self, time_s: float, x: float, y: float, u: float, v: float, spread: PlanarCovariance) -> None:
+        self.time_s: Final = time_s
+        self.x: Final = x
+        self.y: Final = y
+        self.u: Final = u
+        self.v: Final = v
+        self.spread: Final = spread
 
 
 class MotionStep(NamedTuple):
@@ -61,11 +73,12 @@ class MotionStep(NamedTuple):
     noise_velocity: float
 
 
-class Innovation(msgspec.Struct, frozen=True):
+class Innovation:
     """A measured position less the predicted one, whitened by the covariance of that difference."""
 
-    x: float
-    y: float
+    def __init__(self, x: float, y: float) -> None:
+        self.x: Final = x
+        self.y: Final = y
 
     @property
     def squared(self) -> float:
