@@ -3,9 +3,9 @@
 `python native_build.py DIRECTORY` puts a compiled copy of `agents` and `estimation` into a directory; `hatch_build.py`
 puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older than its source.
 
-The copy is compiled as it is. mypyc makes classes of its own of plain classes, whose attributes are machine numbers, but
-not of the structs of msgspec. So what a tick makes and reads most is a plain class in the source; an attribute that is
-`Final` stays as it is made. Nothing that is encoded is such a class.
+The copy is compiled as it is. mypyc makes native classes, whose attributes are machine numbers, from plain classes, not
+from structs of msgspec. So what a tick makes and reads most is a plain class in the source, with attributes that are
+`Final`. What is encoded, or changed by `msgspec.structs`, is a struct in both.
 """
 
 import os
@@ -40,15 +40,14 @@ COMPILED = (
 INTERPRETED = ("agents/control/plan.py", "agents/control/task_planner.py", "agents/situation/task.py")
 """What is not, in these folders: the public interface. Compiled classes have no docstrings, which `help` shows."""
 FLAGS = "-ffp-contract=off -fno-builtin -Wno-all"
-"""No arithmetic that Python does not do: a compiled flight is bit for bit the same. No warnings about generated code:
-without optimisation, looking for them takes three quarters of the compiler's time.
+"""No arithmetic that Python does not do: a compiled flight is bit for bit the same. No warnings about generated code.
 """
 SETUP = """
 from mypyc.build import mypycify
 from setuptools import setup
 options = ["--ignore-missing-imports", "--follow-imports=silent"]
 libraries = [(files, f"cordon_{{number}}") for number, files in enumerate({halves!r})]
-modules = mypycify([*{files!r}, *options], opt_level="{level}", debug_level="0", separate=libraries)
+modules = mypycify([*{files!r}, *options], opt_level="2", debug_level="0", separate=libraries)
 setup(name="cordon-compiled", ext_modules=modules, script_args=["-q", "build_ext", "--inplace", "--parallel=2"])
 """
 """Two libraries, which are compiled side by side, with no debug information, which would take as long again."""
@@ -70,10 +69,10 @@ def no_compiler() -> str:
     return ""
 
 
-def compiled_copy(root: Path, directory: Path, level: int = 2) -> list[Path]:
+def compiled_copy(root: Path, directory: Path) -> list[Path]:
     """Copy the packages of a source tree into a directory, compile the copy there, and return its compiled modules.
 
-    `level` is the C compiler's level of optimisation. Raises RuntimeError with the compiler's words when it fails.
+    Raises RuntimeError with the compiler's words when it fails.
     """
     if missing := no_compiler():
         raise RuntimeError(missing)
@@ -81,7 +80,7 @@ def compiled_copy(root: Path, directory: Path, level: int = 2) -> list[Path]:
         shutil.copytree(root / package, directory / package, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
     files = compiled_files(directory)
     flags = "" if os.name == "nt" else f"{FLAGS} {os.environ.get('CFLAGS', '')}"
-    program = SETUP.format(files=files, halves=_halves(directory, files), level=level)
+    program = SETUP.format(files=files, halves=_halves(directory, files))
     environment = {**os.environ, "CFLAGS": flags, "MYPYPATH": str(directory)}
     command = [sys.executable, "-c", program]
     result = subprocess.run(command, cwd=directory, env=environment, check=False, capture_output=True, text=True)

@@ -15,36 +15,10 @@ _LEAST_M2 = 1e-9
 
 
 class PlanarCovariance:
-    """The upper triangle of the symmetric covariance (4, 4) of [x y x' y']."""
+    """The upper triangle of the symmetric covariance (4, 4) of [x y x' y'], row by row."""
 
-    def __init__(
-        self,
-        xx: float,
-        xy: float,
-        xu: float,
-        xv: float,
-        yy: float,
-        yu: float,
-        yv: float,
-        uu: float,
-        uv: float,
-        vv: float,
-    ) -> None:
-        self.xx: Final = xx
-        self.xy: Final = xy
-        self.xu: Final = xu
-        self.xv: Final = xv
-        self.yy: Final = yy
-        self.yu: Final = yu
-        self.yv: Final = yv
-        self.uu: Final = uu
-        self.uv: Final = uv
-        self.vv: Final = vv
-
-    @property
-    def upper(self) -> PlanarSpread:
-        """The upper triangle, row by row."""
-        return self.xx, self.xy, self.xu, self.xv, self.yy, self.yu, self.yv, self.uu, self.uv, self.vv
+    def __init__(self, upper: PlanarSpread) -> None:
+        self.upper: Final = upper
 
 
 class Motion:
@@ -88,9 +62,8 @@ class Innovation:
 
 def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
     """Return the estimate after a step: `P' = F P F' + Q`."""
-    x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
-    xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
-    yu, yv, uu, uv, vv = spread.yu, spread.yv, spread.uu, spread.uv, spread.vv
+    x, y, u, v = motion.x, motion.y, motion.u, motion.v
+    xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = motion.spread.upper
     t, k, noise_position, noise_cross, noise_velocity = step
     return Motion(
         to_s,
@@ -99,16 +72,18 @@ def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
         k * u,
         k * v,
         PlanarCovariance(
-            xx + t * (2.0 * xu + t * uu) + noise_position,
-            xy + t * (xv + yu + t * uv),
-            k * (xu + t * uu) + noise_cross,
-            k * (xv + t * uv),
-            yy + t * (2.0 * yv + t * vv) + noise_position,
-            k * (yu + t * uv),
-            k * (yv + t * vv) + noise_cross,
-            k * k * uu + noise_velocity,
-            k * k * uv,
-            k * k * vv + noise_velocity,
+            (
+                xx + t * (2.0 * xu + t * uu) + noise_position,
+                xy + t * (xv + yu + t * uv),
+                k * (xu + t * uu) + noise_cross,
+                k * (xv + t * uv),
+                yy + t * (2.0 * yv + t * vv) + noise_position,
+                k * (yu + t * uv),
+                k * (yv + t * vv) + noise_cross,
+                k * k * uu + noise_velocity,
+                k * k * uv,
+                k * k * vv + noise_velocity,
+            )
         ),
     )
 
@@ -116,7 +91,7 @@ def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
 def faster(motion: Motion, variance_m2_s2: float) -> Motion:
     """Return the estimate with a variance added to both velocities, which may have changed."""
     xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = motion.spread.upper
-    spread = PlanarCovariance(xx, xy, xu, xv, yy, yu, yv, uu + variance_m2_s2, uv, vv + variance_m2_s2)
+    spread = PlanarCovariance((xx, xy, xu, xv, yy, yu, yv, uu + variance_m2_s2, uv, vv + variance_m2_s2))
     return Motion(motion.time_s, motion.x, motion.y, motion.u, motion.v, spread)
 
 
@@ -128,9 +103,8 @@ def updated(
     The innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
     covariance stays symmetric.
     """
-    x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
-    xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
-    yu, yv, uu, uv, vv = spread.yu, spread.yv, spread.uu, spread.uv, spread.vv
+    x, y, u, v = motion.x, motion.y, motion.u, motion.v
+    xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = motion.spread.upper
     noise_xx, noise_xy, noise_yy = noise_m2
     first = sqrt(xx + noise_xx)
     across = (xy + noise_xy) / first
@@ -145,16 +119,18 @@ def updated(
     e = (position_m[0] - x) / first
     f = (position_m[1] - y - across * e) / second
     left = PlanarCovariance(
-        xx - gx * gx - hx * hx,
-        xy - gx * gy - hx * hy,
-        xu - gx * gu - hx * hu,
-        xv - gx * gv - hx * hv,
-        yy - gy * gy - hy * hy,
-        yu - gy * gu - hy * hu,
-        yv - gy * gv - hy * hv,
-        uu - gu * gu - hu * hu,
-        uv - gu * gv - hu * hv,
-        vv - gv * gv - hv * hv,
+        (
+            xx - gx * gx - hx * hx,
+            xy - gx * gy - hx * hy,
+            xu - gx * gu - hx * hu,
+            xv - gx * gv - hx * hv,
+            yy - gy * gy - hy * hy,
+            yu - gy * gu - hy * hu,
+            yv - gy * gv - hy * hv,
+            uu - gu * gu - hu * hu,
+            uv - gu * gv - hu * hv,
+            vv - gv * gv - hv * hv,
+        )
     )
     after = Motion(
         motion.time_s, x + gx * e + hx * f, y + gy * e + hy * f, u + gu * e + hu * f, v + gv * e + hv * f, left

@@ -220,7 +220,7 @@ class TargetFilter:
 
     def _started(self, sighting: Sighting) -> _Track:
         (xx, xy, yy), speed = sighting.covariance_m2, self._settings.velocity_prior_m_s**2
-        spread = PlanarCovariance(xx, xy, 0.0, 0.0, yy, 0.0, 0.0, speed, 0.0, speed)
+        spread = PlanarCovariance((xx, xy, 0.0, 0.0, yy, 0.0, 0.0, speed, 0.0, speed))
         time_s = sighting.time_s
         motion = Motion(time_s, *sighting.position_m, 0.0, 0.0, spread)
         return _Track(sighting, motion, _FadingInnovation(), time_s, inf, time_s, sighting.importance, sighting.threat)
