@@ -6,7 +6,8 @@ from agents.orders import Reshaping
 from agents.outputs import Outgoing
 from agents.settings.config import AgentConfig
 from agents.situation.own_sensor import OwnSensor
-from agents.situation.situation import Situation, Task
+from agents.situation.situation import Situation
+from agents.situation.task import Task
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, TargetPackage
 from agents.team.send_rate import SendRate

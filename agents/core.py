@@ -6,11 +6,15 @@ External events are passed to the `on_...` methods, the time is an argument of `
 
 from math import inf
 
+from mypy_extensions import mypyc_attr
+
 from agents.broadcast import Broadcast, command_answer, received_sighting
+from agents.control.aims import shifted
 from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
-from agents.control.plan import Plan, shifted
-from agents.control.task_planner import PlannerFactory, planner_of
+from agents.control.plan import Plan
+from agents.control.planner import planner_of
+from agents.control.task_planner import PlannerFactory
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.notes import Notes
 from agents.orders import Orders, Reshaping
@@ -31,7 +35,8 @@ from agents.setpoint.yaw import Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
 from agents.situation.own_sensor import OwnSensor
-from agents.situation.situation import Situation, Task
+from agents.situation.situation import Situation
+from agents.situation.task import Task
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team.clock_watch import ClockWatch
 from agents.team.credibility import Credibility, Limits
@@ -49,6 +54,7 @@ from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)  # TapedCore, and others that record or falsify it
 class VehicleCore:
     """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from agents.control.plan import Plan as Plan
     from agents.control.task_planner import TaskPlanner as TaskPlanner
     from agents.settings.config import AgentConfig as AgentConfig
-    from agents.situation.situation import Task as Task
+    from agents.situation.task import Task as Task
     from cordon.channels import VehicleChannels as VehicleChannels
     from cordon.flight import Flight as Flight
     from cordon.identification import identify as identify
@@ -41,7 +41,7 @@ _HOMES = {
     "PlantAxis": "estimation.plant.model",
     "StepFunction": "sitl.vehicle.plant_step",
     "TargetPath": "cordon.target_path",
-    "Task": "agents.situation.situation",
+    "Task": "agents.situation.task",
     "TaskPlanner": "agents.control.task_planner",
     "VehicleChannels": "cordon.channels",
     "identify": "cordon.identification",

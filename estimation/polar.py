@@ -1,20 +1,21 @@
 """The polar state of a vehicle about a target: radius, bearing and their rates. Equations (3) to (7) of the paper."""
 
 from math import atan2, cos, hypot, sin
+from typing import Final
 
-import msgspec
 import numpy as np
 
 from estimation.state import Vector
 
 
-class Polar(msgspec.Struct, frozen=True):
+class Polar:
     """A vehicle's motion about the target: radius and bearing, and their rates."""
 
-    radius_m: float
-    bearing_rad: float
-    radial_speed_m_s: float
-    angular_rate_rad_s: float
+    def __init__(self, radius_m: float, bearing_rad: float, radial_speed_m_s: float, angular_rate_rad_s: float) -> None:
+        self.radius_m: Final = radius_m
+        self.bearing_rad: Final = bearing_rad
+        self.radial_speed_m_s: Final = radial_speed_m_s
+        self.angular_rate_rad_s: Final = angular_rate_rad_s
 
 
 def polar_from_motion(motion: Vector, target: Vector) -> Polar:

@@ -17,6 +17,7 @@ from agents.settings.sections import EncirclementSettings, FormationSettings
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from gcs.flightlog.place import FOLDER_VARIABLE
+from tests.support import installation
 from tests.support.paths import MISSIONS
 from tests.support.wire import free_ports
 
@@ -36,6 +37,17 @@ CONFIG = AgentConfig(
     formation=FormationSettings(spacing_m=5.0, speed_m_s=0.2, leader=2),
     encirclement=EncirclementSettings(radius_m=10.0, angular_rate_rad_s=0.05),
 )
+
+
+def pytest_sessionstart() -> None:
+    """Test nothing where Python finds an installation of other sources."""
+    if fault := installation.fault(installation.place()):
+        raise pytest.UsageError(fault)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """State what was tested."""
+    terminalreporter.write_line(installation.description())
 
 
 WHOLLY = r"^pytestmark = \[?\s*pytest\.mark\.{}\b"

@@ -129,5 +129,5 @@ def main(arguments: Sequence[str]) -> int:
 if __name__ == "__main__":
     if INSIDE not in os.environ:
         command = ["unshare", "--mount", sys.executable, "-m", "tests.container_steps", *sys.argv[1:]]
-        os.execvpe(command[0], command, {**os.environ, INSIDE: "1"})
+        os.execvpe(command[0], command, {**os.environ, INSIDE: "1", "PYTHONSAFEPATH": ""})
     sys.exit(main(sys.argv[1:]))

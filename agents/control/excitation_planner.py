@@ -4,8 +4,9 @@ from math import hypot, inf
 
 import numpy as np
 
+from agents.control.aims import towards
 from agents.control.excitation import approach_lead_m, programme
-from agents.control.plan import Plan, towards
+from agents.control.plan import Plan
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
 from agents.situation.situation import Situation

@@ -9,7 +9,8 @@ from math import dist, hypot
 
 import numpy as np
 
-from agents.control.plan import Plan, towards
+from agents.control.aims import towards
+from agents.control.plan import Plan
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic

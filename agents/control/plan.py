@@ -1,17 +1,14 @@
-"""The plan of one tick: the aim of a tactic, and how plans are shifted and mixed."""
+"""The plan of one tick: the aim of a tactic, and the state of its ring."""
 
 import msgspec
-import numpy as np
 
 from agents.control.encirclement import Approach
-from agents.control.formation import Predecessor
 from agents.control.lmpc import QpStatus
 from agents.ring.place import RingPlace
 from agents.ring.shaped_coordinate import ShapedCoordinate
-from agents.team.messages import MemberState
 from agents.team.ring_scale import RingScale
 from estimation.state import Vector
-from estimation.vectors import Pair, clipped
+from estimation.vectors import Pair
 
 
 class RingReport(msgspec.Struct, frozen=True):
@@ -48,40 +45,3 @@ class Plan(msgspec.Struct, frozen=True):
     qp: QpStatus | None = None
     velocity_m_s: Pair | None = None
     ring: RingReport | None = None
-
-
-def shifted(plan: Plan, aim_m: Vector) -> Plan:
-    """Return a plan with another aim (2,); the undisturbed aim, which peers receive, shifts by the same amount."""
-    if aim_m is plan.aim_m:
-        return plan
-    undisturbed = plan.undisturbed_aim_m + (aim_m - plan.aim_m)
-    return Plan(aim_m, undisturbed, plan.aim_rate_m_s, plan.qp, plan.velocity_m_s, plan.ring)
-
-
-def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
-    """Return the goal (2,), or the point towards it that is `at_most_m` from a position (2,)."""
-    way = goal_m - position_m
-    reached = clipped(way, at_most_m)
-    return goal_m if reached is way else position_m + reached
-
-
-def resting(place_m: Vector, ring: RingReport | None = None) -> Plan:
-    """Return the plan to stay at a place (2,)."""
-    return Plan(place_m, place_m, np.zeros(2), velocity_m_s=(0.0, 0.0), ring=ring)
-
-
-def extrapolated(member: MemberState, at_s: float) -> Predecessor:
-    """Return a peer's motion and aim at a time, extrapolated at their published rates."""
-    ahead_s = at_s - member.time_s
-    (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
-    (aim_x, aim_y), (aim_x_rate, aim_y_rate) = member.setpoint_m, member.setpoint_rate_m_s
-    return Predecessor(
-        np.array((x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate)),
-        np.array((aim_x + aim_x_rate * ahead_s, aim_y + aim_y_rate * ahead_s)),
-    )
-
-
-def mixed(formation: Plan, ring: Plan, share: float) -> Plan:
-    """Mix the aims of both tactics, u = (1 - s) u_formation + s u_encircle (paper, section 4)."""
-    aim = (1.0 - share) * formation.aim_m + share * ring.aim_m
-    return Plan(aim, aim, ring.aim_rate_m_s, ring.qp, ring=ring.ring)

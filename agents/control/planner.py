@@ -1,19 +1,29 @@
 """The plan stage: from the task of a tick to a plan, with the planners' state between ticks."""
 
-from math import cos, sin
+from math import cos, isfinite, sin
 
 import numpy as np
 
+from agents.control.aims import mixed, resting
 from agents.control.excitation_planner import Exciter
 from agents.control.homing import Homing
-from agents.control.plan import Plan, mixed, resting
+from agents.control.plan import Plan, RingReport
 from agents.control.ring_flight import RingFlight
 from agents.control.station import StationKeeping
+from agents.control.task_planner import PlannerFactory, TaskPlanner
+from agents.ring.place import ring_place
+from agents.ring.shaped_coordinate import ShapedCoordinate
 from agents.settings.config import AgentConfig
-from agents.situation.situation import Situation, Task
+from agents.situation.situation import Situation
+from agents.situation.task import Task
 from agents.tactics import Tactic, mixing_share
+from agents.team.ring_scale import FULL_RING
 from agents.team.team import Team
+from estimation.polar import polar_from_motion
 from estimation.state import POSITION, Vector
+
+_PLANNED = (Tactic.FORMATION, Tactic.ENCIRCLE)
+"""The tactics that a plug-in planner plans."""
 
 
 class Planner:
@@ -125,3 +135,65 @@ class Planner:
         if self._hold_m is None:
             self._hold_m = situation.own.mean[POSITION].copy()
         return self._hold_m
+
+
+class PluggedPlanner(Planner):
+    """Cordon's planner with a plug-in planner in front of it."""
+
+    def __init__(self, config: AgentConfig, team: Team, plugged: TaskPlanner) -> None:
+        super().__init__(config, team)
+        self._vehicle_id = config.vehicle_id
+        self._plugged = plugged
+        self._took_over = False
+
+    def begin(self, tactic: Tactic, *, to_home: bool) -> None:
+        """See Planner."""
+        super().begin(tactic, to_home=to_home)
+        self._took_over = False
+
+    def plan(self, task: Task) -> Plan:
+        """Return the plug-in planner's plan, else cordon's; raises ValueError if a number is not finite."""
+        plan = self._plugged.plan(task) if task.tactic in _PLANNED else None
+        if plan is None:
+            if self._took_over:
+                # The state of cordon's planner is outdated: restart it from the vehicle's motion.
+                self.begin(task.tactic, to_home=self.returns_home)
+            return super().plan(task)
+        self._took_over = True
+        self._refuse_unusable(plan, task.situation.now_s)
+        centre = task.situation.acting_centre
+        if task.tactic is Tactic.ENCIRCLE and plan.ring is None and centre is not None:
+            report = self._report(task.situation, centre)
+            return Plan(plan.aim_m, plan.undisturbed_aim_m, plan.aim_rate_m_s, plan.qp, plan.velocity_m_s, report)
+        return plan
+
+    def _refuse_unusable(self, plan: Plan, now_s: float) -> None:
+        for name, vector in (
+            ("aim_m", plan.aim_m.tolist()),
+            ("undisturbed_aim_m", plan.undisturbed_aim_m.tolist()),
+            ("aim_rate_m_s", plan.aim_rate_m_s.tolist()),
+            ("velocity_m_s", [0.0, 0.0] if plan.velocity_m_s is None else list(plan.velocity_m_s)),
+        ):
+            if len(vector) != 2 or not all(map(isfinite, vector)):
+                raise ValueError(
+                    f"vehicle {self._vehicle_id}, {now_s:.1f} s: {name} of its planner is {vector}, "
+                    "not two finite numbers; a planner without a solution returns None"
+                )
+
+    def _report(self, situation: Situation, centre: Vector) -> RingReport:
+        """Return the report of a vehicle on the mission's ring, with its own position as its reference."""
+        polar, rate_rad_s = polar_from_motion(situation.acting_motion, centre), self.ring_rate_rad_s
+        return RingReport(
+            mixing=1.0,
+            rate_rad_s=rate_rad_s,
+            slowed="",
+            needed=FULL_RING,
+            joined=True,
+            place=ring_place(polar.bearing_rad, self._team.ring.bearings_rad(situation.acting_s, rate_rad_s)),
+            reference=ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s),
+        )
+
+
+def planner_of(config: AgentConfig, team: Team, factory: PlannerFactory | None) -> Planner:
+    """Return one vehicle's planner: cordon's, with the factory's plug-in planner in front of it if there is one."""
+    return Planner(config, team) if factory is None else PluggedPlanner(config, team, factory(config))

@@ -10,8 +10,9 @@ from math import dist, hypot, inf
 
 import numpy as np
 
+from agents.control.aims import extrapolated
 from agents.control.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
-from agents.control.plan import Plan, extrapolated
+from agents.control.plan import Plan
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.team import Team

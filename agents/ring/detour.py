@@ -6,8 +6,8 @@ across the ring. The bend is outwards and early, and the vehicles keep their ord
 
 from collections.abc import Iterable, Sequence
 from math import asin, pi
+from typing import Final
 
-import msgspec
 import numpy as np
 
 from estimation.polar import Polar
@@ -23,12 +23,13 @@ not change sides while a vehicle passes one that was lost on the ring itself.
 """
 
 
-class Obstacle(msgspec.Struct, frozen=True):
+class Obstacle:
     """An obstacle: its bearing and radius about the target, and the distance to keep from it."""
 
-    bearing_rad: float
-    radius_m: float
-    distance_m: float
+    def __init__(self, bearing_rad: float, radius_m: float, distance_m: float) -> None:
+        self.bearing_rad: Final = bearing_rad
+        self.radius_m: Final = radius_m
+        self.distance_m: Final = distance_m
 
 
 def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:

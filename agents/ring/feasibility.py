@@ -5,8 +5,7 @@ All members fly the most restricted of these, so they have the same rate and kee
 """
 
 from math import inf, sqrt
-
-import msgspec
+from typing import Final
 
 from agents.settings.config import AgentConfig
 from agents.team.ring_scale import FULL_RING, RingScale
@@ -24,11 +23,12 @@ _UNKNOWN_S = 3.0
 _RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
 
 
-class Orbit(msgspec.Struct, frozen=True):
+class Orbit:
     """The flown ring: radius and angular rate."""
 
-    radius_m: float
-    angular_rate_rad_s: float
+    def __init__(self, radius_m: float, angular_rate_rad_s: float) -> None:
+        self.radius_m: Final = radius_m
+        self.angular_rate_rad_s: Final = angular_rate_rad_s
 
 
 class RingFeasibility:

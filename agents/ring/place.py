@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from math import cos, sin, tau
-
-import msgspec
+from typing import Final
 
 _FASTEST_MODE_PER_S = 3.0
 """With references that are received late and extrapolated, the spacing is stable only while half of this times their
@@ -12,16 +11,17 @@ age is less than 1. This leaves 0.6 s for late or lost messages.
 """
 
 
-class RingPlace(msgspec.Struct, frozen=True):
+class RingPlace:
     """A vehicle's place among the `members` on the ring, itself included.
 
     `lead_rad` and `lag_rad` in (0, 2 pi] are the angles to the vehicle in front and from the one behind; alone on the
     ring both are None.
     """
 
-    members: int
-    lead_rad: float | None
-    lag_rad: float | None
+    def __init__(self, members: int, lead_rad: float | None, lag_rad: float | None) -> None:
+        self.members: Final = members
+        self.lead_rad: Final = lead_rad
+        self.lag_rad: Final = lag_rad
 
     @property
     def desired_rad(self) -> float:

@@ -8,8 +8,7 @@ noise nor the vehicles' dynamics, and its errors decay as in (20) while no bound
 
 from collections.abc import Sequence
 from math import copysign, inf
-
-import msgspec
+from typing import Final
 
 from agents.ring.feasibility import Orbit
 from agents.ring.shaped_coordinate import ShapedCoordinate
@@ -23,32 +22,43 @@ _RADIAL_GAIN_PER_S = 0.5
 _BRAKED_WITHIN_M = 0.25
 
 
-class RingPoint(msgspec.Struct, frozen=True):
+class RingPoint:
     """The reference about the target at `time_s`: radius [m] and bearing [rad]."""
 
-    radius: ShapedCoordinate
-    bearing: ShapedCoordinate
-    time_s: float
+    def __init__(self, radius: ShapedCoordinate, bearing: ShapedCoordinate, time_s: float) -> None:
+        self.radius: Final = radius
+        self.bearing: Final = bearing
+        self.time_s: Final = time_s
 
     def bearing_rad(self, at_s: float) -> float:
         """Return the bearing at a time, extrapolated at its rate."""
         return self.bearing.value + self.bearing.rate * (at_s - self.time_s)
 
 
-class RingWay(msgspec.Struct, frozen=True):
+class RingWay:
     """The input of a reference: the orbit at `radius_m`, and the spacing errors (n,) of the references, its own first.
 
     `fastest_rad_s` bounds its angular rate. `share` is that of the encirclement in the vehicle's aim. At the vehicle's
     bearing the ring is `bend_m` farther out than the reference. The vehicle `waits` while the guard changes its aims.
     """
 
-    orbit: Orbit
-    radius_m: float
-    errors_rad: Sequence[float]
-    fastest_rad_s: float = inf
-    share: float = 1.0
-    bend_m: float = 0.0
-    waits: bool = False
+    def __init__(
+        self,
+        orbit: Orbit,
+        radius_m: float,
+        errors_rad: Sequence[float],
+        fastest_rad_s: float = inf,
+        share: float = 1.0,
+        bend_m: float = 0.0,
+        waits: bool = False,
+    ) -> None:
+        self.orbit: Final = orbit
+        self.radius_m: Final = radius_m
+        self.errors_rad: Final = errors_rad
+        self.fastest_rad_s: Final = fastest_rad_s
+        self.share: Final = share
+        self.bend_m: Final = bend_m
+        self.waits: Final = waits
 
 
 class RingReference:

@@ -1,18 +1,18 @@
 """A coordinate of a reference that moves within bounds on acceleration and jerk."""
 
 from math import ceil, copysign, sqrt
-
-import msgspec
+from typing import Final
 
 from estimation.vectors import limited
 
 
-class ShapedCoordinate(msgspec.Struct, frozen=True):
+class ShapedCoordinate:
     """A value, its rate and its acceleration, in the value's unit, per second and per second squared."""
 
-    value: float
-    rate: float
-    acceleration: float = 0.0
+    def __init__(self, value: float, rate: float, acceleration: float = 0.0) -> None:
+        self.value: Final = value
+        self.rate: Final = rate
+        self.acceleration: Final = acceleration
 
     def follow(self, rate_wanted: float, acceleration_max: float, jerk_max: float, step_s: float) -> "ShapedCoordinate":
         """Return the coordinate a step later, its rate moved towards the one wanted."""

@@ -7,8 +7,7 @@ second-order plant. All values are at the moment when the setpoint acts.
 from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from math import hypot, sqrt
-
-import msgspec
+from typing import Final
 
 from agents.safety.fence import NearestPoint
 from estimation.vectors import Pair
@@ -34,30 +33,34 @@ class Cause(IntEnum):
         return self.name.lower().replace("_", " ")
 
 
-class Demand(msgspec.Struct, frozen=True):
+class Demand:
     """`normal . acceleration >= least_m_s2`, with a unit normal; with `evades` the vehicle passes on the right."""
 
-    cause: Cause
-    normal: Pair
-    least_m_s2: float
-    evades: bool = False
+    def __init__(self, cause: Cause, normal: Pair, least_m_s2: float, evades: bool = False) -> None:
+        self.cause: Final = cause
+        self.normal: Final = normal
+        self.least_m_s2: Final = least_m_s2
+        self.evades: Final = evades
 
     def met_by(self, acceleration_m_s2: Pair) -> bool:
         """Return whether an acceleration meets the demand."""
         return self.normal[0] * acceleration_m_s2[0] + self.normal[1] * acceleration_m_s2[1] >= self.least_m_s2
 
 
-class Body(msgspec.Struct, frozen=True):
+class Body:
     """A body to keep away from: its position, velocity and acceleration, and the distance to keep.
 
     A body that `shares` evades as well: each vehicle then takes half of the demand.
     """
 
-    position_m: Pair
-    velocity_m_s: Pair
-    acceleration_m_s2: Pair
-    distance_m: float
-    shares: bool
+    def __init__(
+        self, position_m: Pair, velocity_m_s: Pair, acceleration_m_s2: Pair, distance_m: float, shares: bool
+    ) -> None:
+        self.position_m: Final = position_m
+        self.velocity_m_s: Final = velocity_m_s
+        self.acceleration_m_s2: Final = acceleration_m_s2
+        self.distance_m: Final = distance_m
+        self.shares: Final = shares
 
 
 def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, cause: Cause) -> Demand:

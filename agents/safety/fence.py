@@ -2,22 +2,22 @@
 
 from collections.abc import Sequence
 from math import hypot, inf
-
-import msgspec
+from typing import Final
 
 Corner = tuple[float, float]
 _ON_EDGE_M = 1e-9
 
 
-class NearestPoint(msgspec.Struct, frozen=True):
+class NearestPoint:
     """The point of one edge that is nearest to a place: its distance, and the unit vector from it into the fence.
 
     `end` is -1 or 1 if it is the corner where the edge begins or ends.
     """
 
-    distance_m: float
-    inward: Corner
-    end: int = 0
+    def __init__(self, distance_m: float, inward: Corner, end: int = 0) -> None:
+        self.distance_m: Final = distance_m
+        self.inward: Final = inward
+        self.end: Final = end
 
 
 class Fence:

@@ -9,8 +9,8 @@ head on pass each other instead of stopping. Demands that cannot all be met are 
 from collections.abc import Sequence
 from enum import Enum
 from math import cos, hypot, pi
+from typing import Final
 
-import msgspec
 import numpy as np
 
 from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
@@ -41,21 +41,29 @@ class GuardStatus(Enum):
     BRAKED = "braked"
 
 
-class Guarded(msgspec.Struct, frozen=True):
+class Guarded:
     """The guarded aim (2,), the causes of a change, and the highest cause whose demands were relaxed."""
 
-    aim_m: Vector
-    status: GuardStatus = GuardStatus.PASSED
-    causes: tuple[Cause, ...] = ()
-    yielded: Cause | None = None
+    def __init__(
+        self,
+        aim_m: Vector,
+        status: GuardStatus = GuardStatus.PASSED,
+        causes: tuple[Cause, ...] = (),
+        yielded: Cause | None = None,
+    ) -> None:
+        self.aim_m: Final = aim_m
+        self.status: Final = status
+        self.causes: Final = causes
+        self.yielded: Final = yielded
 
 
-class _Row(msgspec.Struct, frozen=True):
+class _Row:
     """A demand as a half-plane of the lead, in metres."""
 
-    plane: HalfPlane
-    cause: Cause
-    evades: bool = False
+    def __init__(self, plane: HalfPlane, cause: Cause, evades: bool = False) -> None:
+        self.plane: Final = plane
+        self.cause: Final = cause
+        self.evades: Final = evades
 
 
 class Guard:

@@ -8,8 +8,7 @@ polygon in it, and returns None only if the demands have no point in common.
 
 from collections.abc import Iterable, Sequence
 from math import inf, sqrt
-
-import msgspec
+from typing import Final
 
 from estimation.vectors import Pair, clipped_pair
 
@@ -17,11 +16,12 @@ _MET = 1e-9
 _PARALLEL = 1e-12
 
 
-class HalfPlane(msgspec.Struct, frozen=True):
+class HalfPlane:
     """All points u with `normal . u >= least`; the normal has length one."""
 
-    normal: Pair
-    least: float
+    def __init__(self, normal: Pair, least: float) -> None:
+        self.normal: Final = normal
+        self.least: Final = least
 
     def missing(self, point: Pair) -> float:
         """Return the distance of a point from the half-plane, negative inside."""

@@ -3,7 +3,8 @@
 The guard acts after it, and may move the aim farther.
 """
 
-from agents.control.plan import Plan, shifted, towards
+from agents.control.aims import shifted, towards
+from agents.control.plan import Plan
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from estimation.state import Vector

@@ -1,17 +1,15 @@
 """The values passed between the stages of a tick: the estimated situation, and the task decided from it."""
 
 from math import sqrt
+from typing import Final
 
-import msgspec
 import numpy as np
 
-from agents.tactics import Tactic
-from agents.team.messages import MemberState
 from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate, Vector
 
 
-class Situation(msgspec.Struct, frozen=True):
+class Situation:
     """The estimates of a tick: those for now, and all motions (4,) at the moment when the next setpoint acts.
 
     The centre of the ring is the target's estimate, or a point that catches up with it (`TargetBlend`). `polar` is the
@@ -21,18 +19,33 @@ class Situation(msgspec.Struct, frozen=True):
     autopilot's offset from the team's frame, in which all positions are given (`TeamFrame`).
     """
 
-    now_s: float
-    acting_s: float
-    own: OwnEstimate
-    acting_motion: Vector
-    disturbance: Vector
-    target: TargetEstimate | None
-    polar: Polar | None
-    acting_target: Vector | None
-    acting_centre: Vector | None = None
-    authority: float = 1.0
-    height_m: float = 0.0
-    offset_variance_m2: float = 0.0
+    def __init__(
+        self,
+        now_s: float,
+        acting_s: float,
+        own: OwnEstimate,
+        acting_motion: Vector,
+        disturbance: Vector,
+        target: TargetEstimate | None,
+        polar: Polar | None,
+        acting_target: Vector | None,
+        acting_centre: Vector | None = None,
+        authority: float = 1.0,
+        height_m: float = 0.0,
+        offset_variance_m2: float = 0.0,
+    ) -> None:
+        self.now_s: Final = now_s
+        self.acting_s: Final = acting_s
+        self.own: Final = own
+        self.acting_motion: Final = acting_motion
+        self.disturbance: Final = disturbance
+        self.target: Final = target
+        self.polar: Final = polar
+        self.acting_target: Final = acting_target
+        self.acting_centre: Final = acting_centre
+        self.authority: Final = authority
+        self.height_m: Final = height_m
+        self.offset_variance_m2: Final = offset_variance_m2
 
     @property
     def compensation(self) -> Vector:
@@ -43,18 +56,6 @@ class Situation(msgspec.Struct, frozen=True):
     def position_sigma_m(self) -> float:
         """The standard deviation of the own position, the larger one of the two axes."""
         return sqrt(self.own.position_sigma_m**2 + self.offset_variance_m2)
-
-
-class Task(msgspec.Struct, frozen=True):
-    """The decision of a tick: the tactic to fly in a situation, and the altitude layer.
-
-    `peers` are the newest states of the others, each at its own time: those of distant peers are up to a second old.
-    """
-
-    tactic: Tactic
-    situation: Situation
-    layer_m: float
-    peers: tuple[MemberState, ...]
 
 
 def moved(motion: Vector, by_s: float) -> Vector:

@@ -9,9 +9,7 @@ compare these equations with filterpy's.
 """
 
 from math import sqrt
-from typing import NamedTuple
-
-import msgspec
+from typing import Final, NamedTuple
 
 Rotation = tuple[float, float]
 """Cosine and sine of the oscillator's phase advance in a step."""
@@ -21,37 +19,28 @@ Axes = tuple["AxisEstimate", "AxisEstimate"]
 """The estimates along x and y."""
 _Gain = tuple[float, float, Column, Column, "AxisCovariance"]
 """With the innovation covariance S = L L': the diagonal of L, both columns of the gain times L, and the updated P."""
+_Triangle = tuple[
+    float, float, float, float, float,
+    float, float, float, float,
+    float, float, float,
+    float, float,
+    float,
+]  # fmt: skip
 
 
-class AxisCovariance(msgspec.Struct, frozen=True):
-    """The upper triangle of the symmetric covariance (5, 5) of [p v c s q]."""
+class AxisCovariance:
+    """The upper triangle of the symmetric covariance (5, 5) of [p v c s q], row by row."""
 
-    pp: float = 0.0
-    pv: float = 0.0
-    pc: float = 0.0
-    ps: float = 0.0
-    pq: float = 0.0
-    vv: float = 0.0
-    vc: float = 0.0
-    vs: float = 0.0
-    vq: float = 0.0
-    cc: float = 0.0
-    cs: float = 0.0
-    cq: float = 0.0
-    ss: float = 0.0
-    sq: float = 0.0
-    qq: float = 0.0
+    def __init__(self, upper: _Triangle) -> None:
+        self.upper: Final = upper
 
 
-class AxisEstimate(msgspec.Struct, frozen=True):
-    """The estimated state along one axis [m, m/s, m/s²] and its covariance."""
+class AxisEstimate:
+    """The estimated state along one axis, mean [m, m/s, m/s²] and covariance."""
 
-    p: float
-    v: float
-    c: float
-    s: float
-    q: float
-    covariance: AxisCovariance
+    def __init__(self, mean: Column, covariance: AxisCovariance) -> None:
+        self.mean: Final = mean
+        self.covariance: Final = covariance
 
 
 class Step(NamedTuple):
@@ -78,11 +67,9 @@ class Step(NamedTuple):
     walk_s: float
 
 
-def predicted_mean(
-    axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float
-) -> tuple[float, float, float, float, float]:
+def predicted_mean(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float) -> Column:
     """Return the mean after a step under an aim: `m' = F m + B u`."""
-    p, v, c, s, q = axis.p, axis.v, axis.c, axis.s, axis.q
+    p, v, c, s, q = axis.mean
     w, (cosine, sine) = c + s, rotation
     return (
         step.pp * p + step.pv * v + step.disturbed_p * w + step.aimed_p * aim_m,
@@ -96,7 +83,7 @@ def predicted_mean(
 def predicted(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float) -> AxisEstimate:
     """Return the estimate after a step under an aim: `P' = F P F' + Q`."""
     mean = predicted_mean(axis, step, rotation, aim_m)
-    return AxisEstimate(*mean, _predicted_covariance(axis.covariance, step, rotation))
+    return AxisEstimate(mean, _predicted_covariance(axis.covariance, step, rotation))
 
 
 def predicted_axes(axes: Axes, steps: tuple[Step, Step], rotation: Rotation, aim_m: tuple[float, float]) -> Axes:
@@ -109,15 +96,13 @@ def predicted_axes(axes: Axes, steps: tuple[Step, Step], rotation: Rotation, aim
         return predicted(x, steps[0], rotation, aim_m[0]), predicted(y, steps[1], rotation, aim_m[1])
     covariance = _predicted_covariance(x.covariance, steps[0], rotation)
     return (
-        AxisEstimate(*predicted_mean(x, steps[0], rotation, aim_m[0]), covariance),
-        AxisEstimate(*predicted_mean(y, steps[1], rotation, aim_m[1]), covariance),
+        AxisEstimate(predicted_mean(x, steps[0], rotation, aim_m[0]), covariance),
+        AxisEstimate(predicted_mean(y, steps[1], rotation, aim_m[1]), covariance),
     )
 
 
 def _predicted_covariance(covariance: AxisCovariance, step: Step, rotation: Rotation) -> AxisCovariance:
-    pp, pv, pc, ps, pq = covariance.pp, covariance.pv, covariance.pc, covariance.ps, covariance.pq
-    vv, vc, vs, vq, cc = covariance.vv, covariance.vc, covariance.vs, covariance.vq, covariance.cc
-    cs, cq, ss, sq, qq = covariance.cs, covariance.cq, covariance.ss, covariance.sq, covariance.qq
+    pp, pv, pc, ps, pq, vv, vc, vs, vq, cc, cs, cq, ss, sq, qq = covariance.upper
     a, b, d, e, g, h, _, _, _, _, noise_pp, noise_pv, noise_vv, walk_c, walk_s = step
     cosine, sine = rotation
     # The rows of F P: position, velocity, and last the oscillator.
@@ -131,21 +116,23 @@ def _predicted_covariance(covariance: AxisCovariance, step: Step, rotation: Rota
     s_s, s_q = cosine * ss - sine * sq, cosine * sq - sine * qq
     q_s, q_q = sine * ss + cosine * sq, sine * sq + cosine * qq
     return AxisCovariance(
-        a * p_p + b * p_v + g * p_w + noise_pp,
-        d * p_p + e * p_v + h * p_w + noise_pv,
-        p_c,
-        cosine * p_s - sine * p_q,
-        sine * p_s + cosine * p_q,
-        d * v_p + e * v_v + h * v_w + noise_vv,
-        v_c,
-        cosine * v_s - sine * v_q,
-        sine * v_s + cosine * v_q,
-        cc + walk_c,
-        cosine * cs - sine * cq,
-        sine * cs + cosine * cq,
-        cosine * s_s - sine * s_q + walk_s,
-        sine * s_s + cosine * s_q,
-        sine * q_s + cosine * q_q + walk_s,
+        (
+            a * p_p + b * p_v + g * p_w + noise_pp,
+            d * p_p + e * p_v + h * p_w + noise_pv,
+            p_c,
+            cosine * p_s - sine * p_q,
+            sine * p_s + cosine * p_q,
+            d * v_p + e * v_v + h * v_w + noise_vv,
+            v_c,
+            cosine * v_s - sine * v_q,
+            sine * v_s + cosine * v_q,
+            cc + walk_c,
+            cosine * cs - sine * cq,
+            sine * cs + cosine * cq,
+            cosine * s_s - sine * s_q + walk_s,
+            sine * s_s + cosine * s_q,
+            sine * q_s + cosine * q_q + walk_s,
+        )
     )
 
 
@@ -175,24 +162,16 @@ def updated_axes(
 
 def _corrected(axis: AxisEstimate, position_m: float, rate_m_s: float, gain: _Gain) -> tuple[AxisEstimate, float]:
     first, second, (gp, gv, gc, gs, gq), (hp, hv, hc, hs, hq), left = gain
-    x = (position_m - axis.p) / first
-    y = (rate_m_s - axis.v - gv * x) / second
-    after = AxisEstimate(
-        axis.p + gp * x + hp * y,
-        axis.v + gv * x + hv * y,
-        axis.c + gc * x + hc * y,
-        axis.s + gs * x + hs * y,
-        axis.q + gq * x + hq * y,
-        left,
-    )
-    return after, x * x + y * y
+    p, v, c, s, q = axis.mean
+    x = (position_m - p) / first
+    y = (rate_m_s - v - gv * x) / second
+    mean = p + gp * x + hp * y, v + gv * x + hv * y, c + gc * x + hc * y, s + gs * x + hs * y, q + gq * x + hq * y
+    return AxisEstimate(mean, left), x * x + y * y
 
 
 def _gain(covariance: AxisCovariance, noise: tuple[float, float]) -> _Gain:
     """Return the gain with its columns g and h; the updated covariance is `P - g g' - h h'`."""
-    pp, pv, pc, ps, pq = covariance.pp, covariance.pv, covariance.pc, covariance.ps, covariance.pq
-    vv, vc, vs, vq, cc = covariance.vv, covariance.vc, covariance.vs, covariance.vq, covariance.cc
-    cs, cq, ss, sq, qq = covariance.cs, covariance.cq, covariance.ss, covariance.sq, covariance.qq
+    pp, pv, pc, ps, pq, vv, vc, vs, vq, cc, cs, cq, ss, sq, qq = covariance.upper
     first = sqrt(pp + noise[0])
     gp, gv, gc, gs, gq = pp / first, pv / first, pc / first, ps / first, pq / first
     second = sqrt(max(vv - gv * gv, 0.0) + noise[1])
@@ -204,20 +183,22 @@ def _gain(covariance: AxisCovariance, noise: tuple[float, float]) -> _Gain:
         (vq - gv * gq) / second,
     )
     left = AxisCovariance(
-        pp - gp * gp - hp * hp,
-        pv - gp * gv - hp * hv,
-        pc - gp * gc - hp * hc,
-        ps - gp * gs - hp * hs,
-        pq - gp * gq - hp * hq,
-        vv - gv * gv - hv * hv,
-        vc - gv * gc - hv * hc,
-        vs - gv * gs - hv * hs,
-        vq - gv * gq - hv * hq,
-        cc - gc * gc - hc * hc,
-        cs - gc * gs - hc * hs,
-        cq - gc * gq - hc * hq,
-        ss - gs * gs - hs * hs,
-        sq - gs * gq - hs * hq,
-        qq - gq * gq - hq * hq,
+        (
+            pp - gp * gp - hp * hp,
+            pv - gp * gv - hp * hv,
+            pc - gp * gc - hp * hc,
+            ps - gp * gs - hp * hs,
+            pq - gp * gq - hp * hq,
+            vv - gv * gv - hv * hv,
+            vc - gv * gc - hv * hc,
+            vs - gv * gs - hv * hs,
+            vq - gv * gq - hv * hq,
+            cc - gc * gc - hc * hc,
+            cs - gc * gs - hc * hs,
+            cq - gc * gq - hc * hq,
+            ss - gs * gs - hs * hs,
+            sq - gs * gq - hs * hq,
+            qq - gq * gq - hq * hq,
+        )
     )
     return first, second, (gp, gv, gc, gs, gq), (hp, hv, hc, hs, hq), left

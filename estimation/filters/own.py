@@ -128,10 +128,11 @@ class OwnFilter:
             return None
         time_s = max(now_s, self._time_s)
         x, y = self._axes_at(time_s)
-        w_x, w_y = self._disturbance(x.c + x.s, y.c + y.s)
+        (x_m, x_rate, x_c, x_s, _), (y_m, y_rate, y_c, y_s, _) = x.mean, y.mean
+        w_x, w_y = self._disturbance(x_c + x_s, y_c + y_s)
         spread_x = _spread(x.covariance)
         spread_y = spread_x if y.covariance is x.covariance else _spread(y.covariance)
-        return OwnEstimate(time_s, np.array((x.p, y.p, x.v, y.v, w_x, w_y)), (spread_x, spread_y))
+        return OwnEstimate(time_s, np.array((x_m, y_m, x_rate, y_rate, w_x, w_y)), (spread_x, spread_y))
 
     def predicted(self, at_s: float, unsent_s: float) -> Vector:
         """Return the mean (6,) at `at_s` under the setpoints already sent: the state at which the next one acts.
@@ -187,10 +188,10 @@ class OwnFilter:
         position_m2, rate_m2_s2 = self._noise
         prior = self._prior_m_s2**2
         is_oscillating = prior if self._turning_rad_s else 0.0
-        covariance = AxisCovariance(pp=position_m2, vv=rate_m2_s2, cc=prior, ss=is_oscillating, qq=is_oscillating)
+        covariance = _covariance((position_m2, 0.0, 0.0, rate_m2_s2, 0.0, prior), is_oscillating)
         self._axes = (
-            AxisEstimate(x, x_rate, 0.0, 0.0, 0.0, covariance),
-            AxisEstimate(y, y_rate, 0.0, 0.0, 0.0, covariance),
+            AxisEstimate((x, x_rate, 0.0, 0.0, 0.0), covariance),
+            AxisEstimate((y, y_rate, 0.0, 0.0, 0.0), covariance),
         )
         self._time_s = telemetry.time_s
         self._refused_since_s = inf
@@ -218,47 +219,42 @@ def _predicted_on_ramp(
 
 
 def _shifted(axis: AxisEstimate, by_m: float) -> AxisEstimate:
-    return AxisEstimate(axis.p + by_m, axis.v, axis.c, axis.s, axis.q, axis.covariance)
+    p, v, c, s, q = axis.mean
+    return AxisEstimate((p + by_m, v, c, s, q), axis.covariance)
 
 
 def _bounded(axis: AxisEstimate, limit: float) -> AxisEstimate:
-    c, s, q = axis.c, axis.s, axis.q
+    p, v, c, s, q = axis.mean
     if -limit <= c <= limit and -limit <= s <= limit and -limit <= q <= limit:
         return axis
     c, s, q = [min(max(part, -limit), limit) for part in (c, s, q)]
-    return AxisEstimate(axis.p, axis.v, c, s, q, axis.covariance)
+    return AxisEstimate((p, v, c, s, q), axis.covariance)
 
 
 def _with_oscillator(axes: Axes, prior_m_s2: float) -> Axes:
     """Return the estimates with the whole disturbance in its steady part and the oscillator at its prior."""
     x, y = axes
-    spread_x = _with_oscillator_covariance(x.covariance, prior_m_s2)
-    spread_y = spread_x if y.covariance is x.covariance else _with_oscillator_covariance(y.covariance, prior_m_s2)
-    return (
-        AxisEstimate(x.p, x.v, x.c + x.s, 0.0, 0.0, spread_x),
-        AxisEstimate(y.p, y.v, y.c + y.s, 0.0, 0.0, spread_y),
-    )
+    spread_x = _covariance(_spread(x.covariance), prior_m_s2**2)
+    spread_y = spread_x if y.covariance is x.covariance else _covariance(_spread(y.covariance), prior_m_s2**2)
+    return _without_oscillation(x, spread_x), _without_oscillation(y, spread_y)
 
 
-def _with_oscillator_covariance(covariance: AxisCovariance, prior_m_s2: float) -> AxisCovariance:
-    prior = prior_m_s2**2
-    return AxisCovariance(
-        pp=covariance.pp,
-        pv=covariance.pv,
-        pc=covariance.pc + covariance.ps,
-        vv=covariance.vv,
-        vc=covariance.vc + covariance.vs,
-        cc=covariance.cc + 2.0 * covariance.cs + covariance.ss,
-        ss=prior,
-        qq=prior,
-    )
+def _without_oscillation(axis: AxisEstimate, covariance: AxisCovariance) -> AxisEstimate:
+    p, v, c, s, _ = axis.mean
+    return AxisEstimate((p, v, c + s, 0.0, 0.0), covariance)
+
+
+def _covariance(steady: AxisSpread, oscillating_m2_s4: float) -> AxisCovariance:
+    """Return the covariance of [p v c s q] with that of [p v c], and this variance of the oscillator's states."""
+    pp, pv, pc, vv, vc, cc = steady
+    variance = oscillating_m2_s4
+    return AxisCovariance((pp, pv, pc, 0.0, 0.0, vv, vc, 0.0, 0.0, cc, 0.0, 0.0, variance, 0.0, variance))
 
 
 def _spread(covariance: AxisCovariance) -> AxisSpread:
     """Return the covariance of [p v w], where w is the sum of the disturbance's parts."""
-    pw, vw = covariance.pc + covariance.ps, covariance.vc + covariance.vs
-    ww = covariance.cc + 2.0 * covariance.cs + covariance.ss
-    return covariance.pp, covariance.pv, pw, covariance.vv, vw, ww
+    pp, pv, pc, ps, _, vv, vc, vs, _, cc, cs, _, ss, _, _ = covariance.upper
+    return pp, pv, pc + ps, vv, vc + vs, cc + 2.0 * cs + ss
 
 
 def _is_jump(before: Telemetry, after: Telemetry) -> bool:

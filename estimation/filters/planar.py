@@ -6,9 +6,7 @@ measurements, this code 1.8 us. The tests compare these equations with filterpy'
 """
 
 from math import sqrt
-from typing import NamedTuple
-
-import msgspec
+from typing import Final, NamedTuple
 
 from estimation.state import PlanarSpread
 
@@ -16,35 +14,23 @@ _LEAST_M2 = 1e-9
 """Lower bound of an innovation's variance: rounding must not make it negative."""
 
 
-class PlanarCovariance(msgspec.Struct, frozen=True):
-    """The upper triangle of the symmetric covariance (4, 4) of [x y x' y']."""
+class PlanarCovariance:
+    """The upper triangle of the symmetric covariance (4, 4) of [x y x' y'], row by row."""
 
-    xx: float
-    xy: float
-    xu: float
-    xv: float
-    yy: float
-    yu: float
-    yv: float
-    uu: float
-    uv: float
-    vv: float
-
-    @property
-    def upper(self) -> PlanarSpread:
-        """The upper triangle, row by row."""
-        return self.xx, self.xy, self.xu, self.xv, self.yy, self.yu, self.yv, self.uu, self.uv, self.vv
+    def __init__(self, upper: PlanarSpread) -> None:
+        self.upper: Final = upper
 
 
-class Motion(msgspec.Struct, frozen=True):
+class Motion:
     """The estimated position and velocity [m, m/s] at one time, and their covariance."""
 
-    time_s: float
-    x: float
-    y: float
-    u: float
-    v: float
-    spread: PlanarCovariance
+    def __init__(self, time_s: float, x: float, y: float, u: float, v: float, spread: PlanarCovariance) -> None:
+        self.time_s: Final = time_s
+        self.x: Final = x
+        self.y: Final = y
+        self.u: Final = u
+        self.v: Final = v
+        self.spread: Final = spread
 
 
 class MotionStep(NamedTuple):
@@ -61,11 +47,12 @@ class MotionStep(NamedTuple):
     noise_velocity: float
 
 
-class Innovation(msgspec.Struct, frozen=True):
+class Innovation:
     """A measured position less the predicted one, whitened by the covariance of that difference."""
 
-    x: float
-    y: float
+    def __init__(self, x: float, y: float) -> None:
+        self.x: Final = x
+        self.y: Final = y
 
     @property
     def squared(self) -> float:
@@ -75,9 +62,8 @@ class Innovation(msgspec.Struct, frozen=True):
 
 def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
     """Return the estimate after a step: `P' = F P F' + Q`."""
-    x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
-    xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
-    yu, yv, uu, uv, vv = spread.yu, spread.yv, spread.uu, spread.uv, spread.vv
+    x, y, u, v = motion.x, motion.y, motion.u, motion.v
+    xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = motion.spread.upper
     t, k, noise_position, noise_cross, noise_velocity = step
     return Motion(
         to_s,
@@ -86,16 +72,18 @@ def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
         k * u,
         k * v,
         PlanarCovariance(
-            xx + t * (2.0 * xu + t * uu) + noise_position,
-            xy + t * (xv + yu + t * uv),
-            k * (xu + t * uu) + noise_cross,
-            k * (xv + t * uv),
-            yy + t * (2.0 * yv + t * vv) + noise_position,
-            k * (yu + t * uv),
-            k * (yv + t * vv) + noise_cross,
-            k * k * uu + noise_velocity,
-            k * k * uv,
-            k * k * vv + noise_velocity,
+            (
+                xx + t * (2.0 * xu + t * uu) + noise_position,
+                xy + t * (xv + yu + t * uv),
+                k * (xu + t * uu) + noise_cross,
+                k * (xv + t * uv),
+                yy + t * (2.0 * yv + t * vv) + noise_position,
+                k * (yu + t * uv),
+                k * (yv + t * vv) + noise_cross,
+                k * k * uu + noise_velocity,
+                k * k * uv,
+                k * k * vv + noise_velocity,
+            )
         ),
     )
 
@@ -103,7 +91,7 @@ def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
 def faster(motion: Motion, variance_m2_s2: float) -> Motion:
     """Return the estimate with a variance added to both velocities, which may have changed."""
     xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = motion.spread.upper
-    spread = PlanarCovariance(xx, xy, xu, xv, yy, yu, yv, uu + variance_m2_s2, uv, vv + variance_m2_s2)
+    spread = PlanarCovariance((xx, xy, xu, xv, yy, yu, yv, uu + variance_m2_s2, uv, vv + variance_m2_s2))
     return Motion(motion.time_s, motion.x, motion.y, motion.u, motion.v, spread)
 
 
@@ -115,9 +103,8 @@ def updated(
     The innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
     covariance stays symmetric.
     """
-    x, y, u, v, spread = motion.x, motion.y, motion.u, motion.v, motion.spread
-    xx, xy, xu, xv, yy = spread.xx, spread.xy, spread.xu, spread.xv, spread.yy
-    yu, yv, uu, uv, vv = spread.yu, spread.yv, spread.uu, spread.uv, spread.vv
+    x, y, u, v = motion.x, motion.y, motion.u, motion.v
+    xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = motion.spread.upper
     noise_xx, noise_xy, noise_yy = noise_m2
     first = sqrt(xx + noise_xx)
     across = (xy + noise_xy) / first
@@ -132,16 +119,18 @@ def updated(
     e = (position_m[0] - x) / first
     f = (position_m[1] - y - across * e) / second
     left = PlanarCovariance(
-        xx - gx * gx - hx * hx,
-        xy - gx * gy - hx * hy,
-        xu - gx * gu - hx * hu,
-        xv - gx * gv - hx * hv,
-        yy - gy * gy - hy * hy,
-        yu - gy * gu - hy * hu,
-        yv - gy * gv - hy * hv,
-        uu - gu * gu - hu * hu,
-        uv - gu * gv - hu * hv,
-        vv - gv * gv - hv * hv,
+        (
+            xx - gx * gx - hx * hx,
+            xy - gx * gy - hx * hy,
+            xu - gx * gu - hx * hu,
+            xv - gx * gv - hx * hv,
+            yy - gy * gy - hy * hy,
+            yu - gy * gu - hy * hu,
+            yv - gy * gv - hy * hv,
+            uu - gu * gu - hu * hu,
+            uv - gu * gv - hu * hv,
+            vv - gv * gv - hv * hv,
+        )
     )
     after = Motion(
         motion.time_s, x + gx * e + hx * f, y + gy * e + hy * f, u + gu * e + hu * f, v + gv * e + hv * f, left

@@ -9,6 +9,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from functools import lru_cache
 from math import exp, inf, sqrt
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -33,12 +34,13 @@ _MANOEUVRE_THRESHOLD, _MANOEUVRE_THRESHOLD_AGAIN = 20.0, 16.0
 _ONSET_S, _MANOEUVRING_S, _MANOEUVRES_AGAIN_S = 0.5, 8.0, 40.0
 
 
-class _FadingInnovation(msgspec.Struct, frozen=True):
+class _FadingInnovation:
     """The fading-memory innovation test: a fading sum of normalised innovations, and its variance."""
 
-    x: float = 0.0
-    y: float = 0.0
-    variance: float = 0.0
+    def __init__(self, x: float = 0.0, y: float = 0.0, variance: float = 0.0) -> None:
+        self.x: Final = x
+        self.y: Final = y
+        self.variance: Final = variance
 
     @property
     def squared(self) -> float:
@@ -218,7 +220,7 @@ class TargetFilter:
 
     def _started(self, sighting: Sighting) -> _Track:
         (xx, xy, yy), speed = sighting.covariance_m2, self._settings.velocity_prior_m_s**2
-        spread = PlanarCovariance(xx, xy, 0.0, 0.0, yy, 0.0, 0.0, speed, 0.0, speed)
+        spread = PlanarCovariance((xx, xy, 0.0, 0.0, yy, 0.0, 0.0, speed, 0.0, speed))
         time_s = sighting.time_s
         motion = Motion(time_s, *sighting.position_m, 0.0, 0.0, spread)
         return _Track(sighting, motion, _FadingInnovation(), time_s, inf, time_s, sighting.importance, sighting.threat)

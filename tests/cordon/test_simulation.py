@@ -12,7 +12,7 @@ import pytest
 from scipy.linalg import expm
 
 import cordon
-from agents.control.plan import resting
+from agents.control.aims import resting
 from sitl.vehicle.plant_step import Motion, Pair
 from tests.support.flight_logs import engaging, record_simulation
 

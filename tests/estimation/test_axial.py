@@ -11,7 +11,6 @@ from estimation.state import Vector
 
 OBSERVATION = np.eye(2, 5)
 UPPER = np.triu_indices(5)
-ENTRIES = ["pp", "pv", "pc", "ps", "pq", "vv", "vc", "vs", "vq", "cc", "cs", "cq", "ss", "sq", "qq"]
 
 
 def drawn(seed: int) -> tuple[AxisEstimate, np.random.Generator]:
@@ -20,16 +19,16 @@ def drawn(seed: int) -> tuple[AxisEstimate, np.random.Generator]:
     root = random.standard_normal((5, 5))
     covariance = root @ root.T + 0.1 * np.eye(5)
     p, v, c, s, q = random.standard_normal(5).tolist()
-    return AxisEstimate(p, v, c, s, q, AxisCovariance(*covariance[UPPER].tolist())), random
+    return AxisEstimate((p, v, c, s, q), AxisCovariance(tuple(covariance[UPPER].tolist()))), random
 
 
 def mean(axis: AxisEstimate) -> Vector:
-    return np.array((axis.p, axis.v, axis.c, axis.s, axis.q))
+    return np.array(axis.mean)
 
 
 def covariance(axis: AxisEstimate) -> Vector:
     half = np.zeros((5, 5))
-    half[UPPER] = [getattr(axis.covariance, name) for name in ENTRIES]
+    half[UPPER] = axis.covariance.upper
     return half + np.triu(half, 1).T
 
 

@@ -18,7 +18,7 @@ def drawn(seed: int) -> tuple[Motion, np.random.Generator]:
     random = np.random.default_rng(seed)
     covariance = positive(random, 4)
     x, y, u, v = random.standard_normal(4).tolist()
-    return Motion(3.0, x, y, u, v, PlanarCovariance(*covariance[UPPER].tolist())), random
+    return Motion(3.0, x, y, u, v, PlanarCovariance(tuple(covariance[UPPER].tolist()))), random
 
 
 def mean_of(motion: Motion) -> Vector:
@@ -81,7 +81,7 @@ def test_nothing_so_far_out_stops_the_filter(subtests: pytest.Subtests) -> None:
 
 
 def test_a_noise_that_is_almost_a_line_leaves_a_covariance() -> None:
-    still = Motion(0.0, 0.0, 0.0, 0.0, 0.0, PlanarCovariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
+    still = Motion(0.0, 0.0, 0.0, 0.0, 0.0, PlanarCovariance((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0)))
     after, innovation = updated(still, (1.0, 1.0), (1e4, 1e4, 1e4))
     assert np.isfinite(mean_of(after)).all()
     assert np.isfinite(innovation.squared)

@@ -24,7 +24,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.experiments.arguments import parser
 from tests.support.mission_text import CASE2, INSECURE
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 
 KINDS = ("junk", "valid", "large")
 MISSED_MAX, GROWTH_MAX_MB, HOLD_MAX_S = 0.01, 20.0, 0.3
@@ -70,7 +70,7 @@ def flooded(kind: str, mission: Mission, lasting_s: float, rate_hz: float) -> tu
     ends = [vehicle.section.endpoint for vehicle in mission.vehicles]
     arguments = [kind, mission.network.team, str(lasting_s), str(2.0 if kind == "large" else rate_hz), *ends]
     command = [sys.executable, "-m", "tests.support.stranger", *arguments]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as stranger:
+    with subprocess.Popen(command, cwd=ROOT, env=finds_tests(), stdout=subprocess.PIPE, text=True) as stranger:
         time.sleep(min(2.0, lasting_s / 2.0))
         longest_s = asyncio.run(hold_s(mission))
         return int(stranger.communicate()[0]), longest_s

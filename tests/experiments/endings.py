@@ -18,13 +18,12 @@ from typing import NamedTuple
 
 from tests.experiments.arguments import parser
 from tests.support.mission_text import CASE2, LOW
-from tests.support.paths import ROOT
 from tests.support.wire import free_ports
 
 SPEED = "5"
 ALOFT_S = 6.0
 """The time from the first line about formation flight to the end [wall s]."""
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "TERM": "dumb"}
+ENVIRONMENT = {**os.environ, "COLUMNS": "200", "TERM": "dumb"}
 NEAR = ("start_m = [35.0, -5.0]\nvelocity_m_s = [0.1, 0.0]", "start_m = [10.0, -5.0]")
 QUICK_BATTERY = ("[target]\n", "[failsafe]\nbattery_low = 0.999\nbattery_s = 1.0\n\n[target]\n")
 FIVE = "".join(

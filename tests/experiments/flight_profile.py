@@ -24,7 +24,7 @@ from gcs.flight.supervision.supervisor import is_supervised
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Cost
 from tests.experiments.arguments import parser
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 from tests.support.ring_mission import ring_mission
 from tests.support.wire import free_ports
 
@@ -106,7 +106,9 @@ def profile(
         output, supervisor_log = Path(folder, "result.json"), Path(folder, "messages.txt")
         with beside(mission), output.open("wb") as result, supervisor_log.open("wb") as messages:
             command = [sys.executable, "-m", program, *inside, *options]
-            flight = subprocess.Popen(command, cwd=ROOT, stdout=result, stderr=messages)
+            flight = subprocess.Popen(
+                command, cwd=ROOT, env=finds_tests() if inside else None, stdout=result, stderr=messages
+            )
             usage, cores = followed(flight)
         if not output.read_bytes():
             raise RuntimeError(f"the flight of {vehicles} vehicles failed:\n{supervisor_log.read_text()}")

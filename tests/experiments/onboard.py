@@ -35,7 +35,6 @@ from tests.experiments.arguments import parser
 from tests.support.computers import Computer
 from tests.support.lossy_network import LossyNetwork, Wireless, lossy_network
 from tests.support.mission_text import CASE2
-from tests.support.paths import ROOT
 
 POLICIES = {"go_on": Tactic.ENCIRCLE, "hold": Tactic.HOLD, "return": Tactic.RETURN_AND_LAND}
 """The policies of a mission, with their tactics."""
@@ -104,7 +103,7 @@ class Site:
 
     def run(self, computer: Computer, *arguments: str) -> "subprocess.Popen[bytes]":
         """Start a command of cordon on a computer; its output goes to a file there."""
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"}
+        environment = {**os.environ, "TERM": "dumb", "COLUMNS": "200"}
         process = subprocess.Popen(
             computer.command(sys.executable, "-m", "gcs", *arguments),
             cwd=self._files(computer),

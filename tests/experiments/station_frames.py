@@ -27,7 +27,7 @@ from tests.experiments.flight_profile import Profile, profile
 from tests.support.page.browser import ARGUMENTS, MISSING, program
 from tests.support.page.moving_station import moving_station
 from tests.support.page.page_meter import SCRIPT, Memory, PageMeter, Spent
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 from tests.support.wire import LOOPBACK, cordon, free_port
 
 SETTLE_S = 5.0
@@ -198,7 +198,7 @@ def visit_twice(address: str, pages: int, killed_after_s: float, ended: threadin
     """Open pages, kill them all at once, and reopen them until the end."""
     command = [sys.executable, "-m", "tests.support.page.station_pages", address, str(pages)]
     for lasting_s in (killed_after_s, None):
-        with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as visitors:
+        with subprocess.Popen(command, cwd=ROOT, env=finds_tests(), stdout=subprocess.PIPE, text=True) as visitors:
             ended.wait(lasting_s)
             visitors.kill()
             lines = visitors.communicate()[0].splitlines()

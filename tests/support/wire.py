@@ -20,7 +20,6 @@ from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig, serve
-from tests.support.paths import ROOT
 
 LOOPBACK = "127.0.0.1"
 
@@ -106,7 +105,7 @@ def until_now(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
 @contextmanager
 def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
     """Run a command in the background, without a terminal."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
+    environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1"}
     pipe = subprocess.PIPE
     with subprocess.Popen(
         [sys.executable, "-m", "gcs", *arguments], stdout=pipe, stderr=pipe, text=True, env=environment

@@ -31,7 +31,6 @@ from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
 from tests.support.mission_text import INSECURE, LOW, LOW_M
-from tests.support.paths import ROOT
 from tests.support.wire import served
 from tests.support.wording import facts_missing
 
@@ -118,7 +117,7 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
     path = mission_file("case2")
     words = "Arming denied: press the safety switch first"
     monkeypatch.setattr(Autopilot, "_arming_fault", lambda _autopilot: words)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
+    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
     async with served(stub_configs(load_mission(path)), SPEED):
         command = ("-m", "gcs", "fly", path, "--json", "--speed", str(SPEED))
         process = await asyncio.create_subprocess_exec(

@@ -29,7 +29,6 @@ from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
 from tests.support.mission_text import LOW_M
-from tests.support.paths import ROOT
 from tests.support.wire import StubWatch, served, until
 
 pytestmark = pytest.mark.wire
@@ -247,7 +246,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
     async with served(stub_configs(mission), SPEED):
         child, person = pty.fork()
         if child == 0:
-            os.environ |= {"PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "120"}
+            os.environ |= {"TERM": "xterm", "COLUMNS": "120"}
             command = [sys.executable, "-m", "gcs", "fly", path, "--only", "1", "--speed", str(SPEED)]
             os.execv(sys.executable, command)
         terminal, shown = Terminal(person), termios.tcgetattr(person)
@@ -290,7 +289,7 @@ async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mi
     path = mission_file("case2")
     child, person = pty.fork()
     if child == 0:
-        os.environ |= {"PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "120"}
+        os.environ |= {"TERM": "xterm", "COLUMNS": "120"}
         os.execv(sys.executable, [sys.executable, "-m", "gcs", "command", "kill", "--vehicle", "2", "--mission", path])
     terminal = Terminal(person)
     try:

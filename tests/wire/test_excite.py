@@ -15,7 +15,6 @@ from gcs.flightlog.run import mission_of
 from gcs.mission.file import load_mission
 from gcs.replay.cores import replay
 from tests.support.mission_text import LOW
-from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.wire
 
@@ -36,7 +35,7 @@ def test_a_vehicle_is_excited_alone_inside_its_box_and_its_log_can_be_replayed(
 ) -> None:
     path, log = mission_file("case2", ("[target]\n", SHORT), LOW), tmp_path / "excited.mcap"
     command = [sys.executable, "-m", "gcs", "excite", path, "--sitl", "--speed", "10", "--json", "--log", str(log)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
+    environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1"}
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, check=False)
     assert done.returncode == 0, done.stderr
     assert "vehicle 1: standby -> excite: start" in done.stderr

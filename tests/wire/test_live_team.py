@@ -37,7 +37,6 @@ from sitl.autopilot.modes import NavMode
 from sitl.server.process import unix_clock
 from sitl.server.server import Stub, serve
 from tests.support.mission_text import LOW
-from tests.support.paths import ROOT
 from tests.support.wire import until
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
@@ -202,7 +201,7 @@ async def fly(mission: str, log: Path, duration_s: float) -> AsyncIterator[async
     pipe = asyncio.subprocess.PIPE
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gcs", "fly", mission, "--duration", f"{duration_s:g}", "--log", str(log), "--json"),
-        stdout=pipe, stderr=pipe, env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"},
+        stdout=pipe, stderr=pipe, env={**os.environ, "TERM": "dumb", "NO_COLOR": "1"},
     )  # fmt: skip
     try:
         yield process

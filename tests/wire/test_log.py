@@ -23,7 +23,6 @@ from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import Cost, Decision, LocalCommand, Taken, Truth, Vehicle, VehicleEnd, decision_of
 from gcs.flightlog.run import mission_of
 from tests.support.mission_text import LOW
-from tests.support.paths import ROOT
 from tests.support.result_keys import RESULT_KEYS
 
 pytestmark = pytest.mark.wire
@@ -45,7 +44,7 @@ def test_a_flight_and_its_log_killed_in_mid_air_leave_all_but_their_last_second(
     log = tmp_path / "left.mcap"
     command = [sys.executable, "-m", "gcs"]
     flight = ["fly", mission_file("case2", LOW), "--sitl", "--speed", f"{SPEED:g}", "--log", str(log)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb"}
+    environment = {**os.environ, "TERM": "dumb"}
     with subprocess.Popen([*command, *flight], stderr=subprocess.PIPE, env=environment) as process:
         try:
             flying = wait_for(lambda: child_of(process.pid), 30.0, "the flying process")
@@ -98,7 +97,7 @@ def test_a_disk_that_is_full_is_told_and_a_team_flies_on_with_stubs_of_its_own(
         capture_output=True,
         text=True,
         timeout=100,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"},
+        env={**os.environ, "TERM": "dumb", "COLUMNS": "200"},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_MAX_BYTES, FILE_MAX_BYTES)),
         check=False,
     )

@@ -16,7 +16,6 @@ from gcs.errors import Exit
 from gcs.keys.authority_folder import AuthorityFolder
 from tests.support.computers import Computer, computers
 from tests.support.mission_text import CASE2, LOW_M
-from tests.support.paths import ROOT
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
@@ -54,7 +53,7 @@ class Site:
 
     def run(self, holder: str, *arguments: str) -> "subprocess.Popen[str]":
         host, folder = self._places[holder]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"}
+        environment = {**os.environ, "TERM": "dumb", "COLUMNS": "200"}
         command, pipe = host.command(sys.executable, "-m", "gcs", *arguments), subprocess.PIPE
         process = subprocess.Popen(command, cwd=folder, stdout=pipe, stderr=pipe, text=True, env=environment)
         self._stack.callback(process.wait)

@@ -39,7 +39,7 @@ TOPICS = ("/scene", "/tf", "/points", *(f"/vehicle/{i}/{name}" for i in VEHICLES
 @asynccontextmanager
 async def flown(mission: str, *arguments: str) -> AsyncIterator[Process]:
     """Fly a team of stubs in a process of its own."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1"}
+    environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1"}
     command = [sys.executable, "-m", "gcs", "fly", mission, "--sitl", "--speed", str(SPEED), *arguments]
     process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
     try:

@@ -27,7 +27,6 @@ from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERI
 from gcs.mission.file import load_mission
 from sitl.autopilot.modes import NavMode
 from sitl.server.server import serve
-from tests.support.paths import ROOT
 from tests.support.wire import StubWatch, until
 
 pytestmark = pytest.mark.wire
@@ -105,7 +104,7 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
     )
     under_test = ProcessUnderTest()
     server = await asyncio.start_unix_server(under_test.meet, tmp_path / "socket")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
+    environment = {**os.environ, "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
     watch, clock = StubWatch(monkeypatch), StubClock(FAST)
 
     async def start(*, supervised: bool = True, terminal: int | None = None) -> Flight:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 from scipy.optimize import minimize
 
 from agents.control.encirclement import (
@@ -189,12 +188,13 @@ def test_the_plan_minimises_the_papers_cost(
     weights = {"lag_weight": lag_weight, "lead_weight": lead_weight}
     config = make_config(encirclement=weights, safety={"separation_m": 3.0})
     planner, motion, previous = EncirclementPlanner(config), motion_from_polar(polar, TARGET), np.zeros(2)
-    reference = RingPoint(
-        ShapedCoordinate(10.1, -0.05, 0.1),
-        ShapedCoordinate(polar.bearing_rad + 0.02, polar.angular_rate_rad_s + 0.01, -0.005),
-        0.0,
+    radius = ShapedCoordinate(10.1, -0.05, 0.1)
+    reference, turned = (
+        RingPoint(
+            radius, ShapedCoordinate(polar.bearing_rad + 0.02 + turn, polar.angular_rate_rad_s + 0.01, -0.005), 0.0
+        )
+        for turn in (0.0, tau)
     )
-    turned = replace(reference, bearing=replace(reference.bearing, value=reference.bearing.value + tau))
     for _ in range(2):  # the second plan continues the first: it pays for the change of acceleration
         plan = planner.plan(ring_task(config, motion, TARGET, WIND, place, reference=turned))
         acceleration = polar_acceleration(config, motion, plan, WIND)

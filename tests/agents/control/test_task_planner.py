@@ -8,11 +8,13 @@ from math import hypot, nan
 import numpy as np
 import pytest
 
-from agents.control.plan import Plan, resting
+from agents.control.aims import resting
+from agents.control.plan import Plan
 from agents.core import VehicleCore
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
-from agents.situation.situation import Situation, Task
+from agents.situation.situation import Situation
+from agents.situation.task import Task
 from agents.tactics import Event, Tactic
 from agents.team.messages import MemberState
 from estimation.plant.model import Plant, PlantAxis, exact_step

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from math import hypot
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -27,8 +26,10 @@ HEIGHT_M = 8.0
 STILL = (0.0, 0.0)
 
 
-def situation(now_s: float, acts_after_s: float = 0.05, sigma_m: float = 0.0) -> Situation:
-    mean = np.zeros(6)
+def situation(
+    now_s: float, acts_after_s: float = 0.05, sigma_m: float = 0.0, moving_m_s: tuple[float, float] = STILL
+) -> Situation:
+    mean = np.array((0.0, 0.0, *moving_m_s, 0.0, 0.0))
     own = OwnEstimate(now_s, mean, own_spread(sigma_m, sigma_m / 2.0))
     return Situation(now_s, now_s + acts_after_s, own, mean[:4], mean[4:], None, None, None, height_m=HEIGHT_M)
 
@@ -226,8 +227,7 @@ def test_a_setpoint_without_effect_is_not_guarded(event: Event, guarded: bool, m
 def test_who_is_not_near_changes_no_setpoint(
     away_m: float, closing: tuple[float, float], ahead_m: float, lead_m: float, age_s: float, tactic: str
 ) -> None:
-    here = situation(10.0 + age_s)
-    here = msgspec.structs.replace(here, acting_motion=np.array([0.0, 0.0, closing[0], 0.0]))
+    here = situation(10.0 + age_s, moving_m_s=(closing[0], 0.0))
     spoken = member(10.0, tactic, (away_m, 0.0), (-closing[1], 0.0), (away_m + ahead_m, 0.0))
     neighbours, guard, plan = Neighbours(CONFIG), Guard(CONFIG), np.array([lead_m, 0.0])
     if not neighbours.near(here, [spoken] * (A_FEW + 1)):
@@ -267,8 +267,7 @@ def test_an_aim_that_exposes_no_one_is_not_changed_for_anyone(
     tactic: str,
 ) -> None:
     """Two vehicles on one line, where they endanger each other most."""
-    here = situation(10.0 + age_s, sigma_m=sigma_m)
-    here = msgspec.structs.replace(here, acting_motion=np.array([0.0, 0.0, own_m_s, 0.0]))
+    here = situation(10.0 + age_s, sigma_m=sigma_m, moving_m_s=(own_m_s, 0.0))
     spoken = member(10.0, tactic, (away_m, 0.0), (-its_m_s, 0.0), (away_m - its_lead_m, 0.0), sigma_m=sigma_m)
     neighbours, guard, aim = Neighbours(CONFIG), Guard(CONFIG), np.array([lead_m, 0.0])
     if not neighbours.exposed(here, [spoken], aim):
@@ -277,7 +276,7 @@ def test_an_aim_that_exposes_no_one_is_not_changed_for_anyone(
 
 def test_neighbours_in_a_line_that_fly_on_are_not_exposed() -> None:
     cruising = 0.2, 0.0
-    here = msgspec.structs.replace(situation(10.0), acting_motion=np.array([0.0, 0.0, *cruising]))
+    here = situation(10.0, moving_m_s=cruising)
     lead_m = cruising[0] * CONFIG.plant.x.a1_per_s / CONFIG.plant.x.a0_per_s2
     beside = [member(9.9, "formation", (0.0, y), cruising, (lead_m, y)) for y in (5.0, -5.0)]
     neighbours = Neighbours(CONFIG)
@@ -287,6 +286,6 @@ def test_neighbours_in_a_line_that_fly_on_are_not_exposed() -> None:
 
 def test_a_silent_vehicle_that_flew_ahead_may_have_stopped(make_config: Maker) -> None:
     config = make_config(safety={"acceleration_max_m_s2": 0.1})
-    here = msgspec.structs.replace(situation(11.2), acting_motion=np.array([0.0, 0.0, 3.0, 0.0]))
+    here = situation(11.2, moving_m_s=(3.0, 0.0))
     ahead = member(10.0, position=(6.0, 0.0), velocity=(3.0, 0.0), setpoint=(9.0, 0.0))
     assert Neighbours(config).exposed(here, [ahead], np.array([3.0, 0.0])) == [ahead]

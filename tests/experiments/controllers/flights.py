@@ -13,7 +13,8 @@ from agents.control.plan import Plan
 from agents.control.planner import Planner
 from agents.control.task_planner import TaskPlanner
 from agents.settings.config import AgentConfig
-from agents.situation.situation import Situation, Task
+from agents.situation.situation import Situation
+from agents.situation.task import Task
 from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.flight.simulated import fly_simulated

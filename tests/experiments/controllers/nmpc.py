@@ -14,7 +14,8 @@ from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan
 from agents.ring.place import RingPlace, ring_place
 from agents.settings.config import AgentConfig
-from agents.situation.situation import Situation, Task
+from agents.situation.situation import Situation
+from agents.situation.task import Task
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
 from estimation.polar import Polar, motion_from_polar, polar_from_motion

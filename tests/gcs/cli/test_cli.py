@@ -22,7 +22,8 @@ from gcs.cli.options import with_stubs
 from gcs.flight.faults.catalogue import FAULTS
 from gcs.mission.file import bundled_missions
 from gcs.mission.writing.schema import mission_schema
-from tests.support.paths import DATA, MISSIONS, ROOT
+from tests.support import installation
+from tests.support.paths import DATA, MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
 
 # It warns that these tests run main() itself, as the console script does.
@@ -60,7 +61,7 @@ TERMINAL = {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"}
 
 
 def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT), **TERMINAL}
+    return {**os.environ, **TERMINAL}
 
 
 def cordon(*arguments: str, cwd: Path | None = None) -> Ran:
@@ -138,9 +139,9 @@ def test_a_verb_is_imported_once_it_is_used() -> None:
     assert done.stdout.splitlines() == ["[]", "True False"]
 
 
-def test_the_version_is_the_distributions_and_says_that_its_sources_run(run_here: Cordon) -> None:
-    ran = run_here("--version")
-    assert (ran.code, ran.out) == (0, f"{version('cordon-gcs')} (pure Python)\n")
+def test_the_version_is_the_distributions_and_says_whether_compiled_code_runs(run_here: Cordon) -> None:
+    ran, runs = run_here("--version"), "compiled" if installation.compiled(installation.place()) else "pure Python"
+    assert (ran.code, ran.out) == (0, f"{version('cordon-gcs')} ({runs})\n")
 
 
 def test_all_commands_are_listed_with_an_example_to_start_with(run_here: Cordon) -> None:

@@ -16,14 +16,14 @@ import psutil
 import pytest
 
 from gcs.errors import Exit
-from tests.support.paths import MISSIONS, ROOT
+from tests.support.paths import MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wire import free_ports
 
 RUNS = 12
 FLIGHT = ("case2", "--vary", "encirclement.radius_m=8:12:2", "--seeds", "0:6", "--duration", "40")
 MIDDLE = 4
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"}
+ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"}
 
 
 def start(*arguments: str) -> "subprocess.Popen[str]":

@@ -280,10 +280,9 @@ asyncio.run(main())
 def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: int, terminal: tuple[int, int]) -> None:
     person, program = terminal
     before = settings(person)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", PROGRAM]
     with subprocess.Popen(  # its own session, with this terminal as its own
-        command, stdin=program, stdout=program, stderr=program, env=environment, start_new_session=True
+        command, stdin=program, stdout=program, stderr=program, start_new_session=True
     ) as child:
         try:
             heard = _read_until(person, "active True")

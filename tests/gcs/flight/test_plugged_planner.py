@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.control.plan import Plan, resting
+from agents.control.aims import resting
+from agents.control.plan import Plan
 from agents.settings.config import AgentConfig
-from agents.situation.situation import Task
+from agents.situation.task import Task
 from gcs.flight.simulated import fly_simulated
 from gcs.flight.simulation_log import simulation_recording
 from gcs.mission.file import load_mission

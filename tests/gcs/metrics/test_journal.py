@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -48,19 +47,22 @@ def status(
     *,
     tactic: Tactic = Tactic.FORMATION,
     peers: Iterable[MemberState] = (),
+    target: TargetEstimate | None = None,
 ) -> CoreStatus:
     return CoreStatus(
         vehicle_id=vehicle_id,
         time_s=START_S + time_s,
         tactic=tactic,
-        situation=None if motion is None else situation(START_S + time_s, np.array([*motion(time_s), 0.0, 0.0])),
+        situation=None
+        if motion is None
+        else situation(START_S + time_s, np.array([*motion(time_s), 0.0, 0.0]), target),
         peers=tuple(peers),
     )
 
 
-def situation(time_s: float, mean: Vector) -> Situation:
+def situation(time_s: float, mean: Vector, target: TargetEstimate | None = None) -> Situation:
     own = OwnEstimate(time_s, mean, own_spread(1.0))
-    return Situation(time_s, time_s, own, mean[:4], mean[4:], None, None, None)
+    return Situation(time_s, time_s, own, mean[:4], mean[4:], target, None, None)
 
 
 def peer(vehicle_id: int, time_s: float, motion: Motion = parallel, tactic: str = "formation") -> MemberState:
@@ -313,13 +315,8 @@ def seen(time_s: float) -> Vector:
 def test_each_track_has_the_target_as_its_vehicle_estimates_it(mission: Mission) -> None:
     journal = Journal(mission)
     for time_s in np.arange(0.0, 10.05, 0.1).tolist():
-        known = status(1, time_s)
-        assert known.situation is not None
         target = TargetEstimate(START_S + time_s, seen(time_s), target_spread(1.0), START_S + time_s, 1.0, 0.0)
-        sees = target if time_s > 3.95 else None
-        journal.note(
-            msgspec.structs.replace(known, situation=msgspec.structs.replace(known.situation, target=sees)), 80.0
-        )
+        journal.note(status(1, time_s, target=target if time_s > 3.95 else None), 80.0)
         journal.note(status(2, time_s), 80.0)
     flight = record(journal)
     of_target = track(flight, 1).target

@@ -14,7 +14,7 @@ from agents.control.plan import Plan
 from agents.control.planner import Planner
 from agents.drops import Drops
 from agents.ports import FlightMode, VehicleStatus
-from agents.situation.situation import Task
+from agents.situation.task import Task
 from agents.tactics import Event
 from agents.tape import (
     Autopilot,

@@ -17,9 +17,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Literal, NamedTuple
 
-from tests.support.paths import ROOT
-
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "TERM": "dumb", "NO_COLOR": "1"}
+ENVIRONMENT = {**os.environ, "COLUMNS": "200", "TERM": "dumb", "NO_COLOR": "1"}
 BETWEEN_INTERRUPTS_S = 1.0
 Kind = Literal["command", "action", "promise", "picture"]
 KINDS: dict[Kind, str] = {

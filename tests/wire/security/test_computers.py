@@ -16,7 +16,6 @@ from gcs.errors import Exit
 from gcs.keys.authority_folder import AuthorityFolder
 from tests.support.computers import Computer, computers
 from tests.support.mission_text import CASE2
-from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.wire
 
@@ -63,7 +62,7 @@ def test_a_team_on_two_computers_flies_and_a_third_without_keys_gets_nothing(tmp
         plain = folder_for("plain", mission_text([first, second], insecure=True), keys.path)
 
         def cordon(computer: Computer, folder: Path, *arguments: str) -> "subprocess.Popen[str]":
-            environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"}
+            environment = {**os.environ, "TERM": "dumb", "COLUMNS": "200"}
             command = computer.command(sys.executable, "-m", "gcs", *arguments)
             pipe = subprocess.PIPE
             process = subprocess.Popen(command, cwd=folder, stdout=pipe, stderr=pipe, text=True, env=environment)

@@ -28,7 +28,6 @@ from gcs.console.watch import WatchView, watch
 from gcs.link.ports.claims import flight_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
-from tests.support.paths import ROOT
 from tests.support.wire import free_ports
 
 pytestmark = pytest.mark.wire
@@ -40,7 +39,7 @@ MISSED_SHARE_MAX = 0.01
 @asynccontextmanager
 async def cordon(*arguments: str) -> AsyncIterator[Process]:
     """Run a command of cordon in a process of its own."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "400"}
+    environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "400"}
     command = [sys.executable, "-m", "gcs", *arguments]
     process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
     try:
