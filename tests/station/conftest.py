@@ -52,8 +52,17 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
     context.close()
 
 
+@pytest.fixture(scope="module")
+def simulated_context(browser: Browser) -> Iterator[BrowserContext]:
+    """Return the same for pages whose time is simulated: a context has one clock."""
+    context = browser.new_context(viewport=VIEWPORT)
+    context.clock.install()
+    yield context
+    context.close()
+
+
 @pytest.fixture
-def open_page(browser: Browser, context: BrowserContext) -> Iterator[OpenPage]:
+def open_page(browser: Browser, context: BrowserContext, simulated_context: BrowserContext) -> Iterator[OpenPage]:
     """Return what opens a page of a station, with settings in a context of its own.
 
     Errors of its scripts fail the test. Time that is `simulated` passes as always, and at once in `page.clock.run_for`.
@@ -63,13 +72,11 @@ def open_page(browser: Browser, context: BrowserContext) -> Iterator[OpenPage]:
 
     def open_at(url: str, *, script: str = "", simulated: bool = False, **settings: Any) -> Page:
         own = browser.new_context(**{"viewport": VIEWPORT, **settings}) if settings else None
-        page = (own or context).new_page()
+        page = (own or (simulated_context if simulated else context)).new_page()
         opened.append(own or page)
         page.set_default_timeout(10_000)
         page.on("pageerror", lambda error: _keep_error(str(error), "error", errors))
         page.on("console", lambda message: _keep_error(message.text, message.type, errors))
-        if simulated:
-            page.clock.install()
         page.add_init_script(FEW_FRAMES + script)
         page.goto(url)
         return page

@@ -69,9 +69,7 @@ def test_alarm_sounds_until_it_is_acknowledged(page: Page, served: CannedStation
     expect(page.locator("#alarm-bar")).to_be_hidden()
     assert tones_in(page, served, 1.2 * REPEATED_MS) == 0
     served.team = link_lost
-    expect(page.locator("#alarms li")).to_have_text(
-        "■ ALARM Vehicle 2: link lost. Wait: it lands by itself.", timeout=500
-    )
+    expect(page.locator("#alarms li")).to_have_text("■ ALARM Vehicle 2: link lost. Wait: it lands by itself.")
     expect(page.locator("#assertive")).to_have_text("Alarm. Vehicle 2: link lost. Wait: it lands by itself.")
     assert tones_in(page, served, 2.2 * REPEATED_MS) >= 4
     page.get_by_role("button", name="Acknowledge").click()
