@@ -65,7 +65,7 @@ def simulated_context(browser: Browser) -> Iterator[BrowserContext]:
 def open_page(browser: Browser, context: BrowserContext, simulated_context: BrowserContext) -> Iterator[OpenPage]:
     """Return what opens a page of a station, with settings in a context of its own.
 
-    Errors of its scripts fail the test. Time that is `simulated` passes as always, and at once in `page.clock.run_for`.
+    Errors of its scripts fail the test. Time that is `simulated` passes as always, and at once in `pass_time`.
     """
     errors: list[str] = []
     opened: list[Page | BrowserContext] = []
@@ -85,6 +85,11 @@ def open_page(browser: Browser, context: BrowserContext, simulated_context: Brow
     for each in opened:
         each.close()
     assert not errors
+
+
+def pass_time(page: Page, time_ms: float) -> None:
+    """Let time pass at once on a page whose time is simulated."""
+    page.clock.run_for(round(time_ms))
 
 
 def _keep_error(text: str, kind: str, errors: list[str]) -> None:

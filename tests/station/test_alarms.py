@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from gcs.station.picture import EventPicture, TeamPicture
-from tests.station.conftest import NO_WEBGL, OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import RATE_HZ, CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
 
@@ -57,7 +57,7 @@ def tones_in(page: Page, served: CannedStation, time_ms: float) -> int:
         assert served.team is not None
         served.send(served.team(0.0))
         page.wait_for_timeout(20)  # until it has arrived
-        page.clock.run_for(1000.0 / RATE_HZ)
+        pass_time(page, 1000.0 / RATE_HZ)
     after: int = page.evaluate("window.tones")
     return after - before
 
@@ -131,7 +131,7 @@ def event(number: int, severity: str = "information", vehicle_id: int | None = N
 
 
 def test_events_newest_first_and_each_once(page: Page, served: CannedStation) -> None:
-    page.clock.run_for(1100)
+    pass_time(page, 1100)
     for each in (event(1), event(2, "warning", 3), event(3, "alarm", 1)):
         served.send(each)
     rows = page.locator("#events li")

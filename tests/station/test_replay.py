@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
-from tests.station.conftest import NO_WEBGL, OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import ring_flight, ring_mission, ring_team
 
@@ -72,16 +72,16 @@ def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
     page.locator("#speed").select_option("5")
     page.clock.pause_at(page.evaluate("Date.now() + 100"))
     page.get_by_role("button", name="Play").click()
-    page.clock.run_for(2000)
+    pass_time(page, 2000)
     page.get_by_role("button", name="Pause").click()
     place = float(page.locator("#seek").input_value()) / 5.0
     assert place == pytest.approx(10.0, abs=1.0)
-    page.clock.run_for(500)
+    pass_time(page, 500)
     assert float(page.locator("#seek").input_value()) / 5.0 == place
     page.locator("#speed").select_option("20")
     seek(page, 5 * 55)
     page.get_by_role("button", name="Play").click()
-    page.clock.run_for(500)
+    pass_time(page, 500)
     expect(page.locator("#elapsed")).to_have_text("T+ 1:00")
     expect(page.get_by_role("button", name="Play")).to_be_visible()
 

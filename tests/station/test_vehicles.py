@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from gcs.station.picture import MissionPicture, TeamPicture
-from tests.station.conftest import NO_WEBGL, OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
 
@@ -185,9 +185,9 @@ def test_station_that_is_gone_leaves_nothing_alive(open_page: OpenPage, way: str
         served.is_silent = served.is_refusing = True
         if way == "closed":
             served.disconnect()
-        page.clock.run_for(1500)
+        pass_time(page, 1500)
         expect(page.locator(".symbol[data-vehicle][data-current='false']")).to_have_count(3)
-        page.clock.run_for(1000)
+        pass_time(page, 1000)
         expect(page.locator("#link")).to_have_text("■ no station")
         expect(page.locator(".symbol.target .label")).to_contain_text(re.compile(r"seen \d"))
         expect(page.locator("#alarms")).to_contain_text("No connection to the station")
