@@ -5,11 +5,15 @@ drills.
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import count
 from math import hypot
+from types import TracebackType
+from typing import Self
 
 from agents.core import VehicleCore
 from agents.drops import NO_DROPS
+from agents.outputs import CoreStatus
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.agent import Agent
 from agents.shell.outcome import Outcome, Stop
@@ -48,6 +52,7 @@ class AutopilotLink:
             assert self.autopilot.parameters.set(name, value)
         self._on_step = on_step
         self._clock = SimulatedClock(1.0)
+        self._booted_s = asyncio.get_running_loop().time()
         self._handed_over = False
         self._flying: asyncio.Task[None] | None = None
 
@@ -81,13 +86,13 @@ class AutopilotLink:
             self.autopilot.select(NavMode.HOLD)
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
+        self._handed_over = False
         self._flying = asyncio.create_task(self._fly(on_telemetry))
 
     async def _fly(self, on_telemetry: Callable[[Telemetry], None]) -> None:
         loop, autopilot, faults = asyncio.get_running_loop(), self.autopilot, self.faults
-        began_s = loop.time()
         while True:
-            autopilot.step(loop.time() - began_s, faults.push_m_s2)
+            autopilot.step(loop.time() - self._booted_s, faults.push_m_s2)
             self._on_step()
             if autopilot.estimator_ready and not faults.motion_silent:
                 sample = Telemetry(self._clock.now_s(), self.estimate_m, autopilot.airframe.velocity_m_s)
@@ -181,9 +186,10 @@ class TeamBus:
 class MemberBus:
     """One vehicle's part of the bus; implements `agents.ports.PeerBus`."""
 
-    alive, operated, drops = True, False, NO_DROPS
+    operated, drops = False, NO_DROPS
 
     def __init__(self, team: TeamBus, vehicle_id: int) -> None:
+        self.alive = True
         self._team = team
         self.vehicle_id = vehicle_id
         self.on_message: Callable[[BusMessage], None] = lambda _message: None
@@ -199,16 +205,24 @@ class MemberBus:
         self._team.join(self)
 
     def publish(self, topic: str, payload: bytes) -> None:
-        self._team.send(self.vehicle_id, payload)
+        if self.alive:
+            self._team.send(self.vehicle_id, payload)
+
+    def break_off(self) -> None:
+        """Lose the session for good."""
+        if self.alive:
+            self._team.leave(self)
+        self.alive = False
 
     async def close(self) -> None:
-        self._team.leave(self)
+        self.break_off()
 
 
 class SimulatedTeam:
-    """The vehicles of a mission, their agents and their faults; `step` is called as often as vehicles send telemetry.
+    """The vehicles of a mission, their agents, their buses and their faults; use it as a context manager.
 
-    Times of the flight are those of the running loop.
+    `observe` receives every message, `step` is called as often as vehicles send telemetry. Times are those of the
+    running loop. `newest` are the vehicles' newest statuses, `flights` the agents' flights.
     """
 
     def __init__(
@@ -220,53 +234,83 @@ class SimulatedTeam:
         self.mission, self.faults, self.stop = mission, PresentFaults(), Stop()
         self.links: dict[int, AutopilotLink] = {}
         self.agents: dict[int, Agent] = {}
+        self.buses: dict[int, MemberBus] = {}
+        self.newest: dict[int, CoreStatus] = {}
+        self.flights: dict[int, asyncio.Task[Outcome]] = {}
         self._bus = TeamBus(observe)
         self._clock = SimulatedClock(1.0)
-        self._flights: dict[int, asyncio.Task[Outcome]] = {}
         self._step = step
+        self._numbers = count(1)
 
-    async def begin(self, duration_s: float = LAST_S) -> None:
-        """Connect, and take off."""
-        for vehicle in self.mission.vehicles:
-            link = self.links[vehicle.id] = AutopilotLink(vehicle, self._step)
-            self.agents[vehicle.id] = self._agent(vehicle, link)
-        for agent in self.agents.values():
-            await agent.connect()
-        for vehicle_id, agent in self.agents.items():
-            agent.announce()
-            self._flights[vehicle_id] = asyncio.create_task(agent.fly(duration_s, self.stop))
+    async def __aenter__(self) -> Self:
+        self.links = {vehicle.id: AutopilotLink(vehicle, self._step) for vehicle in self.mission.vehicles}
+        return self
 
-    def _agent(self, vehicle: MissionVehicle, link: AutopilotLink) -> Agent:
-        mission, config = self.mission, self.mission.agent_config(vehicle)
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await asyncio.gather(*map(self.end, self.agents))
+
+    async def begin(self, duration_s: float = LAST_S, vehicles: Sequence[int] = ()) -> None:
+        """Connect new agents of some vehicles, or of all, and take off."""
+        ids = vehicles or self.mission.ids
+        for i in ids:
+            self.buses[i] = self._bus.of(i)
+            self.agents[i] = self._agent(self.mission.vehicle(i))
+        await asyncio.gather(*(self.agents[i].connect() for i in ids))
+        for i in ids:
+            self.agents[i].announce()
+            self.flights[i] = asyncio.create_task(self.agents[i].fly(duration_s, self.stop))
+
+    async def end(self, vehicle: int) -> None:
+        """End a vehicle's flight, unless it has ended, and close its agent."""
+        self.flights[vehicle].cancel()
+        await asyncio.gather(self.flights[vehicle], return_exceptions=True)
+        await self.agents[vehicle].close()
+
+    def tactics(self) -> list[str]:
+        """Return the present tactics of the vehicles in line, empty before the first tick."""
+        return [self.newest[i].tactic.value if i in self.newest else "" for i in self.mission.ids]
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float = 60.0) -> float:
+        """Wait for a condition, and return the time when it was true."""
+        loop = asyncio.get_running_loop()
+        end_s = loop.time() + timeout_s
+        while not condition():
+            assert loop.time() < end_s, self.tactics()
+            await asyncio.sleep(0.05)
+        return loop.time()
+
+    @staticmethod
+    async def until_s(time_s: float) -> None:
+        """Wait until a time."""
+        await asyncio.sleep(time_s - asyncio.get_running_loop().time())
+
+    def command(self, verb: Verb, vehicle: int) -> None:
+        """Pass an operator's command to a vehicle's agent."""
+        self.agents[vehicle].obey(OperatorCommand(self._clock.now_s(), verb, vehicle, "test", next(self._numbers)))
+
+    def _agent(self, vehicle: MissionVehicle) -> Agent:
+        mission, link, config = self.mission, self.links[vehicle.id], self.mission.agent_config(vehicle)
 
         def sensor(start_s: float) -> TrueSensor:
             failing = FailingSensor(target_sensor(mission, vehicle.id, start_s, mission.mission.seed), self.faults)
             return TrueSensor(failing, lambda _: link.autopilot.airframe.position_m[:2], lambda _: link.estimate_m[:2])
+
+        def observe(status: CoreStatus, _tick_us: float | None) -> None:
+            self.newest[vehicle.id] = status
 
         return Agent(
             AgentParts(
                 core=VehicleCore(config),
                 config=config,
                 link=link,
-                bus=FailingBus(self._bus.of(vehicle.id), self.faults, vehicle.id),
+                bus=FailingBus(self.buses[vehicle.id], self.faults, vehicle.id),
                 clock=self._clock,
                 make_sensor=sensor,
-                observe=lambda _status, _tick_us: None,
+                observe=observe,
                 heartbeat=FakeHeartbeat(),
                 perception=Perception(mission.mission_frame(), lambda _reason: None),
                 mission=mission.identity,
             )
         )
-
-    def command(self, verb: Verb, vehicle_id: int, number: int) -> None:
-        """Pass an operator's command to a vehicle's agent."""
-        command = OperatorCommand(self._clock.now_s(), verb, vehicle_id, "test", number)
-        self.agents[vehicle_id].obey(command)
-
-    async def end(self) -> None:
-        """End all flights at once."""
-        for flight in self._flights.values():
-            flight.cancel()
-        await asyncio.gather(*self._flights.values(), return_exceptions=True)
-        for agent in self.agents.values():
-            await agent.close()

@@ -6,7 +6,6 @@ undisturbed flight. The other drills fly in `tests/wire/test_drill.py`.
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from itertools import count
 from types import TracebackType
 from typing import Self
 
@@ -49,17 +48,17 @@ class FlightBelowTheWire(DrillFlight):
     def __init__(self, text: str, speed: float) -> None:
         super().__init__(text, speed)
         self.team = SimulatedTeam(self.mission, self._receive, self._observe)
-        self._numbers = count(1)
         self._received: dict[int, int] = {}
 
     async def __aenter__(self) -> Self:
+        await self.team.__aenter__()
         await self.team.begin()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self.team.end()
+        await self.team.__aexit__(kind, error, trace)
 
     @staticmethod
     def now_s() -> float:
@@ -90,7 +89,7 @@ class FlightBelowTheWire(DrillFlight):
             link.faults.clear()
 
     async def resume(self, vehicle: int) -> None:
-        self.team.command("resume", vehicle, next(self._numbers))
+        self.team.command("resume", vehicle)
 
 
 class Undisturbed(FlightBelowTheWire):
