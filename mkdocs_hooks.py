@@ -1,13 +1,21 @@
-"""What `mkdocs build` does beside mkdocs.yml: notes enter the navigation, links into the sources become text."""
+"""What `mkdocs build` does beside mkdocs.yml: notes enter the navigation, links into the sources become text.
+
+The operator's sheet gets a font, so that it prints on two sides whichever fonts a computer has.
+"""
 
 import re
 from pathlib import Path
 from posixpath import dirname, join, normpath
 
+import mkdocs
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 _LINK = re.compile(r"\[([^\]]*)\]\((\.\./[^)#\s]+)(#[^)\s]*)?\)")
+
+_FONTS = Path(mkdocs.__file__).parent / "themes/readthedocs/css/fonts"
+"""Lato, under the SIL Open Font License, as MkDocs brings it for another theme."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -16,6 +24,13 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     if notes and config.nav is not None:
         config.nav.append({"Engineering notes": [f"notes/{path.name}" for path in notes]})
     return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Put the font of the operator's sheet beside site.css, which names its files."""
+    for name in ("lato-normal.woff2", "lato-bold.woff2"):
+        files.append(File.generated(config, f"site/{name}", abs_src_path=str(_FONTS / name)))
+    return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:

@@ -22,14 +22,12 @@ CHECKS = (
 )
 
 WORKERS = 2 * (os.cpu_count() or 1)
-SOCKETS = ("-m", "wire and not alone", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))
+SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))
 """Tests on real sockets mostly wait: twice as many as there are cores run side by side. More lack the processor."""
 AGAIN = ("--reruns", "2", "--reruns-delay", "3")
 """Watchdogs and leases run on the wall clock: a test that lacked the processor runs again; the summary counts it."""
-ONE_BY_ONE = ("-m", "browser or alone")
-"""Tests that drive a browser wait as well, but draw on the processor: after those on sockets, one after the other. So
-are those that fly too long to be repeated whenever another test has taken the processor.
-"""
+BROWSER = ("-m", "browser", "-n", "2", "--dist", "loadfile")
+"""Tests that drive a browser wait as well, but draw pages on the processor: after those on sockets, two at a time."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
 """Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
 GIVES_WAY = ("nice", "-n", "19")
@@ -52,8 +50,8 @@ def main() -> int:
             checks = _failing_checks()  # meanwhile, two processes compile what the many after them only load
             with _pytest(*SOCKETS, *AGAIN) as sockets:
                 passed = [sockets()]
-            with _pytest(*ONE_BY_ONE, *AGAIN) as one_by_one:
-                passed += [one_by_one(), computing()]
+            with _pytest(*BROWSER, *AGAIN) as browser:
+                passed += [browser(), computing()]
         tests_fail = not all(passed)
     for check in checks:
         print(f"failed: {check}", file=sys.stderr)

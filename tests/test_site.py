@@ -58,6 +58,9 @@ def test_diagrams_are_drawn_and_the_operators_sheet_prints_on_two_sides(site: Pa
         diagrams = (DOCS / "design.md").read_text(encoding="utf-8").count("```mermaid")
         expect(page.locator("div.mermaid")).to_have_count(diagrams)  # what is not drawn stays a `pre`
         page.goto((site / "operator.html").as_uri())
+        page.evaluate("document.fonts.ready.then(() => null)")
         printed = page.pdf(prefer_css_page_size=True)
     assert len(re.findall(rb"/Type /Page\b", printed)) == 2
+    fonts = {font.rpartition(b"+")[2] for font in re.findall(rb"/BaseFont /(\S+)", printed)}
+    assert fonts == {b"Lato-Regular", b"Lato-Bold"}, "another font is one of this computer"
     assert not [url for url in requests if not url.startswith(("file:", "data:"))]

@@ -5,14 +5,11 @@ Reactions and grace times come from the failsafe table and from the mission.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
-from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
-from gcs.drill.stubs import StubFlight
 from gcs.flight.faults.catalogue import BUS_DELAY_S, LINK_DELAY_S, fault_named, required_fault
 from gcs.flight.faults.failing_equipment import FLOOD_HZ
 from gcs.flight.stubs import STATION_TIMEOUT_S
@@ -40,8 +37,6 @@ TOLERATED_S = 20.0
 RESPACED_S = 60.0
 """Time limit for the vehicles on the ring to become evenly spaced."""
 
-Flight = TypeVar("Flight", bound=DrillFlight)
-
 _TACTICS = {
     Reaction.ASIDE: Tactic.ASIDE.value,
     Reaction.HOLD: Tactic.HOLD.value,
@@ -52,8 +47,8 @@ _TACTICS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Drill(Generic[Flight]):
-    """One fault: `expect` returns the expected reaction, given the roles. Times are those of the team's clock.
+class Drill:
+    """One fault: `expect` returns the expected reaction, given the roles. Times are those of the team\'s clock.
 
     A drill that `ends_flight` is the flight's last; after one that `lands_subject` the others fly on. The fault is
     cleared after `undo_after_s`, or once the reaction was observed; if none is expected, the team is watched for
@@ -176,7 +171,7 @@ def _doubted(roles: Roles) -> Expectation:
     return others(roles)
 
 
-DRILLS: tuple[Drill[StubFlight], ...] = (
+DRILLS: tuple[Drill, ...] = (
     Drill(
         "half of all messages lost",
         f"all fly on for {TOLERATED_S:g} s",
@@ -283,7 +278,7 @@ DRILLS: tuple[Drill[StubFlight], ...] = (
 last those that end the flight."""
 
 
-def chosen(faults: Sequence[str]) -> tuple[Drill[StubFlight], ...]:
+def chosen(faults: Sequence[str]) -> tuple[Drill, ...]:
     """Return the drills of these faults, all if none is named; raises InputError for an unknown fault."""
     names = {required_fault(each).name for each in faults}
     return tuple(drill for drill in DRILLS if not names or drill.fault in names)

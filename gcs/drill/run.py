@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from math import inf
-from typing import Generic, Protocol
+from typing import Protocol
 
 from agents.ports import VehicleRefusedError
-from gcs.drill.faults import RESPACED_S, Drill, Flight
+from gcs.drill.faults import RESPACED_S, Drill
+from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD, ON_MISSION, Expectation, failures, reacted_s, respaced
 from gcs.drill.mission import drill_mission, profiles_of
 from gcs.drill.roles import Roles
@@ -54,7 +55,7 @@ class DrillRow:
         return asdict(self)
 
 
-class DrillRun(Generic[Flight]):
+class DrillRun:
     """Flies a mission and injects faults; `fly` makes a flight from a mission's text and a speed.
 
     `changes` apply to the mission that is flown, not to the one that it is judged by: a control experiment flies with a
@@ -64,8 +65,8 @@ class DrillRun(Generic[Flight]):
     def __init__(
         self,
         mission: str,
-        fly: Callable[[str, float], Flight],
-        drills: Sequence[Drill[Flight]],
+        fly: Callable[[str, float], DrillFlight],
+        drills: Sequence[Drill],
         progress: Progress,
         *,
         speed: float = SPEED,
@@ -98,7 +99,7 @@ class DrillRun(Generic[Flight]):
                 left.clear()
         return self.rows
 
-    async def _fly(self, judged_by: Mission, left: list[Drill[Flight]]) -> None:
+    async def _fly(self, judged_by: Mission, left: list[Drill]) -> None:
         """Fly once, with as many of the remaining drills as this flight allows."""
         self._progress.begin("the team takes off")
         async with self._start(drill_mission(self._mission, self._changes), self._speed) as flight:
@@ -112,7 +113,7 @@ class DrillRun(Generic[Flight]):
         self.rows.append(row)
         self._progress.add(row)
 
-    async def _drilled(self, drill: Drill[Flight], flight: Flight, roles: Roles) -> bool:
+    async def _drilled(self, drill: Drill, flight: DrillFlight, roles: Roles) -> bool:
         """Add a drill's row, and return whether the flight can continue."""
         expected = drill.expect(roles)
         if expected.is_reaction and not expected.reacting:
@@ -146,7 +147,7 @@ class DrillRun(Generic[Flight]):
         self._add(self._row(drill, expected, None if done_s is None else done_s - began_s, failed))
         return not (drill.ends_flight or stuck)
 
-    async def _watch(self, drill: Drill[Flight], expected: Expectation, flight: Flight, began_s: float) -> None:
+    async def _watch(self, drill: Drill, expected: Expectation, flight: DrillFlight, began_s: float) -> None:
         """Observe until the reaction has happened or is overdue, and some time longer."""
         if expected.limit_s is None:
             await flight.clock.sleep(drill.watched_s)
@@ -163,7 +164,7 @@ class DrillRun(Generic[Flight]):
             await flight.until(lambda: respaced(expected.respacing, flight.log), RESPACED_S)
         await flight.clock.sleep(LINGER_S)
 
-    async def _stuck(self, flight: Flight, roles: Roles) -> str:
+    async def _stuck(self, flight: DrillFlight, roles: Roles) -> str:
         """Command stopped vehicles to resume, and return those that do not return to their mission."""
         log = flight.log
         end_s = flight.now_s() + BACK_S + RETURNED_S
@@ -179,7 +180,7 @@ class DrillRun(Generic[Flight]):
             await flight.until(lambda: not away(), LINGER_S)
         return "; ".join(f"vehicle {i}: {log.state(i)}" for i in away())
 
-    def _row(self, drill: Drill[Flight], expected: Expectation, took_s: float | None, failed: list[str]) -> DrillRow:
+    def _row(self, drill: Drill, expected: Expectation, took_s: float | None, failed: list[str]) -> DrillRow:
         limit_s = expected.limit_s
         measured_s = took_s if expected.is_reaction else None
         if limit_s is not None and measured_s is not None and measured_s > limit_s:

@@ -83,11 +83,10 @@ def test_next_to_the_centre_nothing_is_divided_by_zero() -> None:
     assert polar_from_motion(np.array([0.0, 1e-170, 3.0, 4.0]), np.zeros(4)).radius_m <= 1e-170
 
 
-@pytest.mark.parametrize(
-    "polar",
-    [Polar(10.0, 0.4, 0.5, 0.1), Polar(4.0, pi, -1.0, -0.4), Polar(1.5, -2.0, 0.2, 0.9), Polar(40.0, 1.7, 0.0, 0.0)],
+@given(
+    st.builds(Polar, st.floats(1.5, 40.0), st.floats(-pi, pi), st.floats(-1.0, 1.0), st.floats(-0.9, 0.9)),
+    st.tuples(st.floats(-1.1, 1.1), st.floats(-0.2, 0.2)),
 )
-@pytest.mark.parametrize("wanted", [(0.0, 0.0), (0.7, 0.0), (0.0, -0.2), (-1.1, 0.15)])
 def test_the_plant_answers_with_the_polar_acceleration_wanted(polar: Polar, wanted: tuple[float, float]) -> None:
     motion = motion_from_polar(polar, TARGET)
     setpoint = aim_for(motion, polar, wanted, WIND, PLANT)

@@ -151,7 +151,7 @@ def _foreign(roles: Roles, speed: float) -> Expectation:
     return by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S)(roles, speed)
 
 
-DRILLS: tuple[Drill[Px4Flight], ...] = (
+DRILLS: tuple[Drill, ...] = (
     Drill("foreign mode", "stand down, nothing sent; back by resume", _foreign),
     Drill(
         "link cut",

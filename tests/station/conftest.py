@@ -4,12 +4,14 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, BrowserContext, Page
 
 from tests.support.page.browser import launched
 
-# A station asks for its token first, has no recorded flight while it is live, and breaks connections when it goes.
-EXPECTED = ("401", "404", "ERR_CONNECTION_", "WebSocket")
+EXPECTED = ("401", "404", "ERR_CONNECTION_", "WebSocket", "Worker failed to load")
+"""A station asks for its token first, has no recorded flight while it is live, and breaks connections when it goes: a
+map without its worker draws nothing, which other tests see."""
+VIEWPORT: Any = {"width": 1024, "height": 640}
 
 NO_WEBGL = (
     "const get = HTMLCanvasElement.prototype.getContext;"
@@ -42,27 +44,52 @@ def browser() -> Iterator[Browser]:
         yield browser
 
 
-@pytest.fixture
-def open_page(browser: Browser) -> Iterator[OpenPage]:
-    """Return what opens a page of a station in a context of its own; errors of its scripts fail the test."""
-    errors: list[str] = []
-    contexts = []
+@pytest.fixture(scope="module")
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    """Return the context of a module's pages; each has a station, and with it an origin, of its own."""
+    context = browser.new_context(viewport=VIEWPORT)
+    yield context
+    context.close()
 
-    def open_at(url: str, *, script: str = "", **settings: Any) -> Page:
-        context = browser.new_context(**{"viewport": {"width": 1024, "height": 640}, **settings})
-        contexts.append(context)
-        page = context.new_page()
+
+@pytest.fixture(scope="module")
+def simulated_context(browser: Browser) -> Iterator[BrowserContext]:
+    """Return the same for pages whose time is simulated: a context has one clock."""
+    context = browser.new_context(viewport=VIEWPORT)
+    context.clock.install()
+    yield context
+    context.close()
+
+
+@pytest.fixture
+def open_page(browser: Browser, context: BrowserContext, simulated_context: BrowserContext) -> Iterator[OpenPage]:
+    """Return what opens a page of a station, with settings in a context of its own.
+
+    Errors of its scripts fail the test. Time that is `simulated` passes as always, and at once in `pass_time`.
+    """
+    errors: list[str] = []
+    opened: list[Page | BrowserContext] = []
+
+    def open_at(url: str, *, script: str = "", simulated: bool = False, **settings: Any) -> Page:
+        own = browser.new_context(**{"viewport": VIEWPORT, **settings}) if settings else None
+        page = (own or (simulated_context if simulated else context)).new_page()
+        opened.append(own or page)
         page.set_default_timeout(10_000)
-        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("pageerror", lambda error: _keep_error(str(error), "error", errors))
         page.on("console", lambda message: _keep_error(message.text, message.type, errors))
         page.add_init_script(FEW_FRAMES + script)
         page.goto(url)
         return page
 
     yield open_at
-    for context in contexts:
-        context.close()
+    for each in opened:
+        each.close()
     assert not errors
+
+
+def pass_time(page: Page, time_ms: float) -> None:
+    """Let time pass at once on a page whose time is simulated."""
+    page.clock.run_for(round(time_ms))
 
 
 def _keep_error(text: str, kind: str, errors: list[str]) -> None:

@@ -1,6 +1,5 @@
 """What the page sends: each press once, with its confirmation, and nothing by a slip."""
 
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -8,13 +7,12 @@ from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from gcs.station.picture import AnswerPicture, CommandRequest, OperatorRights, TeamPicture
-from tests.station.conftest import NO_WEBGL, OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
 
 pytestmark = pytest.mark.browser
 HOLD_MS = 1000
-HELD_MAX_S = 15.0
 
 
 @pytest.fixture
@@ -26,7 +24,7 @@ def served() -> Iterator[CannedStation]:
 
 @pytest.fixture
 def page(open_page: OpenPage, served: CannedStation) -> Page:
-    page = open_page(served.url, script=NO_WEBGL)
+    page = open_page(served.url, script=NO_WEBGL, simulated=True)
     expect(page.locator(".card .tactic").first).to_have_text("encircle")
     return page
 
@@ -44,17 +42,14 @@ def verb(page: Page, name: str) -> Callable[[], None]:
 def press_for(page: Page, name: str, time_ms: float) -> None:
     page.locator(f"#verbs [data-verb='{name}']").hover()
     page.mouse.down()
-    page.wait_for_timeout(time_ms)
+    pass_time(page, time_ms)
     page.mouse.up()
 
 
-def held_until_sent(page: Page, served: CannedStation) -> list[CommandRequest]:
-    """Return what is sent while a button is held: a slow page counts the time of its frames, which may take longer."""
-    end_s = time.monotonic() + HELD_MAX_S
-    while not served.requests and time.monotonic() < end_s:
-        page.wait_for_timeout(50)
-    page.wait_for_timeout(0.5 * HOLD_MS)
-    return served.requests
+def held(page: Page, served: CannedStation) -> list[CommandRequest]:
+    """Return what is sent while a button is held for longer than it needs."""
+    pass_time(page, 1.5 * HOLD_MS)
+    return sent(page, served)
 
 
 def by_pilot(vehicle_id: int) -> Callable[[float], TeamPicture]:
@@ -88,7 +83,7 @@ def test_land_and_return_have_to_be_held(page: Page, served: CannedStation, name
     press_for(page, name, 0.8 * HOLD_MS)
     assert sent(page, served) == []
     page.mouse.down()
-    assert [(request.verb, request.vehicles) for request in held_until_sent(page, served)] == [(name, None)]
+    assert [(request.verb, request.vehicles) for request in held(page, served)] == [(name, None)]
     page.mouse.up()
     assert len(sent(page, served)) == 1
 
@@ -97,11 +92,11 @@ def test_land_is_held_by_key(page: Page, served: CannedStation) -> None:
     page.locator("#verbs [data-verb='land']").focus()
     for key in ("Enter", " "):
         page.keyboard.down(key)
-        page.wait_for_timeout(0.8 * HOLD_MS)
+        pass_time(page, 0.8 * HOLD_MS)
         page.keyboard.up(key)
     assert sent(page, served) == []
     page.keyboard.down("Enter")
-    assert [request.verb for request in held_until_sent(page, served)] == ["land"]
+    assert [request.verb for request in held(page, served)] == ["land"]
     page.keyboard.up("Enter")
     assert len(sent(page, served)) == 1
 
@@ -109,15 +104,15 @@ def test_land_is_held_by_key(page: Page, served: CannedStation) -> None:
 def test_leaving_the_button_ends_the_hold(page: Page, served: CannedStation) -> None:
     page.locator("#verbs [data-verb='land']").hover()
     page.mouse.down()
-    page.wait_for_timeout(0.5 * HOLD_MS)
+    pass_time(page, 0.5 * HOLD_MS)
     page.mouse.move(5, 5)
-    page.wait_for_timeout(HOLD_MS)
+    pass_time(page, HOLD_MS)
     page.mouse.up()
     page.locator("#verbs [data-verb='land']").focus()
     page.keyboard.down("Enter")
-    page.wait_for_timeout(0.5 * HOLD_MS)
+    pass_time(page, 0.5 * HOLD_MS)
     page.locator("#verbs [data-verb='hold']").focus()
-    page.wait_for_timeout(HOLD_MS)
+    pass_time(page, HOLD_MS)
     page.keyboard.up("Enter")
     assert sent(page, served) == []
 
@@ -125,9 +120,9 @@ def test_leaving_the_button_ends_the_hold(page: Page, served: CannedStation) -> 
 def test_time_in_which_the_page_stands_still_is_not_held(page: Page, served: CannedStation) -> None:
     page.locator("#verbs [data-verb='land']").hover()
     page.mouse.down()
-    page.wait_for_timeout(0.2 * HOLD_MS)
-    page.evaluate("() => { const end = performance.now() + 1500; while (performance.now() < end); }")
-    page.wait_for_timeout(100)
+    pass_time(page, 0.2 * HOLD_MS)
+    page.clock.fast_forward(1500)
+    pass_time(page, 0.1 * HOLD_MS)
     page.mouse.up()
     assert sent(page, served) == []
 

@@ -173,12 +173,12 @@ def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file
         tactic = page.locator(".card[data-vehicle='2'] .tactic")
         command(page, "hold", 2)
         until_now(lambda: bus.of(MemberState, 2)[-1].tactic == "hold")
-        expect(tactic).to_have_text("hold", timeout=1000 * WITHIN_S)
+        expect(tactic).to_have_text("hold")
         page.reload()
         expect(tactic).to_have_text("hold")
         command(page, "resume", 2)
         until_now(lambda: bus.of(MemberState, 2)[-1].tactic == "encircle")
-        expect(tactic).to_have_text("encircle", timeout=1000 * WITHIN_S)
+        expect(tactic).to_have_text("encircle")
 
         until_now(lambda: any("practice: link cut" in line for _, line in lines), 60.0)
         cut_s = next(at_s for at_s, line in lines if "practice: link cut" in line)
@@ -190,7 +190,7 @@ def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file
 
         command(page, "land", 1, hold=True)
         until_now(lambda: bus.of(MemberState, 1)[-1].tactic == "land")
-        expect(page.locator(".card[data-vehicle='1'] .tactic")).to_have_text("land", timeout=1000 * WITHIN_S)
+        expect(page.locator(".card[data-vehicle='1'] .tactic")).to_have_text("land")
         command(page, "kill", 2)
         until_now(lambda: bus.of(VehicleReport, 2)[-1].ended != "")
         expect(page.locator(".card[data-vehicle='2']")).to_have_attribute("data-trouble", "ended")

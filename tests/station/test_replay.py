@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
-from tests.station.conftest import NO_WEBGL, OpenPage
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import ring_flight, ring_mission, ring_team
 
@@ -16,9 +16,10 @@ pytestmark = pytest.mark.browser
 @pytest.fixture
 def page(open_page: OpenPage) -> Iterator[Page]:
     with CannedStation(flight=ring_flight(60.0)) as station:
-        page = open_page(station.url)
+        page = open_page(station.url, simulated=True)
         expect(page.locator("#seek-time")).to_have_text("0:00 of 1:00")
         yield page
+        page.clock.resume()
 
 
 def seek(page: Page, picture: int) -> None:
@@ -69,16 +70,18 @@ def test_no_event_is_passed_over_by_a_jump(open_page: OpenPage) -> None:
 
 def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
     page.locator("#speed").select_option("5")
+    page.clock.pause_at(page.evaluate("Date.now() + 100"))
     page.get_by_role("button", name="Play").click()
-    page.wait_for_timeout(2000)
+    pass_time(page, 2000)
     page.get_by_role("button", name="Pause").click()
     place = float(page.locator("#seek").input_value()) / 5.0
-    assert place == pytest.approx(10.0, abs=3.0)
-    page.wait_for_timeout(500)
+    assert place == pytest.approx(10.0, abs=1.0)
+    pass_time(page, 500)
     assert float(page.locator("#seek").input_value()) / 5.0 == place
     page.locator("#speed").select_option("20")
     seek(page, 5 * 55)
     page.get_by_role("button", name="Play").click()
+    pass_time(page, 500)
     expect(page.locator("#elapsed")).to_have_text("T+ 1:00")
     expect(page.get_by_role("button", name="Play")).to_be_visible()
 

@@ -5,17 +5,10 @@ They take PX4's own ports.
 
 import pytest
 
-from gcs.drill.run import DrillRow, DrillRun
+from gcs.drill.run import DrillRun
 from tests.experiments.px4_drills import DRILLS, FLIGHTS, MISSION, STOOD_DOWN_MAX_S, fly, stood_down_after_s
+from tests.support.drills import Silent
 from tests.support.px4 import Px4Missing, px4_build
-
-
-class Silent:
-    def begin(self, step: str) -> None:
-        pass
-
-    def add(self, row: DrillRow) -> None:
-        pass
 
 
 @pytest.mark.px4

@@ -3,12 +3,16 @@
 from math import cos, inf, pi, sin
 
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from agents.ring.headway import headway_rate_rad_s, leads
 from estimation.polar import Polar
 
+directions = st.sampled_from([1.0, -1.0])
 
-@pytest.mark.parametrize("direction", [1.0, -1.0])
+
+@given(directions)
 def test_only_those_ahead_and_about_as_far_out_count(direction: float) -> None:
     own = Polar(10.0, pi - 0.1, 0.0, 0.05)
     assert headway_rate_rad_s(own, [], direction, 3.0) == inf
@@ -26,17 +30,32 @@ def test_only_those_ahead_and_about_as_far_out_count(direction: float) -> None:
     assert headway_rate_rad_s(own, [ahead], direction, 9.0) == 0.0
 
 
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-@pytest.mark.parametrize(
-    ("ahead_rad", "does"), [(0.01, True), (1.56, True), (1.58, False), (3.1, False), (-0.01, False), (-1.5, False)]
-)
-@pytest.mark.parametrize("bearing_rad", [-3.0, 0.1, 1.5])
+@given(st.floats(-pi, pi), st.floats(-pi, pi), st.floats(0.1, 100.0), directions)
 def test_who_leads_is_up_to_a_quarter_turn_ahead(
-    bearing_rad: float, ahead_rad: float, does: bool, direction: float
+    bearing_rad: float, ahead_rad: float, radius_m: float, direction: float
 ) -> None:
+    assume(all(abs(ahead_rad - edge_rad) > 1e-6 for edge_rad in (-pi, 0.0, pi / 2.0, pi)))
     at_rad = bearing_rad + direction * ahead_rad
-    place_m = 7.0 * cos(at_rad), 7.0 * sin(at_rad)
+    place_m = radius_m * cos(at_rad), radius_m * sin(at_rad)
+    does = 0.0 < ahead_rad < pi / 2.0
     assert leads((cos(bearing_rad), sin(bearing_rad)), place_m, direction) is does
+
+
+@given(
+    st.floats(-pi, pi), st.floats(5.0, 50.0), st.floats(0.0, 1.5), st.floats(0.0, 0.1), st.floats(1.0, 5.0), directions
+)
+def test_the_rate_at_the_headway_is_that_of_the_one_ahead(
+    bearing_rad: float, radius_m: float, nearer_m: float, rate_rad_s: float, headway_m: float, direction: float
+) -> None:
+    """At its headway a vehicle flies as fast as the one ahead; nearer no faster, farther away no slower."""
+    own = Polar(radius_m, bearing_rad, 0.0, direction * 0.05)
+    rates = []
+    for away_m in (headway_m - 0.5 * nearer_m, headway_m, headway_m + nearer_m):
+        ahead_rad = bearing_rad + direction * away_m / radius_m
+        ahead = Polar(radius_m + 0.1, ahead_rad, 0.0, direction * rate_rad_s)
+        rates.append(headway_rate_rad_s(own, [ahead], direction, headway_m))
+    assert rates == sorted(rates)
+    assert rates[1] == pytest.approx(rate_rad_s, abs=1e-9)
 
 
 def test_a_column_closes_up_to_the_headway_and_not_further() -> None:
