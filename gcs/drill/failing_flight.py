@@ -49,5 +49,5 @@ def fly(name: str, speed: float, duration_s: float, *, socket: str, logs: str) -
         return verdict_of(show_result(mission, record))
 
     equipment = FailingEquipment(receiver)
-    plan = FlightPlan(mission, duration_s, mission.vehicles, speed, equipment=equipment)
+    plan = FlightPlan(mission, duration_s, mission.vehicles, speed, equipment=equipment, drill=True)
     return run_flight(plan, RecordingOptions(recorded=bool(logs)), judge)

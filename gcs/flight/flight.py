@@ -92,6 +92,8 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
             lambda: loop.call_soon_threadsafe(team.stop.ask, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
         stubs = await stack.enter_async_context(flight_stubs)
+        if plan.needs_prompt_computer:  # after the stubs: they do not inherit it
+            stack.enter_context(team.priority)
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
         team.equip(hub, supervisor.heartbeat)

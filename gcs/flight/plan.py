@@ -13,6 +13,7 @@ from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.keys.team_keys import leaves_this_computer
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.computer.judge import ComputerFacts
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.preflight import preflight
 
@@ -25,7 +26,7 @@ class FlightPlan:
     open log, None for a flight that is not recorded. `wait_s` [wall s] limits the wait on the ground for vehicles that
     are about to be ready. `faults` are those to inject into stubs, in order of time. On the `bench`, boards with
     simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
-    starts them (`cordon start`).
+    starts them (`cordon start`). In a `drill` all vehicles are stubs that another process serves.
     """
 
     mission: Mission
@@ -39,6 +40,7 @@ class FlightPlan:
     faults: tuple[ScheduledFault, ...] = ()
     bench: bool = False
     awaits_start: bool = False
+    drill: bool = False
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
@@ -53,11 +55,24 @@ class FlightPlan:
         """Whether every vehicle is a stub."""
         return {vehicle.id for vehicle in self.vehicles} == {*self.stubs}
 
-    def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
-        """Return the preflight findings about the mission and its vehicles."""
+    @property
+    def needs_prompt_computer(self) -> bool:
+        """Whether a vehicle flies on the wall's clock: one that is no stub of this flight."""
+        return not (self.only_stubs or self.drill)
+
+    def findings(self, facts: Sequence[VehicleFacts], computer: ComputerFacts | None = None) -> Sequence[Finding]:
+        """Return the preflight findings about the mission, its vehicles and this computer, as far as measured."""
         alone = len(self.vehicles) < len(self.mission.vehicles) and leaves_this_computer(self.mission)
         clock = computer_clock() if alone else None
-        return preflight(self.mission, facts, date.today(), stubs=self.only_stubs, bench=self.bench, clock=clock)
+        return preflight(
+            self.mission,
+            facts,
+            date.today(),
+            stubs=self.only_stubs,
+            bench=self.bench,
+            clock=clock,
+            computer=computer,
+        )
 
     def run(self, speed: float) -> Run:
         """Return the log's record of the run that begins now."""

@@ -19,6 +19,7 @@ from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, LoopMonitor
 from gcs.metrics.ending import FlightEnding, How
 from gcs.metrics.json_output import json_output
+from gcs.preflight.computer.priority import raise_supervisor
 from gcs.signals import relay
 
 OVERLOAD = 1.5
@@ -54,6 +55,7 @@ def supervise(*, json: bool = False) -> int:
         ours.setblocking(False)
         with theirs:
             flying = _start(theirs.fileno())
+        raise_supervisor()
         relay(lambda: _send(ours, STOP))
         monitor = LoopMonitor()
         silences_s = _watch(flying, ours, monitor)
