@@ -124,7 +124,9 @@ class TeamPictures:
         lost = self._lost_picture(now_s, is_over=is_over)
         is_over = is_over and lost is None
         places_m = {i: each.state.position_m for i, each in self._received.items() if each.state and not each.ended}
-        vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._received)
+        vehicles = tuple(
+            self._vehicle(i, now_s, places_m, is_over=is_over, is_lost=lost is not None) for i in self._received
+        )
         return TeamPicture(
             self._time_s,
             now_s + self._unix_offset_s,
@@ -132,7 +134,7 @@ class TeamPictures:
             self._target(now_s),
             sum(each.radius_m is not None and not each.is_stale and not each.has_ended for each in vehicles),
             self._ending(is_over=is_over),
-            link or self._silence(now_s, is_over=is_over),
+            (link if lost is None else "") or self._silence(now_s, is_over=is_over),
             self._remaining_s,
             lost,
         )
@@ -166,13 +168,16 @@ class TeamPictures:
             self._time_s = since_s if since_s >= 0.0 else None
             self._remaining_s = min(max(duration_s - since_s, 0.0), duration_s)
 
-    def _vehicle(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool) -> VehiclePicture:
+    def _vehicle(
+        self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool, is_lost: bool
+    ) -> VehiclePicture:
         received = self._received[vehicle_id]
         if received.any_s == -inf:
             return VehiclePicture(vehicle_id)
         is_stale, has_ended = received.is_stale(now_s), bool(received.ended) or is_over
         own_alert = "" if received.state is None else received.state.alert
-        lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale else ""
+        # Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
+        lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale and not is_lost else ""
         alert, advice, severity = vehicle_alert("" if has_ended else own_alert or lost, is_lost=bool(lost))
         nearest_id, nearest_m = self._surroundings.nearest(vehicle_id, places_m)
         picture = VehiclePicture(

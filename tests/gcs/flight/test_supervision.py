@@ -2,8 +2,8 @@
 
 import os
 import socket
-import time
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest

@@ -260,7 +260,8 @@ def test_a_team_that_vanishes_in_flight_is_kept_as_it_was_and_the_time_counts_up
         assert (team.lost.since_wall_s, team.lost.vehicles) == (UNIX_S + 1.0, ())
         assert "COM_OBL_RC_ACT" in team.lost.autopilots
         assert ("network is cut" in team.lost.reason) is not is_over
-        assert [(each.alert, each.has_ended, each.is_stale) for each in team.vehicles] == [(SILENT, False, True)] * 3
+        assert [(each.alert, each.has_ended, each.is_stale) for each in team.vehicles] == [("", False, True)] * 3
+        assert team.link == f"no message from any vehicle for {at_s - 1.0:.0f} s"
         assert [each.position_m for each in team.vehicles] == [(1.0, 0.0, 8.0), (2.0, 0.0, 8.0), (3.0, 0.0, 8.0)]
         assert team.ending == ""
     page.hears(100.0, state(2, START_S + 99.0))
