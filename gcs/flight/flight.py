@@ -1,6 +1,7 @@
 """Fly a mission over MAVLink and Zenoh: the composition of agents, links, buses and, on request, stub vehicles."""
 
 import asyncio
+import gc
 import traceback
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack, ExitStack, suppress
@@ -106,6 +107,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         list(claims.take_fed(fed_ports(plan.vehicles)))
         team.recording.begin(plan.run(clock.speed))
+        gc.freeze()  # links and agents live as long as the flight: no collection examines them
         began_s = perf_counter()
         hint = await command_by_keyboard(team, stack)
         outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
