@@ -1,14 +1,20 @@
 """`cordon check`: preflight without arming."""
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from gcs.cli.options import Changes, Json, MissionName, bus_mission
 from gcs.errors import Exit
+
+if TYPE_CHECKING:
+    from gcs.mission.mission import Mission
+    from gcs.preflight.computer.judge import ComputerFacts
+    from gcs.preflight.findings import VehicleFacts
 
 
 @Parameter(name="*")
@@ -26,9 +32,9 @@ class CheckOptions:
 
 
 def check(options: CheckOptions) -> Exit:
-    """Run the preflight checks of a mission and its vehicles, without arming. Parameters are read, never written.
+    """Run the preflight checks of a mission, its vehicles and this computer, without arming.
 
-    Refusals are listed last, above the totals.
+    Parameters are read, never written. Refusals are listed last, above the totals.
 
     Example: cordon check px4-trio --all
     """
@@ -37,14 +43,29 @@ def check(options: CheckOptions) -> Exit:
     from gcs.console.terminal import STDERR
     from gcs.keys.team_keys import leaves_this_computer
     from gcs.preflight.findings_view import exit_code, findings_json, findings_view
-    from gcs.preflight.link_facts import gather_facts
     from gcs.preflight.preflight import preflight
 
     mission = bus_mission(options.mission, options.changes)
     clock = computer_clock() if leaves_this_computer(mission) else None
-    facts = asyncio.run(gather_facts(mission))
-    findings = preflight(mission, facts, date.today(), bench=options.bench, clock=clock)
+    facts, computer = asyncio.run(_facts(mission))
+    findings = preflight(mission, facts, date.today(), bench=options.bench, clock=clock, computer=computer)
     STDERR.print(findings_view(mission.mission.name, findings, passes=options.all))
     if options.json:
         print_result(findings_json(mission.mission.name, findings))
     return exit_code(findings)
+
+
+async def _facts(mission: "Mission") -> "tuple[Sequence[VehicleFacts], ComputerFacts]":
+    """Return the facts about the vehicles, and about this computer while their telemetry streams, as in flight."""
+    from gcs.preflight.computer.judge import computer_facts
+    from gcs.preflight.computer.priority import RaisedPriority
+    from gcs.preflight.link_facts import gather_facts
+
+    measured: list[ComputerFacts] = []
+
+    async def measure() -> None:
+        measured.append(await computer_facts(mission, mission.vehicles, priority.privileges))
+
+    with RaisedPriority() as priority:
+        facts = await gather_facts(mission, beside=measure)
+    return facts, measured[0]

@@ -149,11 +149,15 @@ def _supervise_beside_station(options: FlyOptions) -> int:
     tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
     settings = [part for given in options.changes for part in ("--set", given)]
     mission = ["--mission", options.mission, *settings]
-    with station_beside([*mission, *address, *tiles, "--vehicles", _source(options)]) as (line, failed):
-        if failed is not None:
-            return failed
-        print_line(line)
-        return supervise(json=options.json)
+    with station_beside([*mission, *address, *tiles, "--vehicles", _source(options)]) as station:
+        if not station.line:
+            return station.exit_code
+        print_line(station.line)
+        code = supervise(json=options.json, beside=station)
+        if station.is_kept:
+            print_line(f"{station.line} stays open and shows the last state; Ctrl-C closes it")
+        station.wait()
+        return code
 
 
 def _source(options: FlyOptions) -> str:

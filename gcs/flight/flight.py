@@ -1,6 +1,7 @@
 """Fly a mission over MAVLink and Zenoh: the composition of agents, links, buses and, on request, stub vehicles."""
 
 import asyncio
+import gc
 import traceback
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack, ExitStack, suppress
@@ -107,6 +108,8 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
             lambda: loop.call_soon_threadsafe(team.stop.ask, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
         stubs = await stack.enter_async_context(flight_stubs)
+        if plan.needs_prompt_computer:  # after the stubs: they do not inherit it
+            stack.enter_context(team.priority)
         hub = MavsdkHub(clock)
         stack.push_async_callback(hub.close)
         team.equip(hub, supervisor.heartbeat)
@@ -119,6 +122,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         list(claims.take_fed(fed_ports(plan.vehicles)))
         team.recording.begin(plan.run(clock.time_scale))
+        gc.freeze()  # links and agents live as long as the flight: no collection examines them
         hint = await command_by_keyboard(team, stack)
         began_s, began_mission_s = perf_counter(), clock.now_s()
         if isinstance(clock, GovernedClock) and plan.clock is None:

@@ -13,6 +13,7 @@ from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.keys.team_keys import leaves_this_computer
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.computer.judge import ComputerFacts
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.preflight import preflight
 from sitl.server.shared_clock import ClockName
@@ -55,11 +56,24 @@ class FlightPlan:
         """Whether every vehicle is a stub."""
         return {vehicle.id for vehicle in self.vehicles} == {*self.stubs}
 
-    def findings(self, facts: Sequence[VehicleFacts]) -> Sequence[Finding]:
-        """Return the preflight findings about the mission and its vehicles."""
+    @property
+    def needs_prompt_computer(self) -> bool:
+        """Whether a vehicle flies on the wall's clock: one that is no stub of this flight."""
+        return self.clock is None and not self.only_stubs
+
+    def findings(self, facts: Sequence[VehicleFacts], computer: ComputerFacts | None = None) -> Sequence[Finding]:
+        """Return the preflight findings about the mission, its vehicles and this computer, as far as measured."""
         alone = len(self.vehicles) < len(self.mission.vehicles) and leaves_this_computer(self.mission)
         clock = computer_clock() if alone else None
-        return preflight(self.mission, facts, date.today(), stubs=self.only_stubs, bench=self.bench, clock=clock)
+        return preflight(
+            self.mission,
+            facts,
+            date.today(),
+            stubs=self.only_stubs,
+            bench=self.bench,
+            clock=clock,
+            computer=computer,
+        )
 
     def run(self, speed: float) -> Run:
         """Return the log's record of the run that begins now."""

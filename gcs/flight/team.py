@@ -28,6 +28,8 @@ from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
+from gcs.preflight.computer.judge import ComputerFacts, computer_facts
+from gcs.preflight.computer.priority import RaisedPriority
 from gcs.preflight.findings import VehicleFacts
 from gcs.preflight.link_facts import CheckedLink
 from sitl.server.server import StubRecord, TruthTrack
@@ -61,7 +63,7 @@ class Team:
 
     `stop` is the operator's request to end; `view` is the live view; `signing_keys` are those of the links,
     by the vehicle's system id. `newest` is each vehicle's newest status, also during take-off and landing; `kinds` are
-    the vehicles' kinds by id.
+    the vehicles' kinds by id. `priority` is entered for a flight on the wall's clock.
     """
 
     plan: FlightPlan
@@ -75,6 +77,7 @@ class Team:
     members: list[Member] = field(default_factory=list)
     newest: dict[int, CoreStatus] = field(default_factory=dict)
     kinds: dict[int, str] = field(default_factory=dict)
+    priority: RaisedPriority = field(default_factory=RaisedPriority)
 
     @property
     def agents(self) -> list[Agent]:
@@ -178,6 +181,13 @@ class Team:
     async def facts(self, settle_s: float) -> Sequence[VehicleFacts]:
         """Return what the vehicles on the ground report, once they are healthy or `settle_s` has passed."""
         return await asyncio.gather(*(member.link.facts(member.vehicle.id, settle_s) for member in self.members))
+
+    async def computer(self) -> ComputerFacts | None:
+        """Measure whether this computer is prompt enough; None for a flight that is not on the wall's clock."""
+        plan = self.plan
+        if not plan.needs_prompt_computer:
+            return None
+        return await computer_facts(plan.mission, plan.vehicles, self.priority.privileges, self.clock.speed)
 
     def record(
         self, stubs: StubRecord | None, wall_time_s: float, outcomes: Mapping[int, Outcome]

@@ -90,6 +90,27 @@ class FlightEnding:
         return f"{HEADLINES[self.how]}{whose}"
 
 
+AUTOPILOTS_ALONE = (
+    "only their autopilots control them now: PX4 leaves offboard about 1 s after the last setpoint, then holds or lands"
+    " (COM_OBL_RC_ACT); ArduPilot stays at its last setpoint until its ground station failsafe acts (FS_GCS_ENABLE)"
+)
+WATCH_THEM = "watch them, and take over by remote control or a ground station; cordon does not reconnect to them"
+
+
+@dataclass(frozen=True, slots=True)
+class LostFlight:
+    """A flight whose process is gone while its vehicles may be in the air.
+
+    `reason` is a clause about the end, `ended_s` its time [Unix s]. `vehicles` have not landed as far as known.
+    """
+
+    reason: str
+    vehicles: tuple[int, ...]
+    ended_s: float
+    autopilots: str = AUTOPILOTS_ALONE
+    next_step: str = WATCH_THEM
+
+
 def named(vehicles: Iterable[int]) -> str:
     """Return vehicles by their ids: `vehicle 2`, `vehicles 1, 2 and 3`."""
     *others, last = map(str, vehicles)

@@ -15,6 +15,8 @@ PX4_SIMULATES, ARDUPILOT_SIMULATES = "SYS_HITL", "SIM_OPOS_LAT"
 """PX4's parameter for hardware in the loop, and a parameter that only an ArduPilot with simulation has."""
 MISSION = "mission"
 """The subject of findings about the mission or the whole team."""
+COMPUTER = "this computer"
+"""The subject of findings about the computer that flies."""
 
 
 class Grade(Enum):

@@ -3,7 +3,7 @@
 import asyncio
 import queue
 import time
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import cos, sin, tau
@@ -47,14 +47,24 @@ KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.AR
 DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
-async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S) -> tuple[VehicleFacts, ...]:
+async def _nothing() -> None:
+    """Do nothing beside the queries."""
+
+
+async def gather_facts(
+    mission: Mission,
+    heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
+    beside: Callable[[], Awaitable[None]] = _nothing,
+) -> tuple[VehicleFacts, ...]:
     """Query all vehicles of a mission at once; times are wall seconds. Unreachable vehicles are included.
 
-    Raises InputError if the signing keys of the links cannot be read.
+    `beside` runs once all queries are answered, while the telemetry of all vehicles streams. Raises InputError if the
+    signing keys of the links cannot be read.
     """
     keys, paces = signing_keys(mission), link_paces(mission)
     hub = MavsdkHub()
-    connections = {url: _Connection(hub, url, pace) for url, pace in paces.items()}
+    streaming = _Streaming(len(mission.vehicles), beside)
+    connections = {url: _Connection(hub, url, pace, streaming) for url, pace in paces.items()}
     try:
         queries = (
             _facts(connections[vehicle.section.url], mission, vehicle, keys.get(vehicle.system_id), heartbeat_timeout_s)
@@ -65,11 +75,25 @@ async def gather_facts(mission: Mission, heartbeat_timeout_s: float = HEARTBEAT_
         await hub.close()
 
 
+class _Streaming:
+    """Runs something once, while the telemetry of all vehicles streams."""
+
+    def __init__(self, vehicles: int, beside: Callable[[], Awaitable[None]]) -> None:
+        self._all = asyncio.Barrier(vehicles)
+        self._beside = beside
+
+    async def over(self) -> None:
+        """Wait for all vehicles, and for the end of what runs; every vehicle's query has to await this."""
+        if await self._all.wait() == 0:
+            await self._beside()
+        await self._all.wait()
+
+
 class _Connection:
     """One connection and the queries of its vehicles."""
 
-    def __init__(self, hub: MavsdkHub, url: str, pace: Pace) -> None:
-        self.hub, self.pace = hub, pace
+    def __init__(self, hub: MavsdkHub, url: str, pace: Pace, streaming: _Streaming) -> None:
+        self.hub, self.pace, self.streaming = hub, pace, streaming
         self._url = url
         self._quiet = asyncio.Barrier(pace.vehicles)
 
@@ -118,6 +142,7 @@ async def _facts(
         system = await hub.find(url, system_id, timeout_s, signing_key=signing_key)
     except VehicleRefusedError as refusal:
         await connection.came_bytes_s()
+        await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
     feed = VehicleFeed(system, frame, clock, hub.postbox)
@@ -131,6 +156,7 @@ async def _facts(
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)
         facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
         came_bytes_s = await connection.came_bytes_s()
+        await connection.streaming.over()
         return replace(facts, link=hub.report(system_id), link_bytes_s=came_bytes_s)
     finally:
         await calls.close()

@@ -5,6 +5,7 @@ from datetime import date
 
 from agents.shell.computer import ComputerClock
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.computer.judge import ComputerFacts, judge_computer
 from gcs.preflight.estimator import estimator
 from gcs.preflight.fence import fence_areas
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
@@ -63,11 +64,13 @@ def preflight(
     stubs: bool = False,
     bench: bool = False,
     clock: ComputerClock | None = None,
+    computer: ComputerFacts | None = None,
 ) -> tuple[Finding, ...]:
     """Return all findings, the most severe first; raises KeyError for facts about a vehicle outside the mission.
 
     Without `today` no profile is too old. With `stubs` all vehicles are stubs; with `bench` they are boards in
-    hardware-in-the-loop simulation, propellers off. `clock` is this computer's clock if the team is on several.
+    hardware-in-the-loop simulation, propellers off. `clock` is this computer's clock if the team is on several,
+    `computer` what was measured of it for a flight on the wall's clock.
     """
     findings = [
         *feasibility(mission, stubs=stubs),
@@ -75,6 +78,7 @@ def preflight(
         *kinds(team, bench=bench),
         *together(mission, team),
         *(() if clock is None else (clock_setting(clock),)),
+        *(() if computer is None else judge_computer(computer)),
     ]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)

@@ -12,7 +12,7 @@ from estimation.frames import Triple
 from gcs.link.status_texts import quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import FrameSection, Mission, MissionVehicle
-from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, tolerated
+from gcs.preflight.findings import COMPUTER, MISSION, AutopilotKind, Finding, Grade, VehicleFacts, tolerated
 
 PLACE_LIMIT_M = 10.0
 HEIGHT_TOLERANCE_M = 2.0
@@ -315,7 +315,7 @@ def clock_setting(clock: ComputerClock) -> Finding:
     well = error_s is not None and error_s <= COMPUTER_CLOCK_ERROR_MAX_S
     return Finding.graded(
         Grade.PASS if well else Grade.WARNING,
-        "this computer",
+        COMPUTER,
         "clock",
         found,
         "agents on several computers compute the age of each other's messages from their clocks",

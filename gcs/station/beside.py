@@ -1,27 +1,73 @@
 """The operator's page beside a flight: `cordon station` as a process of its own, which ends with the flight.
 
-It can hang, crash or be overloaded without delaying a tick of the flight. Imports nothing heavy: the supervisor of a
-flight starts it.
+It can hang, crash or be overloaded without delaying a tick of the flight. It outlives a flight whose process is gone
+while its vehicles may be in the air. Imports nothing heavy: the supervisor of a flight starts it.
 """
 
+import json
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+
+from gcs.metrics.ending import LostFlight
 
 LIFELINE_VARIABLE = "CORDON_STATION_LIFELINE"
 """The environment variable with the number of a pipe's end: the station ends when the pipe is closed."""
 _END_TIMEOUT_S = 3.0
+_POLL_S = 0.2
+
+
+class StationBeside:
+    """A station that runs: `line` has its address, and is empty if it ended at once, with the reason printed."""
+
+    def __init__(self, process: "subprocess.Popen[str]", held: int, line: str) -> None:
+        """Take its process, and the pipe's end that keeps it running."""
+        self.line = line
+        self._process = process
+        self._held = held
+        self._is_kept = False
+        self._interrupted = threading.Event()
+
+    @property
+    def kept_open(self) -> Sequence[int]:
+        """The pipe's end: the station runs as long as the supervisor or the flying process holds it."""
+        return (self._held,)
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of a station that ended at once."""
+        return self._process.wait()
+
+    def lose(self, flight: LostFlight) -> None:
+        """Show a flight whose process is gone, on a page that stays open."""
+        with suppress(OSError):  # the station has crashed
+            os.write(self._held, f"{json.dumps(asdict(flight))}\n".encode())
+            self._is_kept = True
+
+    def interrupt(self) -> None:
+        """End the wait for a page that stays open; called on any thread."""
+        if self._is_kept:
+            self._interrupted.set()
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the page stays open."""
+        return self._is_kept and self._process.poll() is None
+
+    def wait(self) -> None:
+        """Wait until a page that stays open has been left, or the operator interrupts; return at once otherwise."""
+        while self.is_kept and not self._interrupted.wait(_POLL_S):
+            pass
 
 
 @contextmanager
-def station_beside(arguments: Sequence[str]) -> Iterator[tuple[str, int | None]]:
-    """Run a station as long as this context, or this process, lasts.
-
-    Yield the line with the page's address and None, or without a page the exit code of the station, which printed why.
-    """
+def station_beside(arguments: Sequence[str]) -> Iterator[StationBeside]:
+    """Run a station as long as this context lasts, or this process and those that inherit its `kept_open`."""
     lifeline, held = os.pipe()
     process = subprocess.Popen(
         [sys.executable, "-m", "gcs", "station", *arguments],
@@ -34,8 +80,7 @@ def station_beside(arguments: Sequence[str]) -> Iterator[tuple[str, int | None]]
     os.close(lifeline)
     assert process.stdout is not None
     try:
-        line = process.stdout.readline().rstrip()
-        yield line, None if line else process.wait()
+        yield StationBeside(process, held, process.stdout.readline().rstrip())
     finally:
         os.close(held)
         process.stdout.close()
@@ -44,6 +89,24 @@ def station_beside(arguments: Sequence[str]) -> Iterator[tuple[str, int | None]]
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
             process.wait()
+
+
+class FlightPipe:
+    """The station's end of the pipe: the loss of its flight, and its end."""
+
+    def __init__(self, number: int, end: Callable[[], object], lose: Callable[[LostFlight], object]) -> None:
+        self._number = number
+        self._end = end
+        self._lose = lose
+
+    def read(self) -> None:
+        """Take what has arrived: a line about a lost flight, which fits into the pipe's buffer, or the pipe's end."""
+        line = os.read(self._number, 65536)
+        if not line:
+            self._end()
+            return
+        fields = json.loads(line)
+        self._lose(LostFlight(**{**fields, "vehicles": tuple(fields["vehicles"])}))
 
 
 def lifeline() -> int | None:

@@ -8,6 +8,7 @@ from agents.team.messages import BusMessage
 from gcs.console.team_missions import TeamMissions
 from gcs.console.watched_bus import WatchedBus
 from gcs.errors import InputError
+from gcs.metrics.ending import LostFlight
 from gcs.mission.mission import Mission
 from gcs.station.mission_picture import mission_picture
 from gcs.station.picture import FlightSource, MissionPicture, OperatorRights
@@ -30,10 +31,17 @@ class LiveTeam:
         self._missions = TeamMissions(mission)
         self._fault = "searching for the team"
         self._is_over = False
+        self.has_lost_flight = False
+        """Whether the flight that started this station was lost."""
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
         """Return the constant part of the pictures, for a page of this operator."""
         return mission_picture(self._mission, self._source, self._mission.mission.duration_s, operator)
+
+    def lose(self, flight: LostFlight) -> None:
+        """Take the end of the flying process, from its supervisor."""
+        self.has_lost_flight = True
+        self._pictures.lose(flight, time.monotonic())
 
     async def run(self, publish: Publish) -> None:
         """Publish the team ten times a second, and events as they come, until cancelled.

@@ -115,12 +115,26 @@ class TargetPicture(msgspec.Struct, frozen=True):
     sighting_age_s: float
 
 
+class LostPicture(msgspec.Struct, frozen=True):
+    """A flight whose messages have stopped while its vehicles may be in the air.
+
+    `reason` is a clause, `vehicles` are those that have not landed as far as known (empty: unknown), `since_wall_s` is
+    Unix time. `autopilots` is what controls the vehicles now, `advice` the operator's action.
+    """
+
+    reason: str
+    vehicles: tuple[int, ...]
+    since_wall_s: float
+    autopilots: str
+    advice: str
+
+
 class TeamPicture(_Picture, frozen=True, tag="team"):
     """The team at one time: `time_s` since the mission's start (None before), `wall_s` in Unix time.
 
     `ring_members` is the number of vehicles on the ring. `ending` is how the flight ended, empty before.
     `link` is the fault of the link to the team, empty without one. `remaining_s` is the rest of the mission, None
-    before its start.
+    before its start. `lost` is set from the loss of a flight in the air until the next messages.
     """
 
     time_s: float | None
@@ -131,6 +145,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     ending: str = ""
     link: str = ""
     remaining_s: float | None = None
+    lost: LostPicture | None = None
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):

@@ -7,6 +7,7 @@ import asyncio
 import gzip
 import re
 import socket
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -36,6 +37,8 @@ REQUEST_MAX_BYTES = 4096
 _DEAD_AFTER_S = 10
 """A page that reads nothing for this time is removed."""
 _PING_PERIOD_S = 5.0
+LEFT_AFTER_S = 30.0
+"""A station that outlives its flight ends when no page has been open for this long."""
 _MALFORMED, _TOO_MANY = 1007, 1013
 _TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 
@@ -131,10 +134,15 @@ async def serve_team(
     stop: asyncio.Event,
     page: Path = PAGE,
     tiles: MapTiles | None = None,
+    outlives: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Serve the pages of a running team until `stop`; raises InputError when the source does."""
+    """Serve the pages of a running team until `stop`; raises InputError when the source does.
+
+    While `outlives()` the flight that started the station is over: the station ends when its pages have been left.
+    """
     broadcast = Broadcast()
     ours = commands(broadcast)
+    stream = Stream(broadcast, ours)
 
     def publish(rights: OperatorRights) -> None:
         broadcast.publish(_with_tiles(source.mission(rights), tiles))
@@ -142,7 +150,8 @@ async def serve_team(
     running = [
         asyncio.create_task(source.run(broadcast.publish)),
         asyncio.create_task(ours.run(publish)),
-        asyncio.create_task(serve(live_app(Stream(broadcast, ours), page, tiles), access, listening, stop)),
+        asyncio.create_task(serve(live_app(stream, page, tiles), access, listening, stop)),
+        asyncio.create_task(_left(stream, outlives)),
     ]
     try:
         done, _ = await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
@@ -150,9 +159,18 @@ async def serve_team(
             task.result()
     finally:
         stop.set()
-        for task in running[:2]:
+        for task in (*running[:2], running[3]):
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
+
+
+async def _left(stream: Stream, outlives: Callable[[], bool]) -> None:
+    """Return when no page has been open for a while after the end of the flight."""
+    read_s = time.monotonic()
+    while time.monotonic() - read_s < LEFT_AFTER_S:
+        if stream.pages or not outlives():
+            read_s = time.monotonic()
+        await asyncio.sleep(1.0)
 
 
 async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: asyncio.Event) -> None:

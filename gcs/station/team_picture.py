@@ -12,10 +12,16 @@ from agents.ring.place import ring_place
 from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport
 from gcs.console.advice import Severity
 from gcs.console.team_state import SILENT_AFTER_S, TeamState
+from gcs.metrics.ending import AUTOPILOTS_ALONE, WATCH_THEM, LostFlight
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
-from gcs.station.picture import EventPicture, Pair, TargetPicture, TeamPicture, VehiclePicture
+from gcs.station.picture import EventPicture, LostPicture, Pair, TargetPicture, TeamPicture, VehiclePicture
 from gcs.station.vehicle_picture import LINK_CUT, SILENT, Surroundings, fix_words, vehicle_alert
+
+VANISHED_AFTER_S = 3.0
+"""A team whose messages stop all at once for this long has lost its processes, or this computer its network."""
+_PROCESSES_ENDED = "every process that flew them has ended, and no vehicle has reported its landing"
+_VANISHED = "no vehicle sends messages: their processes have ended, or this computer's network is cut"
 
 
 @dataclass(slots=True)
@@ -63,7 +69,8 @@ class TeamPictures:
         self._surroundings = Surroundings(fences([each.section for each in mission.vehicles], mission.safety))
         self._state = TeamState(mission.ids)
         self._numbers = count(1)
-        self._events: list[tuple[int, str, Severity]] = []
+        self._events: list[tuple[int | None, str, Severity]] = []
+        self._lost: tuple[float, LostFlight] | None = None
         self._time_s: float | None = None
         self._remaining_s: float | None = None
 
@@ -75,6 +82,8 @@ class TeamPictures:
             self._state.receive(message, now_s)
         if received is None:
             return
+        if self._lost is not None and now_s - self._lost[0] > SILENT_AFTER_S:  # later than messages in transit
+            self._lost = None
         received.any_s = now_s
         match message:
             case MemberState():
@@ -90,9 +99,16 @@ class TeamPictures:
             case _:
                 pass
 
+    def lose(self, flight: LostFlight, now_s: float) -> None:
+        """Take the end of the flying process, from its supervisor."""
+        self._lost = now_s, flight
+        self._events.append((None, flight.reason, "alarm"))
+
     def new_events(self, now_s: float) -> list[EventPicture]:
         """Return the events since the last call."""
-        events = [(each.vehicle_id, each.text, each.severity) for each in self._state.new_events(now_s)]
+        events: list[tuple[int | None, str, Severity]] = [
+            (each.vehicle_id, each.text, each.severity) for each in self._state.new_events(now_s)
+        ]
         events += self._events
         self._events = []
         return [
@@ -105,8 +121,12 @@ class TeamPictures:
     def picture(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:
         """Return the team at `now_s`; `link` is the fault of the link to it, and no flight runs if it `is_over`."""
         self._update_time(now_s)
+        lost = self._lost_picture(now_s, is_over=is_over)
+        is_over = is_over and lost is None
         places_m = {i: each.state.position_m for i, each in self._received.items() if each.state and not each.ended}
-        vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._received)
+        vehicles = tuple(
+            self._vehicle(i, now_s, places_m, is_over=is_over, is_lost=lost is not None) for i in self._received
+        )
         return TeamPicture(
             self._time_s,
             now_s + self._unix_offset_s,
@@ -114,9 +134,25 @@ class TeamPictures:
             self._target(now_s),
             sum(each.radius_m is not None and not each.is_stale and not each.has_ended for each in vehicles),
             self._ending(is_over=is_over),
-            link or self._silence(now_s, is_over=is_over),
+            (link if lost is None else "") or self._silence(now_s, is_over=is_over),
             self._remaining_s,
+            lost,
         )
+
+    def _lost_picture(self, now_s: float, *, is_over: bool) -> LostPicture | None:
+        """Return the loss that the supervisor reported, or that of a whole team whose messages stopped in flight."""
+        if self._lost is not None:
+            flight = self._lost[1]
+            return LostPicture(flight.reason, flight.vehicles, flight.ended_s, flight.autopilots, flight.next_step)
+        received = [each for each in self._received.values() if each.any_s > -inf]
+        if any(each.ended for each in received) or not any(each.state for each in received):
+            return None
+        since_s = max(each.any_s for each in received)
+        if now_s - since_s <= (SILENT_AFTER_S if is_over else VANISHED_AFTER_S):
+            return None
+        reason = _PROCESSES_ENDED if is_over else _VANISHED
+        alone = AUTOPILOTS_ALONE if is_over else f"if their processes have ended, {AUTOPILOTS_ALONE}"
+        return LostPicture(reason, (), since_s + self._unix_offset_s, alone, WATCH_THEM)
 
     def _update_time(self, now_s: float) -> None:
         """Update the mission's time from the vehicles' messages; without messages and after the end it stands still."""
@@ -132,13 +168,16 @@ class TeamPictures:
             self._time_s = since_s if since_s >= 0.0 else None
             self._remaining_s = min(max(duration_s - since_s, 0.0), duration_s)
 
-    def _vehicle(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool) -> VehiclePicture:
+    def _vehicle(
+        self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool, is_lost: bool
+    ) -> VehiclePicture:
         received = self._received[vehicle_id]
         if received.any_s == -inf:
             return VehiclePicture(vehicle_id)
         is_stale, has_ended = received.is_stale(now_s), bool(received.ended) or is_over
         own_alert = "" if received.state is None else received.state.alert
-        lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale else ""
+        # Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
+        lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale and not is_lost else ""
         alert, advice, severity = vehicle_alert("" if has_ended else own_alert or lost, is_lost=bool(lost))
         nearest_id, nearest_m = self._surroundings.nearest(vehicle_id, places_m)
         picture = VehiclePicture(

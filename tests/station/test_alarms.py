@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
-from gcs.station.picture import EventPicture, TeamPicture
+from gcs.station.picture import EventPicture, LostPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import RATE_HZ, CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
@@ -31,6 +31,15 @@ def link_lost(time_s: float) -> TeamPicture:
 
 def two_alarms(time_s: float) -> TeamPicture:
     return changed(link_lost(time_s), 3, alert="battery empty", advice="Land it.", severity="alarm")
+
+
+def lost(time_s: float) -> TeamPicture:
+    """A flight that was lost 71 s before."""
+    team = well(time_s)
+    why = "no tick of the control loop of vehicle 2 for 0.7 s: the flying process 77 was killed"
+    picture = LostPicture(why, (1, 2, 3), team.wall_s - 71.0, "only their autopilots control them now", "watch them")
+    silent = tuple(replace(each, is_stale=True, age_s=71.0) for each in team.vehicles)
+    return replace(team, vehicles=silent, lost=picture)
 
 
 def battery_empty_too(time_s: float) -> TeamPicture:
@@ -158,3 +167,30 @@ def test_past_events_are_shown_and_not_read_out(open_page: OpenPage, served: Can
     page = open_page(served.url)
     expect(page.locator("#events li")).to_have_count(30)
     expect(page.locator("#polite")).to_be_empty()
+
+
+def test_a_lost_flight_is_shown_with_what_controls_the_vehicles_and_a_clock_that_counts_up(
+    page: Page, served: CannedStation
+) -> None:
+    banner = page.locator("#lost")
+    expect(banner).to_be_hidden()
+    served.team = lost
+    expect(banner).to_be_visible()
+    for part in ("Vehicle 1, 2, 3", "No tick of the control loop of vehicle 2 for 0.7 s", "only their autopilots"):
+        expect(banner).to_contain_text(part, ignore_case=True)
+    expect(page.locator("#lost-advice")).to_contain_text("Watch them.")
+    expect(page.locator("#alarms li")).to_contain_text(["The flight was lost"])
+    expect(page.locator(".card .headline").first).to_contain_text("last seen 71 s ago")
+    expect(page.locator("#ending")).to_be_hidden()
+    expect(page.locator("#lost-since")).to_have_text("1:11")
+    since_s = seconds(page)
+    served.team = lambda time_s: replace(lost(time_s), wall_s=well(time_s).wall_s + 100.0)
+    expect(page.locator("#lost-since")).to_have_text("2:51")
+    assert seconds(page) == since_s + 100
+    served.team = well
+    expect(banner).to_be_hidden()
+
+
+def seconds(page: Page) -> int:
+    minutes, seconds = page.locator("#lost-since").inner_text().split(":")
+    return 60 * int(minutes) + int(seconds)

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import msgspec
+import psutil
 import pytest
 import websockets
 from websockets.asyncio.client import ClientConnection
@@ -157,6 +158,45 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
             name = mission["operator"]["name"]
             assert {f"hold by {name}: holds", f"land by {name}: lands"} <= set(said)
         assert await asyncio.to_thread(process.wait, 20.0) == 4, "the operator ended it"
+        assert not is_listening(port)
+
+
+async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_controls_the_vehicles(
+    mission_file: Callable[..., str], subtests: pytest.Subtests
+) -> None:
+    """A page stays with the vehicles' last state, until the operator closes it at the terminal."""
+    address = f"{LOOPBACK}:{free_port()}"
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "60", "--no-log")
+    with cordon(*flight, "--station", "--station-address", address) as process:
+        assert process.stderr is not None
+        port, cookie = entered(process.stderr.readline())
+        async with stream(port, cookie) as page:
+            while {each["tactic"] for each in (await received(page, "team", 30.0))["vehicles"]} != {"formation"}:
+                pass
+            (flying,) = [each for each in psutil.Process(process.pid).children() if "station" not in each.cmdline()]
+            flying.kill()
+            killed_s = time.time()
+            while (lost := (team := await received(page, "team", 10.0))["lost"]) is None:
+                pass
+            with subtests.test("why, which vehicles, since when"):
+                assert f"the flying process {flying.pid} ended by signal 9" in lost["reason"]
+                assert lost["vehicles"] == [1, 2, 3]
+                assert abs(lost["since_wall_s"] - killed_s) < 2.0
+            with subtests.test("what the autopilots do"):
+                assert "COM_OBL_RC_ACT" in lost["autopilots"]
+            with subtests.test("the last state, for longer than a flight without vehicles is shown"):
+                places_m = [each["position_m"] for each in team["vehicles"]]
+                while (team := await received(page, "team"))["wall_s"] < killed_s + 4.0:
+                    pass
+                assert [each["position_m"] for each in team["vehicles"]] == places_m
+                assert {(each["is_stale"], each["has_ended"]) for each in team["vehicles"]} == {(True, False)}
+                assert (team["lost"], team["ending"]) == (lost, "")
+            assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+            assert await asyncio.to_thread(process.wait, 10.0) == 4
+        said = process.stderr.read()
+        assert "Ended by the watchdog: vehicles 1, 2 and 3" in said
+        assert "stays open" in said
         assert not is_listening(port)
 
 

@@ -15,6 +15,7 @@ from gcs.signals import hold_back
 if TYPE_CHECKING:
     import socket
 
+    from gcs.metrics.ending import LostFlight
     from gcs.station.access import Access
     from gcs.station.picture import Pair
     from gcs.station.tiles import MapTiles
@@ -92,9 +93,9 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
         return Commands(mission, options.key, broadcast.publish)
 
     async def serve(listening: "socket.socket", stop: asyncio.Event) -> None:
-        await serve_team(team, commands, access, listening, stop, tiles=tiles)
+        await serve_team(team, commands, access, listening, stop, tiles=tiles, outlives=lambda: team.has_lost_flight)
 
-    return _serve(serve, access, f"team {mission.network.team}")
+    return _serve(serve, access, f"team {mission.network.team}", team.lose)
 
 
 def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit:
@@ -127,13 +128,18 @@ def _tiles(path: Path | None, origin_deg: "Pair | None") -> "MapTiles | None":
     return tiles
 
 
-def _serve(serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]", access: "Access", subject: str) -> Exit:
-    """Serve until Ctrl-C, or until the end of the flight that started this station."""
+def _serve(
+    serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]",
+    access: "Access",
+    subject: str,
+    lose: "Callable[[LostFlight], object]" = lambda _flight: None,
+) -> Exit:
+    """Serve until Ctrl-C, or until the end of the flight that started this station; `lose` takes its loss."""
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem
     from gcs.signals import relay
-    from gcs.station.beside import lifeline
+    from gcs.station.beside import FlightPipe, lifeline
     from gcs.station.server import listen
 
     try:
@@ -148,7 +154,7 @@ def _serve(serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]", a
     async def run() -> None:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
         if beside is not None:
-            loop.add_reader(beside, stop.set)
+            loop.add_reader(beside, FlightPipe(beside, stop.set, lose).read)
         else:
             relay(lambda: loop.call_soon_threadsafe(stop.set))
         await serve(listening, stop)

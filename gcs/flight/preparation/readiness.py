@@ -1,5 +1,6 @@
 """Waiting on the ground for vehicles that are about to be ready."""
 
+import asyncio
 import time
 from collections.abc import Sequence
 
@@ -40,8 +41,8 @@ class Readiness:
         """
         settle_s, decides = FIRST_REPORTS_S, False
         while True:
-            facts = await self._team.facts(settle_s)
-            findings = self._team.plan.findings(facts)
+            facts, computer = await asyncio.gather(self._team.facts(settle_s), self._team.computer())
+            findings = self._team.plan.findings(facts, computer)
             lacks = about_to_pass(findings)
             well = worst(findings) is not Grade.REFUSE
             if self._left_s <= 0.0 or (not lacks and (decides or (well and not self._shown))):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from gcs.flight.preparation.readiness import FIRST_REPORTS_S
 from gcs.flight.team import Team
-from gcs.preflight.findings import MISSION, Finding, Grade
+from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade
 
 PERIOD_S = 3.0
 """Pause between two checks [wall s]: a start is refused by the findings of the newest."""
@@ -22,8 +22,8 @@ class StartWait:
         """Return the newest preflight findings once all are started, and record the facts behind them."""
         settle_s = FIRST_REPORTS_S
         while True:
-            facts = await self._team.facts(settle_s)
-            findings = self._team.plan.findings(facts)
+            facts, computer = await asyncio.gather(self._team.facts(settle_s), self._team.computer())
+            findings = self._team.plan.findings(facts, computer)
             self._wait(findings)
             settle_s = 0.0
             if await self._started():
@@ -56,7 +56,7 @@ class StartWait:
 
 
 def lacking(vehicle_id: int, findings: Sequence[Finding]) -> str:
-    """Return what forbids a vehicle's start, empty if nothing does: the first refusal of it or of the mission."""
-    subjects = (MISSION, f"vehicle {vehicle_id}")
+    """Return what forbids a vehicle's start, empty if nothing does: the first refusal that concerns it."""
+    subjects = (MISSION, COMPUTER, f"vehicle {vehicle_id}")
     refusals = (each for each in findings if each.grade is Grade.REFUSE and each.subject in subjects)
     return next((f"{each.check}: {each.found}" for each in refusals), "")

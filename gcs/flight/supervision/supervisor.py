@@ -12,23 +12,21 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from typing import Protocol
 
 from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, LoopMonitor
-from gcs.metrics.ending import FlightEnding, How
+from gcs.metrics.ending import FlightEnding, How, LostFlight
 from gcs.metrics.json_output import json_output
+from gcs.preflight.computer.priority import raise_supervisor
 from gcs.signals import relay
 from sitl.server.shared_clock import US_PER_S, ClockError, ClockName, Rank, Seat
 
 OVERLOAD = 1.5
 """The load average per core from which a computer counts as overloaded."""
-_CONSEQUENCE = (
-    "only their autopilots control them now: PX4 leaves offboard about 1 s after the last setpoint, then holds or lands"
-    " (COM_OBL_RC_ACT); ArduPilot stays at its last setpoint until its ground station failsafe acts (FS_GCS_ENABLE)"
-)
-_NEXT_STEP = "next: watch them, and take over by remote control or a ground station; cordon does not reconnect to them"
 _HERE = "\x1b7"
 _NO_LIVE_VIEW = "\x1b[?25h\x1b[?2004l"
 """Shows the cursor, which the live view hides, and ends the marking of pasted text."""
@@ -36,12 +34,44 @@ _ERASED = "\x1b8\x1b[J"
 """Erases the live view, which shows vehicles in flight, from its beginning, or from _HERE if none was drawn."""
 
 
+class Beside(Protocol):
+    """The operator's page beside a flight."""
+
+    @property
+    def kept_open(self) -> Sequence[int]:
+        """File descriptors that the flying process inherits, and holds as long as it lives."""
+        ...
+
+    def lose(self, flight: LostFlight) -> None:
+        """Show that the flying process has ended before its vehicles had landed."""
+        ...
+
+    def interrupt(self) -> None:
+        """Take a signal of the operator; called on another thread."""
+        ...
+
+
+class _Nothing:
+    """Implements `Beside` for a flight without a page."""
+
+    kept_open = ()
+
+    def lose(self, flight: LostFlight) -> None:
+        pass
+
+    def interrupt(self) -> None:
+        pass
+
+
+_NOTHING = _Nothing()
+
+
 def is_supervised() -> bool:
     """Return whether this process is the flying one."""
     return HEARTBEAT_VARIABLE in os.environ
 
 
-def supervise(*, json: bool = False) -> int:
+def supervise(*, json: bool = False, beside: Beside = _NOTHING) -> int:
     """Run this process's command line once more as the flying process; return the exit code of the whole.
 
     Signals must be blocked already. Problems are written to standard error; with `json`, the ending of a flight
@@ -54,28 +84,34 @@ def supervise(*, json: bool = False) -> int:
     with ours:
         ours.setblocking(False)
         with theirs:
-            flying = _start(theirs.fileno())
-        relay(lambda: _send(ours, STOP))
+            flying = _start(theirs.fileno(), beside.kept_open)
+        raise_supervisor()
+
+        def ask() -> None:
+            _send(ours, STOP)
+            beside.interrupt()
+
+        relay(ask)
         monitor = LoopMonitor()
         silences_s = _watch(flying, ours, monitor)
         code = flying.wait()
         monitor.receive(_received(ours))
-    lines = _report(flying.pid, code, silences_s, monitor)
+    lines, lost = _report(flying.pid, code, silences_s, monitor)
     if not lines:
         return code
-    if json and code < 0 and monitor.flying:
-        with suppress(OSError):
-            os.write(sys.stdout.fileno(), f"{json_output({'ended': asdict(_ending(monitor, lines[1]))})}\n".encode())
+    if lost is not None:
+        beside.lose(lost)
+        if json and code < 0 and lost.vehicles:
+            _write(sys.stdout.fileno(), json_output({"ended": asdict(_ending(lost))}))
     for line in (*terminal.restored(killed=code < 0), *lines):
-        with suppress(OSError):  # the terminal may be gone
-            os.write(sys.stderr.fileno(), f"{line}\n".encode())
+        _write(sys.stderr.fileno(), line)
     return Exit.ENDED_IN_FLIGHT if monitor.has_flown else Exit.REFUSED
 
 
-def _start(heartbeat: int) -> subprocess.Popen[bytes]:
+def _start(heartbeat: int, kept_open: Sequence[int]) -> subprocess.Popen[bytes]:
     """Start the flying process: the same command line in the same interpreter, with its end of the socket pair."""
     environment = {**os.environ, HEARTBEAT_VARIABLE: str(heartbeat)}
-    return subprocess.Popen([sys.executable, *sys.orig_argv[1:]], pass_fds=[heartbeat], env=environment)
+    return subprocess.Popen([sys.executable, *sys.orig_argv[1:]], pass_fds=[heartbeat, *kept_open], env=environment)
 
 
 def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, monitor: LoopMonitor) -> dict[int, float]:
@@ -134,30 +170,31 @@ def _received(connection: socket.socket) -> bytes:
     return received
 
 
-def _report(process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor) -> list[str]:
-    """Return lines about a flight whose process did not end normally, otherwise none."""
+def _write(descriptor: int, line: str) -> None:
+    with suppress(OSError):  # the terminal may be gone
+        os.write(descriptor, f"{line}\n".encode())
+
+
+def _report(
+    process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor
+) -> tuple[list[str], LostFlight | None]:
+    """Return lines about a flight whose process did not end normally, otherwise none; and the flight if it is lost."""
     ended = f"by signal {-code}" if code < 0 else f"with exit code {code}"
     if silences_s:
         loops = ", ".join(f"vehicle {i} for {silence_s:.1f} s" for i, silence_s in silences_s.items())
         reason = f"no tick of the control loop of {loops}: the flying process {process_id} was killed"
     elif monitor.flying:
         reason = f"the flying process {process_id} ended {ended} before its vehicles had landed"
-    elif code < 0:
-        return [f"the flying process {process_id} ended {ended} while no vehicle flew"]
     else:
-        return []
-    flying = ", ".join(map(str, monitor.flying))
+        return [f"the flying process {process_id} ended {ended} while no vehicle flew"] if code < 0 else [], None
     reason += overload(os.getloadavg()[0], os.cpu_count() or 1)
-    return [
-        _ending(monitor, reason).headline,
-        reason,
-        f"vehicle {flying}: {_CONSEQUENCE}" if flying else _CONSEQUENCE,
-        _NEXT_STEP,
-    ]
+    lost = LostFlight(reason, monitor.flying, time.time())
+    flying = f"vehicle {', '.join(map(str, lost.vehicles))}: " if lost.vehicles else ""
+    return [_ending(lost).headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
 
 
-def _ending(monitor: LoopMonitor, reason: str) -> FlightEnding:
-    return FlightEnding(How.WATCHDOG, f"{reason[:1].upper()}{reason[1:]}.", monitor.flying)
+def _ending(lost: LostFlight) -> FlightEnding:
+    return FlightEnding(How.WATCHDOG, f"{lost.reason[:1].upper()}{lost.reason[1:]}.", lost.vehicles)
 
 
 def overload(load: float, cores: int) -> str:

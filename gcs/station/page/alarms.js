@@ -27,6 +27,7 @@ export class Alarms {
   /** Update from a team and from whether the station answers. */
   update(team, isConnected) {
     const present = team ? team.vehicles.filter((vehicle) => trouble(vehicle, team) === "alarm").map(ofVehicle) : [];
+    if (team?.lost) present.unshift(LOST);
     if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
     if (this.#take(present)) this.#show();
   }
@@ -101,6 +102,8 @@ function ofVehicle(vehicle) {
   const { vehicle_id, alert, advice } = vehicle;
   return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
 }
+
+const LOST = { key: "lost", subject: "flight", text: "The flight was lost: only the autopilots control the vehicles", advice: "" };
 
 function row(alarm) {
   const word = alarm.isPresent ? "ALARM" : "OVER";

@@ -1,6 +1,7 @@
 /** The top bar: the mission, its time, the ring, the worst alert, the link to the team, and the operator. */
 
 import { byId, SEVERITIES, setAttribute, setText } from "./dom.js";
+import { showLost } from "./lost.js";
 import { clock } from "./units.js";
 import { alert, trouble } from "./vehicles.js";
 
@@ -27,6 +28,7 @@ export class TopBar {
   update(team, isConnected) {
     setLine("link", ...linkWords(team, isConnected));
     if (!team) return;
+    showLost(team.lost, team.wall_s);
     setText(byId("elapsed"), team.time_s === null ? "not started" : `T+ ${clock(team.time_s)}`);
     setText(byId("remaining"), remaining(team, this.mission));
     setText(byId("ring"), `${team.ring_members} of ${team.vehicles.length}`);

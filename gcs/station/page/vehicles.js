@@ -14,7 +14,7 @@ const RANKS = { alarm: 0, stale: 1, warning: 2, information: 3, ended: 4 };
 export function agedTeam(team, since_s) {
   if (since_s <= PICTURE_AGE_MAX_S) return team;
   const target = team.target && { ...team.target, sighting_age_s: team.target.sighting_age_s + since_s };
-  return { ...team, target, vehicles: team.vehicles.map((vehicle) => agedVehicle(vehicle, since_s)) };
+  return { ...team, wall_s: team.wall_s + since_s, target, vehicles: team.vehicles.map((vehicle) => agedVehicle(vehicle, since_s)) };
 }
 
 function agedVehicle(vehicle, since_s) {

@@ -3,6 +3,7 @@
 import os
 import socket
 import threading
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -105,16 +106,23 @@ def silent(*vehicle_ids: int) -> LoopMonitor:
 def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0))
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    headline, reason, *_ = supervisor._report(77, -9, {1: 0.6, 2: 0.7}, silent(1, 2))
+    (headline, reason, *others), lost = supervisor._report(77, -9, {1: 0.6, 2: 0.7}, silent(1, 2))
     assert headline == "Ended by the watchdog: vehicles 1 and 2"
     assert reason.startswith(
         "no tick of the control loop of vehicle 1 for 0.6 s, vehicle 2 for 0.7 s: the flying process 77"
     )
     assert ("overloaded (load 6.2 on 2 cores)" in reason) is overloaded
+    assert lost is not None
+    assert (lost.reason, lost.vehicles) == (reason, (1, 2))
+    assert others == [f"vehicle 1, 2: {lost.autopilots}", f"next: {lost.next_step}"]
+    assert time.time() - lost.ended_s < 60.0
 
 
 def test_a_flight_that_ended_as_it_should_has_no_words_of_the_watchdog() -> None:
-    assert supervisor._report(77, 0, {}, LoopMonitor()) == []
+    assert supervisor._report(77, 0, {}, LoopMonitor()) == ([], None)
+    lines, lost = supervisor._report(77, -9, {}, LoopMonitor())
+    assert "while no vehicle flew" in lines[0]
+    assert lost is None
 
 
 # The flying process's end

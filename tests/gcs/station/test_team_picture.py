@@ -17,9 +17,10 @@ from agents.team.messages import (
     TargetReport,
     VehicleReport,
 )
+from gcs.metrics.ending import LostFlight
 from gcs.mission.mission import Mission
 from gcs.station.mission_picture import mission_picture
-from gcs.station.picture import EventPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.picture import EventPicture, LostPicture, OperatorRights, TeamPicture, VehiclePicture
 from gcs.station.team_picture import TeamPictures
 from gcs.station.vehicle_picture import LINK_CUT, SILENT, fix_words
 from tests.support.mission_text import content, parsed, put
@@ -237,12 +238,58 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
 def test_a_flight_whose_process_is_gone_is_over() -> None:
     page = Page()
     page.hears(1.0, state(1, START_S), report(1, START_S))
+    page.hears(1.0, report(2, START_S, ended="completed"))
     team = page.team(9.0, "waiting for team", is_over=True)
-    assert [(each.has_ended, each.is_stale) for each in team.vehicles] == [(True, True), (False, True), (False, True)]
+    assert [(each.has_ended, each.is_stale) for each in team.vehicles] == [(True, True), (True, True), (False, True)]
     assert "silent at the end" in team.ending
+    assert team.lost is None
     page.hears(20.0, report(1, START_S + 19.0, start_s=None))
     assert page.vehicle(1, 20.0).position_m is None, "another start: another flight"
     assert Page().team(1.0, is_over=True).ending == ""
+
+
+def test_a_team_that_vanishes_in_flight_is_kept_as_it_was_and_the_time_counts_up() -> None:
+    """Whoever looks after a while sees where the vehicles were, that nobody flies them, and since when."""
+    page = Page()
+    page.hears(1.0, *(state(each, START_S, (each, 0.0)) for each in (1, 2, 3)))
+    for at_s, is_over in ((1.9, True), (3.9, False)):
+        assert page.team(at_s, is_over=is_over).lost is None
+    for at_s, is_over in ((2.1, True), (4.1, False), (99.0, True), (99.0, False)):
+        team = page.team(at_s, is_over=is_over)
+        assert team.lost is not None
+        assert (team.lost.since_wall_s, team.lost.vehicles) == (UNIX_S + 1.0, ())
+        assert "COM_OBL_RC_ACT" in team.lost.autopilots
+        assert ("network is cut" in team.lost.reason) is not is_over
+        assert [(each.alert, each.has_ended, each.is_stale) for each in team.vehicles] == [("", False, True)] * 3
+        assert team.link == f"no message from any vehicle for {at_s - 1.0:.0f} s"
+        assert [each.position_m for each in team.vehicles] == [(1.0, 0.0, 8.0), (2.0, 0.0, 8.0), (3.0, 0.0, 8.0)]
+        assert team.ending == ""
+    page.hears(100.0, state(2, START_S + 99.0))
+    assert page.team(100.0).lost is None, "it flies again"
+
+
+def test_on_the_ground_and_after_landing_no_flight_is_lost() -> None:
+    page = Page()
+    page.hears(1.0, report(1, START_S, start_s=None), report(2, START_S, start_s=None))
+    assert page.team(9.0).lost is None, "they wait for their start"
+    page.hears(10.0, state(1, START_S + 9.0), report(1, START_S + 9.0, ended="completed"))
+    assert page.team(19.0, is_over=True).lost is None
+
+
+def test_what_the_supervisor_says_of_a_lost_flight_is_shown_until_the_next_messages() -> None:
+    page = Page()
+    page.hears(1.0, *(state(each, START_S) for each in (1, 2)))
+    flight = LostFlight("no tick of vehicle 2 for 0.6 s", (1, 2), UNIX_S + 2.0, "autopilots fly", "watch them")
+    page.pictures.lose(flight, 2.0)
+    page.hears(2.5, state(1, START_S + 0.5))  # was in transit
+    lost = page.team(2.6).lost
+    assert lost == LostPicture("no tick of vehicle 2 for 0.6 s", (1, 2), UNIX_S + 2.0, "autopilots fly", "watch them")
+    assert [(each.text, each.severity, each.vehicle_id) for each in page.events if each.vehicle_id is None] == [
+        ("no tick of vehicle 2 for 0.6 s", "alarm", None)
+    ]
+    assert page.team(500.0, is_over=True).lost == lost
+    page.hears(501.0, state(1, START_S + 500.0))
+    assert page.team(501.0).lost is None
 
 
 def test_the_target_is_that_of_the_newest_sighting_and_goes_on() -> None:
