@@ -10,9 +10,11 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from math import cos, hypot, radians
 from types import MappingProxyType
 
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from sitl.server.process import StubProcess
@@ -615,7 +617,7 @@ class StubSimulator:
 
     def start(self) -> None:
         """Start the process."""
-        self._process = StubProcess([self._config], self.speed)
+        self._process = StubProcess([self._config], partial(WallClock, self.speed))
         self._process.start()
 
     def stop(self) -> None:

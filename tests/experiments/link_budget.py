@@ -13,9 +13,11 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from agents.shell.clock import WallClock
 from gcs.flight.stubs import stub_configs
 from gcs.link.config import link_paces
 from gcs.mission.file import load_mission
@@ -68,7 +70,7 @@ def radio(mission: Mission, baud: int) -> Iterator[Emulation]:
     """Serve the mission's stubs behind the line."""
     ports, ended = free_ports(mission), threading.Event()
     configs = [replace(each, parameters={"COM_OBL_RC_ACT": 4}) for each in stub_configs(mission, ports)]
-    stubs = StubProcess(configs, 1.0)
+    stubs = StubProcess(configs, partial(WallClock, 1.0))
     stubs.start()
     (emulation,) = mission_radio(RADIO.model_copy(update={"baud": baud}), mission, ports)
     thread = threading.Thread(target=run, args=([emulation], ended.is_set, lambda: None))

@@ -14,9 +14,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from agents.shell.clock import WallClock
 from gcs.flight.stubs import stub_configs
 from gcs.link.config import link_paces
 from gcs.mission.file import load_mission
@@ -47,7 +49,7 @@ class Lines:
     def __init__(self, mission: Mission) -> None:
         self._mission, self._ports = mission, stub_ports(mission)
         configs = [replace(each, parameters={"COM_OBL_RC_ACT": 5}) for each in stub_configs(mission, self._ports)]
-        self._stubs = {config.vehicle_id: StubProcess([config], 1.0) for config in configs}
+        self._stubs = {config.vehicle_id: StubProcess([config], partial(WallClock, 1.0)) for config in configs}
         self._emulations = mission_radio(RADIO, mission, self._ports)
         self._pending: list[Callable[[], object]] = []
         self._ended = threading.Event()
@@ -77,7 +79,7 @@ class Lines:
         """Restart the faulty vehicle's autopilot."""
         self._stubs[FAULTY].stop()
         (config,) = (each for each in stub_configs(self._mission, self._ports) if each.vehicle_id == FAULTY)
-        self._stubs[FAULTY] = StubProcess([config], 1.0)
+        self._stubs[FAULTY] = StubProcess([config], partial(WallClock, 1.0))
         self._stubs[FAULTY].start()
 
     def _make_changes(self) -> None:

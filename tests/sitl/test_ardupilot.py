@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from math import hypot, radians
 from typing import Any
 
@@ -15,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from sitl.autopilot.airframe import STEP_S
@@ -542,7 +544,7 @@ def system() -> Iterator[Any]:
     from mavsdk.mavsdk import ComponentType, Configuration, Mavsdk
 
     port = free_port()
-    stubs = StubProcess([copter_on(port)], SPEED)
+    stubs = StubProcess([copter_on(port)], partial(WallClock, SPEED))
     stubs.start()
     station = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     station.add_any_connection(f"udpin://127.0.0.1:{port}")
@@ -611,9 +613,9 @@ async def test_the_vehicle_link_flies_it_from_disarmed_to_disarmed_twice() -> No
     from gcs.link.mavsdk_link import MavsdkLink
 
     port = free_port()
-    process, hub, heard = StubProcess([copter_on(port)], SPEED), MavsdkHub(), list[Telemetry]()
+    process, hub, heard = StubProcess([copter_on(port)], partial(WallClock, SPEED)), MavsdkHub(), list[Telemetry]()
     process.start()
-    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME), time.monotonic, SPEED)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME), WallClock(SPEED))
     await link.connect(heard.append)
     for altitude_m in (6.0, 5.0):
         await link.take_off(altitude_m)

@@ -14,7 +14,7 @@ from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatu
 from agents.settings.config import AgentConfig
 from agents.settings.sections import FormationSettings
 from agents.shell.agent import Agent
-from agents.shell.clock import MissionClock
+from agents.shell.clock import WallClock
 from agents.shell.life import Phase
 from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
@@ -35,7 +35,7 @@ LOSS_SHOWS_AFTER_S = 3.0
 """The time after the last heartbeat at which a link is lost."""
 
 
-class SimulatedClock(MissionClock):
+class SimulatedClock(WallClock):
     """A mission clock on the event loop's time."""
 
     def now_s(self) -> float:

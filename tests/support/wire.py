@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
+from agents.shell.clock import WallClock
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
-from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig, serve
 
 LOOPBACK = "127.0.0.1"
@@ -76,7 +76,7 @@ class StubWatch:
 async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[None]:
     """Serve stub vehicles in this process."""
     stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop))
+    stubs = asyncio.create_task(serve(configs, WallClock(speed), stop))
     try:
         yield
     finally:

@@ -7,12 +7,14 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
 from mavsdk.plugins.geofence import Circle, FenceType, Geofence, GeofenceData, Point, Polygon
 from mavsdk.plugins.param import Param
 
+from agents.shell.clock import WallClock
 from gcs.cli import main
 from gcs.flight.stubs import stub_configs
 from gcs.link.hub import MavsdkHub
@@ -63,7 +65,7 @@ def checked(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 
 @contextmanager
 def stubs(configs: Sequence[StubConfig]) -> Iterator[None]:
-    process = StubProcess(configs, SPEED)
+    process = StubProcess(configs, partial(WallClock, SPEED))
     process.start()
     try:
         yield

@@ -2,12 +2,14 @@
 
 import asyncio
 import time
+from functools import partial
 from math import radians
 
 import numpy as np
 import pytest
 
 from agents.ports import Setpoint
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
@@ -30,7 +32,7 @@ LAG_S = AXIS.a1_per_s / AXIS.a0_per_s2
 
 async def test_a_velocity_beside_the_setpoint_reaches_the_vehicle() -> None:
     config = StubConfig(1, free_port(), PLANT, FRAME)
-    process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
+    process, hub, telemetry = StubProcess([config], partial(WallClock, SPEED)), MavsdkHub(), list[Telemetry]()
     process.start()
     began_s = time.monotonic()
     link_config = LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME)

@@ -7,10 +7,12 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from agents.shell.clock import WallClock
 from gcs.flight.stubs import stub_configs
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Truth
@@ -31,7 +33,9 @@ BOARD_UID = 0x3130_3738
 def beside(mission: str, *, uid: int, **parameters: int) -> StubProcess:
     """Return a stub of vehicle 1 that poses as another vehicle."""
     (config,) = (each for each in stub_configs(load_mission(mission)) if each.vehicle_id == 1)
-    return StubProcess([replace(config, uid=uid, parameters={"COM_OBL_RC_ACT": 4, **parameters})], 1.0)
+    return StubProcess(
+        [replace(config, uid=uid, parameters={"COM_OBL_RC_ACT": 4, **parameters})], partial(WallClock, 1.0)
+    )
 
 
 def test_stubs_fly_with_a_simulator_that_is_already_there(mission_file: Callable[..., str], tmp_path: Path) -> None:

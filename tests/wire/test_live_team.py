@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.shell.clock import WallClock
 from agents.tape import Start
 from estimation.state import Vector
 from gcs.flight.stubs import prepared_configs
@@ -34,7 +35,6 @@ from gcs.station.live_team import LiveTeam
 from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
 from gcs.station.recorded_flight import recorded_flight
 from sitl.autopilot.modes import NavMode
-from sitl.server.process import unix_clock
 from sitl.server.server import Stub, serve
 from tests.support.mission_text import LOW
 from tests.support.wire import until
@@ -186,7 +186,7 @@ async def stubs(scene: Scene) -> AsyncIterator[None]:
         ready.set()
 
     configs = prepared_configs(scene.mission, scene.mission.ids, SPEED)
-    serving = asyncio.create_task(serve(configs, speed=SPEED, now_s=unix_clock(SPEED), stop=stop, on_ready=take))
+    serving = asyncio.create_task(serve(configs, WallClock(SPEED), stop, take))
     try:
         await asyncio.wait_for(ready.wait(), 10.0)
         yield

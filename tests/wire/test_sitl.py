@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from math import nan, radians
 from typing import Any
 
@@ -27,11 +28,12 @@ from pymavlink.dialects.v20 import common as dialect
 from scipy.linalg import expm
 from scipy.optimize import minimize_scalar
 
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from sitl.mavlink.reports import EstimatorNoise
-from sitl.server.process import StubProcess, StubReady, run_in_process, unix_clock
+from sitl.server.process import StubProcess, StubReady, run_in_process
 from sitl.server.server import StubConfig, StubRecord, serve
 from tests.support.wire import free_port
 
@@ -117,7 +119,7 @@ def team() -> Iterator[list[Vehicle]]:
     configs = [
         config(number, start_position_m=(4.0 * number, 1.0), origin_offset_m=(0.3, -0.2, 0.0)) for number in (1, 2, 3)
     ]
-    stubs = StubProcess(configs, SPEED)
+    stubs = StubProcess(configs, partial(WallClock, SPEED))
     stubs.start()
     station = Station(configs)
     yield station.vehicles
@@ -284,7 +286,7 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
     wind_m_s2 = (0.3, -0.2)
     noise = EstimatorNoise(position_m=0.01)
     stub = config(9, start_position_m=(3.0, 2.0), wind_m_s2=wind_m_s2, noise=noise, battery_fraction=0.6)
-    process = StubProcess([stub], speed)
+    process = StubProcess([stub], partial(WallClock, speed))
     process.start()
     station = Station([stub])
     vehicle = station.vehicles[0]
@@ -345,11 +347,11 @@ def test_the_process_ends_with_its_parent_and_ignores_ctrl_c() -> None:
 
 def test_a_stub_that_cannot_run_says_why() -> None:
     with pytest.raises(OSError, match="speed"):
-        StubProcess([config()], -1.0).start()
+        StubProcess([config()], partial(WallClock, -1.0)).start()
 
 
 def test_a_stub_that_was_killed_leaves_no_record() -> None:
-    stubs = StubProcess([config()], SPEED)
+    stubs = StubProcess([config()], partial(WallClock, SPEED))
     stubs.start()
     assert stubs.pid is not None
     os.kill(stubs.pid, signal.SIGKILL)
@@ -367,7 +369,7 @@ async def test_whoever_speaks_to_a_vehicle_hears_it_too_and_garbage_hurts_nobody
         client.bind(("127.0.0.1", stub.client_port))
         for each in (client, guest):
             each.settimeout(2.0)
-        serving = asyncio.create_task(serve([stub], speed=SPEED, now_s=unix_clock(SPEED), stop=stop))
+        serving = asyncio.create_task(serve([stub], WallClock(SPEED), stop))
         datagram, vehicle_address = await asyncio.to_thread(client.recvfrom, 2048)
         guest.sendto(b"garbage", vehicle_address)
         heard = await asyncio.to_thread(guest.recv, 2048)
@@ -380,7 +382,7 @@ async def test_whoever_speaks_to_a_vehicle_hears_it_too_and_garbage_hurts_nobody
 
 async def test_time_that_cannot_be_caught_up_is_given_up_and_told() -> None:
     clock, stop = [1000.0], asyncio.Event()
-    serving = asyncio.create_task(serve([config()], speed=SPEED, now_s=lambda: clock[0], stop=stop))
+    serving = asyncio.create_task(serve([config()], WallClock(SPEED), stop))
     for now_s in (1001.0, 1051.0, 1051.4, 1051.8):
         await asyncio.sleep(0.02)
         clock[0] = now_s
@@ -415,7 +417,7 @@ import signal
 from gcs.signals import ENDING, hold_back
 from sitl.server.process import StubProcess
 hold_back()
-stubs = StubProcess([], 1.0)
+stubs = StubProcess([], partial(WallClock, 1.0))
 stubs.start()
 print(ENDING <= signal.pthread_sigmask(signal.SIG_BLOCK, ()))
 stubs.stop()

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 
+from agents.shell.clock import WallClock
 from gcs.drill.flight import ProcessUnderTest
 from gcs.drill.process_under_test import SOCKET
 from gcs.drill.stubs import StubClock
@@ -129,7 +130,7 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
         return flight
 
     stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(stub_configs(load_mission(path)), speed=FAST, now_s=clock.now_s, stop=stop))
+    stubs = asyncio.create_task(serve(stub_configs(load_mission(path)), WallClock(FAST), stop))
     async with AsyncExitStack() as stack:
         yield start
     stop.set()

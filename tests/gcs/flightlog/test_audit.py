@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from foxglove import Context
 
-from agents.shell.clock import MissionClock
+from agents.shell.clock import WallClock
 from agents.team.messages import OperatorCommand
 from estimation.state import Telemetry
 from gcs.cli.log import audit
@@ -54,7 +54,7 @@ def fly_commanded(recording: FlightRecording) -> None:
 def log(tmp_path: Path) -> Path:
     """Return the log of a vehicle that was commanded over the bus and by keyboard."""
     path = tmp_path / "log.mcap"
-    with FlightRecording(LogWriter(path, Context()), MissionClock(1.0)) as recording:
+    with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         fly_commanded(recording)
     return path
 
@@ -111,7 +111,7 @@ def test_whatever_is_changed_is_found(log: Path, subtests: pytest.Subtests) -> N
 
 def test_a_log_that_was_not_closed_does_not_verify(tmp_path: Path) -> None:
     path, cut = tmp_path / "log.mcap", tmp_path / "cut.mcap"
-    with FlightRecording(LogWriter(path, Context()), MissionClock(1.0)) as recording:
+    with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         fly_commanded(recording)
         end_s = time.monotonic() + 5.0
         while path.stat().st_size < 10_000 and time.monotonic() < end_s:

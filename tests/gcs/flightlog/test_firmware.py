@@ -9,7 +9,7 @@ from mavsdk.plugins.info import Identification, InfoError, InfoResult, Product, 
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from agents.shell.clock import MissionClock
+from agents.shell.clock import WallClock
 from gcs.flightlog.flight import FlightRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.preflight import identity
@@ -63,7 +63,7 @@ def test_a_version_in_words(version: Any, words: str, monkeypatch: pytest.Monkey
 
 def test_a_log_holds_it_beside_the_parameters(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
-    with FlightRecording(LogWriter(path, Context()), MissionClock(1.0)) as recording:
+    with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         parameters = {"COM_OBL_RC_ACT": 4.0, "NOT_THERE": None}
         recording.meet(
             VehicleFacts(vehicle_id=2, autopilot=AutopilotKind.PX4, firmware="1.17.0", parameters=parameters)

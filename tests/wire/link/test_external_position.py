@@ -4,11 +4,13 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from math import degrees, radians
 
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
+from agents.shell.clock import WallClock
 from agents.team.external_positions import ExternalPosition
 from estimation.frames import MissionFrame
 from gcs.link.config import LinkConfig
@@ -32,11 +34,11 @@ ORIGIN_M = (2.0, 1.0, 0.5)
 async def located(*, fed: bool) -> AsyncIterator[tuple[MavsdkLink, asyncio.Task[None]]]:
     """Connect to a stub that knows its place only while it is sent it, 60 times a second."""
     (port,) = free_ports(1)
-    stubs = StubProcess([StubConfig(1, port, PLANT, INDOORS, gps=False, external=True)], 1.0)
+    stubs = StubProcess([StubConfig(1, port, PLANT, INDOORS, gps=False, external=True)], partial(WallClock, 1.0))
     await asyncio.to_thread(stubs.start)
     hub = MavsdkHub()
     config = LinkConfig(f"udpin://127.0.0.1:{port}", 1, INDOORS, origin_m=ORIGIN_M, external_positions=True)
-    link = MavsdkLink(hub, config, time.monotonic)
+    link = MavsdkLink(hub, config, WallClock())
 
     async def feed() -> None:
         while fed:

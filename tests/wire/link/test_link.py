@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import partial
 from math import dist, hypot, radians
 from types import SimpleNamespace
 from typing import Any, cast
@@ -18,6 +19,7 @@ from mavsdk.plugins.action import ActionError, ActionResult
 from mavsdk.plugins.telemetry import StatusTextType
 
 from agents.ports import FlightMode, Setpoint, VehicleLink, VehicleRefusedError, VehicleStatus
+from agents.shell.clock import WallClock
 from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
@@ -35,7 +37,7 @@ from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink_constants import MessageId, Outgoing
-from sitl.server.process import StubProcess, unix_clock
+from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig, serve
 from tests.support.wire import free_port
 
@@ -60,7 +62,7 @@ def stubs() -> Iterator[StubProcess]:
     """Two vehicles with one system id."""
     near = StubConfig(1, PORTS["near"], PLANT, FRAME)
     twin = StubConfig(1, PORTS["twin"], PLANT, FRAME, (10.0, 0.0))
-    process = StubProcess([near, twin], SPEED)
+    process = StubProcess([near, twin], partial(WallClock, SPEED))
     process.start()
     yield process
     process.stop()
@@ -74,7 +76,7 @@ def clock() -> Callable[[], float]:
 @asynccontextmanager
 async def linked(name: str, system_id: int, **settings: Any) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry]]]:
     hub, telemetry = MavsdkHub(), list[Telemetry]()
-    link = MavsdkLink(hub, LinkConfig(url(name), system_id, FRAME, **settings), clock(), SPEED)
+    link = MavsdkLink(hub, LinkConfig(url(name), system_id, FRAME, **settings), WallClock(SPEED))
     try:
         await link.connect(telemetry.append)
         yield link, telemetry
@@ -95,10 +97,10 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
     mission = MissionFrame(FRAME.geodetic_from_mission((10.0, -20.0, -5.0)), x_bearing_rad=radians(-70.0))
     start_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((40.0, -25.0, 0.0)))
     config = StubConfig(2, free_port(), PLANT, FRAME, (40.0, -25.0), origin_offset_m=(0.45, -0.3, 0.25))
-    process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
+    process, hub, telemetry = StubProcess([config], partial(WallClock, SPEED)), MavsdkHub(), list[Telemetry]()
     process.start()
     url = f"udpin://127.0.0.1:{config.client_port}"
-    link = MavsdkLink(hub, LinkConfig(url, 2, mission, truth=True), clock(), SPEED)
+    link = MavsdkLink(hub, LinkConfig(url, 2, mission, truth=True), WallClock(SPEED))
     await link.connect(telemetry.append)
     await asyncio.sleep(0.3)
     assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
@@ -211,7 +213,7 @@ async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.Monke
 async def served_here(config: StubConfig, speed: float) -> AsyncIterator[tuple[str, Callable[[], float]]]:
     """Serve a stub in this process, where it can be watched; yield its url and its clock."""
     stop, now_s = asyncio.Event(), unix_clock(speed)
-    stub = asyncio.create_task(serve([config], speed=speed, now_s=now_s, stop=stop))
+    stub = asyncio.create_task(serve([config], WallClock(speed), stop))
     try:
         yield f"udpin://127.0.0.1:{config.client_port}", now_s
     finally:
@@ -298,7 +300,7 @@ async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again(stubs: Stub
 async def test_silence_is_refused() -> None:
     port = free_port()
     hub = MavsdkHub()
-    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME, heartbeat_timeout_s=1.0), clock())
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME, heartbeat_timeout_s=1.0), WallClock())
     with pytest.raises(VehicleRefusedError) as refusal:
         await link.connect(lambda sample: None)
     assert refusal.value.reason == f"no heartbeat on udpin://127.0.0.1:{port} within 1 s"
@@ -375,11 +377,11 @@ async def test_urls_that_lead_nowhere_are_refused(subtests: pytest.Subtests) -> 
 
 async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None:
     config = StubConfig(1, free_port(), PLANT, FRAME)
-    first = StubProcess([config], 1.0)
+    first = StubProcess([config], partial(WallClock, 1.0))
     first.start()
     hub, telemetry = MavsdkHub(), list[Telemetry]()
     pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0))
-    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, pace), time.monotonic)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, pace), WallClock())
     await link.connect(telemetry.append)
     assert await link.measure_speed(0.6) == 1.0
     first.stop()
@@ -388,7 +390,9 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
         await link.stop_offboard()
     await until(lambda: not link.status.connected)
     # It restarts elsewhere: with other rates, and another origin.
-    second = StubProcess([replace(config, start_position_m=(7.0, 3.0), origin_offset_m=(0.5, 0.0, 0.0))], 1.0)
+    second = StubProcess(
+        [replace(config, start_position_m=(7.0, 3.0), origin_offset_m=(0.5, 0.0, 0.0))], partial(WallClock, 1.0)
+    )
     second.start()
     telemetry.clear()
     await until(lambda: bool(telemetry) and dist(telemetry[-1].position_m, (7.0, 3.0, 0.0)) < QUANTUM_M)
@@ -490,10 +494,10 @@ INDOORS = MissionFrame(None, x_bearing_rad=BEARING_RAD)
 
 async def test_a_vehicle_without_gps_flies_in_a_local_frame_from_where_it_was_told_to_begin() -> None:
     config = StubConfig(3, free_port(), PLANT, INDOORS, (2.0, 1.0), origin_offset_m=(-1.5, 0.5, 0.0), gps=False)
-    process, hub, telemetry = StubProcess([config], SPEED), MavsdkHub(), list[Telemetry]()
+    process, hub, telemetry = StubProcess([config], partial(WallClock, SPEED)), MavsdkHub(), list[Telemetry]()
     process.start()
     url = f"udpin://127.0.0.1:{config.client_port}"
-    link = MavsdkLink(hub, LinkConfig(url, 3, INDOORS, origin_m=(0.5, 1.5, 0.0)), clock(), SPEED)
+    link = MavsdkLink(hub, LinkConfig(url, 3, INDOORS, origin_m=(0.5, 1.5, 0.0)), WallClock(SPEED))
     await link.connect(telemetry.append)
     await until(lambda: bool(telemetry))
     assert dist(telemetry[-1].position_m, (2.0, 1.0, 0.0)) < 1e-3

@@ -14,6 +14,7 @@ import pytest
 from rich.console import Console
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
+from agents.shell.clock import WallClock
 from agents.shell.outcome import Ending
 from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
@@ -34,7 +35,6 @@ from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.dialects import AutopilotKind
-from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig, serve
 from tests.support.wire import LOOPBACK, StubWatch, free_ports, until
 
@@ -68,7 +68,7 @@ class Stub:
     def start(self) -> None:
         self._stop = asyncio.Event()
         now_s = unix_clock(self._speed)
-        self._task = asyncio.create_task(serve([self.config], speed=self._speed, now_s=now_s, stop=self._stop))
+        self._task = asyncio.create_task(serve([self.config], WallClock(self._speed), self._stop))
 
     async def kill(self) -> None:
         self._stop.set()
@@ -294,7 +294,7 @@ async def test_dead_links_do_not_starve_a_living_one(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Autopilot, "receive_setpoint", note)
     hub = MavsdkHub()
     links = [
-        MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{each.client_port}", each.vehicle_id, FRAME), time.monotonic)
+        MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{each.client_port}", each.vehicle_id, FRAME), WallClock())
         for each in configs
     ]
     await asyncio.gather(*(link.connect(lambda sample: None) for link in links))
@@ -328,7 +328,7 @@ async def test_an_autopilot_that_says_nothing_unasked_is_asked_again_after_a_res
     stub = Stub(StubConfig(1, port, PLANT, FRAME, autopilot=AutopilotKind.ARDUPILOT))
     stub.start()
     hub, samples = MavsdkHub(), list[Telemetry]()
-    link = MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{port}", 1, FRAME), unix_clock(SPEED), SPEED)
+    link = MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{port}", 1, FRAME), WallClock(SPEED))
     await link.connect(samples.append)
     await until(lambda: len(samples) > 20, 3.0, "telemetry")
     await stub.kill()

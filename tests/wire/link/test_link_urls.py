@@ -18,6 +18,7 @@ from rich.console import Console
 
 import sitl.server.server
 from agents.ports import VehicleRefusedError
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from gcs.console.live import LiveView
@@ -33,7 +34,6 @@ from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink import reports
 from sitl.mavlink.dialects import PX4, AutopilotKind
-from sitl.server.process import unix_clock
 from sitl.server.server import StubConfig
 from tests.support.wire import LOOPBACK, free_ports, served, until
 from tests.support.wording import facts_missing
@@ -157,7 +157,7 @@ async def test_a_vehicle_is_reached_and_commanded_over_every_kind_of_url(
         url = await stack.enter_async_context(carrier(StubConfig(1, client_port, PLANT, FRAME), port))
         hub = MavsdkHub()
         stack.push_async_callback(hub.close)
-        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME), unix_clock(SPEED), SPEED)
+        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME), WallClock(SPEED))
         stack.push_async_callback(link.close)
         await link.connect(samples.append)
         await until(lambda: len(samples) > 10, 3.0, "telemetry")

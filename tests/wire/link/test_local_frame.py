@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from io import StringIO
 from math import dist
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from agents.shell.clock import WallClock
 from agents.shell.outcome import Ending
 from gcs.console.live import LiveView
 from gcs.flight.flight import fly
@@ -40,7 +42,7 @@ async def test_a_team_without_gps_ends_up_where_the_mission_says(mission_file: C
     Path(path).write_text(text[: text.rindex("[[vehicles]]")], encoding="utf-8")  # two are a team
     mission = load_mission(path)
     assert [config.gps for config in stub_configs(mission)] == [False, False]
-    stubs = StubProcess(stub_configs(mission), SPEED)
+    stubs = StubProcess(stub_configs(mission), partial(WallClock, SPEED))
     await asyncio.to_thread(stubs.start)
     plan = FlightPlan(mission, DURATION_S, mission.vehicles, speed=SPEED)
     try:

@@ -9,12 +9,14 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 
 import pytest
 
 from agents.ports import Setpoint, VehicleRefusedError
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
@@ -94,15 +96,15 @@ async def on_one_line(
 ) -> AsyncIterator[tuple[list[MavsdkLink], list[list[Telemetry]], Emulation]]:
     """Serve stubs on one serial line, and connect to all of them."""
     ports = free_ports(len(system_ids))
-    stubs = StubProcess([StubConfig(i, port, PLANT, FRAME) for i, port in zip(system_ids, ports, strict=True)], 1.0)
+    stubs = StubProcess(
+        [StubConfig(i, port, PLANT, FRAME) for i, port in zip(system_ids, ports, strict=True)], partial(WallClock, 1.0)
+    )
     stubs.start()
     hub, told = MavsdkHub(), [list[Telemetry]() for _ in system_ids]
     url = f"serial://{place}:{BAUD}"
     try:
         with emulated(spec, f"pty:{place}", *(f"udpin://{LOOPBACK}:{port}" for port in ports)) as radio:
-            links = [
-                MavsdkLink(hub, LinkConfig(url, i, FRAME, pace), time.monotonic) for i in dict.fromkeys(system_ids)
-            ]
+            links = [MavsdkLink(hub, LinkConfig(url, i, FRAME, pace), WallClock()) for i in dict.fromkeys(system_ids)]
             await asyncio.gather(*(link.connect(each.append) for link, each in zip(links, told, strict=False)))
             yield links, told, radio
             for link in links:
@@ -141,7 +143,7 @@ async def test_three_vehicles_share_a_line_at_the_rates_and_bytes_that_were_plan
         assert not any(link.report.doubled for link in links)
         silent = LinkConfig(f"serial://{tmp_path}/line:{BAUD}", 9, FRAME, pace, heartbeat_timeout_s=1.0)
         with pytest.raises(VehicleRefusedError, match="no heartbeat"):  # it does not name the others: they belong here
-            await MavsdkLink(links[0]._hub, silent, time.monotonic).connect(lambda _: None)
+            await MavsdkLink(links[0]._hub, silent, WallClock()).connect(lambda _: None)
         assert all(link.status.connected for link in links)
 
 

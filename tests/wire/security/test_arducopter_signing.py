@@ -10,6 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
+from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
@@ -17,7 +18,6 @@ from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.signing_setup import set_up_signing
 from gcs.mission.file import load_mission
-from sitl.server.process import unix_clock
 from tests.support.arducopter import ArduCopterMissing, ArduCopterSimulator
 from tests.support.wire import LOOPBACK, free_ports, until
 
@@ -63,7 +63,7 @@ def custom_mode_of(link: MavsdkLink) -> str:
 
 async def linked(hub: MavsdkHub, url: str, key: bytes | None) -> MavsdkLink:
     config = LinkConfig(url, 1, FRAME, heartbeat_timeout_s=30.0, ready_timeout_s=180.0, signing_key=key)
-    link, samples = MavsdkLink(hub, config, unix_clock(SPEED), SPEED), list[Telemetry]()
+    link, samples = MavsdkLink(hub, config, WallClock(SPEED)), list[Telemetry]()
     try:
         await link.connect(samples.append)
     except VehicleRefusedError:

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
+from agents.shell.clock import WallClock
 from agents.shell.outcome import Ending
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
@@ -30,7 +31,6 @@ from gcs.mission.file import load_mission, mission_path, parse_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.mavlink.protocol import Drop
 from sitl.mavlink.signing import SigningKey
-from sitl.server.process import unix_clock
 from sitl.server.server import Stub, StubConfig, serve
 from tests.support.forger import Forger
 from tests.support.wire import LOOPBACK, StubWatch, free_port, until
@@ -46,9 +46,7 @@ KEY, OTHER_KEY = secrets.token_bytes(32), secrets.token_bytes(32)
 @asynccontextmanager
 async def served(*configs: StubConfig, speed: float = SPEED) -> AsyncIterator[Sequence[Stub]]:
     stop, ready = asyncio.Event(), asyncio.get_running_loop().create_future()
-    task = asyncio.create_task(
-        serve(configs, speed=speed, now_s=unix_clock(speed), stop=stop, on_ready=ready.set_result)
-    )
+    task = asyncio.create_task(serve(configs, WallClock(speed), stop, ready.set_result))
     try:
         yield await ready
     finally:
@@ -61,7 +59,7 @@ async def linked(config: StubConfig, *, key: bytes | None = None, timeout_s: flo
     hub = MavsdkHub()
     url = f"udpin://{LOOPBACK}:{config.client_port}"
     link_config = LinkConfig(url, config.vehicle_id, FRAME, heartbeat_timeout_s=timeout_s, signing_key=key)
-    link = MavsdkLink(hub, link_config, unix_clock(SPEED), SPEED)
+    link = MavsdkLink(hub, link_config, WallClock(SPEED))
     try:
         yield link
     finally:
