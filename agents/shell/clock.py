@@ -6,6 +6,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
+_SHORTEST_S = 1e-6
+"""A shorter sleep may not change the time of an event loop, which has a limited precision."""
 _WALL_WAIT_MIN_S = 3.0
 """Shortest wait for a vehicle at any speed of its simulation: threads and heartbeats take wall time."""
 
@@ -136,7 +138,7 @@ class WallClock:
         """Wait until a time has come, yielding at least once; asyncio wakes up to a millisecond late, or early."""
         await self.sleep(time_s - self.now_s())
         while (now_s := self.now_s()) < time_s:
-            await self.sleep(time_s - now_s)
+            await self.sleep(max(time_s - now_s, _SHORTEST_S))
         return now_s
 
     def begin_mission(self, _time_s: float) -> None:

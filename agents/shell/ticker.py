@@ -5,8 +5,19 @@ Ticks that are a whole period late are counted and skipped, not made up in a bur
 
 from dataclasses import dataclass
 from math import ceil, floor, isfinite
+from typing import Protocol
 
-from agents.shell.clock import MissionClock
+
+class TickerClock(Protocol):
+    """What a ticker needs of a clock."""
+
+    def now_s(self) -> float:
+        """Return the present time."""
+        ...
+
+    async def sleep_until(self, time_s: float) -> float:
+        """Wait until a time has come, yielding at least once; return the time, which may be later."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +52,7 @@ class Ticker:
     so lateness does not accumulate. Raises ValueError when the period is not positive.
     """
 
-    def __init__(self, period_s: float, clock: MissionClock, start_s: float | None = None) -> None:
+    def __init__(self, period_s: float, clock: TickerClock, start_s: float | None = None) -> None:
         if not (isfinite(period_s) and period_s > 0.0):
             raise ValueError(f"period_s = {period_s}: it must be positive")
         self._period_s = period_s

@@ -134,7 +134,7 @@ def fly(text: str, speed: float) -> Px4Flight:
     return FLIGHTS[-1]
 
 
-def _restarted(roles: Roles, _speed: float) -> Expectation:
+def _restarted(roles: Roles) -> Expectation:
     return Expectation(
         (roles.subject,),
         roles.others,
@@ -147,8 +147,8 @@ def _restarted(roles: Roles, _speed: float) -> Expectation:
     )
 
 
-def _foreign(roles: Roles, speed: float) -> Expectation:
-    return by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S)(roles, speed)
+def _foreign(roles: Roles) -> Expectation:
+    return by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S)(roles)
 
 
 DRILLS: tuple[Drill, ...] = (
@@ -160,14 +160,14 @@ DRILLS: tuple[Drill, ...] = (
         undo_after_s=5.0,
         lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
+    Drill("killed agent", "all out of offboard", dead, ends_flight=True),
     Drill(
         "autopilot restarted",
         "stand down, nothing sent; the others close the gap",
         _restarted,
         lands_subject=True,
     ),
-    Drill("frozen agent", "all out of offboard", dead, by_wall=True, ends_flight=True),
+    Drill("frozen agent", "all out of offboard", dead, ends_flight=True),
 )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from agents.drops import NO_DROPS
+from agents.shell.clock import WallClock
 from agents.team.messages import BusMessage, MemberState, OperatorCommand
 from estimation.state import Sighting
 from gcs.flight.faults.failing_equipment import FailingBus, FailingSensor
@@ -96,7 +97,7 @@ async def opened(bus: Bus) -> tuple[PresentFaults, list[object]]:
     def sense(_topic: str, payload: bytes) -> None:
         heard.append(payload)
 
-    await FailingBus(bus, receiver, vehicle_id=3).open(heard.append, sense, lambda *_: None)
+    await FailingBus(bus, WallClock(), receiver, vehicle_id=3).open(heard.append, sense, lambda *_: None)
     return receiver, heard
 
 

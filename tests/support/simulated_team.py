@@ -305,7 +305,7 @@ class SimulatedTeam:
                 core=VehicleCore(config),
                 config=config,
                 link=link,
-                bus=FailingBus(self.buses[vehicle.id], self.faults, vehicle.id),
+                bus=FailingBus(self.buses[vehicle.id], self._clock, self.faults, vehicle.id),
                 clock=self._clock,
                 make_sensor=sensor,
                 observe=observe,

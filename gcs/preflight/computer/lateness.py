@@ -5,11 +5,11 @@ the messages of other processes, the ring's planner, the log and the live view.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from time import monotonic
 
-from agents.shell.ticker import Tick, Ticker
+from agents.shell.clock import WallClock
+from agents.shell.ticker import Tick, Ticker, TickerClock
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer.rehearsal import Rehearsal
 
@@ -46,20 +46,20 @@ async def measured_lateness(
     speed: float = 1.0,
     *,
     duration_s: float = MEASURED_S,
-    now_s: Callable[[], float] = monotonic,
-    sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    clock: TickerClock | None = None,
 ) -> Lateness:
     """Measure `duration_s` [wall s] of one timer for each vehicle, spread over the period as in flight.
 
-    `speed` is how many times as fast as the wall the mission clock runs.
+    `speed` is how many times as fast as the wall the mission clock runs; the `clock` is the wall's if none is given.
     """
+    clock = clock or WallClock()
     rate_hz = mission.mission.rate_hz * speed
-    rehearsal, began_s = Rehearsal(mission, vehicles), now_s()
+    rehearsal, began_s = Rehearsal(mission, vehicles), clock.now_s()
     count = round(duration_s * rate_hz)
 
     async def timed(index: int) -> list[Tick]:
         start_s = began_s + (1.0 + index / len(vehicles)) / rate_hz
-        ticker = Ticker(1.0 / rate_hz, now_s, start_s=start_s, sleep=sleep)
+        ticker = Ticker(1.0 / rate_hz, clock, start_s)
         ticks: list[Tick] = []
         while not ticks or ticks[-1].index < count - 1:
             ticks.append(await ticker.next())

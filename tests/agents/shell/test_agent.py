@@ -27,7 +27,7 @@ from tests.support.simulated_loop import run_simulated
 P, X = Phase, Ending
 LAND = ["stop_offboard", "land"]
 FLOWN = ["take_off", "send", "start_offboard", "send", *LAND]
-DURATION_S = 20.05
+DURATION_S = 15.05
 """Ends between two ticks."""
 OFFBOARD = {P.AGREEING_START, P.FLYING, P.STOPPING, P.RETURNING}
 CONFIGS = {P.COMPARING_CLOCKS: PAIR, P.AGREEING_START: PAIR}

@@ -74,7 +74,7 @@ def test_no_start_is_proposed_before_all_members_were_received_recently() -> Non
     assert readiness.missing(1.2) == [2]
     assert readiness.message(1.2).start_s is None
     readiness.receive(StartProposal(2, 1.3, None))
-    assert readiness.message(1.4) == StartProposal(1, 1.4, 1.4 + LEAD_TIME_S)
+    assert readiness.message(1.4) == StartProposal(1, 1.4, 4.0)  # a whole second, 2 s ahead at least
 
 
 def test_the_earliest_proposal_stands_even_when_its_sender_falls_silent() -> None:
@@ -115,7 +115,7 @@ def test_who_is_not_ready_yet_is_not_there_and_starts_nothing() -> None:
     assert waiting.message(0.5, ready=False) == StartProposal(2, 0.5, None, ready=False)
     assert waiting.start_s is None
     readiness.receive(waiting.message(0.6))
-    assert readiness.start_s == 0.6 + LEAD_TIME_S
+    assert readiness.start_s == 3.0
 
 
 def test_the_least_lag_is_the_offset_of_a_peers_clock_after_enough_messages() -> None:
@@ -149,10 +149,17 @@ def test_a_peer_with_another_clock_is_refused(lag_s: float, told: str | None) ->
 class Clock:
     """Passes a little at every look."""
 
-    speed = 10000.0
+    time_scale = 1.0
 
     def __init__(self) -> None:
         self.time_s = 0.0
+        self.began_s: float | None = None
+
+    async def sleep(self, _duration_s: float) -> None:
+        await asyncio.sleep(0.0)
+
+    def begin_mission(self, time_s: float) -> None:
+        self.began_s = time_s
 
     def now_s(self) -> float:
         self.time_s += 0.02
@@ -200,7 +207,7 @@ def test_a_late_member_joins_at_the_start_that_it_receives() -> None:
 
 @pytest.mark.parametrize(
     ("start_s", "possible"),
-    [(None, True), (0.0, False), (399.0, False), (401.0, True), (1000.0, True), (1002.9, True), (1004.0, False)],
+    [(None, True), (0.0, False), (399.0, False), (401.0, True), (1000.0, True), (1003.9, True), (1005.0, False)],
 )
 def test_a_start_is_a_lead_time_ahead_or_of_a_mission_under_way(start_s: float | None, possible: bool) -> None:
     assert is_possible(StartProposal(2, 1000.0, start_s), 1000.0, 600.0) is possible
@@ -216,7 +223,9 @@ def test_a_start_that_cannot_be_neither_ends_the_mission_nor_holds_it_up() -> No
         for start_s in (0.0, 1e9):
             air.agreement.receive(StartProposal(2, clock.time_s, start_s))
         assert air.agreement.start_s is None
-        assert 1002.0 < await air.agreement.agree() < 1010.0
+        start_s = await air.agreement.agree()
+        assert 1002.0 < start_s < 1010.0
+        assert start_s == clock.began_s == round(start_s)
 
     asyncio.run(agreed())
 

@@ -22,6 +22,7 @@ from gcs.flight.faults.catalogue import required_fault
 from gcs.flight.faults.team_faults import TeamFaults
 from gcs.mission.file import parse_mission
 from tests.support.drills import Silent
+from tests.support.fake_flight import SimulatedClock
 from tests.support.simulated_loop import run_simulated
 from tests.support.simulated_team import SimulatedTeam
 
@@ -47,6 +48,7 @@ class FlightBelowTheWire(DrillFlight):
 
     def __init__(self, text: str, speed: float) -> None:
         super().__init__(text, speed)
+        self.clock = SimulatedClock(1.0)
         self.team = SimulatedTeam(self.mission, self._receive, self._observe)
         self._received: dict[int, int] = {}
 
@@ -59,10 +61,6 @@ class FlightBelowTheWire(DrillFlight):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self.team.__aexit__(kind, error, trace)
-
-    @staticmethod
-    def now_s() -> float:
-        return asyncio.get_running_loop().time()
 
     def _observe(self) -> None:
         now_s = self.now_s()

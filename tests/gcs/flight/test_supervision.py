@@ -90,7 +90,7 @@ def test_heartbeats_may_arrive_in_pieces() -> None:
 
 def test_what_is_no_heartbeat_is_an_error() -> None:
     with pytest.raises(ValueError, match="99"):
-        LoopMonitor().receive(bytes([99, 1, 0, 0]))
+        LoopMonitor().receive(bytes([99, 1, 0, 0, 0, 0]))
 
 
 # What it says of a flight that it ended

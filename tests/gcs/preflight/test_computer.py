@@ -28,22 +28,24 @@ class Computer:
     """A computer that sleeps exactly, but does nothing during its pauses, from one time to another [s]."""
 
     def __init__(self, *pauses_s: tuple[float, float]) -> None:
-        self.now_s = 0.0
+        self.time_s = 0.0
         self.pauses_s = pauses_s
 
-    async def sleep(self, for_s: float) -> None:
-        self.now_s += for_s
+    def now_s(self) -> float:
+        return self.time_s
+
+    async def sleep_until(self, time_s: float) -> float:
+        self.time_s = max(self.time_s, time_s)
         for from_s, to_s in self.pauses_s:
-            if from_s <= self.now_s < to_s:
-                self.now_s = to_s
+            if from_s <= self.time_s < to_s:
+                self.time_s = to_s
+        return self.time_s
 
 
 def measured(*pauses_s: tuple[float, float], duration_s: float = 3.0) -> Lateness:
-    computer, mission = Computer(*pauses_s), load_mission("case2")
+    mission = load_mission("case2")
     return asyncio.run(
-        measured_lateness(
-            mission, mission.vehicles[:1], duration_s=duration_s, now_s=lambda: computer.now_s, sleep=computer.sleep
-        )
+        measured_lateness(mission, mission.vehicles[:1], duration_s=duration_s, clock=Computer(*pauses_s))
     )
 
 
