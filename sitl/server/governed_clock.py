@@ -13,11 +13,14 @@ from heapq import heappop, heappush
 from itertools import count
 from struct import Struct
 from typing import Protocol, Self
+from weakref import WeakKeyDictionary
 
 from sitl.server.shared_clock import NEVER_US, US_PER_S, VEHICLES, ClockName, Rank, Seat
 
 TRANSIT_MAX_S = 0.5
 """Wall time after which a message that has not arrived is taken as lost."""
+_LOOKING: "WeakKeyDictionary[asyncio.AbstractEventLoop, int]" = WeakKeyDictionary()
+"""How many governed clocks are about to look, by event loop."""
 _MOTION, _SETPOINT = Struct("<6f"), Struct("<3f")
 
 
@@ -166,9 +169,11 @@ class GovernedClock:
     def close(self) -> None:
         """Leave the clock. Calls that are due later are not made."""
         self._loop.remove_reader(self._seat.woken)
-        for each in (self._looks, self._looks_later):
-            if each is not None:
-                each.cancel()
+        if self._looks is not None:
+            self._looks.cancel()
+            _LOOKING[self._loop] -= 1
+        if self._looks_later is not None:
+            self._looks_later.cancel()
         self._alarms.clear()
         self._seat.leave()
 
@@ -176,10 +181,13 @@ class GovernedClock:
         """See whether the next event may happen, once the event loop has nothing else to do."""
         if self._looks is None:
             self._looks = self._loop.call_soon(self._look)
+            _LOOKING[self._loop] = _LOOKING.get(self._loop, 0) + 1
 
     def _look(self) -> None:
         self._looks = None
-        if getattr(self._loop, "_ready", ()):  # asyncio has no public way to ask whether it is idle
+        _LOOKING[self._loop] -= 1
+        # asyncio has no public way to ask whether it is idle; other clocks that look do nothing else.
+        if len(getattr(self._loop, "_ready", ())) > _LOOKING[self._loop]:
             self.look()
             return
         self._state()

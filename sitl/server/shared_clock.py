@@ -345,7 +345,8 @@ class Seat:
     def _due_s(self, event_us: int, wall_s: float) -> float:
         """Return when an event is due at the clock's speed [s, monotonic]."""
         after_s = event_us / US_PER_S / self.speed
-        self._origin_s = max(self._origin_s, wall_s - LATE_MAX_S - after_s)
+        late_s = LATE_MAX_S if self._origin_s > -inf else 0.0
+        self._origin_s = max(self._origin_s, wall_s - late_s - after_s)
         return self._origin_s + after_s
 
     def _watch(self, blocking: int, wall_s: float) -> None:

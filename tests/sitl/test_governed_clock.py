@@ -1,0 +1,215 @@
+"""The governed clock: nobody is passed, whatever the computer does, and nobody who hangs or ends stops the others."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from math import inf
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sitl.server import shared_clock
+from sitl.server.governed_clock import GovernedClock
+from sitl.server.shared_clock import NEVER_US, ClockError, ClockName, Rank, Seat, new_clock
+
+MOTION = (1.0, 2.0, -3.0, 0.1, 0.2, 0.3)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(shared_clock.FOLDER_VARIABLE, str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def fast() -> Iterator[ClockName]:
+    with new_clock(inf) as name:
+        yield name
+
+
+@given(st.lists(st.lists(st.integers(1, 50), min_size=1, max_size=8), min_size=2, max_size=5), st.randoms())
+def test_events_happen_in_their_order_whoever_looks_first(
+    periods_us: list[list[int]],
+    chance: "st.randoms.__class__",  # type: ignore[name-defined]
+) -> None:
+    """The truth: all events sorted by time, and by seat where they are simultaneous."""
+    times = {who: [sum(each[: k + 1]) for k in range(len(each))] for who, each in enumerate(periods_us)}
+    expected = sorted((at_us, who) for who, events in times.items() for at_us in events)
+    happened: list[tuple[int, int]] = []
+    with new_clock(inf) as name, ExitStack() as stack:
+        seats = {who: stack.enter_context(Seat(name, Rank.GUEST)) for who in times}
+        for who, seat in seats.items():
+            seat.state(times[who][0])
+        left = {who: list(events) for who, events in times.items()}
+        while any(left.values()):
+            who = chance.choice([each for each, events in left.items() if events])
+            if seats[who].turn() == 0.0:
+                at_us = left[who].pop(0)
+                assert seats[who].now_us == at_us
+                happened.append((at_us, who))
+                seats[who].state(left[who][0] if left[who] else NEVER_US)
+    assert happened == expected
+
+
+def test_a_clock_runs_at_its_speed_and_does_not_catch_up(fast: ClockName) -> None:
+    with Seat(fast, Rank.STUBS) as seat:
+        seat.speed = 20.0
+        began_s = time.monotonic()
+        for step in range(1, 101):
+            seat.wait_until(20_000 * step)
+            if step == 50:
+                time.sleep(0.3)
+        took_s = time.monotonic() - began_s
+    assert took_s >= 2.0 / 20.0 + 0.3 - shared_clock.LATE_MAX_S - 0.02
+    assert seat_epoch_is_whole(fast)
+
+
+def seat_epoch_is_whole(name: ClockName) -> bool:
+    with Seat(name, Rank.GUEST) as seat:
+        return seat.epoch_s == int(seat.epoch_s) and abs(seat.epoch_s - time.time()) < 60.0
+
+
+def test_one_that_hangs_is_passed_over_until_it_goes_on(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_clock, "HUNG_S", 0.1)
+    with Seat(fast, Rank.AGENTS) as hangs, Seat(fast, Rank.SUPERVISOR) as other:
+        hangs.state(1_000)
+        assert hangs.turn() == 0.0  # it handles its event, and hangs
+        began_s = time.monotonic()
+        other.wait_until(2_000)
+        assert time.monotonic() - began_s >= 0.1
+        for event_us in (3_000, 4_000):  # at once: it is known to hang
+            other.wait_until(event_us)
+        assert time.monotonic() - began_s < 0.2
+        other.state(9_000)
+        hangs.state(1_500)  # it goes on, at the present time
+        assert hangs.waits_us == 4_000
+        assert other.turn() > 0.0
+        assert hangs.turn() == 0.0
+        hangs.state(NEVER_US)
+        assert other.turn() == 0.0
+
+
+def test_one_whose_process_is_killed_keeps_nobody_waiting(fast: ClockName) -> None:
+    program = (
+        "import sys, time\n"
+        "from sitl.server.shared_clock import ClockName, Rank, Seat\n"
+        "seat = Seat(ClockName(int(sys.argv[1])), Rank.AGENTS)\n"
+        "seat.state(1000)\n"
+        "print('here', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", program, str(fast.number)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as child, Seat(fast, Rank.SUPERVISOR) as seat:
+        assert child.stdout is not None
+        assert child.stdout.readline() == b"here\n"
+        seat.state(2_000)
+        assert seat.turn() > 0.0
+        os.kill(child.pid, signal.SIGKILL)  # not reaped yet: a zombie
+        began_s = time.monotonic()
+        seat.wait_until(2_000)
+        assert time.monotonic() - began_s < 0.5 * shared_clock.HUNG_S
+
+
+def test_clocks_of_one_computer_are_their_own_and_leave_nothing(folder: Path) -> None:
+    with new_clock(inf) as one, new_clock(inf) as other:
+        with Seat(one, Rank.STUBS) as here, Seat(other, Rank.STUBS) as there:
+            here.wait_until(5_000_000)
+            assert (here.now_us, there.now_us) == (5_000_000, 0)
+        abandoned = folder / one.folder.name.replace(f"{one.number:08x}", "0badc10c")
+        abandoned.mkdir()
+        (abandoned / "owner").touch()
+        with new_clock(inf):
+            assert not abandoned.exists()
+            assert one.folder.exists()
+    assert list(folder.iterdir()) == []
+    with pytest.raises(ClockError, match="there is no clock"):
+        Seat(one, Rank.STUBS)
+
+
+def test_memory_that_cannot_be_shared_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(shared_clock.FOLDER_VARIABLE, str(folder / "missing"))
+    with pytest.raises(ClockError, match="missing"), new_clock(1.0):
+        pass
+    for speed in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValueError, match="must be positive"), new_clock(speed):
+            pass
+
+
+async def test_a_loop_sleeps_and_calls_at_exact_times(fast: ClockName) -> None:
+    with GovernedClock(fast, Rank.AGENTS) as clock:
+        began_s, times = clock.now_s(), list[tuple[str, float]]()
+
+        def note(what: str) -> None:
+            times.append((what, round(clock.now_s() - began_s, 6)))
+
+        async def slept(what: str, duration_s: float) -> None:
+            await clock.sleep(duration_s)
+            note(what)
+            await asyncio.sleep(0.0)  # further steps of a task belong to the same event
+            note(what)
+
+        clock.call_at(began_s + 0.25, lambda: note("call"))
+        clock.call_at(began_s + 0.1, lambda: note("never")).cancel()
+        await asyncio.gather(slept("b", 0.3), slept("a", 0.2))
+        assert await clock.sleep_until(began_s - 5.0) == clock.now_s()
+    assert times == [("a", 0.2), ("a", 0.2), ("call", 0.25), ("b", 0.3), ("b", 0.3)]
+
+
+async def test_the_time_stands_still_while_work_of_this_computer_is_awaited(fast: ClockName) -> None:
+    with GovernedClock(fast, Rank.AGENTS) as clock, Seat(fast, Rank.SUPERVISOR) as other:
+        other.state(1_000_000)
+        began_s = clock.now_s()
+        with clock.held():
+            await asyncio.sleep(0.05)
+            assert clock.now_s() == began_s
+            assert other.turn() > 0.0
+        await asyncio.sleep(0.01)
+        assert other.turn() == 0.0
+
+
+async def test_motions_and_setpoints_under_way_are_waited_for(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sitl.server.governed_clock.TRANSIT_MAX_S", 0.2)
+    with GovernedClock(fast, Rank.AGENTS) as client, GovernedClock(fast, Rank.STUBS) as stubs:
+        link, motions, setpoints = client.transit(7), stubs.motions(7), stubs.setpoints(7)
+        stubs.expect(setpoints)
+        await stubs.sleep(0.1)
+        sent_s = stubs.now_s()
+        motions.send(MOTION)
+        ticking = asyncio.create_task(client.sleep(1.0))
+        await asyncio.sleep(0.05)
+        assert not ticking.done()
+        (north, east, down), velocity = MOTION[:3], MOTION[3:]
+        assert link.sent_s(north, east, down, velocity) == sent_s
+        await asyncio.wait_for(ticking, 0.1)
+        link.send(1.5, 2.5, -3.5)
+        stepping = asyncio.create_task(stubs.sleep(0.1))
+        await asyncio.sleep(0.05)
+        assert not stepping.done()
+        setpoints.take(1.5, 2.5, -3.5)
+        await asyncio.wait_for(stepping, 0.1)
+        motions.send((*MOTION[:5], 9.0))  # lost
+        began_s = time.monotonic()
+        await client.sleep(0.1)
+        assert 0.2 <= time.monotonic() - began_s < 1.0
+
+
+async def test_states_on_the_bus_are_waited_for_once_one_has_arrived(fast: ClockName) -> None:
+    with GovernedClock(fast, Rank.AGENTS) as sender, GovernedClock(fast, Rank.GUEST) as observer:
+        outgoing, incoming = sender.bus_transit(), observer.bus_transit()
+        outgoing.send(3)
+        await asyncio.wait_for(observer.sleep(0.1), 0.1)  # not connected yet
+        outgoing.send(3)
+        incoming.take(3)
+        outgoing.send(3)
+        waiting = asyncio.create_task(observer.sleep(0.1))
+        await asyncio.sleep(0.05)
+        assert not waiting.done()
+        incoming.take(3)
+        await asyncio.wait_for(waiting, 0.1)
