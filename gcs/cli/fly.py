@@ -187,6 +187,7 @@ def _fly(options: FlyOptions) -> Exit:
     from gcs.flight.plan import FlightPlan
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.run import run_flight
+    from gcs.flight.stubs import lockstep_clock
 
     check_plot(options.plot, options.figure)
     mission = bus_mission(options.mission, options.changes)
@@ -195,10 +196,11 @@ def _fly(options: FlyOptions) -> Exit:
         raise InputError(["--only: with --sitl all vehicles fly in this process; use `cordon sitl` for the stubs"])
     if options.fault and not stubs:
         raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
+    clock = None if stubs else lockstep_clock(mission)
     require_governed(
         options.speed,
-        only_stubs=len(stubs) == len(mission.ids),
-        advice="it needs --sitl: only stub vehicles can wait for this computer; name a number for other simulators",
+        only_stubs=len(stubs) == len(mission.ids) or clock is not None,
+        advice="it needs --sitl, or `cordon sitl --lockstep`: only stub vehicles wait for this computer",
     )
     only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
     duration_s = options.duration or mission.mission.duration_s
@@ -212,6 +214,7 @@ def _fly(options: FlyOptions) -> Exit:
         bench=options.bench,
         awaits_start=options.wait_for_start,
         faults=scheduled_faults(options.fault, mission, duration_s, stubs),
+        clock=clock,
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
 

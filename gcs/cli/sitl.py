@@ -6,8 +6,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Changes, MissionName, Speed, loaded_mission
-from gcs.errors import Exit
+from gcs.cli.options import Changes, MissionName, Speed, loaded_mission, require_governed
+from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
 
@@ -19,6 +19,14 @@ class SitlOptions:
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
     speed: Speed = None
+    lockstep: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            help="Let the simulated time wait for the flights of this computer that use these vehicles, which join its "
+            "clock by themselves. Other MAVLink clients see the vehicles as without it.",
+        ),
+    ] = False
     radio: Annotated[
         str | None,
         Parameter(help="Put an emulated radio between the vehicles and their urls; see `cordon relay`."),
@@ -34,32 +42,44 @@ def sitl(options: SitlOptions) -> Exit:
     """
     hold_back()
     from contextlib import ExitStack
+    from functools import partial
 
     from agents.ports import VehicleRefusedError
     from agents.shell.clock import WallClock
     from gcs.console.terminal import STDERR, print_problem
-    from gcs.flight.stubs import serve_until_ctrl_c, stub_configs
+    from gcs.flight.stubs import CLOCK_ADVICE, serve_until_ctrl_c, stub_configs
     from gcs.link.ports.claims import stub_claims
     from gcs.radio.mission_radio import free_ports, mission_radio
     from gcs.radio.options import radio_spec
     from gcs.radio.serving import running_beside
+    from sitl.server.governed_clock import GovernedClock
+    from sitl.server.shared_clock import ClockError, Rank, new_clock
 
     mission, speed = loaded_mission(options.mission, options.changes), options.speed or 1.0
+    require_governed(options.speed, only_stubs=False, advice="give it to the flight that joins with --lockstep")
+    if options.lockstep and options.radio is not None:
+        raise InputError(["--lockstep: an emulated radio (--radio) takes wall time, and cannot wait"])
     spec = None if options.radio is None else radio_spec(options.radio)
     ports = None if spec is None else free_ports(mission)
     configs = stub_configs(mission, ports)
     try:
         with ExitStack() as stack:
-            stack.enter_context(stub_claims(sorted({config.client_port for config in configs})))
+            ports_served = sorted({config.client_port for config in configs})
+            stack.enter_context(stub_claims(ports_served))
             if spec is not None and ports is not None:
                 stack.enter_context(running_beside(mission_radio(spec, mission, ports)))
             for config in configs:
                 place = f"{config.client_host}:{config.client_port}"
                 STDERR.print(f"vehicle {config.vehicle_id}: MAVLink to udp {place}", highlight=False)
             STDERR.print(f"simulated time runs at {speed:g} times the wall clock; Ctrl-C ends it", highlight=False)
-            asyncio.run(serve_until_ctrl_c(configs, WallClock(speed)))
+            name = stack.enter_context(new_clock(speed, ports_served)) if options.lockstep else None
+            make_clock = partial(WallClock, speed) if name is None else partial(GovernedClock, name, Rank.STUBS)
+            asyncio.run(serve_until_ctrl_c(configs, make_clock))
     except VehicleRefusedError as refusal:
         print_problem(f"the stub vehicles did not start: {refusal.reason}", refusal.next_step)
+        return Exit.REFUSED
+    except ClockError as error:
+        print_problem(f"the stub vehicles did not start: {error}", CLOCK_ADVICE)
         return Exit.REFUSED
     except OSError as error:
         print_problem(f"the stub vehicles did not start: {error}", "check whether another program uses their ports")

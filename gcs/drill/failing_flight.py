@@ -55,5 +55,5 @@ def fly(name: str, duration_s: float, clock: ClockName | None, *, socket: str, l
         return verdict_of(show_result(mission, record))
 
     equipment = FailingEquipment(receiver)
-    plan = FlightPlan(mission, duration_s, mission.vehicles, 1.0, equipment=equipment, clock=clock)
+    plan = FlightPlan(mission, duration_s, mission.vehicles, None if clock else 1.0, equipment=equipment, clock=clock)
     return run_flight(plan, RecordingOptions(recorded=bool(logs)), judge)

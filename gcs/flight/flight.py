@@ -3,8 +3,8 @@
 import asyncio
 import gc
 import traceback
-from collections.abc import Coroutine
-from contextlib import AsyncExitStack, ExitStack, suppress
+from collections.abc import Coroutine, Iterator
+from contextlib import AsyncExitStack, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -17,7 +17,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.practice import Practice
 from gcs.flight.preparation.readiness import Readiness
 from gcs.flight.preparation.start_wait import StartWait
-from gcs.flight.stubs import FlightStubs
+from gcs.flight.stubs import CLOCK_ADVICE, FlightStubs
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import Member, Team
@@ -79,7 +79,7 @@ def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
 
     Raises VehicleRefusedError if no clock can be shared.
     """
-    if plan.clock is None and not plan.only_stubs:
+    if not plan.is_governed:
         return WallClock(plan.speed or 1.0)
     speed = plan.speed or 1.0
     try:
@@ -89,11 +89,22 @@ def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
         raise clock_refusal(error) from error
 
 
+@contextmanager
+def _at_speed(speed: float | None, clock: MissionClock) -> Iterator[None]:
+    """Let a governed clock run at the speed of the flight within a context, at most; None leaves it as it is."""
+    before = clock.speed
+    if isinstance(clock, GovernedClock) and speed is not None:
+        clock.set_speed(speed)
+    try:
+        yield
+    finally:
+        if isinstance(clock, GovernedClock):
+            clock.set_speed(before)
+
+
 def clock_refusal(error: ClockError) -> VehicleRefusedError:
     """Return the refusal of a flight whose clock cannot be made."""
-    return VehicleRefusedError(
-        f"the clock of the stub vehicles: {error}", "free memory there, or name another folder by CORDON_CLOCKS"
-    )
+    return VehicleRefusedError(f"the clock of the stub vehicles: {error}", CLOCK_ADVICE)
 
 
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, practice: Practice) -> Flight:
@@ -125,14 +136,12 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         gc.freeze()  # links and agents live as long as the flight: no collection examines them
         hint = await command_by_keyboard(team, stack)
         began_s, began_mission_s = perf_counter(), clock.now_s()
-        if isinstance(clock, GovernedClock) and plan.clock is None:
-            clock.set_speed(plan.speed or 1.0)
-        with supervisor.follow(clock):
+        with _at_speed(plan.speed, clock), supervisor.follow(clock):
             outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
-    return Flight(outcomes, record, clock.speed, mission_time_s / wall_time_s)
+    return Flight(outcomes, record, plan.speed or clock.speed, mission_time_s / wall_time_s)
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:
@@ -156,7 +165,7 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
     await team.connect()
     await target.connect()
     readiness = Readiness(team)
-    if team.plan.speed is None:
+    if team.plan.speed is None and not team.plan.is_governed:
         await readiness.measure_speed()
     for agent in team.agents:
         agent.announce()

@@ -27,7 +27,7 @@ class FlightPlan:
     open log, None for a flight that is not recorded. `wait_s` [wall s] limits the wait on the ground for vehicles that
     are about to be ready. `faults` are those to inject into stubs, in order of time. On the `bench`, boards with
     simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
-    starts them (`cordon start`). A flight of stubs joins the governed `clock`, or makes one.
+    starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one.
     """
 
     mission: Mission
@@ -47,7 +47,7 @@ class FlightPlan:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
         if self.bench:
             return "bench"
-        if self.only_stubs or speed != 1.0:
+        if self.is_governed or speed != 1.0:
             return "sitl"
         return "hybrid" if self.stubs else "flight"
 
@@ -57,9 +57,14 @@ class FlightPlan:
         return {vehicle.id for vehicle in self.vehicles} == {*self.stubs}
 
     @property
+    def is_governed(self) -> bool:
+        """Whether the flight is on a governed clock: every vehicle is a stub of this flight, or of one with a clock."""
+        return self.only_stubs or self.clock is not None
+
+    @property
     def needs_prompt_computer(self) -> bool:
         """Whether a vehicle flies on the wall's clock: one that is no stub of this flight."""
-        return self.clock is None and not self.only_stubs
+        return not self.is_governed
 
     def findings(self, facts: Sequence[VehicleFacts], computer: ComputerFacts | None = None) -> Sequence[Finding]:
         """Return the preflight findings about the mission, its vehicles and this computer, as far as measured."""
@@ -69,7 +74,7 @@ class FlightPlan:
             self.mission,
             facts,
             date.today(),
-            stubs=self.only_stubs,
+            stubs=self.is_governed,
             bench=self.bench,
             clock=clock,
             computer=computer,

@@ -5,6 +5,7 @@ import gc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from math import isinf
 
 from agents.ports import VehicleRefusedError
 from agents.shell.outcome import Ending, Outcome
@@ -48,7 +49,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
     verdict = Exit.VERDICT_FAILED
     if flight.record is not None:
         verdict = judge(flight.record)
-        _warn_of_lateness(flight, flight.record, slower=plan.only_stubs and flight.speed > 1.0)
+        _warn_of_lateness(flight, flight.record, slower=plan.is_governed and flight.speed > 1.0)
     report_log(log)
     return exit_code(flight.outcomes, verdict)
 
@@ -84,7 +85,9 @@ def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
 
 def _warn_of_lateness(flight: Flight, record: FlightRecord, *, slower: bool) -> None:
     """Report a computer that was too slow, with advice; `slower` is whether the flight could have been slower."""
-    if flight.speed_reached < _SPEED_REACHED_SHARE * flight.speed:
+    if isinf(flight.speed):
+        print_line(f"this computer reached speed {flight.speed_reached:.1f}")
+    elif flight.speed_reached < _SPEED_REACHED_SHARE * flight.speed:
         print_line(f"this computer reached speed {flight.speed_reached:.1f}, not {flight.speed:g}", "yellow")
     if late := late_ticks(record.loop.missed, record.loop.ticks, below_speed=flight.speed if slower else None):
         print_line(late, "yellow")

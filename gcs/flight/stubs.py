@@ -26,7 +26,7 @@ from sitl.mavlink.signing import SigningKey
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
 from sitl.server.server import StubClock, StubConfig, StubRecord, serve
-from sitl.server.shared_clock import Rank
+from sitl.server.shared_clock import ClockName, Rank, clock_of
 
 PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
     AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
@@ -38,6 +38,9 @@ STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S = 5.0, 3.0
 
 MAVSDK sends a heartbeat once per wall second; beside other simulators the autopilot's time may pass faster.
 """
+
+
+CLOCK_ADVICE = "free memory there, or name another folder by CORDON_CLOCKS"
 
 
 def station_timeout_s(time_scale: float) -> float:
@@ -109,12 +112,24 @@ def _origin_offset_m(vehicle: MissionVehicle) -> Triple:
     return x - start_x, y - start_y, z
 
 
-async def serve_until_ctrl_c(configs: Sequence[StubConfig], clock: StubClock) -> None:
-    """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be opened."""
+async def serve_until_ctrl_c(configs: Sequence[StubConfig], make_clock: Callable[[], StubClock]) -> None:
+    """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be opened, ClockError."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     relay(lambda: loop.call_soon_threadsafe(stop.set))
-    await serve(configs, clock, stop)
+    clock = make_clock()
+    try:
+        await serve(configs, clock, stop)
+    finally:
+        clock.close()
+
+
+def lockstep_clock(mission: Mission) -> ClockName | None:
+    """Return the clock of stubs of this computer that wait for their clients, None if a vehicle is not such a stub."""
+    urls = [urlsplit(vehicle.section.url) for vehicle in mission.vehicles]
+    if any(url.scheme != "udpin" for url in urls):
+        return None
+    return clock_of({url.port or 0 for url in urls})
 
 
 def _clock_maker(clock: MissionClock) -> Callable[[], StubClock]:

@@ -15,7 +15,7 @@ import select
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
@@ -151,11 +151,12 @@ def clocks_folder() -> Path:
 
 
 @contextmanager
-def new_clock(speed: float) -> Iterator[ClockName]:
+def new_clock(speed: float, ports: Collection[int] = ()) -> Iterator[ClockName]:
     """Make a clock that runs at most `speed` times as fast as the wall's (infinity: as fast as its participants).
 
     It begins at the present Unix time, in whole seconds, and is removed at the end of the context. Clocks that killed
-    programs have left are removed as well. Raises ClockError.
+    programs have left are removed as well. Clients find it by the UDP `ports` that its stubs send to (`clock_of`).
+    Raises ClockError.
     """
     if isnan(speed) or speed <= 0.0:
         raise ValueError(f"speed = {speed}: it must be positive")
@@ -171,6 +172,7 @@ def new_clock(speed: float) -> Iterator[ClockName]:
             owned = os.open(name.folder / "owner", os.O_CREAT | os.O_RDWR, 0o600)
             fcntl.flock(owned, fcntl.LOCK_EX)
             _write_memory(name.folder / "memory", speed)
+            (name.folder / "ports").write_text(" ".join(map(str, sorted(ports))))
         except OSError as error:
             raise ClockError(f"no memory can be shared in {clocks_folder()}: {error}") from error
         yield name
@@ -178,6 +180,28 @@ def new_clock(speed: float) -> Iterator[ClockName]:
         shutil.rmtree(name.folder, ignore_errors=True)
         if owned >= 0:
             os.close(owned)
+
+
+def clock_of(ports: Collection[int]) -> ClockName | None:
+    """Return the clock of the stubs that send to these UDP ports, None if there is none."""
+    for folder in clocks_folder().glob(f"{_PREFIX}-{os.getuid()}-*"):
+        with suppress(OSError, ValueError):
+            served = {int(port) for port in (folder / "ports").read_text().split()}
+            if served.issuperset(ports) and _is_owned(folder):
+                return ClockName(int(folder.name.rpartition("-")[2], 16))
+    return None
+
+
+def _is_owned(folder: Path) -> bool:
+    """Return whether the program that made a clock still runs. Raises OSError if it never completed the clock."""
+    owner = os.open(folder / "owner", os.O_RDWR)
+    try:
+        fcntl.flock(owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(owner)
+    return False
 
 
 def _write_memory(path: Path, speed: float) -> None:
@@ -198,12 +222,8 @@ def _write_memory(path: Path, speed: float) -> None:
 def _remove_abandoned() -> None:
     for folder in clocks_folder().glob(f"{_PREFIX}-{os.getuid()}-*"):
         with suppress(OSError):
-            owner = os.open(folder / "owner", os.O_RDWR)
-            try:
-                fcntl.flock(owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not _is_owned(folder):
                 shutil.rmtree(folder, ignore_errors=True)
-            finally:
-                os.close(owner)
 
 
 class Seat:

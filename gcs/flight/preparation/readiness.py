@@ -51,7 +51,7 @@ class Readiness:
             if lacks:
                 lines = [f"waiting until these are ready, {self._left_s:.0f} s left:", *lack_lines(lacks)]
                 self._show(lines, {(each.subject, each.check) for each in lacks})
-            elif self._shown and self._team.plan.speed is None:
+            elif self._shown and self._team.plan.speed is None and not self._team.plan.is_governed:
                 await self.measure_speed()
         if self._shown:
             self._team.view.update([], 0.0)
