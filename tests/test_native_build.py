@@ -13,6 +13,8 @@ import pytest
 from native_build import COMPILED, compiled_copy, native_source, no_compiler
 from tests.support.paths import ROOT
 
+pytestmark = pytest.mark.slow
+
 FLIGHT = """
 import hashlib, sys
 from agents.control import encirclement
