@@ -1,4 +1,7 @@
-"""Check everything: format, lint, types, import contracts, tests. Further arguments go to pytest."""
+"""Check everything: format, lint, types, import contracts, tests. `--quick` runs no slow test and none on sockets.
+
+Further arguments go to pytest.
+"""
 
 import os
 import shlex
@@ -30,6 +33,8 @@ BROWSER = ("-m", "browser", "-n", "2", "--dist", "loadfile")
 """Tests that drive a browser wait as well, but draw pages on the processor: after those on sockets, two at a time."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
 """Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
+QUICK = ("-m", "not wire and not browser and not slow", *COMPUTING[2:])
+"""What a change is tested with while it is written: below the wire, without what computes for long."""
 GIVES_WAY = ("nice", "-n", "19")
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
 """Matrices here are small: more threads only spin, in the way of the other processes. These are hundreds, and would
@@ -42,7 +47,11 @@ HANGS_AFTER_S = 1500.0
 def main() -> int:
     """Run every check and all tests, and return 0 if all of them pass."""
     arguments = sys.argv[1:]
-    if arguments:
+    if arguments == ["--quick"]:
+        with _pytest(*QUICK) as quick:
+            checks = _failing_checks()
+            tests_fail = not quick()
+    elif arguments:
         checks = _failing_checks()
         tests_fail = _run("pytest", *arguments) != 0
     else:

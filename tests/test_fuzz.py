@@ -8,6 +8,8 @@ import pytest
 from tests.support import fuzzing
 from tests.support.fuzzing import MEMORY_MAX_BYTES, Target, fault_of, run, targets
 
+pytestmark = pytest.mark.slow
+
 COUNT = 10_000
 
 

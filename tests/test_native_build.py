@@ -13,6 +13,8 @@ from native_build import no_compiler
 from tests.support.installation import compiled, place
 from tests.support.paths import ROOT
 
+pytestmark = pytest.mark.slow
+
 FLIGHT = """
 import hashlib, sys
 from agents.control import encirclement

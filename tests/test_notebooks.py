@@ -11,6 +11,8 @@ from nbformat import NotebookNode
 
 from tests.support.paths import DOCS
 
+pytestmark = pytest.mark.slow
+
 FOLDER = DOCS / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 

@@ -14,6 +14,8 @@ from playwright.sync_api import expect
 from tests.support.page.browser import launched
 from tests.support.paths import DOCS, ROOT
 
+pytestmark = pytest.mark.slow
+
 _BLOCKS = re.compile(r"<(h[1-6]|li|pre|table|td|th|tr)[ >]")
 _LOADED = re.compile(r"<(?:img|link|script|source)\b[^>]*?\b(?:href|src)=[\"']?(https?:|//)[^>]*>")
 

@@ -28,6 +28,8 @@ from sitl.simulation.simulation import NetworkModel, simulate
 from tests.support.mission_text import CASE2, Content, content, parsed
 from tests.support.paths import MISSIONS
 
+pytestmark = pytest.mark.slow
+
 LIAR = 3
 CROSSING = (MISSIONS / "crossing.toml").read_text(encoding="utf-8")
 

@@ -3,8 +3,12 @@
 `python -m tests.experiments.target_turns` flies many.
 """
 
+import pytest
+
 from agents.tactics import Tactic
 from tests.experiments.target_turns import Flight, flown
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_turning_target_is_encircled_and_its_return_to_sight_moves_no_setpoint_far() -> None:

@@ -16,6 +16,8 @@ from agents.control.aims import resting
 from sitl.vehicle.plant_step import Motion, Pair
 from tests.support.flight_logs import engaging, record_simulation
 
+pytestmark = pytest.mark.slow
+
 PLANT = cordon.Plant(cordon.PlantAxis(0.5, 0.9), cordon.PlantAxis(0.7, 1.1), delay_s=0.15)
 
 

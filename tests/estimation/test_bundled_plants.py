@@ -16,6 +16,8 @@ from gcs.vehicle_logs.vehicle_log import VehicleLog
 from tests.experiments.identification_draws import intervals_of
 from tests.support.paths import DATA, PROFILES
 
+pytestmark = pytest.mark.slow
+
 LOGS = {"px4": "px4-quad-excitation.ulg", "ardupilot": "arducopter-excitation.bin", "stub": "stub-excitation.mcap"}
 
 

@@ -12,6 +12,8 @@ from estimation.identification.identify import identify
 from estimation.state import Vector
 from tests.support.synthetic_flights import FINE_S, SENT_S, Truth, excitation_m, flown, recorded
 
+pytestmark = pytest.mark.slow
+
 TRUTH = Truth((1.5, 1.5), (1.9, 1.9), 0.2)
 PUSH_M_S2 = 0.8
 

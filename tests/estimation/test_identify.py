@@ -15,6 +15,8 @@ from estimation.state import Vector
 from tests.experiments.identification_draws import drawn, intervals_of
 from tests.support.synthetic_flights import SENT_S, Cascade, Truth, cascaded, excitation_m, recorded, saturated
 
+pytestmark = pytest.mark.slow
+
 TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
 
 

@@ -7,6 +7,8 @@ from estimation.plant.model import Plant, PlantAxis
 from tests.experiments.plant_draws import blowing, linear_relative, relative
 from tests.experiments.plant_family import MANOEUVRES, drawn, flown, linear, manoeuvre
 
+pytestmark = pytest.mark.slow
+
 NOMINAL = Plant(PlantAxis(0.8, 0.9), PlantAxis(1.6, 1.8), 0.2)
 
 

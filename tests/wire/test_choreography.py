@@ -4,11 +4,10 @@ import asyncio
 import os
 import re
 import sys
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from io import StringIO
-from math import dist
 
 import pytest
 from rich.console import Console
@@ -30,14 +29,13 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
-from tests.support.mission_text import INSECURE, LOW, LOW_M
+from tests.support.mission_text import INSECURE, LOW
 from tests.support.wire import served
 from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
 
 SPEED = 5.0
-RETURN = ("[safety]", '[choreography]\nlayer_m = 3.0\nlanding = "return"\nlanding_order = [3, 1, 2]\n\n[safety]')
 
 
 async def flown(mission: Mission, duration_s: float, findings: list[Finding]) -> Flight:
@@ -51,9 +49,7 @@ class Watched:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.vehicles: list[Autopilot] = []
         self.asked: list[str] = []
-        self.disarmed: list[Autopilot] = []
-        self.still_up_m: list[list[float]] = []
-        make, arm, select, disarm = Autopilot.__init__, Autopilot.arm, Autopilot.select, Autopilot._disarm
+        make, arm, select = Autopilot.__init__, Autopilot.arm, Autopilot.select
 
         def noted_make(autopilot: Autopilot, *arguments: object, **named: object) -> None:
             self.vehicles.append(autopilot)
@@ -67,33 +63,9 @@ class Watched:
             self.asked.append(mode.name)
             return select(autopilot, mode)
 
-        def noted_disarm(autopilot: Autopilot, reason: str) -> None:
-            self.disarmed.append(autopilot)
-            heights_m = (each.airframe.height_m for each in self.vehicles)
-            self.still_up_m.append([height_m for height_m in heights_m if height_m > 0.0])
-            disarm(autopilot, reason)
-
         monkeypatch.setattr(Autopilot, "__init__", noted_make)
         monkeypatch.setattr(Autopilot, "arm", noted_arm)
         monkeypatch.setattr(Autopilot, "select", noted_select)
-        monkeypatch.setattr(Autopilot, "_disarm", noted_disarm)
-
-    def ids(self, vehicles: Sequence[Autopilot]) -> list[int]:
-        return [self.vehicles.index(each) + 1 for each in vehicles]
-
-
-async def test_a_second_mission_right_after_the_first(
-    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mission = load_mission(mission_file("case2", LOW))
-    watched, told = Watched(monkeypatch), list[Finding]()
-    async with served(stub_configs(mission), SPEED):
-        for _ in range(2):
-            flight = await flown(mission, 5.0, told)
-            assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
-            assert not any(vehicle.armed for vehicle in watched.vehicles)
-    assert watched.asked.count("arm") == 6
-    assert not [finding for finding in told if finding.grade is Grade.REFUSE]
 
 
 async def test_what_the_check_refuses_is_told_and_nothing_is_armed(
@@ -129,40 +101,6 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
     assert refusals
     assert all("refused to arm" in line and f"“{words}”" in line for line in refusals)
     assert "Traceback" not in err.decode()
-
-
-async def test_vehicles_too_near_to_land_together_land_one_by_one(
-    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mission = load_mission(mission_file("case2", LOW, ("separation_m = 3.0", "separation_m = 3.6")))
-    watched, told = Watched(monkeypatch), list[Finding]()
-    async with served(stub_configs(mission), SPEED):
-        flight = await flown(mission, 5.0, told)
-    assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
-    assert watched.ids(watched.disarmed) == [1, 2, 3]
-    assert watched.still_up_m == [pytest.approx([LOW_M] * waiting, abs=0.5) for waiting in (2, 1, 0)]
-
-
-async def test_vehicles_return_on_layers_of_their_own_and_land_in_order(
-    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mission = load_mission(mission_file("case2", LOW, RETURN))
-    watched, told = Watched(monkeypatch), list[Finding]()
-    highest: dict[int, float] = {}
-    async with served(stub_configs(mission), SPEED):
-        flight = asyncio.create_task(flown(mission, 10.0, told))
-        while not flight.done():
-            for number, vehicle in enumerate(watched.vehicles, start=1):
-                highest[number] = max(highest.get(number, 0.0), vehicle.airframe.position_m[2])
-            await asyncio.sleep(0.05)
-        outcomes = (await flight).outcomes
-    assert [outcome.ending for outcome in outcomes.values()] == [Ending.COMPLETED] * 3
-    assert watched.ids(watched.disarmed) == [3, 1, 2]
-    assert highest == pytest.approx({1: LOW_M + 6.0, 2: LOW_M + 9.0, 3: LOW_M + 6.0}, abs=0.5), (
-        "3 took off to its layer there"
-    )
-    for vehicle, place in zip(watched.vehicles, mission.vehicles, strict=True):
-        assert dist(vehicle.airframe.position_m[:2], place.section.start_m) < 1.0
 
 
 @pytest.mark.parametrize(("ahead_s", "refused"), [(0.7, True), (0.2, False)])
@@ -234,7 +172,7 @@ async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -
         await bus.close()
 
 
-async def test_a_vehicle_that_finds_its_place_late_is_waited_for(
+async def test_a_vehicle_that_finds_its_place_late_is_waited_for_and_a_second_mission_follows_at_once(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mission = load_mission(mission_file("case2", LOW))
@@ -248,8 +186,11 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for(
         assert watched.asked == []
         told.clear()
         asyncio.get_running_loop().call_later(14.0, setattr, watched.vehicles[1], "_localised", True)
-        flight = await fly(replace(plan, wait_s=60.0), LiveView(Console(file=written)), told.extend)
-    assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
+        for _ in range(2):
+            flight = await fly(replace(plan, wait_s=60.0), LiveView(Console(file=written)), told.extend)
+            assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
+            assert not any(vehicle.armed for vehicle in watched.vehicles)
+    assert watched.asked.count("arm") == 6
     assert not [each for each in told if each.grade is Grade.REFUSE]
     waits = [line for line in written.getvalue().splitlines() if line.startswith("  ")]
     assert waits

@@ -89,20 +89,6 @@ def test_on_the_bench_a_board_flies_once_its_propellers_are_said_to_be_off(missi
     assert code in (0, 1), "a ring of three seconds does not settle"
 
 
-@pytest.mark.parametrize("answer", ["", "no", "of"])
-def test_another_answer_flies_nothing(answer: str, mission_file: Callable[..., str]) -> None:
-    code, shown = answered(answer, "fly", mission_file("case2"), "--sitl", "--bench", "--no-log")
-    assert code == 3
-    assert f"the answer was {answer!r}" in shown
-
-
-def test_without_a_terminal_the_question_is_not_answered(mission_file: Callable[..., str]) -> None:
-    with cordon("fly", mission_file("case2"), "--sitl", "--bench", "--no-log") as flight:
-        _, err = flight.communicate(timeout=30.0)
-    assert flight.returncode == 3
-    assert "--bench: propellers off was not confirmed: there is no terminal to answer on" in err
-
-
 def answered(answer: str, *arguments: str) -> tuple[int, str]:
     """Run a command on a terminal and answer its question; return its exit code and what was shown."""
     child, terminal = pty.fork()

@@ -28,7 +28,7 @@ from tests.support.paths import DATA
 from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.synthetic_flights import Truth, recorded
 
-pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")]
 
 TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
 

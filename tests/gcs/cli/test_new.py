@@ -15,6 +15,8 @@ from gcs.cli import main
 from gcs.mission.file import bundled_missions, load_mission, parse_mission
 from gcs.mission.writing.template import PROFILES, Links, NewMission, NewShape, own_ports
 
+pytestmark = pytest.mark.slow
+
 CHOICES = {
     "--vehicles": "5",
     "--links": "stub",

@@ -20,6 +20,8 @@ from tests.support.paths import MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wire import free_ports
 
+pytestmark = pytest.mark.slow
+
 RUNS = 12
 FLIGHT = ("case2", "--vary", "encirclement.radius_m=8:12:2", "--seeds", "0:6", "--duration", "40")
 MIDDLE = 4

@@ -6,6 +6,10 @@ import subprocess
 import sys
 import time
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 WRITER = """
 import time
 from gcs.console.backlog import unblocked

@@ -14,6 +14,8 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.experiments.random_missions import random_flight
 
+pytestmark = pytest.mark.slow
+
 CROSSING_S = 64.0
 ARRIVED_S = 60.0
 

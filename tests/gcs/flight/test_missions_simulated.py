@@ -23,6 +23,8 @@ from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 
+pytestmark = pytest.mark.slow
+
 FIELD_SEEDS = (0, 7)
 Change = Callable[[Mission], Mission]
 

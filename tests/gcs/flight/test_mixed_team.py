@@ -13,6 +13,8 @@ from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 
+pytestmark = pytest.mark.slow
+
 OFF = ((1.15, 0.85), (0.85, 1.15), (1.15, 1.15))
 """Shares of a0 and a1 of the vehicles' true plants."""
 SHAPED = {"speed_max_m_s": 5.0, "acceleration_max_m_s2": 2.5, "jerk_max_m_s3": 5.0}

@@ -1,5 +1,10 @@
 """Whole teams below the wire: a vehicle is taken by a pilot, runs low, loses its bus, or its agent is started again."""
 
+import asyncio
+from math import dist
+
+import pytest
+
 from agents.shell.outcome import Ending
 from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
@@ -8,14 +13,51 @@ from tests.support.simulated_loop import run_simulated
 from tests.support.simulated_team import SimulatedTeam
 
 FORMATION = ["formation"] * 3
+QUICK: dict[str, object] = {"battery_s": 2.0, "bus_lost_s": 0.5, "peer_silent_s": 1.0}
 
 
-def low_flight(**failsafe: float) -> Mission:
-    """Case 2, flown low for short take-offs and landings, with other grace times."""
+def low_flight(**changes: dict[str, object]) -> Mission:
+    """Case 2, flown low for short take-offs and landings, with changed values of its sections."""
     mission = content()
     for index in range(3):
         mission = put(mission, ("vehicles", index, "altitude_m"), LOW_M)
-    return parsed(put(mission, ("failsafe",), failsafe))
+    for section, values in changes.items():
+        for key, value in values.items():
+            mission = put(mission, (section, key), value)
+    return parsed(mission)
+
+
+class Landings:
+    """In which order the vehicles of a team disarm, how high the others are then, and how high each one was."""
+
+    def __init__(self) -> None:
+        self.team: SimulatedTeam | None = None
+        self.order: list[int] = []
+        self.still_up_m: list[list[float]] = []
+        self.highest_m: dict[int, float] = {}
+        self._armed: set[int] = set()
+
+    def step(self) -> None:
+        assert self.team is not None
+        autopilots = {i: link.autopilot for i, link in self.team.links.items()}
+        armed = {i for i, autopilot in autopilots.items() if autopilot.armed}
+        for i in sorted(self._armed - armed):
+            self.order.append(i)
+            heights_m = [autopilot.airframe.height_m for autopilot in autopilots.values()]
+            self.still_up_m.append([height_m for height_m in heights_m if height_m > 0.0])
+        self._armed = armed
+        for i, autopilot in autopilots.items():
+            self.highest_m[i] = max(self.highest_m.get(i, 0.0), autopilot.airframe.height_m)
+
+
+async def landed(mission: Mission, landings: Landings) -> SimulatedTeam:
+    """Fly a mission for 10 s and to its end."""
+    async with SimulatedTeam(mission, step=landings.step) as team:
+        landings.team = team
+        await team.begin(10.0)
+        outcomes = [await flight for flight in team.flights.values()]
+        assert [outcome.ending for outcome in outcomes] == [Ending.COMPLETED] * 3
+    return team
 
 
 def test_who_takes_a_vehicle_keeps_it_until_a_command_and_it_is_not_landed_at_the_end() -> None:
@@ -51,7 +93,7 @@ def test_who_takes_a_vehicle_keeps_it_until_a_command_and_it_is_not_landed_at_th
 
 def test_a_low_battery_comes_home_and_a_lost_bus_steps_aside() -> None:
     async def fly() -> None:
-        async with SimulatedTeam(low_flight(battery_s=2.0, bus_lost_s=0.5, peer_silent_s=1.0)) as team:
+        async with SimulatedTeam(low_flight(failsafe=QUICK)) as team:
             await team.begin(40.0)
             await team.until(lambda: team.tactics() == FORMATION)
             team.links[3].autopilot.battery_fraction = 0.15
@@ -86,5 +128,67 @@ def test_an_agent_that_is_started_again_joins_the_mission_that_has_begun() -> No
             await team.until(lambda: team.tactics() == FORMATION)
             assert began_s is not None
             assert team.agents[3].start_s == began_s, "the mission's start, not one of its own"
+
+    run_simulated(fly())
+
+
+def test_vehicles_too_near_to_land_together_land_one_by_one() -> None:
+    landings = Landings()
+    run_simulated(landed(low_flight(safety={"separation_m": 3.6}), landings))
+    assert landings.order == [1, 2, 3]
+    assert landings.still_up_m == [pytest.approx([LOW_M] * waiting, abs=0.5) for waiting in (2, 1, 0)]
+
+
+def test_vehicles_return_on_layers_of_their_own_and_land_in_order() -> None:
+    choreography: dict[str, object] = {"layer_m": 3.0, "landing": "return", "landing_order": [3, 1, 2]}
+    mission, landings = low_flight(choreography=choreography), Landings()
+    team = run_simulated(landed(mission, landings))
+    assert landings.order == [3, 1, 2]
+    assert landings.highest_m == pytest.approx({1: LOW_M + 6.0, 2: LOW_M + 9.0, 3: LOW_M + 6.0}, abs=0.5), (
+        "3 took off to its layer there"
+    )
+    for vehicle in mission.vehicles:
+        assert dist(team.links[vehicle.id].autopilot.airframe.position_m[:2], vehicle.section.start_m) < 1.0
+
+
+def test_an_abort_hovers_then_lands_by_itself_unless_resumed() -> None:
+    async def fly() -> None:
+        async with SimulatedTeam(low_flight(safety={"abort_hover_s": 5.0})) as team:
+            await team.begin()
+            aborted_s = await team.until(lambda: team.tactics() == FORMATION)
+            for vehicle in team.mission.ids:
+                team.command("abort", vehicle)
+            await team.until(lambda: team.tactics() == ["hold"] * 3, 0.5)
+            team.command("resume", 1)
+            team.command("abort", 2)
+            await team.until(lambda: team.tactics() == ["formation", "land", "hold"], 0.5)
+            await team.until(lambda: team.tactics()[2] == "land", 6.0)
+            assert asyncio.get_running_loop().time() - aborted_s >= 5.0
+            await team.until(lambda: [x.autopilot.armed for x in team.links.values()] == [True, False, False])
+            assert team.tactics()[0] == "formation"
+            endings = {vehicle: (await team.flights[vehicle]).ending for vehicle in (2, 3)}
+            assert endings == {2: Ending.ABORTED, 3: Ending.ABORTED}
+
+    run_simulated(fly())
+
+
+def test_on_its_way_up_one_vehicle_is_landed_and_another_killed() -> None:
+    async def fly() -> None:
+        async with SimulatedTeam(low_flight()) as team:
+            await team.begin()
+            autopilots = {vehicle: link.autopilot for vehicle, link in team.links.items()}
+            await team.until(lambda: not any(autopilot.landed for autopilot in autopilots.values()))
+            team.command("land", 2)
+            team.command("kill", 3)
+            await team.until(lambda: not autopilots[3].armed, 0.5)
+            await team.until(lambda: autopilots[2].mode is NavMode.LAND, 3.0)
+            assert autopilots[1].armed, "nobody else was meant"
+            outcomes = {vehicle: await flight for vehicle, flight in team.flights.items()}
+            assert outcomes[3].flew
+            # The start needs all vehicles: without the others the first one lands.
+            endings = {vehicle: outcome.ending for vehicle, outcome in outcomes.items()}
+            assert endings == {1: Ending.REFUSED, 2: Ending.STOPPED, 3: Ending.KILLED}
+            assert outcomes[1].reason.endswith(": 2, 3")
+            assert not any(autopilot.armed for autopilot in autopilots.values())
 
     run_simulated(fly())

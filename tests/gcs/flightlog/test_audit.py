@@ -23,6 +23,8 @@ from gcs.flightlog.writer import LogWriter
 from gcs.mission.file import load_mission
 from tests.conftest import CONFIG
 
+pytestmark = pytest.mark.slow
+
 
 def command(number: int, verb: str, time_s: float, name: str = "anna") -> OperatorCommand:
     return OperatorCommand(time_s, verb, None, name, number)  # type: ignore[arg-type]

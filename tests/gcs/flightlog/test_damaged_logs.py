@@ -32,7 +32,10 @@ from gcs.flightlog.recover import examine, recover, recovered_path
 from gcs.flightlog.schema import Codec, Decoder
 from tests.support.flight_logs import engaging, files_up_to, record_simulation
 
-pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked")  # `main` is, by these tests
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:Cyclopts application invoked"),  # `main` is, by these tests
+]
 
 CHUNK, INDEX, DATA_END, FOOTER = 6, 7, 15, 2
 HUGE = 100_000_000_000

@@ -23,6 +23,8 @@ from gcs.mission.file import load_mission
 from tests.support.flight_logs import engaging, files_up_to, record_into
 from tests.support.wire import until_now
 
+pytestmark = pytest.mark.slow
+
 DURATION_S = 20.0
 TICKS = 200
 

@@ -24,6 +24,8 @@ from gcs.mission.mission import Mission
 from tests.support.mission_text import content, faults, parsed, put
 from tests.support.paths import MISSIONS
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("case2", "px4-trio", "ardupilot-trio")
 STEP_S = 0.01
 

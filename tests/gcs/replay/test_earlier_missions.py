@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from estimation.settings import OwnFilterSettings
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import mission_of
@@ -11,6 +13,8 @@ from gcs.replay.what_if import changed_filters, what_if
 from tests.support.flight_logs import engaging, record_simulation
 from tests.support.mission_text import content, put, text_of
 from tests.support.paths import MISSIONS
+
+pytestmark = pytest.mark.slow
 
 PLANT = "delay_s = 0.2252\n[x]\na0_per_s2 = 1.531\na1_per_s = 1.899\n[y]\na0_per_s2 = 1.534\na1_per_s = 1.912\n"
 """What an earlier version recorded of `px4`: a plant, and nothing of filters."""

@@ -52,7 +52,7 @@ from gcs.replay.input_text import input_text, mission_time
 from tests.support.flight_logs import engaging, record_simulation, reencoded, rewrite
 from tests.support.result_keys import OUTPUT_KEYS
 
-pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")]
 
 SECONDS, TICKS = 12.0, 121
 Ran = Callable[..., tuple[int, str, str]]

@@ -13,6 +13,8 @@ from gcs.report.charts.panels import Sheet
 from gcs.style import COLOURS
 from tests.support.report_evidence import flown
 
+pytestmark = pytest.mark.slow
+
 BODY_PX = 5
 """A square of this size lies within a vehicle's mark, and not within the line of its path."""
 

@@ -24,6 +24,8 @@ from tests.support.flight_logs import engaging, record_simulation, rewrite
 from tests.support.page.station_pictures import ring_flight
 from tests.support.report_evidence import flown
 
+pytestmark = pytest.mark.slow
+
 KILLED = FlightEnding(How.KILLED, "Vehicle 2: an operator had its motors cut.", (2,))
 
 

@@ -19,6 +19,8 @@ from gcs.metrics.result import FlightResult, FormationReference, RingReference, 
 from gcs.report import figure as figure_module
 from gcs.report.figure import COLOURS, save_figure
 
+pytestmark = pytest.mark.slow
+
 RING = RingReference(10.0, 0.05)
 TIME_S = np.arange(601) / 1.0
 TARGET_M = np.column_stack((35.0 + 0.1 * TIME_S, np.full(TIME_S.size, -5.0)))

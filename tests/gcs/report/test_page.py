@@ -25,6 +25,8 @@ from tests.support.page.report_replay import nasty_flight, noisy_flight
 from tests.support.page.station_pictures import ring_flight
 from tests.support.report_evidence import OWN_SIGMA_M, TARGET_SIGMA_M, TOLERANCES, flown
 
+pytestmark = pytest.mark.slow
+
 NASTY = "<script>alert('&')</script><!-- $x_1$"
 REPLAY = ring_flight()
 VOID = {"meta", "br", "link", "img", "input", "hr"}

@@ -15,6 +15,8 @@ from gcs.mission.file import load_mission
 from gcs.report.evidence.flight import FlightEvidence, Loop, PlantNote, VehicleEvidence
 from gcs.report.evidence.plants import plant_notes
 
+pytestmark = pytest.mark.slow
+
 FILE = Plant(PlantAxis(1.7, 1.8), PlantAxis(1.7, 1.8), delay_s=0.2)
 WIND = np.array([0.3, -0.2])
 FINE_S = 0.005

@@ -25,6 +25,8 @@ from gcs.replay.playback import Turn, turns
 from gcs.report.evidence.reading import read_flight
 from tests.support.flight_logs import engaging, record_simulation, reencoded
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlightRecord, Path]:

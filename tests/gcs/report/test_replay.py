@@ -21,6 +21,8 @@ from tests.support.page.report_replay import held_files, nasty_flight
 from tests.support.paths import DATA, ROOT
 from tests.support.report_evidence import flown
 
+pytestmark = pytest.mark.slow
+
 PAGE = ROOT / "gcs" / "station" / "page"
 DURATION_S = 200.0
 

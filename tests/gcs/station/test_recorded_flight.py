@@ -19,6 +19,8 @@ from gcs.station.recorded_flight import PICTURES_HZ, recorded_flight
 from tests.support.flight_logs import engaging, record_simulation
 from tests.support.paths import DATA
 
+pytestmark = pytest.mark.slow
+
 FENCE = [[-60.0, -60.0], [160.0, -60.0], [160.0, 60.0], [-60.0, 60.0]]
 DURATION_S = 40.0
 

@@ -13,6 +13,8 @@ from gcs.sweep.table import full_rows
 from gcs.sweep.variation import Variation
 from gcs.sweep.worst import worst_cases
 
+pytestmark = pytest.mark.slow
+
 C = "cordon sim 'my mission.toml'"
 RADIUS, SHAPE = "encirclement.radius_m", "formation.shape"
 METRICS = (

@@ -8,6 +8,8 @@ from gcs.sweep.folder import SweepFolder
 from gcs.sweep.journal import Journal, read_rows
 from gcs.sweep.plan import planned
 
+pytestmark = pytest.mark.slow
+
 ROWS: dict[int, Row] = {0: {"holds": True, "closest_approach_m": 0.1 + 0.2}, 2: {"error": 'it "failed"\nbadly'}}
 
 

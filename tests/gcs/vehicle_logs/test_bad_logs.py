@@ -17,6 +17,8 @@ from gcs.vehicle_logs.vehicle_log import VehicleLog
 from tests.support.paths import DATA
 from tests.support.telemetry_log import flight
 
+pytestmark = pytest.mark.slow
+
 ULOG, BIN = (DATA / "px4-quad.ulg").read_bytes(), (DATA / "arducopter.bin").read_bytes()
 SETPOINT, LOCAL = "trajectory_setpoint", "vehicle_local_position"
 ULOG_HEADER_BYTES = 16
