@@ -13,12 +13,15 @@ from heapq import heappop, heappush
 from itertools import count
 from struct import Struct
 from typing import Protocol, Self
+from weakref import WeakKeyDictionary
 
 from sitl.server.shared_clock import NEVER_US, US_PER_S, VEHICLES, ClockName, Rank, Seat
 
 TRANSIT_MAX_S = 0.5
 """Wall time after which a message that has not arrived is taken as lost."""
 _MOTION, _SETPOINT = Struct("<6f"), Struct("<3f")
+_LOOKS: WeakKeyDictionary[asyncio.AbstractEventLoop, int] = WeakKeyDictionary()
+"""How many clocks of an event loop are about to look: two that took each other for work would wait for ever."""
 
 
 class Arriving(Protocol):
@@ -87,6 +90,8 @@ class GovernedClock:
         """Call a function at a time, to the nearest microsecond."""
         alarm = Alarm(max(round((time_s - self._seat.epoch_s) * US_PER_S), self._seat.now_us), call)
         heappush(self._alarms, (alarm.time_us, next(self._number), alarm))
+        if alarm.time_us < self._seat.waits_us:  # at once: another clock of this event loop may look before
+            self._seat.state(alarm.time_us)
         self.look()
         return alarm
 
@@ -166,9 +171,11 @@ class GovernedClock:
     def close(self) -> None:
         """Leave the clock. Calls that are due later are not made."""
         self._loop.remove_reader(self._seat.woken)
-        for each in (self._looks, self._looks_later):
-            if each is not None:
-                each.cancel()
+        if self._looks is not None:
+            self._looks.cancel()
+            _LOOKS[self._loop] -= 1
+        if self._looks_later is not None:
+            self._looks_later.cancel()
         self._alarms.clear()
         self._seat.leave()
 
@@ -176,10 +183,13 @@ class GovernedClock:
         """See whether the next event may happen, once the event loop has nothing else to do."""
         if self._looks is None:
             self._looks = self._loop.call_soon(self._look)
+            _LOOKS[self._loop] = _LOOKS.get(self._loop, 0) + 1
 
     def _look(self) -> None:
         self._looks = None
-        if getattr(self._loop, "_ready", ()):  # asyncio has no public way to ask whether it is idle
+        _LOOKS[self._loop] -= 1
+        # asyncio has no public way to ask whether it is idle
+        if len(getattr(self._loop, "_ready", ())) > _LOOKS[self._loop]:
             self.look()
             return
         self._state()
