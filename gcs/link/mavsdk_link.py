@@ -110,7 +110,7 @@ class MavsdkLink:
     def follow_clock(self) -> None:
         """Set the connection's pace of sending by the clock's speed, once it has been measured."""
         if self._parts is not None:
-            self._hub.set_pace(self._config.url, self._config.pace, self._clock.time_scale)
+            self._hub.set_pace(self._config.url, self._config.pace, self._clock.speed)
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
         """Find the vehicle, verify its system id, request rates, and deliver telemetry on the event loop from then on.
@@ -259,7 +259,8 @@ class MavsdkLink:
         try:
             ned_m = parts.send(setpoint, parts.feed.origin_m, self._config.frame)
             self._sent += 1
-            if self._transit is not None:
+            # One that waits in the transmit queue may never be sent: a newer one replaces it.
+            if self._transit is not None and not self._config.pace.is_bound:
                 self._transit.send(*ned_m)
         except (MavsdkError, RuntimeError):
             self._unsent += 1
@@ -388,7 +389,7 @@ class MavsdkLink:
         """Request the rates in force, and set them in the relay."""
         _, feed, calls, *_ = self._connected()
         self._rates = self._config.pace.rates
-        self._hub.set_pace(self._config.url, self._config.pace, self._clock.time_scale)
+        self._hub.set_pace(self._config.url, self._config.pace, self._clock.speed)
         await request_rates(calls, feed, self._rates)
 
     async def _renew(self) -> None:

@@ -90,6 +90,8 @@ class GovernedClock:
         """Call a function at a time, to the nearest microsecond."""
         alarm = Alarm(max(round((time_s - self._seat.epoch_s) * US_PER_S), self._seat.now_us), call)
         heappush(self._alarms, (alarm.time_us, next(self._number), alarm))
+        if alarm.time_us < self._seat.waits_us:  # at once: another clock of this event loop may look before
+            self._seat.state(alarm.time_us)
         self.look()
         return alarm
 

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
-from math import ceil, floor, isfinite
+from math import ceil, floor, inf, isfinite
 from typing import Protocol, cast
 
 import numpy as np
@@ -260,7 +260,10 @@ class Stub:
         )
         self.setpoints = 0
         """How many setpoints have arrived."""
+        self.setpoint_s = -inf
+        """When the newest arrived, on the common clock."""
         self._pace = pace
+        self._clock = clock
         self._truth: list[tuple[float, ...]] = []
         self._motion: tuple[float, ...] | None = None
         self._motions: MotionTransit | None = None
@@ -297,7 +300,7 @@ class Stub:
 
     def on_setpoint(self, ned: tuple[float, float, float]) -> None:
         """Take the position in NED of a setpoint that has arrived."""
-        self.setpoints += 1
+        self.setpoints, self.setpoint_s = self.setpoints + 1, self._clock.now_s()
         if self._setpoints is not None:
             self._setpoints.take(*ned)
 

@@ -1,4 +1,4 @@
-"""Helpers for tests over sockets: free ports, stubs that count setpoints, and waiting."""
+"""Helpers for tests over sockets: free ports, stubs on a governed clock, and waiting."""
 
 import asyncio
 import os
@@ -7,19 +7,18 @@ import socket
 import subprocess
 import sys
 import time
-from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
 from itertools import islice
-from typing import Any
 
-import pytest
-
-from agents.shell.clock import WallClock
+from agents.shell.clock import MissionClock
 from sitl.autopilot.px4 import Autopilot
-from sitl.mavlink.protocol import MavlinkVehicle
-from sitl.mavlink.reports import MavlinkConfig
-from sitl.server.server import StubConfig, serve
+from sitl.server.governed_clock import GovernedClock
+from sitl.server.process import StubProcess
+from sitl.server.server import Stub, StubClock, StubConfig, serve
+from sitl.server.shared_clock import NEVER_US, US_PER_S, ClockName, Rank, Seat, new_clock
 
 LOOPBACK = "127.0.0.1"
 
@@ -48,50 +47,113 @@ def _is_free(port: int) -> bool:
     return True
 
 
-class StubWatch:
-    """The stub vehicles of this process by system id, and the times of their setpoints; a restart makes a new one."""
+@contextmanager
+def stub_clock(speed: float) -> Iterator[GovernedClock]:
+    """Make a governed clock for stubs of this event loop and for what flies them, or for those of `stub_process`."""
+    with new_clock(speed) as name, GovernedClock(name, Rank.STUBS) as clock:
+        yield clock
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.vehicles: dict[int, Autopilot] = {}
-        self.received_s: defaultdict[int, list[float]] = defaultdict(list)
-        make, take = MavlinkVehicle.__init__, MavlinkVehicle._on_setpoint
 
-        def made(vehicle: MavlinkVehicle, autopilot: Autopilot, config: MavlinkConfig, *rest: Any) -> None:
-            self.vehicles[config.system_id] = autopilot
-            make(vehicle, autopilot, config, *rest)
+@contextmanager
+def stub_process(configs: Sequence[StubConfig], name: ClockName) -> Iterator[StubProcess]:
+    """Serve stub vehicles in a process of their own; it may be stopped before the end, for its record."""
+    process = StubProcess(configs, partial(GovernedClock, name, Rank.STUBS))
+    process.start()
+    try:
+        yield process
+    finally:
+        with suppress(OSError):
+            process.stop()
 
-        def taken(vehicle: MavlinkVehicle, message: Any, time_s: float) -> Any:
-            self.received_s[vehicle._config.system_id].append(asyncio.get_running_loop().time())
-            return take(vehicle, message, time_s)
 
-        monkeypatch.setattr(MavlinkVehicle, "__init__", made)
-        monkeypatch.setattr(MavlinkVehicle, "_on_setpoint", taken)
+@dataclass(frozen=True, slots=True)
+class Served:
+    """Stub vehicles of this event loop, by system id, and their clock, which a flight joins by its name."""
 
-    def received_since(self, system_id: int, since_s: float) -> int:
-        """Return the number of setpoints that a vehicle has received since a time of the event loop."""
-        return sum(at_s > since_s for at_s in self.received_s[system_id])
+    clock: GovernedClock
+    stubs: dict[int, Stub]
+
+    @property
+    def vehicles(self) -> dict[int, Autopilot]:
+        """Their autopilots."""
+        return {i: stub.autopilot for i, stub in self.stubs.items()}
 
 
 @asynccontextmanager
-async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[None]:
-    """Serve stub vehicles in this process."""
+async def served_by(clock: StubClock, configs: Sequence[StubConfig]) -> AsyncIterator[dict[int, Stub]]:
+    """Serve stub vehicles in this process on a clock that others use as well."""
     stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(configs, WallClock(speed), stop))
+    ready: asyncio.Future[Sequence[Stub]] = asyncio.get_running_loop().create_future()
+    serving = asyncio.create_task(serve(configs, clock, stop, ready.set_result))
+    await asyncio.wait((serving, ready), return_when=asyncio.FIRST_COMPLETED)
+    if not ready.done():
+        await serving  # raises why they could not be served
     try:
-        yield
+        yield {stub.config.vehicle_id: stub for stub in ready.result()}
     finally:
         stop.set()
-        await stubs
+        await serving
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 20.0, waiting_for: str = "it") -> float:
-    """Wait for a condition and return the time when it became true, on the event loop's clock."""
-    loop = asyncio.get_running_loop()
-    end_s = loop.time() + timeout_s
+@asynccontextmanager
+async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[Served]:
+    """Serve stub vehicles in this process on a governed clock of their own."""
+    with stub_clock(speed) as clock:
+        async with served_by(clock, configs) as stubs:
+            yield Served(clock, stubs)
+
+
+class GuestClock:
+    """A governed clock without an event loop, for tests that fly stubs by MAVSDK alone: it waits while they look."""
+
+    def __init__(self, name: ClockName) -> None:
+        self._seat = Seat(name, Rank.GUEST)
+
+    def now_s(self) -> float:
+        """Return the present time."""
+        return self._seat.epoch_s + self._seat.now_us / US_PER_S
+
+    def sleep(self, duration_s: float) -> None:
+        """Wait for a time on this clock."""
+        with self.held_after(duration_s):
+            pass
+
+    @contextmanager
+    def held_after(self, duration_s: float = 0.0) -> Iterator[None]:
+        """Wait for a time; then the clock stands still until the end of the context."""
+        self._seat.wait_until(self._seat.now_us + round(duration_s * US_PER_S))
+        try:
+            yield
+        finally:
+            self._seat.state(NEVER_US)
+
+    def until(self, condition: Callable[[], bool], what: str, limit_s: float = 60.0) -> None:
+        """Wait for a condition, on this clock."""
+        end_s = self.now_s() + limit_s
+        while not condition():
+            assert self.now_s() < end_s, f"not within {limit_s} s: {what}"
+            self.sleep(0.02)
+
+    def close(self) -> None:
+        """Leave the clock."""
+        self._seat.leave()
+
+
+async def until(
+    condition: Callable[[], bool],
+    timeout_s: float = 20.0,
+    waiting_for: str = "it",
+    *,
+    clock: MissionClock | None = None,
+) -> float:
+    """Wait for a condition and return the time when it became true, on a clock, or else on the event loop's."""
+    now_s = asyncio.get_running_loop().time if clock is None else clock.now_s
+    sleep = asyncio.sleep if clock is None else clock.sleep
+    end_s = now_s() + timeout_s
     while not condition():
-        assert loop.time() < end_s, f"{waiting_for} never came true"
-        await asyncio.sleep(0.005)
-    return loop.time()
+        assert now_s() < end_s, f"{waiting_for} never came true"
+        await sleep(0.005 if clock is None else 0.02)
+    return now_s()
 
 
 def until_now(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:

@@ -26,16 +26,17 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.plugins.telemetry import Telemetry
 from pymavlink.dialects.v20 import common as dialect
 from scipy.linalg import expm
-from scipy.optimize import minimize_scalar
 
 from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from sitl.mavlink.reports import EstimatorNoise
+from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess, StubReady, run_in_process
 from sitl.server.server import StubConfig, StubRecord, serve
-from tests.support.wire import free_port
+from sitl.server.shared_clock import ClockName, Rank, new_clock
+from tests.support.wire import GuestClock, free_port, stub_clock, stub_process
 
 pytestmark = pytest.mark.wire
 
@@ -49,17 +50,11 @@ def config(vehicle_id: int = 1, **changes: Any) -> StubConfig:
     return StubConfig(**(fields | changes))
 
 
-def wait_until(condition: Callable[[], bool], what: str, limit_s: float = 12.0) -> None:
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, f"not within {limit_s} s: {what}"
-        time.sleep(0.01)
-
-
 @dataclass
 class Vehicle:
-    """The MAVSDK plugins of one vehicle."""
+    """The MAVSDK plugins of one vehicle, and the clock of the stubs."""
 
+    clock: GuestClock
     system: Any
     telemetry: Any
     action: Any
@@ -90,28 +85,30 @@ class Vehicle:
         self.action.takeoff()
 
     def await_hover(self, height_m: float) -> None:
-        wait_until(lambda: abs(self.ned()[2] + height_m) < 0.05, "hovering")
-        wait_until(lambda: self.mode() == "HOLD", "hold after take-off")
+        self.clock.until(lambda: abs(self.ned()[2] + height_m) < 0.05, "hovering")
+        self.clock.until(lambda: self.mode() == "HOLD", "hold after take-off")
 
 
 class Station:
-    """One MAVSDK, connected to stubs."""
+    """One MAVSDK, connected to stubs, on their clock."""
 
-    def __init__(self, configs: list[StubConfig]) -> None:
+    def __init__(self, configs: list[StubConfig], name: ClockName) -> None:
+        self._clock = GuestClock(name)
         self.mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         for each in configs:
             assert self.mavsdk.add_any_connection(f"udpin://127.0.0.1:{each.client_port}").value == 0
-        wait_until(lambda: self.mavsdk.system_count() == len(configs), "every vehicle found")
+        self._clock.until(lambda: self.mavsdk.system_count() == len(configs), "every vehicle found")
         systems = sorted(self.mavsdk.get_systems(), key=lambda system: system.get_system_id())
         self.vehicles = [self._vehicle(system) for system in systems]
         for vehicle in self.vehicles:
-            wait_until(lambda vehicle=vehicle: vehicle.telemetry.health_all_ok(), "health all ok")  # type: ignore[misc]
+            self._clock.until(lambda vehicle=vehicle: vehicle.telemetry.health_all_ok(), "health all ok")  # type: ignore[misc]
 
     def _vehicle(self, system: Any) -> Vehicle:
-        return Vehicle(system, Telemetry(system), Action(system), Offboard(system), Param(system))
+        return Vehicle(self._clock, system, Telemetry(system), Action(system), Offboard(system), Param(system))
 
     def close(self) -> None:
         self.mavsdk.destroy()
+        self._clock.close()
 
 
 @pytest.fixture(scope="module")
@@ -119,17 +116,15 @@ def team() -> Iterator[list[Vehicle]]:
     configs = [
         config(number, start_position_m=(4.0 * number, 1.0), origin_offset_m=(0.3, -0.2, 0.0)) for number in (1, 2, 3)
     ]
-    stubs = StubProcess(configs, partial(WallClock, SPEED))
-    stubs.start()
-    station = Station(configs)
-    yield station.vehicles
-    station.close()
-    record = stubs.stop()
-    assert record.speed_reached > 0.9 * SPEED
+    with new_clock(SPEED) as name, stub_process(configs, name) as stubs:
+        station = Station(configs, name)
+        yield station.vehicles
+        station.close()
+        record = stubs.stop()
+    assert record.speed_reached == SPEED
+    assert record.slipped_s == 0.0
     assert [track.vehicle_id for track in record.tracks] == [1, 2, 3]
-    gaps_s = np.diff(record.tracks[0].time_s)
-    assert gaps_s.min() == pytest.approx(0.1, abs=1e-3)
-    assert np.sum(gaps_s - 0.1) == pytest.approx(record.slipped_s, abs=0.5)
+    assert np.diff(record.tracks[0].time_s) == pytest.approx(0.1, abs=1e-6)
 
 
 def test_every_vehicle_is_found_healthy_where_it_stands(team: list[Vehicle]) -> None:
@@ -191,17 +186,25 @@ def test_fences_and_missions_are_uploaded_and_cleared(team: list[Vehicle]) -> No
 
 
 def test_time_and_rates_run_at_the_simulated_speed(team: list[Vehicle]) -> None:
-    telemetry = team[2].telemetry
+    telemetry, clock = team[2].telemetry, team[2].clock
     telemetry.set_rate_position_velocity_ned(50.0)
-    counted: list[float] = []
-    handle = telemetry.subscribe_position_velocity_ned(lambda *_: counted.append(time.monotonic()))
-    before_us, start = telemetry.attitude_euler().timestamp_us, time.monotonic()
-    time.sleep(3.0)
-    elapsed_s = (telemetry.attitude_euler().timestamp_us - before_us) / 1e6
-    wall_s = time.monotonic() - start
+    counted: list[object] = []
+    handle = telemetry.subscribe_position_velocity_ned(lambda *_: counted.append(None))
+
+    def uptime_s() -> float:
+        """Return the time of the newest attitude, once it has come through MAVSDK's threads."""
+        with clock.held_after():
+            time.sleep(0.2)
+            return float(telemetry.attitude_euler().timestamp_us) / 1e6
+
+    before_s, counted_before, start_s, start_wall_s = uptime_s(), len(counted), clock.now_s(), time.monotonic()
+    clock.sleep(15.0)
+    elapsed_s, count = uptime_s() - before_s, len(counted) - counted_before
+    duration_s, wall_s = clock.now_s() - start_s, time.monotonic() - start_wall_s
     telemetry.unsubscribe_position_velocity_ned(handle)
-    assert elapsed_s / wall_s == pytest.approx(SPEED, rel=0.05)
-    assert len(counted) / wall_s == pytest.approx(50.0 * SPEED, rel=0.1)
+    assert elapsed_s == pytest.approx(duration_s, abs=0.25), "attitudes come a few times a second"
+    assert count / duration_s == pytest.approx(50.0, rel=0.01)
+    assert duration_s / wall_s < SPEED * 1.02
 
 
 def test_a_flight_in_px4s_manner(team: list[Vehicle]) -> None:
@@ -217,24 +220,24 @@ def test_a_flight_in_px4s_manner(team: list[Vehicle]) -> None:
     # The acknowledgement says yes to what the flight mode denies.
     vehicle.stop_positions()
     vehicle.offboard.start()
-    time.sleep(0.3)
+    vehicle.clock.sleep(1.5)
     assert vehicle.mode() == "HOLD"
 
     vehicle.go(1.0, 1.0, -4.0)
     vehicle.offboard.start()
-    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
-    wait_until(lambda: np.allclose(vehicle.ned(), (1.0, 1.0, -4.0), atol=0.05), "at the setpoint")
+    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
+    vehicle.clock.until(lambda: np.allclose(vehicle.ned(), (1.0, 1.0, -4.0), atol=0.05), "at the setpoint")
 
     # Landed out of offboard it rests in offboard, and cannot be armed before it is told to hold.
     vehicle.action.land()
-    wait_until(lambda: not vehicle.telemetry.armed(), "disarmed")
+    vehicle.clock.until(lambda: not vehicle.telemetry.armed(), "disarmed")
     vehicle.stop_positions()
-    wait_until(lambda: vehicle.mode() == "OFFBOARD", "resting in offboard")
-    wait_until(lambda: not vehicle.telemetry.health().is_armable, "not armable")
+    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "resting in offboard")
+    vehicle.clock.until(lambda: not vehicle.telemetry.health().is_armable, "not armable")
     with pytest.raises(ActionError):
         vehicle.action.arm()
     vehicle.action.hold()
-    wait_until(lambda: vehicle.telemetry.health().is_armable, "armable again")
+    vehicle.clock.until(lambda: vehicle.telemetry.health().is_armable, "armable again")
     vehicle.action.arm()
     vehicle.action.disarm()
     assert list(dict.fromkeys(states)) == ["ON_GROUND", "TAKING_OFF", "IN_AIR", "LANDING"]
@@ -246,14 +249,14 @@ def test_a_stream_that_stops_and_comes_back(team: list[Vehicle]) -> None:
     vehicle.take_off(5.0)
     vehicle.go(0.0, 0.0, -5.0)
     vehicle.offboard.start()
-    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
+    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
     vehicle.stop_positions()
-    wait_until(lambda: vehicle.mode() == "LAND", "the chosen failsafe", limit_s=0.5)
+    vehicle.clock.until(lambda: vehicle.mode() == "LAND", "the chosen failsafe", limit_s=2.5)
     vehicle.go(0.0, 0.0, -5.0)
-    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard again, unasked", limit_s=0.5)
+    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "offboard again, unasked", limit_s=2.5)
     vehicle.action.kill()
-    wait_until(lambda: not vehicle.telemetry.armed(), "killed in the air")
-    wait_until(lambda: not vehicle.telemetry.in_air(), "on the ground")
+    vehicle.clock.until(lambda: not vehicle.telemetry.armed(), "killed in the air")
+    vehicle.clock.until(lambda: not vehicle.telemetry.in_air(), "on the ground")
     vehicle.action.hold()
 
 
@@ -266,12 +269,12 @@ def test_three_vehicles_fly_at_once(team: list[Vehicle]) -> None:
         vehicle.go(2.0, -2.0, -4.0)
         vehicle.offboard.start()
     for vehicle in team:
-        wait_until(lambda vehicle=vehicle: np.allclose(vehicle.ned(), (2.0, -2.0, -4.0), atol=0.05), "there")  # type: ignore[misc]
+        vehicle.clock.until(lambda vehicle=vehicle: np.allclose(vehicle.ned(), (2.0, -2.0, -4.0), atol=0.05), "there")  # type: ignore[misc]
     for vehicle in team:
         vehicle.action.hold()
         vehicle.action.land()
     for vehicle in team:
-        wait_until(lambda vehicle=vehicle: not vehicle.telemetry.armed(), "disarmed")  # type: ignore[misc]
+        vehicle.clock.until(lambda vehicle=vehicle: not vehicle.telemetry.armed(), "disarmed")  # type: ignore[misc]
 
 
 def flown(axis: PlantAxis, setpoint: float, times_s: Vector) -> Vector:
@@ -281,43 +284,37 @@ def flown(axis: PlantAxis, setpoint: float, times_s: Vector) -> Vector:
 
 
 def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
-    speed = 5.0
-    now_s = unix_clock(speed)
     wind_m_s2 = (0.3, -0.2)
     noise = EstimatorNoise(position_m=0.01)
     stub = config(9, start_position_m=(3.0, 2.0), wind_m_s2=wind_m_s2, noise=noise, battery_fraction=0.6)
-    process = StubProcess([stub], partial(WallClock, speed))
-    process.start()
-    station = Station([stub])
-    vehicle = station.vehicles[0]
-    standing = vehicle.ned()
-    wait_until(lambda: vehicle.ned() != standing, "noise on the telemetry")
-    vehicle.take_off(3.0)
-    vehicle.go(0.0, 0.0, -3.0)
-    vehicle.offboard.start()
-    wait_until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
-    time.sleep(2.5)  # until it rests, leaning into the wind
-    leaning_m = (wind_m_s2[0] / PLANT.x.a0_per_s2, wind_m_s2[1] / PLANT.y.a0_per_s2)
-    x, y, z = FRAME.ned_from_mission((4.0, -2.0, 3.0))
-    sent_s = now_s()
-    vehicle.go(x, y, z)
-    time.sleep(1.5)
-    arrived = FRAME.mission_from_ned(vehicle.ned())
-    assert 50.0 < vehicle.telemetry.battery().remaining_percent <= 60.0
-    station.close()
-    (track,) = process.stop().tracks
+    with new_clock(SPEED) as name, stub_process([stub], name) as process:
+        station = Station([stub], name)
+        (vehicle,) = station.vehicles
+        clock = vehicle.clock
+        standing = vehicle.ned()
+        clock.until(lambda: vehicle.ned() != standing, "noise on the telemetry")
+        vehicle.take_off(3.0)
+        vehicle.go(0.0, 0.0, -3.0)
+        vehicle.offboard.start()
+        clock.until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
+        clock.sleep(12.5)  # until it rests, leaning into the wind
+        leaning_m = (wind_m_s2[0] / PLANT.x.a0_per_s2, wind_m_s2[1] / PLANT.y.a0_per_s2)
+        x, y, z = FRAME.ned_from_mission((4.0, -2.0, 3.0))
+        with clock.held_after():
+            sent_s = clock.now_s()
+            vehicle.go(x, y, z)
+            time.sleep(0.3)  # on its way the time stands still
+        clock.sleep(7.5)
+        arrived = FRAME.mission_from_ned(vehicle.ned())
+        assert 50.0 < vehicle.telemetry.battery().remaining_percent <= 60.0
+        station.close()
+        (track,) = process.stop().tracks
     window = (track.time_s > sent_s - 1.0) & (track.time_s < sent_s + 7.0)
     since_s = track.time_s[window] - sent_s - PLANT.delay_s
     flown_m = track.position_m[window, :2] - (3.0, 2.0) - np.array(leaning_m)
 
-    def misses_m(on_the_way_s: float) -> Vector:
-        answers = [flown(PLANT.x, 4.0, since_s - on_the_way_s), flown(PLANT.y, -2.0, since_s - on_the_way_s)]
-        return np.asarray(np.abs(flown_m - np.transpose(answers)))
-
-    # How long the setpoint was on its way depends on the machine: 10 ms on the wall clock are 0.05 s here.
-    on_the_way_s = minimize_scalar(lambda late_s: float(misses_m(late_s).max()), bounds=(0.0, 1.0)).x
-    assert on_the_way_s < 0.5
-    assert misses_m(on_the_way_s).max() < 0.03
+    answers = np.transpose([flown(PLANT.x, 4.0, since_s), flown(PLANT.y, -2.0, since_s)])
+    assert np.abs(flown_m - answers).max() < 0.03
     assert arrived == pytest.approx((4.0 + leaning_m[0], -2.0 + leaning_m[1], 3.0), abs=0.06)
 
 
@@ -327,7 +324,7 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
 def spawned(speed: float = SPEED) -> tuple[Any, Any]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=run_in_process, args=([config()], speed, theirs), daemon=True)
+    process = context.Process(target=run_in_process, args=([config()], partial(WallClock, speed), theirs), daemon=True)
     process.start()
     theirs.close()
     assert ours.poll(10.0)
@@ -346,8 +343,8 @@ def test_the_process_ends_with_its_parent_and_ignores_ctrl_c() -> None:
 
 
 def test_a_stub_that_cannot_run_says_why() -> None:
-    with pytest.raises(OSError, match="speed"):
-        StubProcess([config()], partial(WallClock, -1.0)).start()
+    with pytest.raises(OSError, match="no clock"):
+        StubProcess([config()], partial(GovernedClock, ClockName(0), Rank.STUBS)).start()
 
 
 def test_a_stub_that_was_killed_leaves_no_record() -> None:
@@ -369,24 +366,56 @@ async def test_whoever_speaks_to_a_vehicle_hears_it_too_and_garbage_hurts_nobody
         client.bind(("127.0.0.1", stub.client_port))
         for each in (client, guest):
             each.settimeout(2.0)
-        serving = asyncio.create_task(serve([stub], WallClock(SPEED), stop))
-        datagram, vehicle_address = await asyncio.to_thread(client.recvfrom, 2048)
-        guest.sendto(b"garbage", vehicle_address)
-        heard = await asyncio.to_thread(guest.recv, 2048)
-        for raw in (datagram, heard):
-            assert dialect.MAVLink(None).parse_buffer(raw)[0].get_srcSystem() == 7
-        stop.set()
-        record = await serving
+        with stub_clock(SPEED) as clock:
+            serving = asyncio.create_task(serve([stub], clock, stop))
+            datagram, vehicle_address = await asyncio.to_thread(client.recvfrom, 2048)
+            guest.sendto(b"garbage", vehicle_address)
+            heard = await asyncio.to_thread(guest.recv, 2048)
+            for raw in (datagram, heard):
+                assert dialect.MAVLink(None).parse_buffer(raw)[0].get_srcSystem() == 7
+            stop.set()
+            record = await serving
     assert record.dropped == {7: {"garbage": 1}}
 
 
+class SetClock:
+    """A clock that the test sets; whoever waits for a time looks at every setting."""
+
+    speed = SPEED
+
+    def __init__(self) -> None:
+        self._now_s, self._looked = 1000.0, asyncio.Event()
+        self._set = asyncio.Event()
+
+    def now_s(self) -> float:
+        return self._now_s
+
+    def call_at(self, time_s: float, call: Callable[[], object]) -> object:
+        raise NotImplementedError
+
+    async def sleep_until(self, _time_s: float) -> float:
+        self._looked.set()
+        await self._set.wait()
+        self._set.clear()
+        return self._now_s
+
+    async def set(self, now_s: float) -> None:
+        """Set the time, and return once it has been looked at."""
+        await self._looked.wait()
+        self._looked.clear()
+        self._now_s = now_s
+        self._set.set()
+        await self._looked.wait()
+
+    def close(self) -> None:
+        pass
+
+
 async def test_time_that_cannot_be_caught_up_is_given_up_and_told() -> None:
-    clock, stop = [1000.0], asyncio.Event()
-    serving = asyncio.create_task(serve([config()], WallClock(SPEED), stop))
+    clock, stop = SetClock(), asyncio.Event()
+    serving = asyncio.create_task(serve([config()], clock, stop))
     for now_s in (1001.0, 1051.0, 1051.4, 1051.8):
-        await asyncio.sleep(0.02)
-        clock[0] = now_s
-    await asyncio.sleep(0.02)
+        await clock.set(now_s)
     stop.set()
     record: StubRecord = await serving
     assert record.slipped_s == pytest.approx(0.5 + 49.5)
@@ -414,6 +443,8 @@ def test_configurations_that_make_no_vehicle_are_refused(subtests: pytest.Subtes
 def test_a_process_that_starts_stubs_still_holds_signals_back() -> None:
     program = """
 import signal
+from functools import partial
+from agents.shell.clock import WallClock
 from gcs.signals import ENDING, hold_back
 from sitl.server.process import StubProcess
 hold_back()

@@ -19,7 +19,8 @@ from mavsdk.plugins.action import ActionError, ActionResult
 from mavsdk.plugins.telemetry import StatusTextType
 
 from agents.ports import FlightMode, Setpoint, VehicleLink, VehicleRefusedError, VehicleStatus
-from agents.shell.clock import WallClock
+from agents.shell import clock as shell_clock
+from agents.shell.clock import MissionClock, WallClock
 from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
@@ -37,9 +38,11 @@ from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink_constants import MessageId, Outgoing
+from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
-from sitl.server.server import StubConfig, serve
-from tests.support.wire import free_port
+from sitl.server.server import StubConfig
+from sitl.server.shared_clock import ClockName, Rank, new_clock
+from tests.support.wire import Served, free_port, served, served_by, stub_clock, stub_process, until
 
 pytestmark = pytest.mark.wire
 
@@ -58,25 +61,27 @@ def url(name: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def stubs() -> Iterator[StubProcess]:
-    """Two vehicles with one system id."""
+def stubs() -> Iterator[ClockName]:
+    """Two vehicles, of which the twin has the other's system id, and their clock."""
     near = StubConfig(1, PORTS["near"], PLANT, FRAME)
     twin = StubConfig(1, PORTS["twin"], PLANT, FRAME, (10.0, 0.0))
-    process = StubProcess([near, twin], partial(WallClock, SPEED))
-    process.start()
-    yield process
-    process.stop()
-
-
-def clock() -> Callable[[], float]:
-    start_s = time.monotonic()
-    return lambda: (time.monotonic() - start_s) * SPEED
+    # Two clocks: what is under way is told apart by system ids.
+    with (
+        new_clock(SPEED) as name,
+        new_clock(SPEED) as other,
+        stub_process([near], name),
+        stub_process([twin], other),
+    ):
+        yield name
 
 
 @asynccontextmanager
-async def linked(name: str, system_id: int, **settings: Any) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry]]]:
-    hub, telemetry = MavsdkHub(), list[Telemetry]()
-    link = MavsdkLink(hub, LinkConfig(url(name), system_id, FRAME, **settings), WallClock(SPEED))
+async def link_on(
+    clock: MissionClock, link_url: str, system_id: int, frame: MissionFrame = FRAME, **settings: Any
+) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry]]]:
+    """Connect to a vehicle."""
+    hub, telemetry = MavsdkHub(clock), list[Telemetry]()
+    link = MavsdkLink(hub, LinkConfig(link_url, system_id, frame, **settings), clock)
     try:
         await link.connect(telemetry.append)
         yield link, telemetry
@@ -85,11 +90,33 @@ async def linked(name: str, system_id: int, **settings: Any) -> AsyncIterator[tu
         await hub.close()
 
 
-async def hold_setpoint(link: VehicleLink, setpoint: Setpoint, mission_s: float) -> None:
-    end_s = time.monotonic() + mission_s / SPEED
-    while time.monotonic() < end_s:
+def udp_in(config: StubConfig) -> str:
+    return f"udpin://127.0.0.1:{config.client_port}"
+
+
+@asynccontextmanager
+async def served_here() -> AsyncIterator[tuple[Served, str]]:
+    """Serve a stub in this process, where it can be watched, and yield its url."""
+    config = StubConfig(1, free_port(), PLANT, FRAME)
+    async with served([config], SPEED) as stubs:
+        yield stubs, udp_in(config)
+
+
+@asynccontextmanager
+async def linked(
+    clock_name: ClockName, system_id: int, **settings: Any
+) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry], GovernedClock]]:
+    """Connect to the vehicle of the module."""
+    with GovernedClock(clock_name, Rank.AGENTS) as clock:
+        async with link_on(clock, url("near"), system_id, **settings) as (link, telemetry):
+            yield link, telemetry, clock
+
+
+async def hold_setpoint(link: VehicleLink, setpoint: Setpoint, clock: MissionClock, duration_s: float) -> None:
+    end_s = clock.now_s() + duration_s
+    while clock.now_s() < end_s:
         link.send(setpoint)
-        await asyncio.sleep(0.02)
+        await clock.sleep(0.1)
 
 
 async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
@@ -97,33 +124,28 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
     mission = MissionFrame(FRAME.geodetic_from_mission((10.0, -20.0, -5.0)), x_bearing_rad=radians(-70.0))
     start_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((40.0, -25.0, 0.0)))
     config = StubConfig(2, free_port(), PLANT, FRAME, (40.0, -25.0), origin_offset_m=(0.45, -0.3, 0.25))
-    process, hub, telemetry = StubProcess([config], partial(WallClock, SPEED)), MavsdkHub(), list[Telemetry]()
-    process.start()
-    url = f"udpin://127.0.0.1:{config.client_port}"
-    link = MavsdkLink(hub, LinkConfig(url, 2, mission, truth=True), WallClock(SPEED))
-    await link.connect(telemetry.append)
-    await asyncio.sleep(0.3)
-    assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
-    assert link.truth is not None
-    assert dist(link.truth.samples[-1].position_m, start_m) < QUANTUM_M
-    for altitude_m in (9.0, 8.0):
-        await link.take_off(altitude_m)
-        assert (link.status.armed, link.status.in_air, link.status.mode) == (True, True, FlightMode.HOLD)
-        assert abs(telemetry[-1].position_m[2] - altitude_m) < 0.5
-        goal_m = (start_m[0] + 3.0, start_m[1] - 2.0, altitude_m)
-        link.send(Setpoint(goal_m))
-        await link.start_offboard()
-        assert mode_of(link) is FlightMode.OFFBOARD
-        await hold_setpoint(link, Setpoint(goal_m), 7.0)
-        assert dist(telemetry[-1].position_m, goal_m) < 0.05
-        await link.stop_offboard()
-        assert mode_of(link) is FlightMode.HOLD
-        await link.land()
-        assert not link.status.armed
-        await asyncio.sleep(0.1)
-    await link.close()
-    await hub.close()
-    truth = process.stop().tracks[0].position_m[-1].tolist()
+    with stub_clock(SPEED) as clock, stub_process([config], clock.name) as process:
+        async with link_on(clock, udp_in(config), 2, mission, truth=True) as (link, telemetry):
+            await clock.sleep(3.0)
+            assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
+            assert link.truth is not None
+            assert dist(link.truth.samples[-1].position_m, start_m) < QUANTUM_M
+            for altitude_m in (9.0, 8.0):
+                await link.take_off(altitude_m)
+                assert (link.status.armed, link.status.in_air, link.status.mode) == (True, True, FlightMode.HOLD)
+                assert abs(telemetry[-1].position_m[2] - altitude_m) < 0.5
+                goal_m = (start_m[0] + 3.0, start_m[1] - 2.0, altitude_m)
+                link.send(Setpoint(goal_m))
+                await link.start_offboard()
+                assert mode_of(link) is FlightMode.OFFBOARD
+                await hold_setpoint(link, Setpoint(goal_m), clock, 7.0)
+                assert dist(telemetry[-1].position_m, goal_m) < 0.05
+                await link.stop_offboard()
+                assert mode_of(link) is FlightMode.HOLD
+                await link.land()
+                assert not link.status.armed
+                await clock.sleep(1.0)
+        truth = process.stop().tracks[0].position_m[-1].tolist()
     truth_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((truth[0], truth[1], truth[2])))
     assert dist(truth_m, (*goal_m[:2], 5.0)) < 0.05
     assert dist(truth_m, telemetry[-1].position_m) < QUANTUM_M
@@ -139,15 +161,15 @@ def mode_of(link: VehicleLink) -> FlightMode:
     return link.status.mode
 
 
-async def test_velocity_and_yaw_are_in_the_mission_frame(stubs: StubProcess) -> None:
-    async with linked("near", 1) as (link, telemetry):
+async def test_velocity_and_yaw_are_in_the_mission_frame(stubs: ClockName) -> None:
+    async with linked(stubs, 1) as (link, telemetry, clock):
         await link.take_off(3.0)
         yaw_rad = radians(20.0)
         setpoint = Setpoint((12.0, 0.0, 3.0), yaw_rad)
         link.send(setpoint)
         await link.start_offboard()
         telemetry.clear()
-        await hold_setpoint(link, setpoint, 10.0)
+        await hold_setpoint(link, setpoint, clock, 10.0)
         fastest = max(telemetry, key=lambda sample: sample.velocity_m_s[0])
         assert fastest.velocity_m_s[0] > 3.0
         assert abs(fastest.velocity_m_s[1]) < 0.1
@@ -166,16 +188,17 @@ async def heading_of(link: MavsdkLink) -> float:
     return float((await link._parts.calls.run(link._parts.feed.plugin.attitude_euler)).yaw_deg)
 
 
-async def test_telemetry_comes_at_the_rate_asked_for(stubs: StubProcess) -> None:
-    async with linked("near", 1, pace=Pace(Rates(10.0, 2.0, 20.0))) as (_, telemetry):
-        await asyncio.sleep(0.3)
+async def test_telemetry_comes_at_the_rate_asked_for(stubs: ClockName) -> None:
+    async with linked(stubs, 1, pace=Pace(Rates(10.0, 2.0, 20.0))) as (_, telemetry, clock):
+        await clock.sleep(3.0)
         telemetry.clear()
-        await asyncio.sleep(1.2)
+        await clock.sleep(12.0)
         elapsed_s = telemetry[-1].time_s - telemetry[0].time_s
-        assert (len(telemetry) - 1) / elapsed_s == pytest.approx(10.0, rel=0.05)
+        assert (len(telemetry) - 1) / elapsed_s == pytest.approx(10.0, rel=0.01)
 
 
-async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def sent_by_stubs(monkeypatch: pytest.MonkeyPatch) -> Counter[MessageId]:
+    """Return the counts of the messages that stubs of this process send."""
     sent = Counter[MessageId]()
     send = MavlinkVehicle._send
 
@@ -184,41 +207,52 @@ async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.Monke
         send(vehicle, outgoing)
 
     monkeypatch.setattr(MavlinkVehicle, "_send", note)
-    async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 5.0) as (url, now_s):
-        hub = MavsdkHub()
-        pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
-        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, pace), now_s, 5.0)
-        await link.connect(lambda sample: None)
-        sent.clear()
-        began_s = now_s()
-        await asyncio.sleep(2.0)
-        came_hz = {message: count / (now_s() - began_s) for message, count in sent.items()}
-        assert came_hz[MessageId.LOCAL_POSITION_NED] == pytest.approx(10.0, rel=0.1)
-        assert came_hz[MessageId.ATTITUDE] == pytest.approx(2.0, rel=0.15)
-        assert came_hz[MessageId.EXTENDED_SYS_STATE] == pytest.approx(2.0, rel=0.15)
-        for message in (MessageId.SYS_STATUS, MessageId.GPS_RAW_INT, MessageId.GLOBAL_POSITION_INT):
-            assert came_hz[message] <= 2.0 * 1.15, message
+    return sent
+
+
+async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent = sent_by_stubs(monkeypatch)
+    pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
+    async with served_here() as (served, link_url):
+        clock = served.clock
+
+        async def rates_hz(duration_s: float) -> dict[MessageId, float]:
+            sent.clear()
+            await clock.sleep(duration_s)
+            return {message: count / duration_s for message, count in sent.items()}
+
+        async with link_on(clock, link_url, 1, pace=pace):
+            came_hz = await rates_hz(10.0)
+            assert came_hz[MessageId.LOCAL_POSITION_NED] == pytest.approx(10.0, rel=0.02)
+            assert came_hz[MessageId.ATTITUDE] == pytest.approx(2.0, rel=0.06)
+            assert came_hz[MessageId.EXTENDED_SYS_STATE] == pytest.approx(2.0, rel=0.06)
+            for message in (MessageId.SYS_STATUS, MessageId.GPS_RAW_INT, MessageId.GLOBAL_POSITION_INT):
+                assert came_hz[message] <= 2.0 * 1.06, message
+
+
+async def test_setpoints_that_a_bound_link_holds_back_do_not_hold_up_the_clock() -> None:
+    pace = Pace(Rates(20.0, 2.0, 5.0), limits_setpoints=True)
+    async with served_here() as (served, link_url), link_on(served.clock, link_url, 1, pace=pace) as (link, _):
+        clock, began_wall_s = served.clock, time.monotonic()
+        for index in range(100):
+            link.send(Setpoint((0.0, 0.0, 0.001 * index)))
+            await clock.sleep(0.05)
+        assert time.monotonic() - began_wall_s < 10.0, "half a second of the wall for each"
+        assert served.stubs[1].setpoints > 0
+
+
+async def test_the_clock_is_measured_at_its_own_rate_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
+    # By the wall, as of a vehicle that is no stub of the flight: a governed clock is not measured.
+    sent = sent_by_stubs(monkeypatch)
+    pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
+    config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock(5.0)
+    async with served_by(clock, [config]), link_on(clock, udp_in(config), 1, pace=pace) as (link, _):
         sent.clear()
         assert await link.measure_speed(1.0) == 5.0
         assert sent[MessageId.ATTITUDE] >= 0.8 * 25.0 * 5.0
         sent.clear()
-        began_s = now_s()
-        await asyncio.sleep(1.0)
-        assert sent[MessageId.ATTITUDE] / (now_s() - began_s) == pytest.approx(2.0, abs=0.6)
-        await link.close()
-        await hub.close()
-
-
-@asynccontextmanager
-async def served_here(config: StubConfig, speed: float) -> AsyncIterator[tuple[str, Callable[[], float]]]:
-    """Serve a stub in this process, where it can be watched; yield its url and its clock."""
-    stop, now_s = asyncio.Event(), unix_clock(speed)
-    stub = asyncio.create_task(serve([config], WallClock(speed), stop))
-    try:
-        yield f"udpin://127.0.0.1:{config.client_port}", now_s
-    finally:
-        stop.set()
-        await stub
+        await clock.sleep(5.0)
+        assert sent[MessageId.ATTITUDE] / 5.0 == pytest.approx(2.0, abs=0.6)
 
 
 @pytest.mark.parametrize(("rate_hz", "expected_hz"), [(None, 20.0), (5.0, 5.0)])
@@ -235,24 +269,23 @@ async def test_setpoints_are_handed_on_at_the_rate_asked_for(
 
     monkeypatch.setattr(Autopilot, "receive_setpoint", note)
     pace = Pace(Rates(20.0, 2.0, rate_hz or 20.0), limits_setpoints=rate_hz is not None)
-    async with served_here(StubConfig(1, free_port(), PLANT, FRAME), 2.0) as (url, now_s):
-        hub = MavsdkHub()
-        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME, pace), now_s, 2.0)
-        await link.connect(lambda sample: None)
-        began_s = now_s()
-        async for tick in Ticker(0.05, now_s, speed=2.0):
+    # By the wall, as the relay keeps the rate.
+    config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock(2.0)
+    async with served_by(clock, [config]), link_on(clock, udp_in(config), 1, pace=pace) as (link, _):
+        began_s = clock.now_s()
+        async for tick in Ticker(0.05, clock):
             link.send(Setpoint((0.0, 0.0, 0.001 * tick.index)))
-            if now_s() - began_s > 4.0:
+            if clock.now_s() - began_s > 4.0:
                 break
-        await link.close()
-        await hub.close()
     counted = received if rate_hz is not None else {round(z, 4) for z in received}
     assert len(counted) / 4.0 == pytest.approx(expected_hz, rel=0.15)
 
 
-async def test_the_speed_of_a_simulation_is_measured(stubs: StubProcess) -> None:
-    async with linked("near", 1) as (link, _):
-        assert await link.measure_speed() == SPEED
+async def test_the_speed_of_a_governed_clock_needs_no_measurement(stubs: ClockName) -> None:
+    async with linked(stubs, 1) as (link, _, clock):
+        began_s = clock.now_s()
+        assert await link.measure_speed() == 1.0
+        assert clock.now_s() - began_s == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_speed_near_a_whole_number_is_that_number(subtests: pytest.Subtests) -> None:
@@ -273,8 +306,8 @@ def test_a_speed_near_a_whole_number_is_that_number(subtests: pytest.Subtests) -
             assert link_calls.clock_ratio([], 1.0) is None
 
 
-async def test_what_is_out_of_order_is_refused(stubs: StubProcess) -> None:
-    async with linked("near", 1) as (link, _):
+async def test_what_is_out_of_order_is_refused(stubs: ClockName) -> None:
+    async with linked(stubs, 1) as (link, _, _):
         with pytest.raises(VehicleRefusedError, match="no setpoint") as refusal:
             await link.start_offboard()
         assert refusal.value.next_step == "send setpoints first"
@@ -284,14 +317,14 @@ async def test_what_is_out_of_order_is_refused(stubs: StubProcess) -> None:
         await link.land()
 
 
-async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again(stubs: StubProcess) -> None:
-    async with linked("near", 1) as (link, telemetry):
+async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again(stubs: ClockName) -> None:
+    async with linked(stubs, 1) as (link, telemetry, _):
         await link.take_off(3.0)
         link.send(Setpoint(telemetry[-1].position_m))
         await link.start_offboard()
     # With the link closed nobody repeats the setpoint: the failsafe lands it, in a mode that does not arm.
-    async with linked("near", 1) as (link, _):
-        await until(lambda: not link.status.armed)
+    async with linked(stubs, 1) as (link, _, clock):
+        await until(lambda: not link.status.armed, 50.0, clock=clock)
         assert link.status.mode not in (FlightMode.HOLD, FlightMode.READY)
         await link.take_off(3.0)
         await link.land()
@@ -328,9 +361,9 @@ def test_mavsdk_writes_nothing_to_standard_output() -> None:
     assert (ran.stdout, ran.stderr) == ("", "")
 
 
-async def test_the_wrong_vehicle_is_refused_with_both_ids(stubs: StubProcess) -> None:
+async def test_the_wrong_vehicle_is_refused_with_both_ids(stubs: ClockName) -> None:
     with pytest.raises(VehicleRefusedError, match="carries system id 1, not 7"):
-        async with linked("near", 7):
+        async with linked(stubs, 7):
             pass
 
 
@@ -345,7 +378,7 @@ async def test_a_taken_port_is_refused_and_left_alone() -> None:
         await hub.close()
 
 
-async def test_two_vehicles_with_one_system_id_are_refused(stubs: StubProcess) -> None:
+async def test_two_vehicles_with_one_system_id_are_refused(stubs: ClockName) -> None:
     hub = MavsdkHub()
     try:
         await hub.find(url("near"), 1, 5.0)
@@ -406,13 +439,6 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     second.stop()
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 5.0) -> None:
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "waited in vain"
-        await asyncio.sleep(0.02)
-
-
 class FakeFeed:
     """A feed that nothing arrives on."""
 
@@ -429,22 +455,22 @@ class FakeFeed:
 
 @pytest.fixture
 def calls_and_feed(monkeypatch: pytest.MonkeyPatch) -> tuple[VehicleCalls, FakeFeed]:
-    monkeypatch.setattr(link_calls, "WALL_WAIT_MIN_S", 0.05)
+    monkeypatch.setattr(shell_clock, "_WALL_WAIT_MIN_S", 0.005)
     monkeypatch.setattr(link_calls, "TEXT_DELAY_S", 0.0)
     feed = FakeFeed(lambda: SimpleNamespace(latitude_deg=float("nan"), longitude_deg=0.0, altitude_m=0.0))
-    return VehicleCalls(4, cast(VehicleFeed, feed), speed=10.0), feed
+    return VehicleCalls(4, cast(VehicleFeed, feed), WallClock(10.0)), feed
 
 
 async def test_a_vehicle_that_finds_itself_nowhere_is_refused(calls_and_feed: tuple[VehicleCalls, FakeFeed]) -> None:
     calls, feed = calls_and_feed
     with pytest.raises(VehicleRefusedError) as refusal:
-        await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
+        await find_origin(calls, cast(VehicleFeed, feed), FRAME, WallClock(10.0), 0.1)
     for fact in ("0.1 s", "(global position, arming checks)", "“Preflight Fail: no GPS”"):
         assert fact in refusal.value.reason
     assert "is using GPS" not in refusal.value.reason
     feed.plugin.get_gps_global_origin = lambda: Geodetic(-33.9, 151.2, 20.0)
     with pytest.raises(VehicleRefusedError, match="km from the mission's origin") as refusal:
-        await find_origin(calls, cast(VehicleFeed, feed), FRAME, 0.1)
+        await find_origin(calls, cast(VehicleFeed, feed), FRAME, WallClock(10.0), 0.1)
     assert "[frame]" in refusal.value.next_step
     await calls.close()
 
@@ -494,23 +520,18 @@ INDOORS = MissionFrame(None, x_bearing_rad=BEARING_RAD)
 
 async def test_a_vehicle_without_gps_flies_in_a_local_frame_from_where_it_was_told_to_begin() -> None:
     config = StubConfig(3, free_port(), PLANT, INDOORS, (2.0, 1.0), origin_offset_m=(-1.5, 0.5, 0.0), gps=False)
-    process, hub, telemetry = StubProcess([config], partial(WallClock, SPEED)), MavsdkHub(), list[Telemetry]()
-    process.start()
-    url = f"udpin://127.0.0.1:{config.client_port}"
-    link = MavsdkLink(hub, LinkConfig(url, 3, INDOORS, origin_m=(0.5, 1.5, 0.0)), WallClock(SPEED))
-    await link.connect(telemetry.append)
-    await until(lambda: bool(telemetry))
-    assert dist(telemetry[-1].position_m, (2.0, 1.0, 0.0)) < 1e-3
-    for goal_m in ((4.0, 3.0, 2.0), (1.0, 2.0, 1.5)):
-        await link.take_off(goal_m[2])
-        link.send(Setpoint(goal_m))
-        await link.start_offboard()
-        await hold_setpoint(link, Setpoint(goal_m), 7.0)
-        assert dist(telemetry[-1].position_m, goal_m) < 0.05
-        await link.stop_offboard()
-        await link.land()
-        assert not link.status.armed
-    await link.close()
-    await hub.close()
-    truth = process.stop().tracks[0].position_m[-1].tolist()
+    with stub_clock(SPEED) as clock, stub_process([config], clock.name) as process:
+        async with link_on(clock, udp_in(config), 3, INDOORS, origin_m=(0.5, 1.5, 0.0)) as (link, telemetry):
+            await until(lambda: bool(telemetry), clock=clock)
+            assert dist(telemetry[-1].position_m, (2.0, 1.0, 0.0)) < 1e-3
+            for goal_m in ((4.0, 3.0, 2.0), (1.0, 2.0, 1.5)):
+                await link.take_off(goal_m[2])
+                link.send(Setpoint(goal_m))
+                await link.start_offboard()
+                await hold_setpoint(link, Setpoint(goal_m), clock, 7.0)
+                assert dist(telemetry[-1].position_m, goal_m) < 0.05
+                await link.stop_offboard()
+                await link.land()
+                assert not link.status.armed
+        truth = process.stop().tracks[0].position_m[-1].tolist()
     assert dist(truth, (*goal_m[:2], 0.0)) < 0.05
