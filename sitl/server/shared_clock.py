@@ -160,26 +160,34 @@ def new_clock(speed: float, ports: Collection[int] = ()) -> Iterator[ClockName]:
     """
     if isnan(speed) or speed <= 0.0:
         raise ValueError(f"speed = {speed}: it must be positive")
+    name = ClockName(int.from_bytes(os.urandom(4)))
     try:
         _remove_abandoned()
-        name = ClockName(int.from_bytes(os.urandom(4)))
-        name.folder.mkdir(mode=0o700)
+        owned = _write_folder(name, speed, ports)
     except OSError as error:
         raise ClockError(f"no memory can be shared in {clocks_folder()}: {error}") from error
-    owned = -1
     try:
-        try:
-            owned = os.open(name.folder / "owner", os.O_CREAT | os.O_RDWR, 0o600)
-            fcntl.flock(owned, fcntl.LOCK_EX)
-            _write_memory(name.folder / "memory", speed)
-            (name.folder / "ports").write_text(" ".join(map(str, sorted(ports))))
-        except OSError as error:
-            raise ClockError(f"no memory can be shared in {clocks_folder()}: {error}") from error
         yield name
     finally:
         shutil.rmtree(name.folder, ignore_errors=True)
-        if owned >= 0:
-            os.close(owned)
+        os.close(owned)
+
+
+def _write_folder(name: ClockName, speed: float, ports: Collection[int]) -> int:
+    """Write the folder of a clock; return the descriptor that shows that it is owned, while it is open."""
+    # Under another name at first: without an owner it would look abandoned.
+    folder = Path(tempfile.mkdtemp(prefix=".cordon-clock-", dir=clocks_folder()))
+    owned = os.open(folder / "owner", os.O_CREAT | os.O_RDWR, 0o600)
+    try:
+        fcntl.flock(owned, fcntl.LOCK_EX)
+        _write_memory(folder / "memory", speed)
+        (folder / "ports").write_text(" ".join(map(str, sorted(ports))))
+        folder.rename(name.folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(owned)
+        raise
+    return owned
 
 
 def clock_of(ports: Collection[int]) -> ClockName | None:

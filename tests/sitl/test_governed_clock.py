@@ -12,7 +12,7 @@ from math import inf
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sitl.server import shared_clock
@@ -34,6 +34,7 @@ def fast() -> Iterator[ClockName]:
         yield name
 
 
+@settings(max_examples=20)
 @given(st.lists(st.lists(st.integers(1, 50), min_size=1, max_size=8), min_size=2, max_size=5), st.randoms())
 def test_events_happen_in_their_order_whoever_looks_first(
     periods_us: list[list[int]],

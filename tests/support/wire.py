@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -48,9 +48,12 @@ def _is_free(port: int) -> bool:
 
 
 @contextmanager
-def stub_clock(speed: float) -> Iterator[GovernedClock]:
-    """Make a governed clock for stubs of this event loop and for what flies them, or for those of `stub_process`."""
-    with new_clock(speed) as name, GovernedClock(name, Rank.STUBS) as clock:
+def stub_clock(speed: float, ports: Collection[int] = ()) -> Iterator[GovernedClock]:
+    """Make a governed clock for stubs of this event loop and for what flies them, or for those of `stub_process`.
+
+    `cordon fly` joins it by the ports that its stubs send to.
+    """
+    with new_clock(speed, ports) as name, GovernedClock(name, Rank.STUBS) as clock:
         yield clock
 
 
@@ -98,7 +101,7 @@ async def served_by(clock: StubClock, configs: Sequence[StubConfig]) -> AsyncIte
 @asynccontextmanager
 async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[Served]:
     """Serve stub vehicles in this process on a governed clock of their own."""
-    with stub_clock(speed) as clock:
+    with stub_clock(speed, {config.client_port for config in configs}) as clock:
         async with served_by(clock, configs) as stubs:
             yield Served(clock, stubs)
 

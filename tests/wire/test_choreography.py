@@ -15,7 +15,6 @@ from rich.console import Console
 from agents.ports import VehicleRefusedError
 from agents.shell.bus.zenoh_bus import single_bus
 from agents.shell.bus.zenoh_session import BusTeam
-from agents.shell.clock import MissionClock
 from agents.shell.outcome import Ending
 from agents.team import participant
 from agents.team.codec import encode
@@ -29,8 +28,10 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
+from sitl.server.governed_clock import Alarm, GovernedClock
+from sitl.server.shared_clock import ClockName, Rank
 from tests.support.mission_text import INSECURE, LOW
-from tests.support.wire import served
+from tests.support.wire import Served, served
 from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
@@ -38,8 +39,8 @@ pytestmark = pytest.mark.wire
 SPEED = 5.0
 
 
-async def flown(mission: Mission, duration_s: float, findings: list[Finding]) -> Flight:
-    plan = FlightPlan(mission, duration_s, mission.vehicles, speed=SPEED)
+async def flown(mission: Mission, stubs: Served, findings: list[Finding]) -> Flight:
+    plan = FlightPlan(mission, 5.0, mission.vehicles, speed=None, clock=stubs.clock.name)
     return await fly(plan, LiveView(Console(file=StringIO())), findings.extend)
 
 
@@ -74,9 +75,9 @@ async def test_what_the_check_refuses_is_told_and_nothing_is_armed(
     mission = load_mission(mission_file("case2"))
     one, two, three = stub_configs(mission)
     watched, told = Watched(monkeypatch), list[Finding]()
-    async with served([one, replace(two, battery_fraction=0.1), three], SPEED):
+    async with served([one, replace(two, battery_fraction=0.1), three], SPEED) as stubs:
         with pytest.raises(VehicleRefusedError, match="nothing was armed") as refused:
-            await flown(mission, 5.0, told)
+            await flown(mission, stubs, told)
     grave = [(finding.subject, finding.found) for finding in told if finding.grade is Grade.REFUSE]
     assert grave == [("vehicle 2", "its battery is at 10%")]
     assert "cordon check" in refused.value.next_step
@@ -91,7 +92,7 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
     monkeypatch.setattr(Autopilot, "_arming_fault", lambda _autopilot: words)
     environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
     async with served(stub_configs(load_mission(path)), SPEED):
-        command = ("-m", "gcs", "fly", path, "--json", "--speed", str(SPEED))
+        command = ("-m", "gcs", "fly", path, "--json")
         process = await asyncio.create_subprocess_exec(
             sys.executable, *command, env=environment, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
         )
@@ -111,8 +112,8 @@ async def test_a_peer_whose_computer_has_another_time(
     mission = load_mission(mission_file("case2", INSECURE))
     one, _, three = mission.vehicles
     watched, told = Watched(monkeypatch), list[Finding]()
-    plan = FlightPlan(mission, 5.0, (one,), speed=SPEED)
-    async with served(stub_configs(mission)[:1], SPEED), mustering(mission, three, ahead_s):
+    async with served(stub_configs(mission)[:1], SPEED) as stubs, mustering(mission, three, ahead_s, stubs.clock):
+        plan = FlightPlan(mission, 5.0, (one,), speed=None, clock=stubs.clock.name)
         outcome = (await fly(plan, LiveView(Console(file=StringIO())), told.extend)).outcomes[1]
     assert outcome.ending is Ending.REFUSED
     assert outcome.flew is not refused
@@ -129,18 +130,24 @@ async def test_a_peer_whose_computer_has_another_time(
 async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ahead_s = iter((0.0, 0.7))
+    offsets_s = iter((0.0, 0.7))
 
-    def computers_clock(speed: float) -> MissionClock:
-        clock = MissionClock(speed)
-        clock._offset_s += next(ahead_s)
-        return clock
+    class ComputersClock(GovernedClock):
+        def __init__(self, name: ClockName, rank: Rank) -> None:
+            super().__init__(name, rank)
+            self._ahead_s = next(offsets_s)
 
-    monkeypatch.setattr("gcs.flight.flight.MissionClock", computers_clock)
+        def now_s(self) -> float:
+            return super().now_s() + self._ahead_s
+
+        def call_at(self, time_s: float, call: Callable[[], object]) -> Alarm:
+            return super().call_at(time_s - self._ahead_s, call)
+
+    monkeypatch.setattr("gcs.flight.flight.GovernedClock", ComputersClock)
     mission = load_mission(mission_file("case2"))
     watched, two = Watched(monkeypatch), mission.vehicles[:2]
-    plans = [FlightPlan(mission, 5.0, (vehicle,), speed=SPEED) for vehicle in two]
-    async with served(stub_configs(mission)[:2], SPEED):
+    async with served(stub_configs(mission)[:2], SPEED) as stubs:
+        plans = [FlightPlan(mission, 5.0, (each,), speed=None, clock=stubs.clock.name) for each in two]
         flights = await asyncio.gather(*(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans))
     one, other = (outcome for flight in flights for outcome in flight.outcomes.values())
     assert (one.ending, one.flew, other.ending, other.flew) == (Ending.REFUSED, False, Ending.REFUSED, False)
@@ -150,19 +157,19 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
 
 
 @asynccontextmanager
-async def mustering(mission: Mission, vehicle: MissionVehicle, ahead_s: float) -> AsyncIterator[None]:
+async def mustering(
+    mission: Mission, vehicle: MissionVehicle, ahead_s: float, clock: GovernedClock
+) -> AsyncIterator[None]:
     """Let one vehicle be up and ready on a computer whose clock is ahead, and never propose a start."""
     others = [each.section.endpoint for each in mission.vehicles if each.id != vehicle.id]
-    own, clock = participant.vehicle(vehicle.id), MissionClock(SPEED)
+    own = participant.vehicle(vehicle.id)
     bus = single_bus(own, BusTeam(mission.network.team, mission.ids), vehicle.section.endpoint, others)
     await bus.open(lambda *_: None, lambda *_: None, lambda *_: None)
 
     async def speak() -> None:
         while True:
-            bus.publish(
-                TOPICS[StartProposal].name, encode(StartProposal(vehicle.id, clock.now_s() + ahead_s * SPEED, None))
-            )
-            await asyncio.sleep(0.05)
+            bus.publish(TOPICS[StartProposal].name, encode(StartProposal(vehicle.id, clock.now_s() + ahead_s, None)))
+            await clock.sleep(0.05)
 
     speaking = asyncio.create_task(speak())
     try:
@@ -178,14 +185,14 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for_and_a_second_mi
     mission = load_mission(mission_file("case2", LOW))
     one, two, three = stub_configs(mission)
     watched, told, written = Watched(monkeypatch), list[Finding](), StringIO()
-    async with served([one, replace(two, localised=False), three], SPEED):
-        plan = FlightPlan(mission, 5.0, mission.vehicles, speed=SPEED, wait_s=0.0)
+    async with served([one, replace(two, localised=False), three], SPEED) as stubs:
+        plan = FlightPlan(mission, 5.0, mission.vehicles, speed=None, wait_s=0.0, clock=stubs.clock.name)
         with pytest.raises(VehicleRefusedError, match="nothing was armed"):
             await fly(plan, LiveView(Console(file=written)), told.extend)
         assert {each.subject for each in told if each.grade is Grade.REFUSE} == {"vehicle 2"}
         assert watched.asked == []
         told.clear()
-        asyncio.get_running_loop().call_later(14.0, setattr, watched.vehicles[1], "_localised", True)
+        asyncio.get_running_loop().call_later(7.0, setattr, watched.vehicles[1], "_localised", True)
         for _ in range(2):
             flight = await fly(replace(plan, wait_s=60.0), LiveView(Console(file=written)), told.extend)
             assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3

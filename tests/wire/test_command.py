@@ -1,6 +1,7 @@
 """An operator's commands to a flying team, from another terminal and by keys: answered, obeyed, able to end it."""
 
 import asyncio
+import fcntl
 import json
 import os
 import pty
@@ -28,7 +29,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
-from tests.support.wire import StubWatch, served, until
+from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
 
@@ -40,9 +41,9 @@ HIGH_M = 8.0
 class Team:
     """A mission in flight on stubs of this process: what each vehicle does, and what was said about it."""
 
-    def __init__(self, mission: Mission, watch: StubWatch) -> None:
+    def __init__(self, mission: Mission) -> None:
         self.mission = mission
-        self.watch = watch
+        self.vehicles: dict[int, Autopilot] = {}
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
         self.flight: asyncio.Task[Flight]
@@ -68,14 +69,16 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
     async def flying() -> AsyncIterator[Team]:
         changes = ('name = "case2"', 'name = "commanded"'), ("endpoint =", f"altitude_m = {HIGH_M}\nendpoint =")
         mission = load_mission(mission_file("case2", *changes))
-        team = Team(mission, StubWatch(monkeypatch))
+        team = Team(mission)
         view = LiveView(Console(file=StringIO()))
         monkeypatch.setattr(
             view, "update", lambda rows, *_: team.tactics.update({row.vehicle_id: row.tactic for row in rows})
         )
         monkeypatch.setattr(view, "print_line", lambda text, *_: team.said.append(text))
-        async with served(stub_configs(mission), SPEED):
-            team.flight = asyncio.create_task(fly(FlightPlan(mission, 120.0, mission.vehicles, speed=SPEED), view))
+        async with served(stub_configs(mission), SPEED) as stubs:
+            team.vehicles = stubs.vehicles
+            plan = FlightPlan(mission, 300.0, mission.vehicles, speed=None, clock=stubs.clock.name)
+            team.flight = asyncio.create_task(fly(plan, view))
             try:
                 await until(lambda: team.flight.done() or list(team.tactics.values()) == ["formation"] * 3, 60.0)
                 assert not team.flight.done(), team.flight.result()
@@ -138,14 +141,14 @@ async def _point_out_what_cannot_be(team: Team) -> None:
 
 async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...]) -> None:
     """Kill a vehicle in the air; the others that are armed stay so."""
-    killed = team.watch.vehicles[vehicle_id]
+    killed = team.vehicles[vehicle_id]
     assert killed.armed
     assert not killed.landed, "it has to be in the air, or this shows nothing"
     fell = asyncio.create_task(until(lambda: not killed.armed, 3.0))
     assert await team.command("kill", vehicle_id) == {vehicle_id: "motors cut"}
     await fell
     await until(lambda: any(f"vehicle {vehicle_id}: kill by" in line for line in team.said), 2.0)
-    assert all(team.watch.vehicles[i].armed for i in armed), "nobody else was meant"
+    assert all(team.vehicles[i].armed for i in armed), "nobody else was meant"
 
 
 async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,13 +162,13 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
 
     await _kill(team, 3, armed=(1, 2))
     assert await team.command("land", 2) == {2: "lands"}
-    await until(lambda: team.watch.vehicles[2].mode is NavMode.LAND)
+    await until(lambda: team.vehicles[2].mode is NavMode.LAND)
     await _kill(team, 2, armed=(1,))
-    team.watch.vehicles[1].select(NavMode.HOLD)
+    team.vehicles[1].select(NavMode.HOLD)
     await until(lambda: team.tactics[1] == "pilot override")
     monkeypatch.setattr(Autopilot, "disarm", stubborn)
     assert await team.command("kill", 1) == {1: "motors cut"}
-    assert not team.watch.vehicles[1].armed
+    assert not team.vehicles[1].armed
     assert refusals < 0, "the kill is repeated"
     outcomes = await team.outcomes()
     assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
@@ -177,17 +180,17 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
 ) -> None:
     path = mission_file("case2")
     mission = load_mission(path)
-    watch, tactics = StubWatch(monkeypatch), dict[int, str]()
+    tactics = dict[int, str]()
     view = LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", lambda rows, *_: tactics.update({row.vehicle_id: row.tactic for row in rows}))
-    async with served(stub_configs(mission), SPEED):
+    async with served(stub_configs(mission), SPEED) as stubs:
         child, person = pty.fork()
         if child == 0:
             os.environ |= {"TERM": "xterm", "COLUMNS": "120"}
-            command = [sys.executable, "-m", "gcs", "fly", path, "--only", "1", "--speed", str(SPEED)]
+            command = [sys.executable, "-m", "gcs", "fly", path, "--only", "1", "--duration", "300"]
             os.execv(sys.executable, command)
         terminal, shown = Terminal(person), termios.tcgetattr(person)
-        plan = FlightPlan(mission, 120.0, mission.vehicles[1:], speed=SPEED)
+        plan = FlightPlan(mission, 300.0, mission.vehicles[1:], speed=None, clock=stubs.clock.name)
         flight = asyncio.create_task(fly(plan, view))
         try:
             await until(lambda: list(tactics.values()) == ["formation"] * 2, 30.0)
@@ -196,7 +199,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await until(lambda: list(tactics.values()) == ["hold"] * 2)
             await until(lambda: bool(re.search("vehicle 1: hold by [^ ]+: holds", terminal.text)))
             await until(lambda: "vehicle 2: answers: holds" in terminal.text)
-            watch.vehicles[2].select(NavMode.HOLD)  # its pilot
+            stubs.vehicles[2].select(NavMode.HOLD)  # its pilot
             await until(lambda: tactics[2] == "pilot override" and "2: hold -> pilot override" in terminal.text)
             await by_hand(terminal, "rrr")
             await until(lambda: "take vehicle 2 from the pilot?" in terminal.text)
@@ -205,11 +208,11 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             terminal.type("kkkkyyyy")
             await until(lambda: "pasted" in terminal.text)
             assert tactics == {2: "pilot override", 3: "hold"}
-            assert all(vehicle.armed for vehicle in watch.vehicles.values())
+            assert all(vehicle.armed for vehicle in stubs.vehicles.values())
             await by_hand(terminal, "2ry")
             await until(lambda: tactics == {2: "formation", 3: "hold"})
             await by_hand(terminal, "kkill\n")
-            await until(lambda: not any(vehicle.armed for vehicle in watch.vehicles.values()))
+            await until(lambda: not any(vehicle.armed for vehicle in stubs.vehicles.values()))
             outcomes = (await flight).outcomes
             assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
             await until(lambda: terminal.ended, 20.0, "the end of the other process")
@@ -242,6 +245,7 @@ async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mi
 async def by_hand(terminal: "Terminal", keys: str) -> None:
     for key in keys:
         terminal.type(key)
+        await until(lambda: terminal.is_read, 20.0, "the key read")  # keys that are read together are pasted ones
         await asyncio.sleep(0.05)
 
 
@@ -253,6 +257,15 @@ class Terminal:
         self.text = ""
         self.ended = False
         asyncio.get_running_loop().add_reader(fd, self._read)
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the program has read everything that was typed."""
+        far_end = os.open(os.ptsname(self._fd), os.O_RDWR | os.O_NOCTTY)
+        try:
+            return int.from_bytes(fcntl.ioctl(far_end, termios.FIONREAD, bytes(4)), sys.byteorder) == 0
+        finally:
+            os.close(far_end)
 
     def type(self, keys: str) -> None:
         os.write(self._fd, keys.encode())

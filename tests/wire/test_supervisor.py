@@ -1,6 +1,6 @@
 """The dead-man: a flying process that is killed, stopped or hangs is out of offboard in time; who is orphaned lands.
 
-The vehicles are stubs of this process, on a clock that runs fast until the fault and at the wall's pace from then on.
+The vehicles are stubs of this process, on a governed clock, of which all times are.
 The controls fly the same process unsupervised: the test holds the other end of the socket pair, and watches nothing.
 """
 
@@ -12,23 +12,21 @@ import signal
 import socket
 import sys
 import termios
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from agents.shell.clock import WallClock
 from gcs.drill.flight import ProcessUnderTest
 from gcs.drill.process_under_test import SOCKET
-from gcs.drill.stubs import StubClock
 from gcs.flight.faults.team_faults import HANG_S, Hang, TeamFaults
 from gcs.flight.stubs import stub_configs
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
 from gcs.mission.file import load_mission
 from sitl.autopilot.modes import NavMode
-from sitl.server.server import serve
-from tests.support.wire import StubWatch, until
+from tests.support.wire import Served, served, until
 
 pytestmark = pytest.mark.wire
 
@@ -44,13 +42,11 @@ Fault = signal.Signals | Hang
 class Flight:
     """A team in flight: the process that was started, the one that flies, and the vehicles as they truly are."""
 
-    def __init__(
-        self, process: asyncio.subprocess.Process, under_test: ProcessUnderTest, watch: StubWatch, clock: StubClock
-    ) -> None:
+    def __init__(self, process: asyncio.subprocess.Process, under_test: ProcessUnderTest, served: Served) -> None:
         self.process = process
-        self.clock = clock
+        self.clock = served.clock
         self.under_test = under_test
-        self._watch = watch
+        self._served = served
 
     @property
     def flying_pid(self) -> int:
@@ -65,23 +61,29 @@ class Flight:
 
     @property
     def all_in_offboard(self) -> bool:
-        return {vehicle.mode for vehicle in self._watch.vehicles.values()} == {NavMode.OFFBOARD}
+        return {vehicle.mode for vehicle in self._served.vehicles.values()} == {NavMode.OFFBOARD}
 
     @property
     def none_in_offboard(self) -> bool:
-        return NavMode.OFFBOARD not in {vehicle.mode for vehicle in self._watch.vehicles.values()}
+        return NavMode.OFFBOARD not in {vehicle.mode for vehicle in self._served.vehicles.values()}
 
     @property
     def all_down(self) -> bool:
-        return not any(vehicle.armed for vehicle in self._watch.vehicles.values())
+        return not any(vehicle.armed for vehicle in self._served.vehicles.values())
 
-    def setpoints_since(self, since_s: float) -> int:
-        return min(self._watch.received_since(system_id, since_s) for system_id in self._watch.vehicles)
+    @property
+    def setpoints(self) -> int:
+        """How many setpoints the vehicle has received that has received the fewest."""
+        return min(stub.setpoints for stub in self._served.stubs.values())
+
+    async def until(self, condition: Callable[[], bool], timeout_s: float, waiting_for: str) -> float:
+        """Wait for a condition on the clock, and return the time when it became true."""
+        return await until(condition, timeout_s, waiting_for, clock=self.clock)
 
     async def aloft(self) -> None:
         """Wait until everybody is in offboard."""
-        await until(lambda: len(self._watch.vehicles) == 3 and self.all_in_offboard, 30.0, "everybody in offboard")
-        await asyncio.sleep(0.5)
+        await self.until(lambda: self.all_in_offboard, 300.0, "everybody in offboard")
+        await self.clock.sleep(2.0)
 
     async def ended(self, timeout_s: float = 30.0) -> tuple[int, str]:
         """Wait for the end of both processes; return the exit code of the one started, and what both told."""
@@ -95,7 +97,7 @@ Fly = Callable[..., Awaitable[Flight]]
 
 
 @pytest.fixture
-async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Fly]:
+async def fly(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator[Fly]:
     """Return a starter of a flight of three, supervised or not, on a terminal or not; all of it ends with the test."""
     path = mission_file(
         "case2",
@@ -106,10 +108,9 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
     under_test = ProcessUnderTest()
     server = await asyncio.start_unix_server(under_test.meet, tmp_path / "socket")
     environment = {**os.environ, "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
-    watch, clock = StubWatch(monkeypatch), StubClock(FAST)
 
     async def start(*, supervised: bool = True, terminal: int | None = None) -> Flight:
-        command = (sys.executable, "-m", "gcs.drill.process_under_test", path, "1", "60")
+        command = (sys.executable, "-m", "gcs.drill.process_under_test", path, "300", number)
         fds: list[int] = []
         variables = {**environment, "TERM": "dumb" if terminal is None else "xterm"}
         if not supervised:
@@ -125,16 +126,13 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pyt
             start_new_session=True,
             preexec_fn=None if terminal is None else _take_terminal,
         )
-        flight = Flight(process, under_test, watch, clock)
+        flight = Flight(process, under_test, stubs)
         stack.push_async_callback(_end, flight)
         return flight
 
-    stop = asyncio.Event()
-    stubs = asyncio.create_task(serve(stub_configs(load_mission(path)), WallClock(FAST), stop))
-    async with AsyncExitStack() as stack:
+    async with served(stub_configs(load_mission(path)), FAST) as stubs, AsyncExitStack() as stack:
+        number = str(stubs.clock.name.number)
         yield start
-    stop.set()
-    await stubs
     server.close()
 
 
@@ -186,10 +184,6 @@ async def _careless() -> AsyncIterator[int]:
         living.cancel()
 
 
-def now_s() -> float:
-    return asyncio.get_running_loop().time()
-
-
 # What happens to the flying process
 
 
@@ -207,10 +201,9 @@ def now_s() -> float:
 async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason: str, fly: Fly) -> None:
     flight = await fly()
     await flight.aloft()
-    flight.clock.run_at_wall_speed()
-    pid, began_s = flight.flying_pid, now_s()
+    pid, began_s = flight.flying_pid, flight.clock.now_s()
     flight.strike(fault)
-    out_s = await until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")
+    out_s = await flight.until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")
     code, told = await flight.ended()
     print(f"MEASURED {fault}: out of offboard after {out_s - began_s:.2f} s")
     assert out_s - began_s <= OUT_OF_OFFBOARD_MAX_S
@@ -230,23 +223,25 @@ async def test_control_unsupervised_a_team_stays_in_offboard_or_returns_to_it(
 ) -> None:
     flight = await fly(supervised=False)
     await flight.aloft()
-    flight.clock.run_at_wall_speed()
+    flight.clock.set_speed(1.0)  # MAVSDK repeats the last setpoint by the wall's clock
     with subtests.test("event loop blocked"):
         flight.strike("event loop")
-        hung_s = now_s() + 0.5
-        await asyncio.sleep(0.5 + 2.0 * OUT_OF_OFFBOARD_MAX_S)
+        hung_s = time.monotonic()
+        await flight.clock.sleep(0.5)
+        before = flight.setpoints
+        await flight.clock.sleep(1.5 * OUT_OF_OFFBOARD_MAX_S)
         assert flight.all_in_offboard
-        assert flight.setpoints_since(hung_s) > 10 * OUT_OF_OFFBOARD_MAX_S, "MAVSDK repeats the last one"
-        await asyncio.sleep(HANG_S - (now_s() - hung_s))
+        assert flight.setpoints - before > 10 * OUT_OF_OFFBOARD_MAX_S, "MAVSDK repeats the last one"
+        await asyncio.sleep(HANG_S - (time.monotonic() - hung_s))
     faults: tuple[Fault, ...] = (signal.SIGSTOP, "interpreter")
     for fault in faults:
         with subtests.test(str(fault)):
             flight.strike(fault)
-            await until(
+            await flight.until(
                 lambda: flight.none_in_offboard, 5.0, "everybody out of offboard"
             )  # MAVSDK's callbacks want the lock
             os.kill(flight.flying_pid, signal.SIGCONT)
-            await until(lambda: flight.all_in_offboard, HANG_S + 2.0, "everybody back in offboard")
+            await flight.until(lambda: flight.all_in_offboard, HANG_S + 2.0, "everybody back in offboard")
 
 
 # What happens to its supervisor
@@ -256,13 +251,13 @@ async def test_control_unsupervised_a_team_stays_in_offboard_or_returns_to_it(
 async def test_who_is_orphaned_holds_and_lands(fault: signal.Signals, fly: Fly) -> None:
     flight = await fly()
     await flight.aloft()
-    await asyncio.sleep(1.5 * HOLD_S)
+    await flight.clock.sleep(1.5 * HOLD_S)
     assert flight.all_in_offboard, "the control: a supervisor that lives ends nothing"
-    began_s = now_s()
+    began_s = flight.clock.now_s()
     os.kill(flight.process.pid, fault)
-    out_s = await until(lambda: flight.none_in_offboard, 15.0, "everybody out of offboard")
+    out_s = await flight.until(lambda: flight.none_in_offboard, 15.0, "everybody out of offboard")
     assert out_s - began_s >= HOLD_S, "they hold first"
-    await until(lambda: flight.all_down, 30.0, "everybody down")
+    await flight.until(lambda: flight.all_down, 30.0, "everybody down")
     if fault is signal.SIGSTOP:
         flight.process.send_signal(signal.SIGCONT)
     code, told = await flight.ended()
@@ -278,12 +273,12 @@ async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fl
         flight = await fly(terminal=there)
         await flight.aloft()
         os.write(here, b"\x1a")
-        await asyncio.sleep(1.5)
+        await flight.clock.sleep(3.0)
         assert flight.all_in_offboard, "stopped by the terminal"
         assert "offboard" in shown.decode(errors="replace"), "the live view is drawn"
-        began_s = now_s()
+        began_s = flight.clock.now_s()
         os.write(here, b"\x03")
-        out_s = await until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
+        out_s = await flight.until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
         assert out_s - began_s >= HOLD_S, "they hold first: in a hurry they would not"
         code, _ = await flight.ended()
     assert code == 4
@@ -316,11 +311,11 @@ async def test_on_a_terminal_no_vehicle_of_a_killed_process_is_left_standing_as_
 async def test_a_signal_to_the_supervisor_counts_and_a_second_one_means_at_once(fly: Fly) -> None:
     flight = await fly()
     await flight.aloft()
-    began_s = now_s()
+    began_s = flight.clock.now_s()
     flight.process.send_signal(signal.SIGINT)
-    await asyncio.sleep(0.3)
+    await flight.clock.sleep(0.5)
     flight.process.send_signal(signal.SIGTERM)
-    out_s = await until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
+    out_s = await flight.until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
     assert out_s - began_s < HOLD_S - 0.5
     code, told = await flight.ended()
     assert code == 4

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from math import inf
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -75,6 +76,7 @@ class SupervisorHeartbeat:
         self._listener: threading.Thread | None = None
         self._closing = False
         self._now_s: Callable[[], float] = time.monotonic
+        self._poll_max_s = SILENT_POLL_S
         self.is_lost = False
 
     def __enter__(self) -> Self:
@@ -105,12 +107,12 @@ class SupervisorHeartbeat:
         if not isinstance(clock, GovernedClock):
             yield
             return
-        self._now_s = clock.now_s
+        self._now_s, self._poll_max_s = clock.now_s, inf
         self._send_clock(clock.name.number)
         try:
             yield
         finally:
-            self._now_s = time.monotonic
+            self._now_s, self._poll_max_s = time.monotonic, SILENT_POLL_S
             self._send_clock(None)
 
     def _time_s(self) -> float:
@@ -151,9 +153,10 @@ class SupervisorHeartbeat:
     def _silent_s(self, before_s: float, polled_s: float, received: bytes | None) -> float:
         """Return for how long the supervisor has been silent.
 
-        A poll counts for its usual time at most: while the whole computer stalls, the supervisor is silent as well.
+        On the wall's clock a poll counts for its usual time at most: while the whole computer stalls, the supervisor is
+        silent as well. A governed clock waits for the supervisor.
         """
-        return 0.0 if received else before_s + min(self._now_s() - polled_s, SILENT_POLL_S)
+        return 0.0 if received else before_s + min(max(self._now_s() - polled_s, 0.0), self._poll_max_s)
 
     def _received(self) -> bytes | None:
         """Return what the supervisor sent; None when nothing arrived within a poll, b"" when it has ended."""
