@@ -260,11 +260,15 @@ class MotionTransit:
 
 
 class LinkTransit:
-    """What is under way to and from a vehicle; implements `agents.shell.clock.LinkTransit`."""
+    """What is under way to and from a vehicle; implements `agents.shell.clock.LinkTransit`.
+
+    Once a motion is lost, as on a link that is cut, none is waited for until one has arrived again.
+    """
 
     def __init__(self, clock: GovernedClock, seat: Seat, system_id: int) -> None:
         self._clock, self._seat, self._system_id = clock, seat, system_id
         self._taken = seat.memory.motions(system_id)
+        self._is_cut = False
 
     def sent_s(self, north_m: float, east_m: float, down_m: float, velocity_m_s: tuple[float, float, float]) -> float:
         """Take a motion in NED that has arrived, and return when it was sent; now, if that is unknown."""
@@ -273,7 +277,7 @@ class LinkTransit:
         )
         if time_us is None:
             return self._clock.now_s()
-        self._taken = sent + 1
+        self._taken, self._is_cut = sent + 1, False
         self._clock.look()
         return self._seat.epoch_s + time_us / US_PER_S
 
@@ -283,33 +287,39 @@ class LinkTransit:
 
     def arrived(self) -> bool:
         """Return whether all motions have arrived."""
-        return self._taken >= self._seat.memory.motions(self._system_id)
+        return self._is_cut or self._taken >= self._seat.memory.motions(self._system_id)
 
     def forget(self) -> None:
         """Take the motions under way as lost."""
+        self._is_cut = self._is_cut or not self.arrived()
         self._taken = self._seat.memory.motions(self._system_id)
 
 
 class SetpointTransit:
-    """The setpoints under way to a stub: the newest has to arrive, each supersedes those before it."""
+    """The setpoints under way to a stub: the newest has to arrive, each supersedes those before it.
+
+    Once one is lost, as on a link that is cut, none is waited for until one has arrived again.
+    """
 
     def __init__(self, clock: GovernedClock, seat: Seat, system_id: int) -> None:
         self._clock, self._seat, self._system_id = clock, seat, system_id
         self._newest = b""
         self._lost = 0
+        self._is_cut = False
 
     def take(self, north_m: float, east_m: float, down_m: float) -> None:
         """Take a setpoint that has arrived, in the vehicle's NED."""
-        self._newest = _SETPOINT.pack(north_m, east_m, down_m)
+        self._newest, self._is_cut = _SETPOINT.pack(north_m, east_m, down_m), False
         self._clock.look()
 
     def arrived(self) -> bool:
         """Return whether the newest setpoint has arrived."""
         sent, newest = self._seat.memory.newest_setpoint(self._system_id)
-        return sent == self._lost or newest == self._newest
+        return self._is_cut or sent == self._lost or newest == self._newest
 
     def forget(self) -> None:
         """Take the newest setpoint as lost."""
+        self._is_cut = self._is_cut or not self.arrived()
         self._lost, _ = self._seat.memory.newest_setpoint(self._system_id)
 
 
