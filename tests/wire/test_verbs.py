@@ -1,0 +1,68 @@
+"""Every command of the command line on what is installed: exit codes, and the documented keys with `--json`."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.support.result_keys import OUTPUT_KEYS
+from tests.support.verb_runs import (
+    AFTER,
+    ALONE,
+    BESIDE,
+    BESIDE_STUBS,
+    FLIGHT,
+    START,
+    STUBS,
+    Ran,
+    beside,
+    commands,
+    fault,
+    finished,
+    write_missions,
+)
+
+ALL = (*ALONE, STUBS, *BESIDE_STUBS, FLIGHT, *BESIDE, AFTER)
+
+
+def test_every_command_is_run_and_with_json_where_it_has_it() -> None:
+    assert {run.command: bool(run.keys) for run in ALL} == commands()
+
+
+def test_other_codes_keys_and_tracebacks_are_faults() -> None:
+    good = json.dumps(dict.fromkeys(OUTPUT_KEYS["start"].split()))
+    assert fault(START, 0, good, "") == ""
+    assert "3" in fault(START, 3, good, "")
+    assert "JSON" in fault(START, 0, "started", "")
+    assert "vehicles" in fault(START, 0, good.replace("vehicles", "drones"), "")
+    assert fault(START, 0, good, "Traceback (most recent call last):")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("verbs")
+    write_missions(made)
+    return made
+
+
+def judge(ran: Sequence[Ran], subtests: pytest.Subtests) -> None:
+    for each in ran:
+        with subtests.test(command=each.run.command):
+            assert each.fault == "", each.err
+
+
+@pytest.mark.wire
+@pytest.mark.long
+def test_commands_that_run_alone(folder: Path, subtests: pytest.Subtests) -> None:
+    judge([finished(run, folder) for run in ALONE], subtests)
+
+
+@pytest.mark.wire
+def test_commands_beside_stubs(folder: Path, subtests: pytest.Subtests) -> None:
+    judge(list(beside(STUBS, BESIDE_STUBS, folder)), subtests)
+
+
+@pytest.mark.wire
+def test_commands_beside_a_flight_and_on_its_log(folder: Path, subtests: pytest.Subtests) -> None:
+    judge([*beside(FLIGHT, BESIDE, folder), finished(AFTER, folder)], subtests)
