@@ -353,6 +353,10 @@ async def test_a_cut_link_and_a_killed_flight_are_drawn_stale(mission_file: Call
         os.kill(flying_process(process.pid), signal.SIGKILL)
         await until(lambda: all(each.is_stale for each in scene.team.vehicles), 5.0)
         assert time.monotonic() - killed_s < STALE_WITHIN_S
-        await until(lambda: all(each.has_ended for each in scene.team.vehicles), 15.0, "the flight is over")
-        assert "silent at the end" in scene.team.ending
+        await until(lambda: scene.team.lost is not None, 15.0, "the flight is lost")
+        lost = scene.team.lost
+        assert lost is not None
+        assert abs(lost.since_wall_s - (time.time() - time.monotonic() + killed_s)) < STALE_WITHIN_S
+        assert "every process that flew them has ended" in lost.reason
+        assert not any(each.has_ended for each in scene.team.vehicles), "they may be in the air"
     assert [each.severity for each in scene.events if each.text == "link to its autopilot cut"] == ["alarm"]
