@@ -242,6 +242,10 @@ async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mi
         terminal.close()
 
 
+TIOCGPTN = 0x80045430
+"""Linux: the number of the far end of a pseudo-terminal."""
+
+
 async def by_hand(terminal: "Terminal", keys: str) -> None:
     for key in keys:
         terminal.type(key)
@@ -261,7 +265,8 @@ class Terminal:
     @property
     def is_read(self) -> bool:
         """Whether the program has read everything that was typed."""
-        far_end = os.open(os.ptsname(self._fd), os.O_RDWR | os.O_NOCTTY)
+        number = int.from_bytes(fcntl.ioctl(self._fd, TIOCGPTN, bytes(4)), sys.byteorder)
+        far_end = os.open(f"/dev/pts/{number}", os.O_RDWR | os.O_NOCTTY)
         try:
             return int.from_bytes(fcntl.ioctl(far_end, termios.FIONREAD, bytes(4)), sys.byteorder) == 0
         finally:
