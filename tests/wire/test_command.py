@@ -29,7 +29,7 @@ from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
 from tests.support.mission_text import LOW_M
-from tests.support.wire import StubWatch, served, until
+from tests.support.wire import Served, served, until
 
 pytestmark = pytest.mark.wire
 
@@ -41,9 +41,9 @@ HIGH_M = 8.0
 class Team:
     """A mission in flight on stubs of this process: what each vehicle does, and what was said about it."""
 
-    def __init__(self, mission: Mission, watch: StubWatch) -> None:
+    def __init__(self, mission: Mission) -> None:
         self.mission = mission
-        self.watch = watch
+        self.watch: Served
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
         self.flight: asyncio.Task[Flight]
@@ -75,13 +75,13 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
             ("endpoint =", f"altitude_m = {altitude_m}\nendpoint ="),
         )
         mission = load_mission(mission_file("case2", *changes))
-        team = Team(mission, StubWatch(monkeypatch))
+        team = Team(mission)
         view = LiveView(Console(file=StringIO()))
         monkeypatch.setattr(
             view, "update", lambda rows, *_: team.tactics.update({row.vehicle_id: row.tactic for row in rows})
         )
         monkeypatch.setattr(view, "print_line", lambda text, *_: team.said.append(text))
-        async with served(stub_configs(mission), speed):
+        async with served(stub_configs(mission), speed) as team.watch:
             plan = FlightPlan(mission, 120.0, mission.vehicles, speed=speed)
             team.flight = asyncio.create_task(fly(plan, view))
             try:
@@ -240,10 +240,10 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
 ) -> None:
     path = mission_file("case2")
     mission = load_mission(path)
-    watch, tactics = StubWatch(monkeypatch), dict[int, str]()
+    tactics = dict[int, str]()
     view = LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", lambda rows, *_: tactics.update({row.vehicle_id: row.tactic for row in rows}))
-    async with served(stub_configs(mission), SPEED):
+    async with served(stub_configs(mission), SPEED) as watch:
         child, person = pty.fork()
         if child == 0:
             os.environ |= {"TERM": "xterm", "COLUMNS": "120"}
