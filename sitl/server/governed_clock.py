@@ -69,6 +69,7 @@ class GovernedClock:
         self._arriving: list[Arriving] = []
         self._unarrived_since_s: float | None = None
         self._holds = 0
+        self._asked = False
         self._looks: asyncio.Handle | None = None
         self._looks_later: asyncio.TimerHandle | None = None
         self._loop.add_reader(self._seat.woken, self._on_woken)
@@ -153,8 +154,15 @@ class GovernedClock:
 
     def look_soon(self) -> None:
         """Do as `look` does, from any thread."""
+        if self._asked:  # a busy event loop would be asked as often as messages arrive
+            return
+        self._asked = True
         with suppress(RuntimeError):  # the event loop is closed
-            self._loop.call_soon_threadsafe(self.look)
+            self._loop.call_soon_threadsafe(self._look_as_asked)
+
+    def _look_as_asked(self) -> None:
+        self._asked = False  # before the look: what arrives during it may be too late for it
+        self.look()
 
     def expect(self, arriving: Arriving) -> None:
         """Let the time wait for further messages."""

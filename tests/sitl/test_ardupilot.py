@@ -1,12 +1,9 @@
 """The stub in its ArduCopter manners: shaped motion, GUIDED, silence until asked, and flown by MAVSDK."""
 
-import asyncio
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from math import hypot, radians
 from typing import Any
 
@@ -16,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from sitl.autopilot.airframe import STEP_S
@@ -28,10 +24,10 @@ from sitl.autopilot.px4 import CommandResult
 from sitl.mavlink.dialects import ARDUCOPTER, AutopilotKind
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
-from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
+from sitl.server.shared_clock import new_clock
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
-from tests.support.wire import free_port
+from tests.support.wire import GuestClock, free_port, stub_clock, stub_process
 
 PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
@@ -528,45 +524,40 @@ def test_a_silent_ground_station_disarms_on_the_ground() -> None:
 SPEED = 10.0
 
 
-def wait_until(condition: Callable[[], bool], what: str, limit_s: float = 8.0) -> None:
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, f"not within {limit_s} s: {what}"
-        time.sleep(0.01)
-
-
 def copter_on(port: int) -> StubConfig:
     return StubConfig(1, port, PLANT, FRAME, autopilot=AutopilotKind.ARDUPILOT)
 
 
 @pytest.fixture(scope="module")
-def system() -> Iterator[Any]:
+def on_mavsdk() -> Iterator[tuple[Any, GuestClock]]:
+    """MAVSDK's system, and the clock of its stub."""
     from mavsdk.mavsdk import ComponentType, Configuration, Mavsdk
 
     port = free_port()
-    stubs = StubProcess([copter_on(port)], partial(WallClock, SPEED))
-    stubs.start()
-    station = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-    station.add_any_connection(f"udpin://127.0.0.1:{port}")
-    wait_until(lambda: station.system_count() == 1, "found")
-    yield station.get_systems()[0]
-    station.destroy()
-    stubs.stop()
+    with new_clock(SPEED) as name, stub_process([copter_on(port)], name):
+        clock = GuestClock(name)
+        station = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+        station.add_any_connection(f"udpin://127.0.0.1:{port}")
+        clock.until(lambda: station.system_count() == 1, "found")
+        yield station.get_systems()[0], clock
+        station.destroy()
+        clock.close()
 
 
 @pytest.mark.wire
-def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(system: Any) -> None:
+def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(on_mavsdk: tuple[Any, GuestClock]) -> None:
     from mavsdk.plugins.action import Action, ActionError
     from mavsdk.plugins.offboard import Offboard, PositionNedYaw
     from mavsdk.plugins.param import Param
     from mavsdk.plugins.telemetry import Telemetry, TelemetryError
 
+    system, clock = on_mavsdk
     telemetry, action, offboard, param = Telemetry(system), Action(system), Offboard(system), Param(system)
     assert not telemetry.health().is_armable, "nothing is streamed unasked"
     for rate in ("position_velocity_ned", "health", "in_air", "home", "gps_info", "position", "attitude_euler"):
         with suppress(TelemetryError):  # ArduPilot alone is also asked for its filter's report
             getattr(telemetry, f"set_rate_{rate}")(20.0)
-    wait_until(telemetry.health_all_ok, "health")
+    clock.until(telemetry.health_all_ok, "health")
     assert param.get_param_int("FS_GCS_ENABLE") == 0
     param.set_param_int("FS_GCS_ENABLE", 1)
     assert param.get_param_int("FS_GCS_ENABLE") == 1
@@ -584,24 +575,24 @@ def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(system: Any) -> Non
         action.set_takeoff_altitude(6.0)
         with suppress(ActionError):  # it has chosen GUIDED all the same: LAND and RTL cannot be armed in
             action.takeoff()
-        wait_until(lambda: mode() == "OFFBOARD", "GUIDED")
+        clock.until(lambda: mode() == "OFFBOARD", "GUIDED")
         action.arm()
         action.takeoff()
-        wait_until(lambda: abs(place()[2] + 6.0) < 0.2, "hovering")
+        clock.until(lambda: abs(place()[2] + 6.0) < 0.2, "hovering")
         goal = (4.0 * flight, 1.0, -6.5)
         offboard.set_position_ned(PositionNedYaw(*goal, 0.0))
         offboard.start()
-        wait_until(lambda: mode() == "OFFBOARD", "GUIDED is offboard")
-        wait_until(lambda goal=goal: place() == pytest.approx(goal, abs=0.1), "there")  # type: ignore[misc]
+        clock.until(lambda: mode() == "OFFBOARD", "GUIDED is offboard")
+        clock.until(lambda goal=goal: place() == pytest.approx(goal, abs=0.1), "there")  # type: ignore[misc]
         offboard.stop()
-        wait_until(lambda: mode() == "HOLD", "hold after offboard")
+        clock.until(lambda: mode() == "HOLD", "hold after offboard")
         if flight == 1:
             action.land()
-            wait_until(lambda: mode() == "LAND", "LAND")
+            clock.until(lambda: mode() == "LAND", "LAND")
         else:
             action.return_to_launch()
-            wait_until(lambda: mode() == "RETURN_TO_LAUNCH", "RTL")
-        wait_until(lambda: not telemetry.armed(), "landed and disarmed")
+            clock.until(lambda: mode() == "RETURN_TO_LAUNCH", "RTL")
+        clock.until(lambda: not telemetry.armed(), "landed and disarmed")
 
 
 @pytest.mark.wire
@@ -612,23 +603,24 @@ async def test_the_vehicle_link_flies_it_from_disarmed_to_disarmed_twice() -> No
     from gcs.link.hub import MavsdkHub
     from gcs.link.mavsdk_link import MavsdkLink
 
-    port = free_port()
-    process, hub, heard = StubProcess([copter_on(port)], partial(WallClock, SPEED)), MavsdkHub(), list[Telemetry]()
-    process.start()
-    link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME), WallClock(SPEED))
-    await link.connect(heard.append)
-    for altitude_m in (6.0, 5.0):
-        await link.take_off(altitude_m)
-        assert abs(heard[-1].position_m[2] - altitude_m) < 0.5
-        goal_m = (2.0, -1.0, altitude_m)
-        link.send(Setpoint(goal_m))
-        await link.start_offboard()
-        assert link.status.mode is FlightMode.OFFBOARD
-        await asyncio.sleep(1.0)
-        assert heard[-1].position_m == pytest.approx(goal_m, abs=0.1)
-        await link.stop_offboard()
-        await link.land()
-        assert not link.status.armed
-    await link.close()
-    await hub.close()
-    assert process.stop().tracks[0].position_m[-1] == pytest.approx((2.0, -1.0, 0.0), abs=0.1)
+    port, heard = free_port(), list[Telemetry]()
+    with stub_clock(SPEED) as clock, stub_process([copter_on(port)], clock.name) as process:
+        hub = MavsdkHub(clock)
+        link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{port}", 1, FRAME), clock)
+        await link.connect(heard.append)
+        for altitude_m in (6.0, 5.0):
+            await link.take_off(altitude_m)
+            assert abs(heard[-1].position_m[2] - altitude_m) < 0.5
+            goal_m = (2.0, -1.0, altitude_m)
+            link.send(Setpoint(goal_m))
+            await link.start_offboard()
+            assert link.status.mode is FlightMode.OFFBOARD
+            await clock.sleep(10.0)
+            assert heard[-1].position_m == pytest.approx(goal_m, abs=0.1)
+            await link.stop_offboard()
+            await link.land()
+            assert not link.status.armed
+        await link.close()
+        await hub.close()
+        place_m = process.stop().tracks[0].position_m[-1]
+    assert place_m == pytest.approx((2.0, -1.0, 0.0), abs=0.1)

@@ -15,11 +15,8 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from sitl.autopilot.px4 import Autopilot
-from sitl.faults import VehicleFaults
-from sitl.mavlink.protocol import MavlinkVehicle
-from sitl.mavlink.reports import MavlinkConfig
 from tests.support.mission_text import LOW, LOW_M
-from tests.support.wire import StubWatch, served, until
+from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
 
@@ -60,19 +57,6 @@ class Shown:
         return {i: row.alert for i, row in self.rows.items() if row.alert}
 
 
-def faults_of_stubs(monkeypatch: pytest.MonkeyPatch) -> dict[int, VehicleFaults]:
-    """Return the faults of the stubs that will be made, by system id."""
-    faults: dict[int, VehicleFaults] = {}
-    make = MavlinkVehicle.__init__
-
-    def made(vehicle: MavlinkVehicle, autopilot: Autopilot, config: MavlinkConfig, *rest: Any) -> None:
-        make(vehicle, autopilot, config, *rest)
-        faults[config.system_id] = vehicle._faults
-
-    monkeypatch.setattr(MavlinkVehicle, "__init__", made)
-    return faults
-
-
 def place_m(vehicle: Autopilot) -> tuple[float, float]:
     x, y, _ = vehicle.airframe.position_m
     return x, y
@@ -82,18 +66,25 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
     mission = load_mission(mission_file("case2", *NEAR))
-    watch, shown, view = StubWatch(monkeypatch), Shown(), LiveView(Console(file=StringIO()))
-    faults = faults_of_stubs(monkeypatch)
+    shown, view = Shown(), LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", shown.update)
     monkeypatch.setattr(view, "print_line", shown.print_line)
-    async with served(stub_configs(mission), SPEED):
-        plan = FlightPlan(mission, 100.0, mission.vehicles, speed=SPEED)
+    async with served(stub_configs(mission), SPEED) as stubs:
+        clock, vehicles, faults = stubs.clock, stubs.vehicles, stubs.stubs[2].faults
+        plan = FlightPlan(mission, 100.0, mission.vehicles, speed=SPEED, clock=clock.name)
         flight = asyncio.create_task(fly(plan, view))
-        vehicles = watch.vehicles
         try:
-            await until(lambda: flight.done() or bool(shown.titles and "ring 3 of 3" in shown.titles[-1]), 30.0)
+            ring = "ring 3 of 3"
+            await until(
+                lambda: flight.done() or bool(shown.titles and ring in shown.titles[-1]), 300.0, ring, clock=clock
+            )
             with subtests.test("numbers"):
-                await until(lambda: all(shown.flies_at(i, RING_M_S) for i in shown.rows), 20.0, "the speed of the ring")
+                await until(
+                    lambda: all(shown.flies_at(i, RING_M_S) for i in shown.rows),
+                    80.0,
+                    "the speed of the ring",
+                    clock=clock,
+                )
                 # Stubs and view are a few tenths of a second of mission time apart.
                 for i, row in shown.rows.items():
                     vehicle, here_m = vehicles[i], place_m(vehicles[i])
@@ -110,18 +101,18 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
                     assert row.link_age_s < 1.0
                 assert "case2  T+" in shown.titles[-1]
             with subtests.test("an alert ends"):
-                faults[2].estimator_ratio = 0.7
-                await until(lambda: shown.alerts() == {2: "estimator degraded"}, 10.0, "the alert")
-                faults[2].estimator_ratio = 0.0
-                await until(lambda: not shown.alerts(), 10.0, "the end of the alert")
+                faults.estimator_ratio = 0.7
+                await until(lambda: shown.alerts() == {2: "estimator degraded"}, 40.0, "the alert", clock=clock)
+                faults.estimator_ratio = 0.0
+                await until(lambda: not shown.alerts(), 40.0, "the end of the alert", clock=clock)
                 graves = [grave for text, grave in shown.lines if "estimator degraded" in text]
                 assert graves == ["warning", "information"]
             with subtests.test("an alert is over that holds its vehicle until it resumes"):
-                faults[2].estimator_ratio = 1.5
-                await until(lambda: shown.alerts() == {2: "estimator failing"}, 10.0, "the alert")
+                faults.estimator_ratio = 1.5
+                await until(lambda: shown.alerts() == {2: "estimator failing"}, 40.0, "the alert", clock=clock)
                 assert shown.rows[2].note == ""
-                faults[2].estimator_ratio = 0.0
-                await until(lambda: not shown.alerts(), 10.0, "the end of the alert")
+                faults.estimator_ratio = 0.0
+                await until(lambda: not shown.alerts(), 40.0, "the end of the alert", clock=clock)
                 assert shown.rows[2].tactic == "hold"
                 assert "estimator failing cleared: resume" in shown.rows[2].note
             await flight

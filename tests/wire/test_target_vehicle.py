@@ -36,11 +36,16 @@ async def test_a_vehicle_that_says_where_it_is_is_encircled(
     team = stub_configs(mission)
     port = urlsplit(mission.target.url or "").port or 0
     target = replace(team[0], vehicle_id=TARGET_ID, client_port=port, start_position_m=PLACE_M)
-    async with served([*team, target], SPEED):
-        plan = FlightPlan(mission, 120.0, mission.vehicles, speed=SPEED)
+    async with served([*team, target], SPEED) as stubs:
+        plan = FlightPlan(mission, 120.0, mission.vehicles, speed=SPEED, clock=stubs.clock.name)
         flight = asyncio.create_task(fly(plan, view))
         try:
-            await until(lambda: flight.done() or all(9.0 < radii.get(i, 0.0) < 11.0 for i in mission.ids), 60.0)
+            await until(
+                lambda: flight.done() or all(9.0 < radii.get(i, 0.0) < 11.0 for i in mission.ids),
+                300.0,
+                "a ring",
+                clock=stubs.clock,
+            )
             assert not flight.done(), flight.result()
         finally:
             flight.cancel()

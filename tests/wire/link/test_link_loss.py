@@ -263,6 +263,7 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         back_s = clock.now_s()
         await team.stubs[3].start()
         await team.until(lambda: team.tactics(3) == ["pilot override"], 15.0, "standing down")
+        await clock.sleep(5.0)
         assert await team.telemetry_rate_hz(1) == pytest.approx(RATE_HZ, rel=0.03)
         await clock.sleep(5.0)
         assert await team.telemetry_rate_hz(3) == pytest.approx(RATE_HZ, rel=0.03)

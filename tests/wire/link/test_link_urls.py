@@ -18,7 +18,6 @@ from rich.console import Console
 
 import sitl.server.server
 from agents.ports import VehicleRefusedError
-from agents.shell.clock import WallClock
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from gcs.console.live import LiveView
@@ -34,8 +33,9 @@ from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink import reports
 from sitl.mavlink.dialects import PX4, AutopilotKind
+from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import StubConfig
-from tests.support.wire import LOOPBACK, free_ports, served, until
+from tests.support.wire import LOOPBACK, free_ports, served, served_by, stub_clock, until
 from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
@@ -81,13 +81,13 @@ async def pump(wire: Wire, reader: asyncio.StreamReader) -> None:
 
 
 @asynccontextmanager
-async def over_udp_out(config: StubConfig, port: int) -> AsyncIterator[str]:
-    async with served([replace(config, port=port)], SPEED):
+async def over_udp_out(clock: GovernedClock, config: StubConfig, port: int) -> AsyncIterator[str]:
+    async with served_by(clock, [replace(config, port=port)]):
         yield f"udpout://localhost:{port}"
 
 
 @asynccontextmanager
-async def over_tcp_out(config: StubConfig, port: int) -> AsyncIterator[str]:
+async def over_tcp_out(clock: GovernedClock, config: StubConfig, port: int) -> AsyncIterator[str]:
     """The vehicle is a TCP server, as ArduPilot's simulator is."""
 
     async def serve_one(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -96,12 +96,12 @@ async def over_tcp_out(config: StubConfig, port: int) -> AsyncIterator[str]:
                 await pump(wire, reader)
         writer.close()
 
-    async with served([config], SPEED), await asyncio.start_server(serve_one, LOOPBACK, port):
+    async with served_by(clock, [config]), await asyncio.start_server(serve_one, LOOPBACK, port):
         yield f"tcpout://{LOOPBACK}:{port}"
 
 
 @asynccontextmanager
-async def over_tcp_in(config: StubConfig, port: int) -> AsyncIterator[str]:
+async def over_tcp_in(clock: GovernedClock, config: StubConfig, port: int) -> AsyncIterator[str]:
     """The vehicle calls as a TCP client, and again whenever the connection ends."""
 
     async def call() -> None:
@@ -115,14 +115,14 @@ async def over_tcp_in(config: StubConfig, port: int) -> AsyncIterator[str]:
 
     calling = asyncio.create_task(call())
     try:
-        async with served([config], SPEED):
+        async with served_by(clock, [config]):
             yield f"tcpin://{LOOPBACK}:{port}"
     finally:
         calling.cancel()
 
 
 @asynccontextmanager
-async def over_serial(config: StubConfig, _port: int) -> AsyncIterator[str]:
+async def over_serial(clock: GovernedClock, config: StubConfig, _port: int) -> AsyncIterator[str]:
     """The vehicle is at the other end of a serial line."""
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
@@ -137,7 +137,7 @@ async def over_serial(config: StubConfig, _port: int) -> AsyncIterator[str]:
         with suppress(BlockingIOError, OSError):
             wire.feed(os.read(ours, 4096))
 
-    async with served([config], SPEED), wired(config.client_port, write) as wire:
+    async with served_by(clock, [config]), wired(config.client_port, write) as wire:
         loop.add_reader(ours, read)
         try:
             yield f"serial://{os.ttyname(theirs)}:57600"
@@ -149,18 +149,19 @@ async def over_serial(config: StubConfig, _port: int) -> AsyncIterator[str]:
 
 @pytest.mark.parametrize("carrier", [over_udp_out, over_tcp_out, over_tcp_in, over_serial])
 async def test_a_vehicle_is_reached_and_commanded_over_every_kind_of_url(
-    carrier: Callable[[StubConfig, int], AbstractAsyncContextManager[str]],
+    carrier: Callable[[GovernedClock, StubConfig, int], AbstractAsyncContextManager[str]],
 ) -> None:
     client_port, port = free_ports(2)
     samples: list[object] = []
     async with AsyncExitStack() as stack:
-        url = await stack.enter_async_context(carrier(StubConfig(1, client_port, PLANT, FRAME), port))
-        hub = MavsdkHub()
+        clock = stack.enter_context(stub_clock(SPEED))
+        url = await stack.enter_async_context(carrier(clock, StubConfig(1, client_port, PLANT, FRAME), port))
+        hub = MavsdkHub(clock)
         stack.push_async_callback(hub.close)
-        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME), WallClock(SPEED))
+        link = MavsdkLink(hub, LinkConfig(url, 1, FRAME), clock)
         stack.push_async_callback(link.close)
         await link.connect(samples.append)
-        await until(lambda: len(samples) > 10, 3.0, "telemetry")
+        await until(lambda: len(samples) > 10, 15.0, "telemetry", clock=clock)
         await link.take_off(2.0)
         assert link.status.armed
     assert link.unsent == 0
@@ -239,8 +240,8 @@ async def test_what_is_no_multicopter_of_a_known_autopilot_is_not_armed(
         monkeypatch.setattr(sitl.server.server, "_MANNERS", manners)
     mission = load_mission(mission_file("px4-trio"))
     told: list[Finding] = []
-    plan = FlightPlan(mission, 5.0, mission.vehicles[:1], speed=SPEED)
-    async with served([stub_configs(mission)[0]], SPEED):
+    async with served([stub_configs(mission)[0]], SPEED) as stubs:
+        plan = FlightPlan(mission, 5.0, mission.vehicles[:1], speed=SPEED, clock=stubs.clock.name)
         with pytest.raises(VehicleRefusedError, match="nothing was armed"):
             await fly(plan, LiveView(Console(file=StringIO())), told.extend)
     assert ("vehicle 1", found) in [(each.subject, each.found) for each in told if each.grade is Grade.REFUSE]

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from io import StringIO
 from math import dist
 from pathlib import Path
@@ -10,7 +9,6 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from agents.shell.clock import WallClock
 from agents.shell.outcome import Ending
 from gcs.console.live import LiveView
 from gcs.flight.flight import fly
@@ -20,7 +18,8 @@ from gcs.mission.file import load_mission
 from gcs.preflight.findings import Grade
 from gcs.preflight.link_facts import gather_facts
 from gcs.preflight.preflight import preflight
-from sitl.server.process import StubProcess
+from sitl.server.shared_clock import new_clock
+from tests.support.wire import stub_process
 
 pytestmark = pytest.mark.wire
 
@@ -42,14 +41,11 @@ async def test_a_team_without_gps_ends_up_where_the_mission_says(mission_file: C
     Path(path).write_text(text[: text.rindex("[[vehicles]]")], encoding="utf-8")  # two are a team
     mission = load_mission(path)
     assert [config.gps for config in stub_configs(mission)] == [False, False]
-    stubs = StubProcess(stub_configs(mission), partial(WallClock, SPEED))
-    await asyncio.to_thread(stubs.start)
-    plan = FlightPlan(mission, DURATION_S, mission.vehicles, speed=SPEED)
-    try:
+    with new_clock(SPEED) as name, stub_process(stub_configs(mission), name) as stubs:
         findings = preflight(mission, await gather_facts(mission))
         assert [each for each in findings if each.grade is Grade.REFUSE] == []
+        plan = FlightPlan(mission, DURATION_S, mission.vehicles, speed=SPEED, clock=name)
         flight = await fly(plan, LiveView(Console(file=StringIO())))
-    finally:
         record = await asyncio.to_thread(stubs.stop)
     assert [each.ending for each in flight.outcomes.values()] == [Ending.COMPLETED] * 2, flight.outcomes
     assert flight.record is not None

@@ -12,7 +12,6 @@ import pytest
 from rich.console import Console
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
-from agents.shell.clock import WallClock
 from agents.shell.outcome import Ending
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
@@ -31,9 +30,10 @@ from gcs.mission.file import load_mission, mission_path, parse_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.mavlink.protocol import Drop
 from sitl.mavlink.signing import SigningKey
-from sitl.server.server import Stub, StubConfig, serve
+from sitl.server.governed_clock import GovernedClock
+from sitl.server.server import Stub, StubConfig
 from tests.support.forger import Forger
-from tests.support.wire import LOOPBACK, StubWatch, free_port, until
+from tests.support.wire import LOOPBACK, free_port, served_by, stub_clock, until
 
 pytestmark = pytest.mark.wire
 
@@ -44,22 +44,19 @@ KEY, OTHER_KEY = secrets.token_bytes(32), secrets.token_bytes(32)
 
 
 @asynccontextmanager
-async def served(*configs: StubConfig, speed: float = SPEED) -> AsyncIterator[Sequence[Stub]]:
-    stop, ready = asyncio.Event(), asyncio.get_running_loop().create_future()
-    task = asyncio.create_task(serve(configs, WallClock(speed), stop, ready.set_result))
-    try:
-        yield await ready
-    finally:
-        stop.set()
-        await task
+async def served(clock: GovernedClock, *configs: StubConfig) -> AsyncIterator[Sequence[Stub]]:
+    async with served_by(clock, configs) as stubs:
+        yield tuple(stubs.values())
 
 
 @asynccontextmanager
-async def linked(config: StubConfig, *, key: bytes | None = None, timeout_s: float = 5.0) -> AsyncIterator[MavsdkLink]:
-    hub = MavsdkHub()
+async def linked(
+    clock: GovernedClock, config: StubConfig, *, key: bytes | None = None, timeout_s: float = 5.0
+) -> AsyncIterator[MavsdkLink]:
+    hub = MavsdkHub(clock)
     url = f"udpin://{LOOPBACK}:{config.client_port}"
     link_config = LinkConfig(url, config.vehicle_id, FRAME, heartbeat_timeout_s=timeout_s, signing_key=key)
-    link = MavsdkLink(hub, link_config, WallClock(SPEED))
+    link = MavsdkLink(hub, link_config, clock)
     try:
         yield link
     finally:
@@ -67,15 +64,21 @@ async def linked(config: StubConfig, *, key: bytes | None = None, timeout_s: flo
         await hub.close()
 
 
+@pytest.fixture
+async def clock() -> AsyncIterator[GovernedClock]:
+    with stub_clock(SPEED) as clock:
+        yield clock
+
+
 def forget(_telemetry: Telemetry) -> None:
     pass
 
 
 async def test_forged_messages_have_no_effect_on_a_flight(
-    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+    clock: GovernedClock, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mission = load_mission(mission_file("px4-trio"))
-    watch, rows, told = StubWatch(monkeypatch), dict[int, LiveRow](), list[Finding]()
+    rows, told = dict[int, LiveRow](), list[Finding]()
     view = LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", lambda team, *_: rows.update({row.vehicle_id: row for row in team}))
     places: list[float] = []
@@ -103,18 +106,18 @@ async def test_forged_messages_have_no_effect_on_a_flight(
             modes.update(row.mode for row in rows.values())
             await asyncio.sleep(0.02)
 
-    async with served(*stub_configs(mission)):
-        plan = FlightPlan(mission, 8.0, mission.vehicles, speed=SPEED)
+    async with served(clock, *stub_configs(mission)) as stubs:
+        plan = FlightPlan(mission, 8.0, mission.vehicles, speed=SPEED, clock=clock.name)
         flight = asyncio.create_task(fly(plan, view, told.extend))
         # The vehicles are verified once their telemetry comes; preflight and take-off are still ahead.
-        await until(lambda: flight.done() or verified == set(ports), 10.0, "telemetry")
+        await until(lambda: flight.done() or verified == set(ports), 30.0, "telemetry")
         forging = asyncio.create_task(forge())
         outcomes = (await flight).outcomes
         forging.cancel()
     assert [outcome.ending for outcome in outcomes.values()] == [Ending.COMPLETED] * 3, outcomes
     assert max(places) < 100.0
     assert modes <= {mode.value for mode in FlightMode} - {FlightMode.OTHER.value}
-    assert all(watch.received_s[i] for i in ports)
+    assert all(stub.setpoints for stub in stubs)
     # Nothing was ever sent to the forgers; the operator was told of each, once, and by its address.
     assert [forger.received() for forger in forgers.values()] == [0, 0, 0]
     warned = [each for each in told if each.check == "impostor"]
@@ -125,7 +128,7 @@ async def test_forged_messages_have_no_effect_on_a_flight(
         forger.close()
 
 
-async def test_two_senders_with_one_system_id_are_refused_with_their_addresses() -> None:
+async def test_two_senders_with_one_system_id_are_refused_with_their_addresses(clock: GovernedClock) -> None:
     config, forger = StubConfig(1, free_port(), PLANT, FRAME), Forger(1)
 
     async def forge() -> None:
@@ -134,7 +137,7 @@ async def test_two_senders_with_one_system_id_are_refused_with_their_addresses()
             await asyncio.sleep(0.05)
 
     forging = asyncio.create_task(forge())
-    async with served(config) as (stub,), linked(config) as link:
+    async with served(clock, config) as (stub,), linked(clock, config) as link:
         with pytest.raises(VehicleRefusedError) as refusal:
             await link.connect(forget)
         vehicle = stub.endpoint._transport.get_extra_info("sockname")  # type: ignore[union-attr]
@@ -145,22 +148,21 @@ async def test_two_senders_with_one_system_id_are_refused_with_their_addresses()
     forger.close()
 
 
-async def test_a_vehicle_is_followed_to_another_port_after_a_silence_only() -> None:
+async def test_a_vehicle_is_followed_to_another_port_after_a_silence_only(clock: GovernedClock) -> None:
     config, samples = StubConfig(1, free_port(), PLANT, FRAME), list[Telemetry]()
-    loop = asyncio.get_running_loop()
     stranger = Forger(1, host="127.0.0.2")
-    async with linked(config) as link:
-        async with served(config):
+    async with linked(clock, config) as link:
+        async with served(clock, config):
             await link.connect(samples.append)
-            await until(lambda: len(samples) > 5, 3.0, "telemetry")
-        silent_s = loop.time()
-        async with served(config):  # it has another port now
+            await until(lambda: len(samples) > 5, 30.0, "telemetry", clock=clock)
+        silent_s = clock.now_s()
+        async with served(clock, config):  # it has another port now
             samples.clear()
             while not samples:
                 stranger.heartbeat(config.client_port)  # from another host, which is not followed
-                assert loop.time() < silent_s + 8.0
-                await asyncio.sleep(0.05)
-            assert loop.time() - silent_s > 2.5
+                assert clock.now_s() < silent_s + 8.0
+                await clock.sleep(0.05)
+            assert clock.now_s() - silent_s > 2.5
             assert len(link.report.moves) == 1
             assert link.report.address == link.report.moves[0]
             assert stranger.address in link.report.impostors
@@ -168,12 +170,12 @@ async def test_a_vehicle_is_followed_to_another_port_after_a_silence_only() -> N
     stranger.close()
 
 
-async def test_a_signed_vehicle_flies_and_obeys_its_key_only() -> None:
+async def test_a_signed_vehicle_flies_and_obeys_its_key_only(clock: GovernedClock) -> None:
     port = free_port()
     config = StubConfig(1, free_port(), PLANT, FRAME, port=port, signing_key=SigningKey(KEY, wall_ticks()))
     strangers = Forger(245), Forger(245, OTHER_KEY)
     replayed: list[bytes] = []
-    async with served(config) as (stub,), linked(config, key=KEY) as link:
+    async with served(clock, config) as (stub,), linked(clock, config, key=KEY) as link:
         vehicle = stub._vehicle
         receive = vehicle.receive
 
@@ -187,7 +189,7 @@ async def test_a_signed_vehicle_flies_and_obeys_its_key_only() -> None:
         dropped = vehicle.dropped[Drop.SIGNATURE]
         for stranger in strangers:
             stranger.disarm(1, port)
-        await until(lambda: vehicle.dropped[Drop.SIGNATURE] >= dropped + 2, 3.0, "refusals")
+        await until(lambda: vehicle.dropped[Drop.SIGNATURE] >= dropped + 2, 30.0, "refusals", clock=clock)
         assert stub.autopilot.armed
         early = replayed[:15]
         for data in early:
@@ -207,17 +209,19 @@ async def test_a_signed_vehicle_flies_and_obeys_its_key_only() -> None:
 @pytest.mark.parametrize(
     ("has", "verdict"), [(None, "not signed"), (OTHER_KEY, "another key")], ids=["unsigned", "another key"]
 )
-async def test_a_vehicle_that_does_not_sign_with_its_key_is_refused(has: bytes | None, verdict: str) -> None:
+async def test_a_vehicle_that_does_not_sign_with_its_key_is_refused(
+    clock: GovernedClock, has: bytes | None, verdict: str
+) -> None:
     signing_key = None if has is None else SigningKey(has, wall_ticks())
     config = StubConfig(1, free_port(), PLANT, FRAME, signing_key=signing_key)
-    async with served(config), linked(config, key=KEY, timeout_s=1.0) as link:
+    async with served(clock, config), linked(clock, config, key=KEY, timeout_s=1.0) as link:
         with pytest.raises(VehicleRefusedError) as refusal:
             await link.connect(forget)
     assert verdict in refusal.value.reason
     assert "signing_key_file" in refusal.value.reason + refusal.value.next_step
 
 
-async def test_forged_telemetry_on_a_signed_link_has_no_effect_even_first_and_alone() -> None:
+async def test_forged_telemetry_on_a_signed_link_has_no_effect_even_first_and_alone(clock: GovernedClock) -> None:
     # A clock that is an hour behind, as of a vehicle that was switched off: a signed heartbeat sets it.
     behind = wall_ticks() - 3600 * 100_000
     config = StubConfig(1, free_port(), PLANT, FRAME, port=free_port(), signing_key=SigningKey(KEY, behind))
@@ -230,10 +234,10 @@ async def test_forged_telemetry_on_a_signed_link_has_no_effect_even_first_and_al
             await asyncio.sleep(0.02)
 
     forging = asyncio.create_task(forge())
-    async with linked(config, key=KEY) as link:
+    async with linked(clock, config, key=KEY) as link:
         connecting = asyncio.create_task(link.connect(forget))
         await asyncio.sleep(0.3)
-        async with served(config):
+        async with served(clock, config):
             await connecting
             assert link.report.address == f"{LOOPBACK}:{config.port}"
             assert link.status.mode is not FlightMode.OTHER
@@ -243,7 +247,7 @@ async def test_forged_telemetry_on_a_signed_link_has_no_effect_even_first_and_al
         forger.close()
 
 
-async def test_a_key_is_set_up_on_a_vehicle_without_one_and_on_no_other(tmp_path: Path) -> None:
+async def test_a_key_is_set_up_on_a_vehicle_without_one_and_on_no_other(clock: GovernedClock, tmp_path: Path) -> None:
     mission = parse_mission(mission_path("px4-trio").read_text(), tmp_path)
     configs = [replace(config, client_port=free_port()) for config in stub_configs(mission)[:2]]
     vehicles = [
@@ -252,7 +256,7 @@ async def test_a_key_is_set_up_on_a_vehicle_without_one_and_on_no_other(tmp_path
     ]
     configs[1] = replace(configs[1], signing_key=SigningKey(OTHER_KEY, wall_ticks()))
     keys = issue_keys(tmp_path / "mavlink.keys", [1, 2])
-    async with served(*configs) as (bare, other):
+    async with served(clock, *configs) as (bare, other):
         first = await set_up_signing(vehicles, keys)
         assert [each.signs for each in first] == [True, False]
         assert all(each.next_step for each in first if not each.signs)

@@ -34,6 +34,7 @@ from gcs.metrics.journal import Journal
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
+from sitl.server.governed_clock import GovernedClock
 from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT
 from tests.support.stranger import FAR_M, Stranger, state
@@ -51,6 +52,7 @@ class Scene:
 
     def __init__(self, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
         self.mission = mission
+        self.clock: GovernedClock
         self.latest: dict[int, CoreStatus] = {}
         self.alerts: set[str] = set()
         self.strange_peers = 0
@@ -100,8 +102,9 @@ class Scene:
 async def flying(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path | None = None) -> AsyncIterator[Scene]:
     """Fly on stubs of this process, with a watch beside."""
     scene, stop = Scene(mission, monkeypatch), asyncio.Event()
-    async with served(stub_configs(mission), SPEED):
-        plan = FlightPlan(mission, 300.0, mission.vehicles, speed=SPEED)
+    async with served(stub_configs(mission), SPEED) as stubs:
+        scene.clock = stubs.clock
+        plan = FlightPlan(mission, 300.0, mission.vehicles, speed=SPEED, clock=stubs.clock.name)
         view = LiveView(Console(file=scene.text, width=300))
         scene.flight = asyncio.create_task(fly(plan, view, scene.findings.extend))
         watching = asyncio.create_task(watch(mission, WatchView(Console(file=scene.watched, width=300)), stop))
@@ -162,15 +165,15 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
         stranger = Stranger(mission.network.team, scene.endpoints)
 
         def past_start() -> list[tuple[str, bytes]]:
-            now_s = time.time() * SPEED
+            now_s = scene.clock.now_s()
             proposals = [StartProposal(sender, now_s, start_s) for sender in (1, 2, 3) for start_s in (0.0, 1e12)]
             return [(f"start/{each.sender}", encode(each)) for each in proposals]
 
         with subtests.test("a start in 1970, or in the year 33658, from a vehicle's own key"):
             agreeing = asyncio.create_task(spoken(stranger, past_start, 60.0))
-            await until(lambda: scene.flight.done() or scene.tactics == ["formation"] * 3, 60.0)
+            await until(lambda: scene.flight.done() or scene.tactics == ["formation"] * 3, 300.0, clock=scene.clock)
             assert not scene.flight.done(), scene.flight.result()
-            await asyncio.sleep(1.0)
+            await scene.clock.sleep(5.0)
             agreeing.cancel()
             assert scene.tactics == ["formation"] * 3
 
