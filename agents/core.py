@@ -41,20 +41,12 @@ from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reas
 from agents.team.clock_watch import ClockWatch
 from agents.team.credibility import Credibility, Limits
 from agents.team.inbox import Inbox
-from agents.team.messages import (
-    BusMessage,
-    CommandAnswer,
-    MemberState,
-    NeighbourAngle,
-    OperatorCommand,
-    TargetPackage,
-    sightings_of,
-)
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, sightings_of
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)  # TapedCore, and others that record or falsify it
+@mypyc_attr(allow_interpreted_subclasses=True)  # TapedCore
 class VehicleCore:
     """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 
@@ -148,9 +140,8 @@ class VehicleCore:
     def _guard_aim(self, task: Task, plan: Plan) -> Guarded:
         """Guard the aim, unless it has no effect: while the autopilot lands the vehicle or a pilot flies it."""
         situation, aim_m = task.situation, plan.aim_m
-        guarded = Guarded(aim_m)
-        if task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE):
-            guarded = self._kept_apart(situation, aim_m)
+        has_effect = task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE)
+        guarded = self._kept_apart(situation, aim_m) if has_effect else Guarded(aim_m)
         if (news := self._interventions.news(situation.now_s, aim_m, guarded)) is not None:
             self._notes.add(situation.now_s, "guard", *news)
         self._fault_detector.unsolved = plan.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
@@ -349,8 +340,7 @@ class VehicleCore:
             return
         if not self._inbox.accepts(message, now_s, self._time_scale):
             return
-        for package in sightings_of(message):
-            self._receive_target(package)
+        self._receive_sightings(message)
         match message:
             case MemberState():
                 self._team.hear(message)
@@ -383,16 +373,17 @@ class VehicleCore:
         if self.orders.reshaping is not None:
             self._reshape(self.orders.reshaping)
 
-    def _receive_target(self, package: TargetPackage) -> None:
-        if self._config.vehicle_id not in package.recipients:
-            return
-        try:
-            sighting = received_sighting(package)
-        except ValueError:
-            self._inbox.dropped.add(Reason.MALFORMED)
-            return
-        if self._own_sensor.accepts(sighting):
-            self._sightings.append(sighting)
+    def _receive_sightings(self, message: BusMessage) -> None:
+        for package in sightings_of(message):
+            if self._config.vehicle_id not in package.recipients:
+                continue
+            try:
+                sighting = received_sighting(package)
+            except ValueError:
+                self._inbox.dropped.add(Reason.MALFORMED)
+                continue
+            if self._own_sensor.accepts(sighting):
+                self._sightings.append(sighting)
 
     def _reshape(self, wanted: Reshaping) -> None:
         """Take the newest commanded shape of the formation, from an operator or a peer's state."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,18 @@ CONFIG = AgentConfig(
     formation=FormationSettings(spacing_m=5.0, speed_m_s=0.2, leader=2),
     encirclement=EncirclementSettings(radius_m=10.0, angular_rate_rad_s=0.05),
 )
+
+
+def pytest_configure() -> None:
+    """Refuse to replace a method of a compiled class: compiled callers go on calling it, and a test proves nothing."""
+    replace_attribute = pytest.MonkeyPatch.setattr
+
+    def setattr_of_python(patch: pytest.MonkeyPatch, target: Any, *arguments: Any, **named: Any) -> None:
+        replace_attribute(patch, target, *arguments, **named)
+        owner = resolve_name(target.rpartition(".")[0]) if isinstance(target, str) else target
+        assert not (isinstance(owner, type) and "__mypyc_attrs__" in vars(owner)), f"{owner} is compiled"
+
+    pytest.MonkeyPatch.setattr = setattr_of_python  # type: ignore[method-assign]
 
 
 def pytest_sessionstart() -> None:

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from agents.control.linearization import aim_for, aim_for_acceleration
-from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from agents.control.lmpc import Bounds, Lmpc, QpStatus, Solver
 from agents.control.programme import Programme, condensed
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
@@ -66,11 +66,11 @@ class EncirclementPlan(msgspec.Struct, frozen=True):
 class EncirclementPlanner:
     """Plans one vehicle's flight around the target; its only state is the last polar acceleration."""
 
-    def __init__(self, config: AgentConfig) -> None:
+    def __init__(self, config: AgentConfig, solver: Solver | None = None) -> None:
         self._plant = config.plant
         self._settings = config.encirclement
         self._clearance_rad = config.clearance_rad
-        self._lmpc = ring_lmpc(self._settings)
+        self._lmpc: Solver = ring_lmpc(self._settings) if solver is None else solver
         self._along_m = self._settings.radius_m
         samples = np.arange(1, self._settings.horizon + 1, dtype=np.float64)
         self._times_s: Vector = self._settings.prediction_step_s * samples

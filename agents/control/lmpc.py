@@ -5,6 +5,7 @@ has a plan, which leads back inside.
 """
 
 from enum import Enum
+from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -46,6 +47,14 @@ class Bounds(msgspec.Struct, frozen=True):
 
     inputs: Vector
     states: Vector
+
+
+class Solver(Protocol):
+    """Plans the inputs: `Lmpc` does, and what it is compared with."""
+
+    def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
+        """See `Lmpc.solve`."""
+        ...
 
 
 class Lmpc:

@@ -118,21 +118,17 @@ def updated(
     )
     e = (position_m[0] - x) / first
     f = (position_m[1] - y - across * e) / second
-    left = PlanarCovariance(
-        (
-            xx - gx * gx - hx * hx,
-            xy - gx * gy - hx * hy,
-            xu - gx * gu - hx * hu,
-            xv - gx * gv - hx * hv,
-            yy - gy * gy - hy * hy,
-            yu - gy * gu - hy * hu,
-            yv - gy * gv - hy * hv,
-            uu - gu * gu - hu * hu,
-            uv - gu * gv - hu * hv,
-            vv - gv * gv - hv * hv,
-        )
+    left = (
+        xx - gx * gx - hx * hx,
+        xy - gx * gy - hx * hy,
+        xu - gx * gu - hx * hu,
+        xv - gx * gv - hx * hv,
+        yy - gy * gy - hy * hy,
+        yu - gy * gu - hy * hu,
+        yv - gy * gv - hy * hv,
+        uu - gu * gu - hu * hu,
+        uv - gu * gv - hu * hv,
+        vv - gv * gv - hv * hv,
     )
-    after = Motion(
-        motion.time_s, x + gx * e + hx * f, y + gy * e + hy * f, u + gu * e + hu * f, v + gv * e + hv * f, left
-    )
-    return after, Innovation(e, f)
+    x, y, u, v = x + gx * e + hx * f, y + gy * e + hy * f, u + gu * e + hu * f, v + gv * e + hv * f
+    return Motion(motion.time_s, x, y, u, v, PlanarCovariance(left)), Innovation(e, f)

@@ -10,12 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.control import encirclement, ring_flight
 from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.outputs import TickOutput
 from agents.settings.config import AgentConfig
-from agents.situation import estimator
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode, encode
 from agents.team.messages import (
@@ -31,7 +29,6 @@ from agents.team.messages import (
     sightings_of,
 )
 from estimation.plant.model import Plant, exact_step
-from estimation.polar import Polar, polar_from_motion
 from estimation.state import Sighting, Telemetry, Vector
 
 Maker = Callable[..., AgentConfig]
@@ -156,28 +153,6 @@ def test_what_cannot_be_trusted_is_counted_and_dropped(message: BusMessage, reas
     assert status.drops == Drops(**{reason: 1})
     assert status.peers == ()
     assert status.target is None
-
-
-def test_on_the_ring_a_tick_has_two_polar_states_now_and_when_the_setpoint_acts(
-    make_config: Maker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[tuple[bytes, bytes]] = []
-
-    def counted(motion: Vector, target: Vector) -> Polar:
-        asked.append((motion.tobytes(), target.tobytes()))
-        return polar_from_motion(motion, target)
-
-    for user in (estimator, ring_flight, encirclement):
-        monkeypatch.setattr(user, "polar_from_motion", counted)
-    pilot = Pilot(make_config(encirclement={"smoothing_time_s": 0.0}), motion=(15.0, 0.0, 0.0, 0.0))
-    pilot.core.on_sighting(sighting(0.0))
-    pilot.fly(1.0)
-    asked.clear()
-    (output,) = pilot.fly(1.0 + PERIOD_S)
-    assert output.status.tactic is Tactic.ENCIRCLE
-    assert output.status.situation is not None
-    assert output.status.situation.authority == 1.0
-    assert len(asked) == len(set(asked)) == 2
 
 
 @pytest.mark.parametrize(

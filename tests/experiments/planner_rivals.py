@@ -14,32 +14,30 @@ model. Second, each flies a team of three, and the errors on the ring have to be
 
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from math import atan2, nan, pi, tau
 from statistics import median
 from time import process_time
 from typing import NamedTuple
-from unittest.mock import patch
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, ring_lmpc
-from agents.control.lmpc import Bounds, QpStatus, Solution
+from agents.control.lmpc import Bounds, QpStatus, Solution, Solver
 from agents.ring.feasibility import Orbit
 from agents.ring.place import ring_place, spacing_errors_rad
 from agents.ring.reference import RingPoint, RingReference, RingWay
 from agents.ring.shaped_coordinate import ShapedCoordinate
 from agents.settings.config import AgentConfig
-from agents.settings.sections import EncirclementSettings
 from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.mission.file import load_mission
 from tests.experiments.arguments import seeded_parser
-from tests.experiments.planner_solvers import OPTIMUM, RIVALS, Rival, Solver
+from tests.experiments.planner_solvers import OPTIMUM, RIVALS, Rival
 
 APPROACHES = 25
 TICKS, PERIOD_S = 40, 0.1
@@ -114,10 +112,9 @@ def ring_config() -> AgentConfig:
     return mission.agent_config(mission.vehicles[0])
 
 
-def planner_with(build: Callable[[EncirclementSettings], Solver], config: AgentConfig) -> EncirclementPlanner:
-    """Return cordon's planner with another solver."""
-    with patch("agents.control.encirclement.ring_lmpc", build):
-        return EncirclementPlanner(config)
+def planner_of(rival: Rival, config: AgentConfig) -> EncirclementPlanner:
+    """Return cordon's planner with a rival's solver."""
+    return EncirclementPlanner(config, rival.build(config.encirclement))
 
 
 def approach(config: AgentConfig, seed: int) -> Draw:
@@ -134,7 +131,7 @@ def approach(config: AgentConfig, seed: int) -> Draw:
     wind_m_s2 = random.uniform(-0.2, 0.2, 2)
     motion = motion_from_polar(Polar(radius_m, bearing_rad, speeds_m_s[0], speeds_m_s[1] / radius_m), target)
     recorder, step = Recorder(config), exact_step(config.plant, PERIOD_S)
-    planner = planner_with(lambda _: recorder, config)
+    planner = EncirclementPlanner(config, recorder)
     tasks, bounded = [], []
     for tick in range(TICKS):
         polar = polar_from_motion(motion, target)
@@ -305,13 +302,13 @@ def measured(count: int, first: int, rivals: Sequence[Rival], truth: Rival) -> t
     exact = truth.build(config.encirclement)
     optima = [exact.solve(*programme).first_input for programme in programmes]
     solvers = (CORDON, *rivals)
-    plans = plan_all({each.name: planner_with(each.build, config) for each in solvers}, draws)
+    plans = plan_all({each.name: planner_of(each, config) for each in solvers}, draws)
     outcomes = [
         Outcome(
             each,
             plans[each.name],
             None if each.nonlinear else errors_m_s2(each.build(config.encirclement), programmes, optima),
-            team_errors([planner_with(each.build, config) for _ in range(TEAM)], config, first),
+            team_errors([planner_of(each, config) for _ in range(TEAM)], config, first),
         )
         for each in solvers
     ]

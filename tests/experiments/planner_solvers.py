@@ -7,11 +7,11 @@ cordon's condensed matrices. The bounds on states are soft by one slack, as in `
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from agents.control.lmpc import Bounds, QpStatus, Solution
+from agents.control.lmpc import Bounds, QpStatus, Solution, Solver
 from agents.settings.sections import EncirclementSettings
 from estimation.state import Vector
 
@@ -22,14 +22,6 @@ OSQP_TOLERANCE = 1e-6
 OPTIMUM_TOLERANCE = 1e-10
 QRQP_ITERATIONS_MAX = 100
 """If qrqp solves the problem, it does so within these iterations. Its default of 1000 only takes longer."""
-
-
-class Solver(Protocol):
-    """Plans the inputs: `Lmpc` does."""
-
-    def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
-        """See `Lmpc.solve`."""
-        ...
 
 
 @dataclass(frozen=True)

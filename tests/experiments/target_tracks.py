@@ -88,15 +88,19 @@ class Estimator(Protocol):
         ...
 
 
-class Chosen(TargetFilter):
+class Chosen:
     """The target filter with this interface."""
 
     def __init__(self) -> None:
-        super().__init__(TargetFilterSettings())
+        self._filter = TargetFilter(TargetFilterSettings())
+
+    def sight(self, sighting: Sighting) -> None:
+        """Take a sighting."""
+        self._filter.sight(sighting)
 
     def belief(self, now_s: float) -> tuple[Vector, Vector]:
         """Return mean and covariance."""
-        estimate = self.estimate(now_s)
+        estimate = self._filter.estimate(now_s)
         assert estimate is not None
         return estimate.mean, estimate.covariance
 

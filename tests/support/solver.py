@@ -1,11 +1,15 @@
-"""A general solver as the reference for the exact one and the guard."""
+"""A general solver as the reference for the exact one and the guard, and what OSQP returns when it fails."""
 
 from math import inf
+from types import SimpleNamespace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from estimation.state import Vector
+
+UNSOLVED = SimpleNamespace(x=np.full(100, np.nan), info=SimpleNamespace(status="maximum iterations reached"))
+"""A result of OSQP without a solution."""
 
 
 def slsqp(wanted: Vector, radius: float, normals: Vector, least: Vector) -> Vector | None:

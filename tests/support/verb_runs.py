@@ -36,7 +36,8 @@ LIMIT_S = 180.0
 class VerbRun:
     """A command to run: its arguments, the exit codes that it may have, and the keys of its JSON.
 
-    Commands beside it begin once it has printed `ready`, or made a file of that name. One that `lasts` until Ctrl-C is then interrupted.
+    Commands beside it begin once it has printed `ready`, or made a file of that name. One that `lasts` until Ctrl-C is
+    then interrupted.
     """
 
     command: str

@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
 from agents.control.programme import condensed
 from estimation.state import Vector
+from tests.support.solver import UNSOLVED
 
 HORIZON = 6
 FREE = 1e20
@@ -186,7 +187,7 @@ def test_osqp_begins_at_the_optimum_and_takes_one_step(monkeypatch: pytest.Monke
 def test_osqp_finds_the_plan_also_where_no_active_set_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     given, limits = problem(3, 2), bounds(0.5)
     found = given.lmpc().solve(given.state, given.reference, given.previous, limits)
-    monkeypatch.setattr("agents.control.lmpc.ActiveSet.optimum", lambda *_: None)
+    monkeypatch.setattr("agents.control.active_set._CHANGES_MAX", 0)
     alone = given.lmpc().solve(given.state, given.reference, given.previous, limits)
     assert found.status is alone.status is QpStatus.BOUNDED
     assert alone.first_input == pytest.approx(found.first_input, abs=2e-3)
@@ -216,7 +217,7 @@ def test_a_solver_that_fails_falls_back_to_the_optimum_cut_to_the_inputs_bounds(
 ) -> None:
     given = problem(1, 2)
     lmpc = given.lmpc()
-    monkeypatch.setattr("agents.control.lmpc._SoftQp.minimise", lambda *_: None)
+    monkeypatch.setattr("osqp.OSQP.solve", lambda *_, **__: UNSOLVED)
     plan = lmpc.solve(given.state, given.reference, given.previous, out_of_reach())
     assert plan.status is QpStatus.FALLBACK
     assert plan.first_input == pytest.approx(np.clip(given.unbounded_optimum()[:2], -0.5, 0.5))

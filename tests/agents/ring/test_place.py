@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.ring.place import RingPlace, ring_place, scaled_gain_per_s, spacing_decay_per_s, spacing_errors_rad
+from agents.ring.place import ring_place, scaled_gain_per_s, spacing_decay_per_s, spacing_errors_rad
 from estimation.state import Vector
 
 RATE_RAD_S = 0.05
@@ -120,5 +120,5 @@ def test_neighbours_by_hand(own: float, others: list[float], lead: float, lag: f
 
 def test_alone_on_the_ring_there_is_no_spacing_to_keep() -> None:
     place = ring_place(1.0, [])
-    assert place == RingPlace(1, None, None)
+    assert (place.members, place.lead_rad, place.lag_rad) == (1, None, None)
     assert spacing_errors_rad([1.0]) == [0.0]

@@ -55,7 +55,11 @@ def test_a_rate_that_changes_slowly_is_followed_exactly() -> None:
 
 def test_it_stays_near_what_it_leads() -> None:
     each = ShapedCoordinate(5.0, 1.0, 0.2)
-    assert each.near(4.8, 0.0, 0.5, 1.0) == each
-    assert each.near(3.0, 0.0, 0.5, 1.0) == ShapedCoordinate(3.5, 1.0, 0.2)
-    assert each.near(9.0, 0.0, inf, 0.25) == ShapedCoordinate(8.0, 0.25, 0.2)
-    assert each.near(4.0, 0.4, 0.5, 0.0) == ShapedCoordinate(4.0, 0.4, 0.2)
+    for leader, expected in (
+        ((4.8, 0.0, 0.5, 1.0), (5.0, 1.0, 0.2)),
+        ((3.0, 0.0, 0.5, 1.0), (3.5, 1.0, 0.2)),
+        ((9.0, 0.0, inf, 0.25), (8.0, 0.25, 0.2)),
+        ((4.0, 0.4, 0.5, 0.0), (4.0, 0.4, 0.2)),
+    ):
+        near = each.near(*leader)
+        assert (near.value, near.rate, near.acceleration) == expected

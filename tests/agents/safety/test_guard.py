@@ -18,7 +18,7 @@ from agents.situation.situation import Situation
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import OwnEstimate, TargetEstimate, Vector
 from tests.support.estimates import own_spread, target_spread
-from tests.support.solver import slsqp
+from tests.support.solver import UNSOLVED, slsqp
 
 Maker = Callable[..., AgentConfig]
 Pair = tuple[float, float]
@@ -235,7 +235,7 @@ def test_the_solver_is_bounded_and_asked_once_for_the_level_that_yields(
 
 
 def test_a_solver_that_fails_makes_the_vehicle_stop(make_config: Maker, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agents.safety.guard._ElasticQp.nearest", lambda *_: (None, Cause.SEPARATION))
+    monkeypatch.setattr("osqp.OSQP.solve", lambda *_, **__: UNSOLVED)
     crowd = [body((1.0, 0.0)), body((-1.0, 0.0))]
     guarded, setpoint = checked(make_config(), situation(place=(0.1, 0.2)), (5.0, 0.0), crowd)
     assert guarded.status is GuardStatus.BRAKED

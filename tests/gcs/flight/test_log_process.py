@@ -17,7 +17,7 @@ from gcs.flightlog.run import run_of
 from gcs.mission.file import load_mission
 from gcs.viewer.address import Address
 from tests.support.flight_logs import engaging, files_up_to, record_simulation
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 from tests.support.wire import until_now
 
 MISSION = load_mission("case2")
@@ -25,8 +25,7 @@ RECORDS = 500
 KILLED = f"""
 import os, signal
 from pathlib import Path
-from agents.tape import Tick
-from tests.gcs.flight.test_log_process import opened
+from tests.gcs.flight.test_log_process import Tick, opened
 log = opened(Path({{path!r}}))
 for number in range({RECORDS}):
     log.write(1, number + 1, number, Tick(float(number)))
@@ -61,7 +60,9 @@ def test_a_flight_is_written_as_if_by_its_own_process(tmp_path: Path) -> None:
 
 def test_a_log_is_completed_when_the_flying_process_is_killed(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
-    flying = subprocess.run([sys.executable, "-c", KILLED.format(path=str(path))], cwd=ROOT, check=False, timeout=60)
+    flying = subprocess.run(
+        [sys.executable, "-c", KILLED.format(path=str(path))], cwd=ROOT, env=finds_tests(), check=False, timeout=60
+    )
     assert flying.returncode == -signal.SIGKILL
     until_now(lambda: "it was never closed" not in str(read_log(path).faults))
     assert [each.read(Tick).now_s for each in read_log(path).vehicles[1]] == list(range(RECORDS))

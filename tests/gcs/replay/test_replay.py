@@ -10,12 +10,11 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from agents.control.plan import Plan
-from agents.control.planner import Planner
 from agents.drops import Drops
 from agents.ports import FlightMode, VehicleStatus
+from agents.situation.situation import Situation
 from agents.situation.task import Task
-from agents.tactics import Event
+from agents.tactics import Event, Tactic
 from agents.tape import (
     Autopilot,
     Bus,
@@ -291,14 +290,12 @@ def test_a_log_that_ends_within_a_tick_is_replayed_to_there(copy: FlightLog) -> 
 
 
 def failing_from(monkeypatch: pytest.MonkeyPatch, at_s: float) -> None:
-    plan = Planner.plan
-
-    def failing(planner: Planner, task: Task) -> Plan:
-        if task.situation.now_s >= at_s:
+    def failing(tactic: Tactic, situation: Situation, layer_m: float, peers: tuple[MemberState, ...]) -> Task:
+        if situation.now_s >= at_s:
             raise ZeroDivisionError("no such plan")
-        return plan(planner, task)
+        return Task(tactic, situation, layer_m, peers)
 
-    monkeypatch.setattr(Planner, "plan", failing)
+    monkeypatch.setattr("agents.core.Task", failing)
 
 
 def test_a_failure_that_was_recorded_is_reported_with_its_inputs(
