@@ -1,5 +1,6 @@
 """What several tests share: how hypothesis searches, a configuration to start from, and a batch estimator."""
 
+import os
 import re
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -65,6 +66,15 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 WHOLLY = r"^pytestmark = \[?\s*pytest\.mark\.{}\b"
 MARKS = re.compile(r"(not )?\w+( and (not )?\w+)*")
+
+
+TERMINAL_VARIABLES = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Forget what the user's terminal is like: output is asserted as it is without a terminal."""
+    for name in TERMINAL_VARIABLES:
+        os.environ.pop(name, None)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
