@@ -41,8 +41,16 @@ CONFIG = AgentConfig(
 )
 
 
+TERMINAL_VARIABLES = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
+
+
 def pytest_configure() -> None:
-    """Refuse to replace a method of a compiled class: compiled callers go on calling it, and a test proves nothing."""
+    """Forget what the user's terminal is like, and refuse to replace methods of compiled classes.
+
+    Output is asserted as it is without a terminal. Compiled callers go on calling a method that is replaced.
+    """
+    for name in TERMINAL_VARIABLES:
+        os.environ.pop(name, None)
     replace_attribute = pytest.MonkeyPatch.setattr
 
     def setattr_of_python(patch: pytest.MonkeyPatch, target: Any, *arguments: Any, **named: Any) -> None:
@@ -50,7 +58,7 @@ def pytest_configure() -> None:
         owner = resolve_name(target.rpartition(".")[0]) if isinstance(target, str) else target
         assert not (isinstance(owner, type) and "__mypyc_attrs__" in vars(owner)), f"{owner} is compiled"
 
-    pytest.MonkeyPatch.setattr = setattr_of_python  # type: ignore[method-assign]
+    pytest.MonkeyPatch.setattr = setattr_of_python  # type: ignore[method-assign, assignment]
 
 
 def pytest_sessionstart() -> None:
@@ -66,15 +74,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 WHOLLY = r"^pytestmark = \[?\s*pytest\.mark\.{}\b"
 MARKS = re.compile(r"(not )?\w+( and (not )?\w+)*")
-
-
-TERMINAL_VARIABLES = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Forget what the user's terminal is like: output is asserted as it is without a terminal."""
-    for name in TERMINAL_VARIABLES:
-        os.environ.pop(name, None)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
