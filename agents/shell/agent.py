@@ -25,6 +25,8 @@ from estimation.state import Sighting, Telemetry
 ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats arrive once a second: within this time an arming in progress is reported."""
 HOLD_BEFORE_LANDING_S = 3.0
+_AFTER_TICK_S = 1e-3
+"""The end of the mission comes after a tick at the same time, which belongs to the mission."""
 
 _ALL_BUT_KILL = tuple(kind for kind in Kind if kind is not Kind.KILL)
 
@@ -223,7 +225,7 @@ class Agent:
         return LifeEvent.START_AGREED
 
     async def _fly_duration(self, start_s: float) -> LifeEvent:
-        await self._clock.sleep_until(start_s + self._duration_s)
+        await self._clock.sleep_until(start_s + self._duration_s + _AFTER_TICK_S)
         return LifeEvent.DURATION_OVER
 
     async def _come_to_rest(self) -> LifeEvent:

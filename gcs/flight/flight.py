@@ -136,8 +136,9 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         gc.freeze()  # links and agents live as long as the flight: no collection examines them
         hint = await command_by_keyboard(team, stack)
         began_s, began_mission_s = perf_counter(), clock.now_s()
-        with _at_speed(plan.speed, clock), supervisor.follow(clock):
-            outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
+        async with supervisor.follow(clock):
+            with _at_speed(plan.speed, clock):
+                outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)

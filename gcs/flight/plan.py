@@ -74,7 +74,7 @@ class FlightPlan:
             self.mission,
             facts,
             date.today(),
-            stubs=self.is_governed,
+            stubs=self.only_stubs,
             bench=self.bench,
             clock=clock,
             computer=computer,

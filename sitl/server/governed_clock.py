@@ -17,6 +17,8 @@ from weakref import WeakKeyDictionary
 
 from sitl.server.shared_clock import NEVER_US, US_PER_S, VEHICLES, ClockName, Rank, Seat
 
+HELD_MAX_S = 1.0
+"""Wall time for which work on this computer holds the time."""
 TRANSIT_MAX_S = 0.5
 """Wall time after which a message that has not arrived is taken as lost."""
 _LOOKING: "WeakKeyDictionary[asyncio.AbstractEventLoop, int]" = WeakKeyDictionary()
@@ -131,14 +133,23 @@ class GovernedClock:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Return a context of work on this computer, during which the time stands still."""
+        """Return a context of work on this computer, during which the time stands still, for `HELD_MAX_S` at most.
+
+        A call to a vehicle that does not answer takes longer, and this event loop has other vehicles to fly.
+        """
         self._holds += 1
         self._state()
+        limit = self._loop.call_later(HELD_MAX_S, self._release)
         try:
             yield
         finally:
-            self._holds -= 1
-            self.look()
+            if limit.when() > self._loop.time():
+                limit.cancel()
+                self._release()
+
+    def _release(self) -> None:
+        self._holds -= 1
+        self.look()
 
     def transit(self, system_id: int) -> "LinkTransit":
         """Return what is under way to and from a vehicle: the time waits for its motions."""

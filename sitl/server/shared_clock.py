@@ -9,6 +9,7 @@ A participant that does not go on for `HUNG_S` of wall time is passed over until
 process has ended is removed. Imports nothing heavy: a supervisor uses it.
 """
 
+import errno
 import fcntl
 import os
 import select
@@ -19,7 +20,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
-from math import inf, isnan
+from math import isnan
 from mmap import mmap
 from pathlib import Path
 from typing import Any, Self
@@ -43,7 +44,7 @@ _IDLE = NEVER_US << _SEAT_BITS
 _WORD = 8
 VEHICLES = 256
 """Vehicles are told apart by their ids modulo this."""
-_MOTIONS = 32
+_MOTIONS = 16
 """How many motions of a vehicle may be under way before the oldest is forgotten."""
 _MOTION_BYTES, _SETPOINT_BYTES = 24, 12
 
@@ -216,7 +217,8 @@ def _write_memory(path: Path, speed: float) -> None:
     descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
     try:
         # Not truncated to its size, which would reserve nothing: writing to memory that is short ends a process.
-        os.write(descriptor, bytes(_Memory.size()))
+        if os.write(descriptor, bytes(_Memory.size())) < _Memory.size():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
         memory = _Memory(mmap(descriptor, _Memory.size()))
     finally:
         os.close(descriptor)
@@ -258,8 +260,8 @@ class Seat:
         self._serial = self.memory.serial[self._seat]
         self._others: dict[int, int] = {}
         self._blocking, self._blocking_due_s = _IDLE, 0.0
-        self._origin_s = -inf
         self._stated_us = NEVER_US
+        self._paced_us, self._paced_s, self._paced_speed = self.now_us, time.monotonic(), self.speed
 
     @property
     def woken(self) -> int:
@@ -284,7 +286,6 @@ class Seat:
     @speed.setter
     def speed(self, speed: float) -> None:
         self.memory.speed[0] = speed
-        self._origin_s = -inf
 
     @property
     def waits_us(self) -> int:
@@ -294,6 +295,8 @@ class Seat:
     def state(self, event_us: int) -> None:
         """State the time of the next event: everything before it is done. `NEVER_US` if there is none."""
         event_us = min(max(event_us, self.now_us), NEVER_US)
+        if self._stated_us == NEVER_US:  # it has not followed the time
+            self._paced_us, self._paced_s = self.now_us, time.monotonic()
         self._stated_us = event_us
         self.memory.event[self._seat] = event_us << _SEAT_BITS | self._seat
         first = self._first()
@@ -314,6 +317,7 @@ class Seat:
         due_s = self._due_s(self._stated_us, wall_s)
         if due_s > wall_s:
             return due_s - wall_s
+        self._paced_us, self._paced_s = self._stated_us, max(due_s, wall_s - LATE_MAX_S)
         self.memory.now_us[0] = max(self._stated_us, self.now_us)
         return 0.0
 
@@ -372,10 +376,9 @@ class Seat:
 
     def _due_s(self, event_us: int, wall_s: float) -> float:
         """Return when an event is due at the clock's speed [s, monotonic]."""
-        after_s = event_us / US_PER_S / self.speed
-        late_s = LATE_MAX_S if self._origin_s > -inf else 0.0
-        self._origin_s = max(self._origin_s, wall_s - late_s - after_s)
-        return self._origin_s + after_s
+        if self.speed != self._paced_speed:
+            self._paced_us, self._paced_s, self._paced_speed = self.now_us, wall_s, self.speed
+        return self._paced_s + max(event_us - self._paced_us, 0) / US_PER_S / self._paced_speed
 
     def _watch(self, blocking: int, wall_s: float) -> None:
         """Pass over the seat that may go on if it has not done so for too long; remove it if its process has ended."""

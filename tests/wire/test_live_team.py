@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.shell.clock import WallClock
+from agents.shell.clock import MissionClock, WallClock
 from agents.tape import Start
 from estimation.state import Vector
 from gcs.flight.stubs import prepared_configs
@@ -35,9 +35,9 @@ from gcs.station.live_team import LiveTeam
 from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
 from gcs.station.recorded_flight import recorded_flight
 from sitl.autopilot.modes import NavMode
-from sitl.server.server import Stub, serve
+from sitl.server.server import Stub
 from tests.support.mission_text import LOW
-from tests.support.wire import until
+from tests.support.wire import served, until
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
@@ -63,9 +63,9 @@ MODES = {NavMode.OFFBOARD: "offboard", NavMode.HOLD: "hold", NavMode.LAND: "land
 
 @dataclass(frozen=True)
 class Truth:
-    """The true state of a team at one time [Unix s]."""
+    """The true state of a team at one time of its clock."""
 
-    wall_s: float
+    time_s: float
     place_m: dict[int, tuple[float, float, float]]
     velocity_m_s: dict[int, tuple[float, float]]
     yaw_rad: dict[int, float]
@@ -73,11 +73,11 @@ class Truth:
     battery: dict[int, float]
 
     @classmethod
-    def of(cls, stubs: dict[int, Stub], mission: Mission) -> "Truth":
+    def of(cls, time_s: float, stubs: dict[int, Stub], mission: Mission) -> "Truth":
         bodies = {i: stub.autopilot.airframe for i, stub in stubs.items()}
         x_bearing_rad = radians(mission.frame.x_bearing_deg)
         return cls(
-            time.time(),
+            time_s,
             {i: body.position_m for i, body in bodies.items()},
             {i: body.velocity_m_s[:2] for i, body in bodies.items()},
             {i: x_bearing_rad - body.heading_rad for i, body in bodies.items()},
@@ -102,6 +102,8 @@ class Scene:
     stubs: dict[int, Stub] = field(default_factory=dict)
     truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=200))
     teams: list[TeamPicture] = field(default_factory=list)
+    published_s: list[float] = field(default_factory=list)
+    clock: MissionClock = field(default_factory=WallClock)
     events: list[EventPicture] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     compared: int = 0
@@ -110,6 +112,7 @@ class Scene:
         match picture:
             case TeamPicture():
                 self.teams.append(picture)
+                self.published_s.append(self.clock.now_s())
                 if picture.ring_members == 3 and all(each.fence_margin_m is not None for each in picture.vehicles):
                     self.compare(picture)
             case EventPicture():
@@ -126,7 +129,7 @@ class Scene:
 
     def compare(self, team: TeamPicture) -> None:
         """Note what of a picture was true at no time in the last half second."""
-        recent = [each for each in self.truths if each.wall_s >= time.time() - WITHIN_S]
+        recent = [each for each in self.truths if each.time_s >= self.clock.now_s() - WITHIN_S * SPEED]
         self.compared += 1
         for shown in team.vehicles:
             self.faults += [f"{shown.vehicle_id}: {name}" for name, true in checks(shown, recent) if not true]
@@ -134,8 +137,8 @@ class Scene:
     async def follow_truth(self) -> None:
         while True:
             if self.stubs:
-                self.truths.append(Truth.of(self.stubs, self.mission))
-            await asyncio.sleep(0.02)
+                self.truths.append(Truth.of(self.clock.now_s(), self.stubs, self.mission))
+            await self.clock.sleep(0.08)
 
 
 def checks(shown: VehiclePicture, recent: Sequence[Truth]) -> Iterable[tuple[str, bool]]:
@@ -179,20 +182,9 @@ def angle(turn_rad: float) -> float:
 @asynccontextmanager
 async def stubs(scene: Scene) -> AsyncIterator[None]:
     """Serve the mission's vehicles in this process."""
-    stop, ready = asyncio.Event(), asyncio.Event()
-
-    def take(served: Sequence[Stub]) -> None:
-        scene.stubs = {stub.config.vehicle_id: stub for stub in served}
-        ready.set()
-
-    configs = prepared_configs(scene.mission, scene.mission.ids, SPEED)
-    serving = asyncio.create_task(serve(configs, WallClock(SPEED), stop, take))
-    try:
-        await asyncio.wait_for(ready.wait(), 10.0)
+    async with served(prepared_configs(scene.mission, scene.mission.ids, 1.0), SPEED) as vehicles:
+        scene.stubs, scene.clock = vehicles.stubs, vehicles.clock
         yield
-    finally:
-        stop.set()
-        await serving
 
 
 @asynccontextmanager
@@ -272,10 +264,9 @@ def compare_with_log(scene: Scene, log: FlightLog) -> None:
     start_s = next(log.of_kind(1, Start)).at_s
     decisions = {i: list(log.of_kind(i, Decision)) for i in (1, 2, 3)}
     compared = 0
-    for team in scene.teams[::5]:
+    for team, now_s in list(zip(scene.teams, scene.published_s, strict=True))[::5]:
         if team.ring_members < 3 or team.time_s is None or team.remaining_s is None:
             continue
-        now_s = team.wall_s * SPEED
         assert abs(team.time_s - (now_s - start_s)) <= WITHIN_S * SPEED
         assert abs(team.time_s + team.remaining_s - DURATION_S) < 1e-6
         target_m = scene.mission.target.motion.position_m(team.time_s)

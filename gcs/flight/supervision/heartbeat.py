@@ -1,12 +1,13 @@
 """The flying process's heartbeat to its supervisor; when the supervisor's own heartbeat stops, the vehicles land."""
 
+import asyncio
 import os
 import select
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext, suppress
 from math import inf
 from types import TracebackType
 from typing import Protocol, Self
@@ -14,13 +15,23 @@ from typing import Protocol, Self
 from agents.ports import Heartbeat
 from agents.shell.clock import MissionClock
 from gcs import signals
-from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, Beat, encode_beat, encode_clock
+from gcs.flight.supervision.protocol import (
+    HEARTBEAT_VARIABLE,
+    JOINED,
+    POLL_PERIOD_S,
+    STOP,
+    Beat,
+    encode_beat,
+    encode_clock,
+)
 from sitl.server.governed_clock import GovernedClock
 
 TICK_PERIOD_MIN_S = 0.04
 """A faster loop sends fewer heartbeats than ticks: the supervisor polls ten times a second."""
 SUPERVISOR_SILENCE_S, SILENT_POLL_S = 3.0, 1.5 * POLL_PERIOD_S
 """A supervisor without a heartbeat for this time counts as dead: it may be stopped."""
+JOINED_WITHIN_S = 2.0
+"""Wall time for the supervisor to join a governed clock; a stopped one never does."""
 
 
 class SupervisorLink(Protocol):
@@ -39,7 +50,7 @@ class SupervisorLink(Protocol):
         """Call `ask`, on another thread, for each request of the operator to end."""
         ...
 
-    def follow(self, clock: MissionClock) -> AbstractContextManager[None]:
+    def follow(self, clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Let silences be measured on the flight's clock within a context."""
         ...
 
@@ -57,7 +68,7 @@ class Unsupervised:
         """Call `ask` for each signal."""
         signals.relay(ask)
 
-    def follow(self, _clock: MissionClock) -> AbstractContextManager[None]:
+    def follow(self, _clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Return a context without effect."""
         return nullcontext()
 
@@ -77,6 +88,7 @@ class SupervisorHeartbeat:
         self._closing = False
         self._now_s: Callable[[], float] = time.monotonic
         self._poll_max_s = SILENT_POLL_S
+        self._joined = threading.Event()
         self.is_lost = False
 
     def __enter__(self) -> Self:
@@ -101,14 +113,18 @@ class SupervisorHeartbeat:
         """Return the heartbeat of a vehicle's agent."""
         return _Sent(self._connection, vehicle_id, self._time_s)
 
-    @contextmanager
-    def follow(self, clock: MissionClock) -> Iterator[None]:
-        """Measure silences, here and in the supervisor, on a governed clock within a context."""
+    @asynccontextmanager
+    async def follow(self, clock: MissionClock) -> AsyncIterator[None]:
+        """Measure silences, here and in the supervisor, on a governed clock within a context.
+
+        Waits until the supervisor has joined the clock, which from then on waits for it.
+        """
         if not isinstance(clock, GovernedClock):
             yield
             return
-        self._now_s, self._poll_max_s = clock.now_s, inf
         self._send_clock(clock.name.number)
+        if await asyncio.to_thread(self._joined.wait, JOINED_WITHIN_S):
+            self._now_s, self._poll_max_s = clock.now_s, inf
         try:
             yield
         finally:
@@ -138,6 +154,8 @@ class SupervisorHeartbeat:
             received = self._received()
             silent_s, polled_s = self._silent_s(silent_s, polled_s, received), self._now_s()
             requests = received.count(STOP) if received else 0
+            if received and JOINED in received:
+                self._joined.set()
             lost = received == b"" or (silent_s > SUPERVISOR_SILENCE_S and not self.is_lost)
             if lost:
                 self.is_lost = True

@@ -17,8 +17,8 @@ SILENCE_MIN_S = 0.6
 """Shorter silences of a control loop are tolerated. With PX4's offboard timeout (1.1 s): out of offboard in 2 s."""
 OVERDUE_MAX_S = 0.3
 """How late the tick of a slow loop may be."""
-ALIVE, STOP = b".", b"!"
-"""What the supervisor sends: its heartbeat, and the operator's request to end."""
+ALIVE, STOP, JOINED = b".", b"!", b"+"
+"""What the supervisor sends: its heartbeat, the operator's request to end, and that it has joined the clock."""
 
 _RECORD = Struct("!BBI")
 _NUMBER_MAX = 0xFFFFFFFF

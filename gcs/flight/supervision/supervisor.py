@@ -18,7 +18,7 @@ from dataclasses import asdict
 from typing import Protocol
 
 from gcs.errors import Exit
-from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S, STOP, LoopMonitor
+from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
 from gcs.metrics.ending import FlightEnding, How, LostFlight
 from gcs.metrics.json_output import json_output
 from gcs.preflight.computer.priority import raise_supervisor
@@ -119,7 +119,9 @@ def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, monitor: 
     pace = _PollPace()
     try:
         while flying.poll() is None:
-            pace.wait(monitor.clock)
+            if pace.follow(monitor.clock):
+                _send(connection, JOINED)
+            pace.wait()
             _send(connection, ALIVE)
             monitor.receive(_received(connection))
             if silences_s := monitor.poll():
@@ -137,13 +139,18 @@ class _PollPace:
         self._number: int | None = None
         self._seat: Seat | None = None
 
-    def wait(self, clock: int | None) -> None:
-        """Wait on the clock of this number, None for the wall's; also on the wall's if there is no such clock."""
-        if clock != self._number:
-            self.leave_clock()
-            self._number = clock
-            with suppress(ClockError):
-                self._seat = None if clock is None else Seat(ClockName(clock), Rank.SUPERVISOR)
+    def follow(self, clock: int | None) -> bool:
+        """Wait on the clock of this number from now on, None for the wall's; return whether it was joined now."""
+        if clock == self._number:
+            return False
+        self.leave_clock()
+        self._number = clock
+        with suppress(ClockError):  # without such a clock, by the wall's
+            self._seat = None if clock is None else Seat(ClockName(clock), Rank.SUPERVISOR)
+        return self._seat is not None
+
+    def wait(self) -> None:
+        """Wait until the next poll."""
         if self._seat is None:
             time.sleep(POLL_PERIOD_S)
         else:
