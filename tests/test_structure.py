@@ -1,4 +1,4 @@
-"""The structure of the packages: no circles, no crowded folders, no long files and functions."""
+"""The structure of the packages: no circles of imports, and no chance without a seed. Sizes are only reported."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +16,8 @@ from tests.structure import (
     unseeded_generators,
 )
 
-RULES = (crowded_folders, file_circles, folder_circles, long_files, long_functions, unseeded_generators)
+RULES = (file_circles, folder_circles, unseeded_generators)
+REPORTED = (crowded_folders, long_files, long_functions)
 
 
 def test_sources_of_all_packages_are_found() -> None:
@@ -29,7 +30,7 @@ def test_sources_keep(rule: Callable[[list[Path]], list[str]]) -> None:
     assert rule(sources()) == []
 
 
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+@pytest.mark.parametrize("rule", RULES + REPORTED, ids=lambda rule: rule.__name__)
 def test_breach_is_found(
     rule: Callable[[list[Path]], list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -198,11 +198,8 @@ def _fly(options: FlyOptions) -> Exit:
     if options.fault and not stubs:
         raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
     clock = None if stubs else lockstep_clock(mission)
-    require_governed(
-        options.speed,
-        only_stubs=len(stubs) == len(mission.ids) or clock is not None,
-        advice="it needs --sitl, or `cordon sitl --lockstep`: only stub vehicles wait for this computer",
-    )
+    waits = len(stubs) == len(mission.ids) or clock is not None
+    require_governed(options.speed, only_stubs=waits, advice="it needs --sitl, or `cordon sitl --lockstep`")
     only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
     duration_s = options.duration or mission.mission.duration_s
     plan = FlightPlan(
@@ -218,7 +215,6 @@ def _fly(options: FlyOptions) -> Exit:
         clock=clock,
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
-
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)
 
     def judge(record: "FlightRecord") -> Exit:

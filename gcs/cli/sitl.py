@@ -2,13 +2,18 @@
 
 import asyncio
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from gcs.cli.options import Changes, MissionName, Speed, loaded_mission, require_governed
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sitl.server.server import StubConfig
 
 
 @Parameter(name="*")
@@ -42,18 +47,14 @@ def sitl(options: SitlOptions) -> Exit:
     """
     hold_back()
     from contextlib import ExitStack
-    from functools import partial
 
     from agents.ports import VehicleRefusedError
-    from agents.shell.clock import WallClock
-    from gcs.console.terminal import STDERR, print_problem
-    from gcs.flight.stubs import CLOCK_ADVICE, serve_until_ctrl_c, stub_configs
+    from gcs.console.terminal import print_problem
+    from gcs.flight.stubs import serve_until_ctrl_c, served_clock, stub_configs
     from gcs.link.ports.claims import stub_claims
     from gcs.radio.mission_radio import free_ports, mission_radio
     from gcs.radio.options import radio_spec
     from gcs.radio.serving import running_beside
-    from sitl.server.governed_clock import GovernedClock
-    from sitl.server.shared_clock import ClockError, Rank, new_clock
 
     mission, speed = loaded_mission(options.mission, options.changes), options.speed or 1.0
     require_governed(options.speed, only_stubs=False, advice="give it to the flight that joins with --lockstep")
@@ -68,20 +69,23 @@ def sitl(options: SitlOptions) -> Exit:
             stack.enter_context(stub_claims(ports_served))
             if spec is not None and ports is not None:
                 stack.enter_context(running_beside(mission_radio(spec, mission, ports)))
-            for config in configs:
-                place = f"{config.client_host}:{config.client_port}"
-                STDERR.print(f"vehicle {config.vehicle_id}: MAVLink to udp {place}", highlight=False)
-            STDERR.print(f"simulated time runs at {speed:g} times the wall clock; Ctrl-C ends it", highlight=False)
-            name = stack.enter_context(new_clock(speed, ports_served)) if options.lockstep else None
-            make_clock = partial(WallClock, speed) if name is None else partial(GovernedClock, name, Rank.STUBS)
+            _announce(configs, speed)
+            make_clock = stack.enter_context(served_clock(speed, ports_served, lockstep=options.lockstep))
             asyncio.run(serve_until_ctrl_c(configs, make_clock))
     except VehicleRefusedError as refusal:
         print_problem(f"the stub vehicles did not start: {refusal.reason}", refusal.next_step)
-        return Exit.REFUSED
-    except ClockError as error:
-        print_problem(f"the stub vehicles did not start: {error}", CLOCK_ADVICE)
         return Exit.REFUSED
     except OSError as error:
         print_problem(f"the stub vehicles did not start: {error}", "check whether another program uses their ports")
         return Exit.REFUSED
     return Exit.HOLDS
+
+
+def _announce(configs: "Sequence[StubConfig]", speed: float) -> None:
+    """Print where the vehicles send to, and how fast their time runs."""
+    from gcs.console.terminal import STDERR
+
+    for config in configs:
+        place = f"{config.client_host}:{config.client_port}"
+        STDERR.print(f"vehicle {config.vehicle_id}: MAVLink to udp {place}", highlight=False)
+    STDERR.print(f"simulated time runs at {speed:g} times the wall clock; Ctrl-C ends it", highlight=False)

@@ -9,8 +9,7 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
 from gcs.flight.faults.injection import Injection
-from gcs.flight.flight import clock_refusal
-from gcs.flight.stubs import prepared_configs
+from gcs.flight.stubs import clock_refusal, prepared_configs
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, serve
 from sitl.server.shared_clock import ClockError, Rank, new_clock

@@ -17,7 +17,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.practice import Practice
 from gcs.flight.preparation.readiness import Readiness
 from gcs.flight.preparation.start_wait import StartWait
-from gcs.flight.stubs import CLOCK_ADVICE, FlightStubs
+from gcs.flight.stubs import FlightStubs, clock_refusal
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import Member, Team
@@ -100,11 +100,6 @@ def _at_speed(speed: float | None, clock: MissionClock) -> Iterator[None]:
     finally:
         if isinstance(clock, GovernedClock):
             clock.set_speed(before)
-
-
-def clock_refusal(error: ClockError) -> VehicleRefusedError:
-    """Return the refusal of a flight whose clock cannot be made."""
-    return VehicleRefusedError(f"the clock of the stub vehicles: {error}", CLOCK_ADVICE)
 
 
 async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, practice: Practice) -> Flight:

@@ -1,8 +1,8 @@
 """The mission's vehicles as stubs: those that `cordon sitl` serves and `cordon fly --sitl` starts."""
 
 import asyncio
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
@@ -23,10 +23,11 @@ from sitl.faults import VehicleInjection
 from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.mavlink.signing import SigningKey
+from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
-from sitl.server.server import StubClock, StubConfig, StubRecord, serve
-from sitl.server.shared_clock import ClockName, Rank, clock_of
+from sitl.server.server import StubConfig, StubRecord, serve
+from sitl.server.shared_clock import ClockError, ClockName, Rank, clock_of, new_clock
 
 PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
     AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
@@ -38,9 +39,6 @@ STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S = 5.0, 3.0
 
 MAVSDK sends a heartbeat once per wall second; beside other simulators the autopilot's time may pass faster.
 """
-
-
-CLOCK_ADVICE = "free memory there, or name another folder by CORDON_CLOCKS"
 
 
 def station_timeout_s(time_scale: float) -> float:
@@ -130,6 +128,29 @@ def lockstep_clock(mission: Mission) -> ClockName | None:
     if any(url.scheme != "udpin" for url in urls):
         return None
     return clock_of({url.port or 0 for url in urls})
+
+
+def clock_refusal(error: ClockError) -> VehicleRefusedError:
+    """Return the refusal of a flight whose clock cannot be made."""
+    return VehicleRefusedError(
+        f"the clock of the stub vehicles: {error}", "free memory there, or name another folder by CORDON_CLOCKS"
+    )
+
+
+@contextmanager
+def served_clock(speed: float, ports: Collection[int], *, lockstep: bool) -> Iterator[Callable[[], StubClock]]:
+    """Return what makes the clock of stubs that send to `ports`: the wall's, or in `lockstep` one that flights join.
+
+    Raises VehicleRefusedError.
+    """
+    if not lockstep:
+        yield partial(WallClock, speed)
+        return
+    try:
+        with new_clock(speed, ports) as name:
+            yield partial(GovernedClock, name, Rank.STUBS)
+    except ClockError as error:
+        raise clock_refusal(error) from error
 
 
 def _clock_maker(clock: MissionClock) -> Callable[[], StubClock]:

@@ -21,6 +21,7 @@ from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
 from estimation.frames import Triple
 from estimation.state import Telemetry
+from gcs.link.attention import Attention
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin, request_rates
 from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender
@@ -64,8 +65,7 @@ class MavsdkLink:
         self._parts: LinkParts | None = None
         self._guided: Callable[[], object] | None = None
         self._keeper: asyncio.Task[None] | None = None
-        self._attention = asyncio.Event()
-        self._notified = False
+        self._attention = Attention(clock)
         self._silent = False
         self._asking = 0
         self._sent = 0
@@ -139,7 +139,7 @@ class MavsdkLink:
         await self._request_rates()
         await self._locate()
         feed.on_telemetry = on_telemetry
-        feed.on_loss, feed.on_return = self._mute, self._notify
+        feed.on_loss, feed.on_return = self._mute, self._attention.notify
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
     def locate(self, position: ExternalPosition) -> None:
@@ -353,8 +353,9 @@ class MavsdkLink:
         """Request rates and origin again after a reconnection, after a restart, and without motion on a live link."""
         feed = self._connected().feed
         while True:
-            await self._until_due()
-            notified, self._notified = self._notified, False
+            notified = await self._attention.wait(WATCH_PERIOD_S)
+            if self._clock.is_governed:
+                self._hub.show_life(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
             silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and feed.origin_m is not None:
                 feed.lose()
@@ -367,23 +368,6 @@ class MavsdkLink:
             if self._rates is not self._config.pace.rates:
                 with suppress(VehicleRefusedError):
                     await self._request_rates()
-
-    def _notify(self) -> None:
-        """Let the rates and the origin be requested again now."""
-        self._notified = True
-        self._attention.set()
-
-    async def _until_due(self) -> None:
-        """Wait for a period, or until the link needs attention."""
-        due_s = self._clock.now_s() + WATCH_PERIOD_S * self._clock.time_scale
-        timer = self._clock.call_at(due_s, self._attention.set)
-        try:
-            await self._attention.wait()
-        finally:
-            timer.cancel()
-        self._attention.clear()
-        if self._clock.is_governed:
-            self._hub.show_life(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
 
     async def _request_rates(self) -> None:
         """Request the rates in force, and set them in the relay."""

@@ -15,7 +15,8 @@ from struct import Struct
 from typing import Protocol, Self
 from weakref import WeakKeyDictionary
 
-from sitl.server.shared_clock import NEVER_US, US_PER_S, VEHICLES, ClockName, Rank, Seat
+from sitl.server.clock_memory import NEVER_US, VEHICLES
+from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat
 
 HELD_MAX_S = 1.0
 """Wall time for which work on this computer holds the time."""

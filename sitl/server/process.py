@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 from sitl.faults import VehicleInjection
-from sitl.server.server import Stub, StubClock, StubConfig, StubRecord, serve
+from sitl.server.endpoint import StubClock
+from sitl.server.server import Stub, StubConfig, StubRecord, serve
 from sitl.server.shared_clock import ClockError
 
 

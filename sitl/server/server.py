@@ -1,11 +1,10 @@
 """The stub vehicles on UDP: one socket and one MAVLink stream per vehicle, in scaled time, and their true tracks."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from math import ceil, floor, inf, isfinite
-from typing import Protocol, cast
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from sitl.mavlink.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
+from sitl.server.endpoint import LOOPBACK, Endpoint, StubClock, bound
 from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTransit
 
 WAKE_PERIOD_S = 0.004
@@ -37,11 +37,6 @@ It is shorter than the offboard timeout: a stall of the stub must not trigger th
 TRUTH_STEPS = round(0.1 / STEP_S)
 _ROUNDING = 1e-4
 """Of a step: clocks count microseconds."""
-DATAGRAM_MAX = 1400
-PEERS_MAX = 4
-LOOPBACK = "127.0.0.1"
-
-Address = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,74 +115,6 @@ class StubRecord:
     dropped: dict[int, dict[str, int]]
 
 
-class StubClock(Protocol):
-    """The clock of the stubs, which is also that of their clients: monotonic simulated seconds."""
-
-    @property
-    def speed(self) -> float:
-        """How many times as fast as the wall's it runs, at most."""
-        ...
-
-    def now_s(self) -> float:
-        """Return the present time."""
-        ...
-
-    def call_at(self, time_s: float, call: Callable[[], object]) -> object:
-        """Call a function at a time, on the running event loop."""
-        ...
-
-    async def sleep_until(self, time_s: float) -> float:
-        """Wait until a time has come, yielding at least once."""
-        ...
-
-    def close(self) -> None:
-        """Leave the clock."""
-        ...
-
-
-class _Endpoint(asyncio.DatagramProtocol):
-    """One vehicle's socket: sends to its client and to every other address that has sent to it."""
-
-    def __init__(
-        self, receive: Callable[[bytes], list[bytes]], client: Address, faults: VehicleFaults, clock: StubClock
-    ) -> None:
-        self._receive = receive
-        self._peers = [client]
-        self._faults = faults
-        self._clock = clock
-        self._transport: asyncio.DatagramTransport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.DatagramTransport, transport)
-
-    def datagram_received(self, data: bytes, addr: Address) -> None:
-        if addr not in self._peers and len(self._peers) < PEERS_MAX:
-            self._peers.append(addr)
-        self._carry(lambda: self.send(self._receive(data)))
-
-    def send(self, packets: list[bytes], on_sent: Callable[[], object] = lambda: None) -> None:
-        """Send packets as the link's faults demand; `on_sent` is called when they are sent."""
-        if packets:
-            self._carry(lambda: self._send(packets, on_sent))
-
-    def _carry(self, deliver: Callable[[], object]) -> None:
-        """Deliver packets as the link's faults demand: at once, late, or not at all."""
-        if self._faults.link_cut:
-            return
-        if self._faults.link_delay_s > 0.0:
-            self._clock.call_at(self._clock.now_s() + self._faults.link_delay_s, deliver)
-        else:
-            deliver()
-
-    def _send(self, packets: list[bytes], on_sent: Callable[[], object] = lambda: None) -> None:
-        on_sent()
-        if self._transport is None or self._transport.is_closing():
-            return
-        for datagram in _bundled(packets):
-            for peer in self._peers:
-                self._transport.sendto(datagram, peer)
-
-
 class _Pace:
     """The stubs' uptime: the common clock's time since the start, less the dropped time."""
 
@@ -252,7 +179,7 @@ class Stub:
             config.vehicle_id, config.frame, origin_m, config.noise, seed, config.signing_key, config.uid
         )
         self._vehicle = MavlinkVehicle(self.autopilot, mavlink, dialect, self.faults, observer=self)
-        self.endpoint = _Endpoint(
+        self.endpoint = Endpoint(
             lambda data: self._vehicle.receive(data, pace.uptime_s()),
             (config.client_host, config.client_port),
             self.faults,
@@ -353,7 +280,7 @@ async def serve(
     stubs = [Stub(config, pace, clock) for config in configs]
     async with AsyncExitStack() as stack:
         for stub in stubs:
-            await stack.enter_async_context(_bound(stub.endpoint, stub.config.port))
+            await stack.enter_async_context(bound(stub.endpoint, stub.config.port))
         if on_ready is not None:
             on_ready(stubs)
         stepping = asyncio.create_task(_step(stubs, pace, clock))
@@ -397,24 +324,3 @@ async def _show_life(stubs: Sequence[Stub], pace: _Pace) -> None:
             for stub in stubs:
                 stub.show_life()
         step = pace.step
-
-
-@asynccontextmanager
-async def _bound(endpoint: _Endpoint, port: int) -> AsyncIterator[None]:
-    loop = asyncio.get_running_loop()
-    transport, _ = await loop.create_datagram_endpoint(lambda: endpoint, local_addr=(LOOPBACK, port))
-    try:
-        yield
-    finally:
-        transport.close()
-
-
-def _bundled(packets: list[bytes]) -> list[bytes]:
-    """Join packets into datagrams that fit an Ethernet frame, as PX4 does."""
-    datagrams: list[bytes] = []
-    for packet in packets:
-        if datagrams and len(datagrams[-1]) + len(packet) <= DATAGRAM_MAX:
-            datagrams[-1] += packet
-        else:
-            datagrams.append(packet)
-    return datagrams

@@ -23,7 +23,9 @@ from enum import IntEnum
 from math import isnan
 from mmap import mmap
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
+
+from sitl.server.clock_memory import IDLE, NEVER_US, SEAT_BITS, SEATS, VERSION, ClockMemory
 
 HUNG_S = 2.0
 """Wall time for which the others wait for a participant that does not go on."""
@@ -32,21 +34,10 @@ LOOK_S = 0.02
 LATE_MAX_S = 0.05
 """Wall time that is made up: a clock that is further behind its speed does not run faster to catch up."""
 US_PER_S = 1e6
-NEVER_US = 1 << 56
 FOLDER_VARIABLE = "CORDON_CLOCKS"
 """The environment variable that names the folder of the clocks; by default that of shared memory, if there is one."""
 
-_VERSION = 1
 _PREFIX = "cordon-clock"
-_SEAT_BITS = 6
-_SEATS = 1 << _SEAT_BITS
-_IDLE = NEVER_US << _SEAT_BITS
-_WORD = 8
-VEHICLES = 256
-"""Vehicles are told apart by their ids modulo this."""
-_MOTIONS = 16
-"""How many motions of a vehicle may be under way before the oldest is forgotten."""
-_MOTION_BYTES, _SETPOINT_BYTES = 24, 12
 
 
 class Rank(IntEnum):
@@ -60,75 +51,6 @@ class Rank(IntEnum):
 
 class ClockError(Exception):
     """A shared clock that cannot be made or joined, with the reason."""
-
-
-class _Memory:
-    """The sections of the shared memory. Integers are written whole; only the participant that goes on writes `now`."""
-
-    def __init__(self, buffer: mmap) -> None:
-        self._buffer = buffer
-        self._views: list[memoryview[Any]] = []
-        self._used = 0
-        self.version, self.now_us, self.begin_us = (self._integers(1) for _ in range(3))
-        self.epoch_s, self.speed = self._section(_WORD).cast("d"), self._section(_WORD).cast("d")
-        self._views += [self.epoch_s, self.speed]
-        self.event, self.hung, self.serial = (self._integers(_SEATS) for _ in range(3))
-        self._motions_sent, self._setpoints_sent, self.states_sent = (self._integers(VEHICLES) for _ in range(3))
-        self._motion_us = self._integers(VEHICLES * _MOTIONS)
-        self._motions = self._section(VEHICLES * _MOTIONS * _MOTION_BYTES)
-        self._setpoints = self._section(VEHICLES * _SETPOINT_BYTES)
-
-    @classmethod
-    def size(cls) -> int:
-        words = 5 + 3 * _SEATS + 3 * VEHICLES + VEHICLES * _MOTIONS
-        return words * _WORD + VEHICLES * (_MOTIONS * _MOTION_BYTES + _SETPOINT_BYTES)
-
-    def motions(self, system_id: int) -> int:
-        """Return how many motions a vehicle has sent."""
-        return int(self._motions_sent[system_id])
-
-    def send_motion(self, system_id: int, motion: bytes) -> None:
-        """State that a vehicle sends a motion now."""
-        sent = self.motions(system_id)
-        place = system_id * _MOTIONS + sent % _MOTIONS
-        self._motion_us[place] = self.now_us[0]
-        self._motions[place * _MOTION_BYTES : (place + 1) * _MOTION_BYTES] = motion
-        self._motions_sent[system_id] = sent + 1
-
-    def find_motion(self, system_id: int, first: int, motion: bytes) -> tuple[int, int | None]:
-        """Return which of a vehicle's motions, from the `first` on, is this one, and when it was sent; else None."""
-        sent = self.motions(system_id)
-        for number in range(max(first, sent - _MOTIONS), sent):
-            place = system_id * _MOTIONS + number % _MOTIONS
-            if self._motions[place * _MOTION_BYTES : (place + 1) * _MOTION_BYTES] == motion:
-                return number, int(self._motion_us[place])
-        return sent, None
-
-    def send_setpoint(self, system_id: int, setpoint: bytes) -> None:
-        """State that a vehicle is sent a setpoint now."""
-        self._setpoints[system_id * _SETPOINT_BYTES : (system_id + 1) * _SETPOINT_BYTES] = setpoint
-        self._setpoints_sent[system_id] += 1
-
-    def newest_setpoint(self, system_id: int) -> tuple[int, bytes]:
-        """Return how many setpoints a vehicle was sent, and the newest."""
-        setpoint = self._setpoints[system_id * _SETPOINT_BYTES : (system_id + 1) * _SETPOINT_BYTES]
-        return int(self._setpoints_sent[system_id]), bytes(setpoint)
-
-    def _section(self, length: int) -> "memoryview[int]":
-        view = memoryview(self._buffer)[self._used : self._used + length]
-        self._used += length
-        self._views.append(view)
-        return view
-
-    def _integers(self, count: int) -> "memoryview[int]":
-        view = self._section(count * _WORD).cast("q")
-        self._views.append(view)
-        return view
-
-    def close(self) -> None:
-        for view in reversed(self._views):
-            view.release()
-        self._buffer.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,15 +139,15 @@ def _write_memory(path: Path, speed: float) -> None:
     descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
     try:
         # Not truncated to its size, which would reserve nothing: writing to memory that is short ends a process.
-        if os.write(descriptor, bytes(_Memory.size())) < _Memory.size():
+        if os.write(descriptor, bytes(ClockMemory.size())) < ClockMemory.size():
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-        memory = _Memory(mmap(descriptor, _Memory.size()))
+        memory = ClockMemory(mmap(descriptor, ClockMemory.size()))
     finally:
         os.close(descriptor)
     memory.epoch_s[0], memory.speed[0] = float(int(time.time())), speed
-    for seat in range(_SEATS):
-        memory.event[seat], memory.hung[seat] = _IDLE, -1
-    memory.version[0] = _VERSION
+    for seat in range(SEATS):
+        memory.event[seat], memory.hung[seat] = IDLE, -1
+    memory.version[0] = VERSION
     memory.close()
 
 
@@ -249,17 +171,17 @@ class Seat:
         try:
             descriptor = os.open(self._folder / "memory", os.O_RDWR)
             try:
-                self.memory = _Memory(mmap(descriptor, _Memory.size()))
+                self.memory = ClockMemory(mmap(descriptor, ClockMemory.size()))
             finally:
                 os.close(descriptor)
-            if self.memory.version[0] != _VERSION:
+            if self.memory.version[0] != VERSION:
                 raise ClockError(f"the clock in {self._folder} is of another version of cordon")
             self._woken, self._seat = self._take(rank)
         except (OSError, ValueError) as error:
             raise ClockError(f"there is no clock in {self._folder}: {error}") from error
         self._serial = self.memory.serial[self._seat]
         self._others: dict[int, int] = {}
-        self._blocking, self._blocking_due_s = _IDLE, 0.0
+        self._blocking, self._blocking_due_s = IDLE, 0.0
         self._stated_us = NEVER_US
         self._paced_us, self._paced_s, self._paced_speed = self.now_us, time.monotonic(), self.speed
 
@@ -298,7 +220,7 @@ class Seat:
         if self._stated_us == NEVER_US:  # it has not followed the time
             self._paced_us, self._paced_s = self.now_us, time.monotonic()
         self._stated_us = event_us
-        self.memory.event[self._seat] = event_us << _SEAT_BITS | self._seat
+        self.memory.event[self._seat] = event_us << SEAT_BITS | self._seat
         first = self._first()
         if first is not None and first != self._seat:
             self._wake(first)
@@ -331,7 +253,7 @@ class Seat:
     def leave(self) -> None:
         """Leave the clock, which goes on without this participant."""
         self.memory.serial[self._seat] = 0
-        self.memory.event[self._seat] = _IDLE
+        self.memory.event[self._seat] = IDLE
         first = self._first()
         if first is not None:
             self._wake(first)
@@ -343,7 +265,7 @@ class Seat:
 
     def _take(self, rank: Rank) -> tuple[int, int]:
         """Return the descriptor of this participant's pipe, and its seat."""
-        per_rank = _SEATS // len(Rank)
+        per_rank = SEATS // len(Rank)
         lock = os.open(self._folder / "joining", os.O_CREAT | os.O_RDWR, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -353,7 +275,7 @@ class Seat:
                     os.mkfifo(self._pipe(serial), 0o600)
                     # Also open for writing: without a writer it would be readable, at its end, all the time.
                     woken = os.open(self._pipe(serial), os.O_RDWR | os.O_NONBLOCK)
-                    self.memory.event[seat], self.memory.hung[seat] = _IDLE, -1
+                    self.memory.event[seat], self.memory.hung[seat] = IDLE, -1
                     self.memory.serial[seat] = serial
                     return woken, seat
         finally:
@@ -367,12 +289,12 @@ class Seat:
         """Return the seat that may go on, None if there is no event."""
         memory = self.memory
         first = int(min(memory.event))
-        seat = first & _SEATS - 1
-        if first < _IDLE and memory.hung[seat] == first:
+        seat = first & SEATS - 1
+        if first < IDLE and memory.hung[seat] == first:
             events = (event for event, hung in zip(memory.event, memory.hung, strict=True) if event != hung)
-            first = min(events, default=_IDLE)
-            seat = first & _SEATS - 1
-        return seat if first < _IDLE else None
+            first = min(events, default=IDLE)
+            seat = first & SEATS - 1
+        return seat if first < IDLE else None
 
     def _due_s(self, event_us: int, wall_s: float) -> float:
         """Return when an event is due at the clock's speed [s, monotonic]."""
@@ -384,7 +306,7 @@ class Seat:
         """Pass over the seat that may go on if it has not done so for too long; remove it if its process has ended."""
         event = int(self.memory.event[blocking])
         if event != self._blocking:
-            self._blocking, self._blocking_due_s = event, max(self._due_s(event >> _SEAT_BITS, wall_s), wall_s)
+            self._blocking, self._blocking_due_s = event, max(self._due_s(event >> SEAT_BITS, wall_s), wall_s)
         if wall_s - self._blocking_due_s > HUNG_S:
             self.memory.hung[blocking] = event
         self._wake(blocking)
@@ -401,7 +323,7 @@ class Seat:
             pass  # it has been woken often enough
         except OSError:  # nobody reads: its process has ended
             self.memory.serial[seat] = 0
-            self.memory.event[seat] = _IDLE
+            self.memory.event[seat] = IDLE
 
     def __enter__(self) -> Self:
         """Return itself."""

@@ -16,8 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sitl.server import shared_clock
+from sitl.server.clock_memory import NEVER_US
 from sitl.server.governed_clock import GovernedClock
-from sitl.server.shared_clock import NEVER_US, ClockError, ClockName, Rank, Seat, new_clock
+from sitl.server.shared_clock import ClockError, ClockName, Rank, Seat, new_clock
 
 MOTION = (1.0, 2.0, -3.0, 0.1, 0.2, 0.3)
 

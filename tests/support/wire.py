@@ -15,10 +15,12 @@ from itertools import islice
 
 from agents.shell.clock import MissionClock
 from sitl.autopilot.px4 import Autopilot
+from sitl.server.clock_memory import NEVER_US
+from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
-from sitl.server.server import Stub, StubClock, StubConfig, serve
-from sitl.server.shared_clock import NEVER_US, US_PER_S, ClockName, Rank, Seat, new_clock
+from sitl.server.server import Stub, StubConfig, serve
+from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat, new_clock
 
 LOOPBACK = "127.0.0.1"
 

@@ -35,8 +35,9 @@ from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.dialects import AutopilotKind
+from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
-from sitl.server.server import Stub, StubClock, StubConfig
+from sitl.server.server import Stub, StubConfig
 from tests.support.wire import LOOPBACK, free_ports, served_by, stub_clock, until
 
 pytestmark = pytest.mark.wire
