@@ -49,7 +49,7 @@ def pytest_configure() -> None:
         owner = resolve_name(target.rpartition(".")[0]) if isinstance(target, str) else target
         assert not (isinstance(owner, type) and "__mypyc_attrs__" in vars(owner)), f"{owner} is compiled"
 
-    pytest.MonkeyPatch.setattr = setattr_of_python  # type: ignore[method-assign]
+    pytest.MonkeyPatch.setattr = setattr_of_python  # type: ignore[assignment,method-assign]
 
 
 def pytest_sessionstart() -> None:
