@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 from enum import Enum
+from typing import Final
 
-import msgspec
 import numpy as np
 
 from agents.control.linearization import aim_for, aim_for_acceleration
@@ -34,7 +34,7 @@ class Approach(Enum):
     INWARD = "inward"
 
 
-class RingTask(msgspec.Struct, frozen=True):
+class RingTask:
     """One vehicle's task about the target; all values are at the moment when the setpoint acts.
 
     `motion` and `target` are motions (4,), `polar` is the polar state of the vehicle about the target,
@@ -42,25 +42,39 @@ class RingTask(msgspec.Struct, frozen=True):
     ring's, or that of the waiting circle. Both bend around the `obstacles`.
     """
 
-    motion: Vector
-    target: Vector
-    polar: Polar
-    compensation_m_s2: Vector
-    place: RingPlace
-    orbit: Orbit
-    radius_m: float
-    reference: RingPoint
-    authority: float = 1.0
-    obstacles: Sequence[Obstacle] = ()
+    def __init__(
+        self,
+        motion: Vector,
+        target: Vector,
+        polar: Polar,
+        compensation_m_s2: Vector,
+        place: RingPlace,
+        orbit: Orbit,
+        radius_m: float,
+        reference: RingPoint,
+        authority: float = 1.0,
+        obstacles: Sequence[Obstacle] = (),
+    ) -> None:
+        self.motion: Final = motion
+        self.target: Final = target
+        self.polar: Final = polar
+        self.compensation_m_s2: Final = compensation_m_s2
+        self.place: Final = place
+        self.orbit: Final = orbit
+        self.radius_m: Final = radius_m
+        self.reference: Final = reference
+        self.authority: Final = authority
+        self.obstacles: Final = obstacles
 
 
-class EncirclementPlan(msgspec.Struct, frozen=True):
+class EncirclementPlan:
     """The aim (2,), the vehicle's region, its desired angular rate, and the solver's status."""
 
-    aim_m: Vector
-    approach: Approach
-    rate_wanted_rad_s: float
-    status: QpStatus
+    def __init__(self, aim_m: Vector, approach: Approach, rate_wanted_rad_s: float, status: QpStatus) -> None:
+        self.aim_m: Final = aim_m
+        self.approach: Final = approach
+        self.rate_wanted_rad_s: Final = rate_wanted_rad_s
+        self.status: Final = status
 
 
 class EncirclementPlanner:
