@@ -80,7 +80,11 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
             plan = FlightPlan(mission, 300.0, mission.vehicles, speed=None, clock=stubs.clock.name)
             team.flight = asyncio.create_task(fly(plan, view))
             try:
-                await until(lambda: team.flight.done() or list(team.tactics.values()) == ["formation"] * 3, 60.0)
+                await until(
+                    lambda: team.flight.done() or list(team.tactics.values()) == ["formation"] * 3,
+                    300.0,
+                    clock=stubs.clock,
+                )
                 assert not team.flight.done(), team.flight.result()
                 yield team
             finally:
@@ -193,7 +197,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
         plan = FlightPlan(mission, 300.0, mission.vehicles[1:], speed=None, clock=stubs.clock.name)
         flight = asyncio.create_task(fly(plan, view))
         try:
-            await until(lambda: list(tactics.values()) == ["formation"] * 2, 30.0)
+            await until(lambda: list(tactics.values()) == ["formation"] * 2, 300.0, clock=stubs.clock)
             assert "h hold" in terminal.text
             terminal.type("h")
             await until(lambda: list(tactics.values()) == ["hold"] * 2)

@@ -25,7 +25,7 @@ from gcs.viewer.address import Address
 from gcs.viewer.live_server import STOP_TIMEOUT_S, live_server
 from tests.support.mission_text import LOW
 from tests.support.onlooker import Onlooker
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 from tests.support.wire import LOOPBACK, free_port
 
 pytestmark = pytest.mark.wire
@@ -124,7 +124,8 @@ asyncio.run(hang())
 def test_whoever_writes_waits_for_no_viewer_that_hangs_and_neither_does_who_ends() -> None:
     context, address = Context(), Address(LOOPBACK, free_port())
     channel, message = PointCloudChannel("/points", context=context), PointCloud(data=bytes(20_000))
-    with subprocess.Popen([sys.executable, "-c", HANGS, str(address.port)], stdout=subprocess.PIPE, cwd=ROOT) as viewer:
+    command, pipe = [sys.executable, "-c", HANGS, str(address.port)], subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, cwd=ROOT, env=finds_tests()) as viewer:
         try:
             with live_server(address, context):
                 assert viewer.stdout is not None

@@ -22,7 +22,7 @@ from gcs.viewer.address import Address
 from tests.support import ring_mission as flown
 from tests.support.page.station import TOKEN
 from tests.support.page.station_pictures import ring_mission, ring_team
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 from tests.support.wire import LOOPBACK, free_port, free_ports
 
 EVENTS_HZ = 1.0
@@ -70,7 +70,7 @@ async def serve_moving(vehicles: int) -> None:
 def moving_station(vehicles: int) -> Iterator[tuple[str, int]]:
     """Run such a station; yield the page's address and the id of the process."""
     command = [sys.executable, "-m", "tests.support.page.moving_station", str(vehicles)]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command, cwd=ROOT, env=finds_tests(), stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
             yield process.stdout.readline().strip(), process.pid

@@ -36,7 +36,7 @@ from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.server.governed_clock import GovernedClock
 from tests.support.mission_text import INSECURE
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 from tests.support.stranger import FAR_M, Stranger, state
 from tests.support.wire import served, until
 
@@ -120,7 +120,8 @@ async def flying(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path | 
 def flood(kind: str, scene: Scene, lasting_s: float, rate_hz: float) -> Iterator["Popen[str]"]:
     """Let a stranger in a process of its own flood the bus."""
     arguments = [kind, scene.mission.network.team, str(lasting_s), str(rate_hz), *scene.endpoints]
-    with Popen([sys.executable, "-m", "tests.support.stranger", *arguments], cwd=ROOT, stdout=PIPE, text=True) as flood:
+    command = [sys.executable, "-m", "tests.support.stranger", *arguments]
+    with Popen(command, cwd=ROOT, env=finds_tests(), stdout=PIPE, text=True) as flood:
         try:
             yield flood
         finally:
