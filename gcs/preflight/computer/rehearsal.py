@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from agents.core import VehicleCore
+from agents.outputs import TickOutput
 from estimation.state import Telemetry
 from gcs.mission.mission import Mission, MissionVehicle
 
@@ -19,12 +20,14 @@ class Rehearsal:
         for core in self._cores:
             core.start(0.0)
 
-    def tick(self, index: int, time_s: float) -> None:
+    def tick(self, index: int, time_s: float) -> TickOutput:
         """Tick the core of a vehicle, by its place in the list, `time_s` after the mission's start."""
         vehicle, core = self._vehicles[index], self._cores[index]
         core.on_telemetry(Telemetry(time_s, (*vehicle.section.start_m, vehicle.section.altitude_m), (0.0, 0.0, 0.0)))
-        for packet in core.tick(time_s).messages:
+        output = core.tick(time_s)
+        for packet in output.messages:
             message = packet.received()
             for other in self._cores:
                 if other is not core:
                     other.on_message(message, time_s)
+        return output
