@@ -52,6 +52,11 @@ class Alarm:
         """Do not make the call."""
         self.call = None
 
+    def ring(self) -> None:
+        """Make the call, unless it was cancelled."""
+        if self.call is not None:
+            self.call()
+
 
 class GovernedClock:
     """Implements `agents.shell.clock.MissionClock` for the running event loop; close it at the end.
@@ -221,9 +226,7 @@ class GovernedClock:
             return
         now_us = self._seat.now_us
         while self._alarms and self._alarms[0][0] <= now_us:
-            call = heappop(self._alarms)[2].call
-            if call is not None:
-                call()
+            self._loop.call_soon(heappop(self._alarms)[2].ring)  # an exception of one does not affect the others
         self.look()
 
     def _state(self) -> None:

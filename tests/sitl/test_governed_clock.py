@@ -215,3 +215,14 @@ async def test_states_on_the_bus_are_waited_for_once_one_has_arrived(fast: Clock
         assert not waiting.done()
         incoming.take(3)
         await asyncio.wait_for(waiting, 0.1)
+
+
+async def test_a_call_that_fails_affects_no_other(fast: ClockName) -> None:
+    failures: list[object] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context["exception"]))
+    with GovernedClock(fast, Rank.AGENTS) as clock:
+        began_s = clock.now_s()
+        clock.call_at(began_s + 0.1, lambda: 1 // 0)
+        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.1), 0.5) == pytest.approx(began_s + 0.1)
+        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.2), 0.5) == pytest.approx(began_s + 0.2)
+    assert [type(each) for each in failures] == [ZeroDivisionError]
