@@ -194,6 +194,8 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             command = [sys.executable, "-m", "gcs", "fly", path, "--only", "1", "--duration", "300"]
             os.execv(sys.executable, command)
         terminal, shown = Terminal(person), termios.tcgetattr(person)
+        # Until it has joined the clock, the other process is not waited for: it is first.
+        await until(lambda: stubs.vehicles[1].armed, 100.0, "the other process has armed its vehicle")
         plan = FlightPlan(mission, 300.0, mission.vehicles[1:], speed=None, clock=stubs.clock.name)
         flight = asyncio.create_task(fly(plan, view))
         try:

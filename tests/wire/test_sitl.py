@@ -191,19 +191,19 @@ def test_time_and_rates_run_at_the_simulated_speed(team: list[Vehicle]) -> None:
     counted: list[object] = []
     handle = telemetry.subscribe_position_velocity_ned(lambda *_: counted.append(None))
 
-    def uptime_s() -> float:
-        """Return the time of the newest attitude, once it has come through MAVSDK's threads."""
+    def times_s() -> tuple[float, float]:
+        """Return the time of the newest attitude, once it has come through MAVSDK's threads, and that of the clock."""
         with clock.held_after():
             seen = [0.0]
             while len(seen) < 4 or len(set(seen[-4:])) > 1:
                 time.sleep(0.1)
                 seen.append(float(telemetry.attitude_euler().timestamp_us) / 1e6)
-            return seen[-1]
+            return seen[-1], clock.now_s()
 
-    before_s, counted_before, start_s, start_wall_s = uptime_s(), len(counted), clock.now_s(), time.monotonic()
+    (before_s, start_s), start_wall_s, counted_before = times_s(), time.monotonic(), len(counted)
     clock.sleep(15.0)
-    elapsed_s, count = uptime_s() - before_s, len(counted) - counted_before
-    duration_s, wall_s = clock.now_s() - start_s, time.monotonic() - start_wall_s
+    wall_s, (after_s, end_s) = time.monotonic() - start_wall_s, times_s()
+    elapsed_s, duration_s, count = after_s - before_s, end_s - start_s, len(counted) - counted_before
     telemetry.unsubscribe_position_velocity_ned(handle)
     assert elapsed_s == pytest.approx(duration_s, abs=0.25), "attitudes come a few times a second"
     assert count / duration_s == pytest.approx(50.0, rel=0.01)
