@@ -28,7 +28,7 @@ WORKERS = 2 * (os.cpu_count() or 1)
 SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))
 """Tests on real sockets mostly wait: twice as many as there are cores run side by side. More lack the processor."""
 AGAIN = ("--reruns", "2", "--reruns-delay", "3")
-"""Some tests on sockets still run on the wall's clock: one that lacked the processor runs again; the summary counts it."""
+"""Some tests are still on the wall's clock: one that lacked the processor runs again, and the summary counts it."""
 BROWSER = ("-m", "browser", "-n", "2", "--dist", "loadfile")
 """Tests that drive a browser wait as well, but draw pages on the processor: after those on sockets, two at a time."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
