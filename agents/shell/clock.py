@@ -149,11 +149,11 @@ class WallClock:
         return max(duration_s, _WALL_WAIT_MIN_S * self.speed)
 
     def held(self) -> AbstractContextManager[None]:
-        """Return a context without effect: this clock waits for nobody."""
+        """Return a context without effect: this clock does not wait."""
         return nullcontext()
 
     def close(self) -> None:
-        """Do nothing: nobody waits for a participant of this clock."""
+        """Do nothing: this clock has no participants."""
 
     def transit(self, _system_id: int) -> LinkTransit | None:
         """Return None: messages arrive when they arrive."""

@@ -162,7 +162,7 @@ class Seat:
     """A participant's seat at a clock. Use it from one thread.
 
     Between `state` and a `turn` that returns 0 the participant waits; from then to the next `state` it handles its
-    event, and the time stands still. A participant without a next event holds up nobody.
+    event, and the time stands still. A participant without a next event is not waited for.
     """
 
     def __init__(self, name: ClockName, rank: Rank) -> None:
@@ -321,7 +321,7 @@ class Seat:
             os.write(self._others[serial], b"\0")
         except BlockingIOError:
             pass  # it has been woken often enough
-        except OSError:  # nobody reads: its process has ended
+        except OSError:  # the pipe has no reader: its process has ended
             self.memory.serial[seat] = 0
             self.memory.event[seat] = IDLE
 
