@@ -42,13 +42,22 @@ CONFIG = AgentConfig(
 
 
 TERMINAL_VARIABLES = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
+INTERRUPTIONS = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGQUIT: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
 
 
 def pytest_configure() -> None:
-    """Forget what the user's terminal is like, and refuse to replace methods of compiled classes.
+    """Forget what the user's terminal and shell are like, and refuse to replace methods of compiled classes.
 
-    Output is asserted as it is without a terminal. Compiled callers go on calling a method that is replaced.
+    Output is asserted as it is without a terminal. What `nohup` and a shell's `&` ignore, a program that a test
+    interrupts would ignore as well. Compiled callers go on calling a method that is replaced.
     """
+    for number, action in INTERRUPTIONS.items():
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, action)
     for name in TERMINAL_VARIABLES:
         os.environ.pop(name, None)
     replace_attribute = pytest.MonkeyPatch.setattr

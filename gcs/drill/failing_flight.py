@@ -41,8 +41,8 @@ class FaultReceiver(PresentFaults):
         os._exit(0)  # the drill has ended, and its vehicles with it
 
 
-def fly(name: str, duration_s: float, clock: ClockName | None, *, socket: str, logs: str) -> Exit:
-    """Fly a mission's whole team; `socket` delivers the faults, `logs` is the folder of the log (empty: unrecorded).
+def fly(name: str, duration_s: float, clock: ClockName | None, speed: float, *, socket: str, logs: str) -> Exit:
+    """Fly a mission's whole team, at a speed of the clock at most; `socket` delivers the faults, `logs` is the folder of the log (empty: unrecorded).
 
     Raises InputError.
     """
@@ -55,5 +55,5 @@ def fly(name: str, duration_s: float, clock: ClockName | None, *, socket: str, l
         return verdict_of(show_result(mission, record))
 
     equipment = FailingEquipment(receiver)
-    plan = FlightPlan(mission, duration_s, mission.vehicles, None if clock else 1.0, equipment=equipment, clock=clock)
+    plan = FlightPlan(mission, duration_s, mission.vehicles, speed, equipment=equipment, clock=clock)
     return run_flight(plan, RecordingOptions(recorded=bool(logs)), judge)

@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
+from math import inf
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -30,8 +31,10 @@ from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
 _POLL_S = 0.02
+_BEGUN_TIMEOUT_S = 300.0
+"""Wall time: starting a process and connecting it to the vehicles takes none of theirs."""
 _ALOFT_TIMEOUT_S = 300.0
-"""Time of the team's clock, part of which connecting takes."""
+"""Time of the team's clock, once the flight has begun."""
 _TAKEN_WITHIN_S = 1.0
 """Wall time: a stopped process takes none."""
 _END_TIMEOUT_S = 10.0
@@ -178,6 +181,9 @@ class DrillFlight:
             radii = self.log.radii_m[vehicle]
             return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)
 
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_BEGUN_TIMEOUT_S):
+                await self.until(lambda: self._has_ended or self.has_begun, inf)
         await self.until(lambda: self._has_ended or all(map(settled, vehicles)), _ALOFT_TIMEOUT_S)
         if self._has_ended or not all(map(settled, vehicles)):
             states = ", ".join(f"{i}: {self.log.mode(i) or '-'} {self.log.tactic(i) or '-'}" for i in vehicles)
@@ -236,8 +242,13 @@ class DrillFlight:
         self._stack.push_async_callback(self._end, self._process)
 
     def clock_arguments(self) -> tuple[str, ...]:
-        """Return the number of the governed clock that the flying process joins, if there is one."""
+        """Return the number of the governed clock that the flying process joins and its speed, if there is one."""
         return ()
+
+    @property
+    def has_begun(self) -> bool:
+        """Return whether the flight has begun: its process has connected, or, where that is known, its mission began."""
+        return self._under_test.pid > 0
 
     async def _read(self, process: asyncio.subprocess.Process) -> None:
         assert process.stderr is not None

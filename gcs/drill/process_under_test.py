@@ -1,6 +1,6 @@
-"""The flying process of a drill: `python -m gcs.drill.process_under_test MISSION DURATION [CLOCK]`.
+"""The flying process of a drill: `python -m gcs.drill.process_under_test MISSION DURATION [CLOCK SPEED]`.
 
-CLOCK is the number of the governed clock of stub vehicles; without it the vehicles are others. The process receives the
+CLOCK is the number of the governed clock of stub vehicles, SPEED that of the flight; without them the vehicles are others. The process receives the
 faults to inject through the Unix socket that CORDON_DRILL names. Otherwise it is a normal flight with a supervisor: no
 heavy import before signals are blocked.
 """
@@ -25,9 +25,9 @@ def main() -> int:
         return supervise()
     from gcs.drill.failing_flight import fly  # noqa: PLC0415
 
-    mission, duration, *clocks = sys.argv[1:]
-    clock = ClockName(int(clocks[0])) if clocks else None
-    return fly(mission, float(duration), clock, socket=os.environ[SOCKET], logs=os.environ.get(LOGS, ""))
+    mission, duration, *governed = sys.argv[1:]
+    clock, speed = (ClockName(int(governed[0])), float(governed[1])) if governed else (None, 1.0)
+    return fly(mission, float(duration), clock, speed, socket=os.environ[SOCKET], logs=os.environ.get(LOGS, ""))
 
 
 if __name__ == "__main__":

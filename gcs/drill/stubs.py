@@ -9,6 +9,7 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
 from gcs.flight.faults.injection import Injection
+from gcs.flight.flight import PREPARING_SPEED
 from gcs.flight.stubs import clock_refusal, prepared_configs
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, serve
@@ -49,13 +50,18 @@ class StubFlight(DrillFlight):
 
     def _new_clock(self, stack: AsyncExitStack) -> GovernedClock:
         try:
-            return GovernedClock(stack.enter_context(new_clock(self.speed)), Rank.STUBS)
+            return GovernedClock(stack.enter_context(new_clock(min(self.speed, PREPARING_SPEED))), Rank.STUBS)
         except ClockError as error:
             raise clock_refusal(error) from error
 
     def clock_arguments(self) -> tuple[str, ...]:
-        """Return the number of the clock."""
-        return () if self._governed is None else (str(self._governed.name.number),)
+        """Return the number of the clock, and the speed."""
+        return () if self._governed is None else (str(self._governed.name.number), str(self.speed))
+
+    @property
+    def has_begun(self) -> bool:
+        """Return whether the mission has begun."""
+        return self._governed is not None and self._governed.mission_began_s is not None
 
     def observe(self, now_s: float) -> None:
         """Record true modes, setpoints and positions."""

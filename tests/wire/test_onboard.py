@@ -72,11 +72,11 @@ class Site:
         return self.run(holder, "fly", "mission.toml", *options)
 
 
-def said_until(process: "subprocess.Popen[str]", words: str) -> str:
-    """Read what a process prints until it says something."""
+def said_until(process: "subprocess.Popen[str]", *words: str) -> str:
+    """Read what a process prints until it has printed all of these, and return it."""
     assert process.stderr is not None
     said = ""
-    while words not in said:
+    while not all(each in said for each in words):
         line = process.stderr.readline()
         assert line, said
         said += line
@@ -107,7 +107,7 @@ def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_ope
             assert "log is incomplete" not in said_until(flying, "standby -> formation")
         watching.terminate()
         for flying in (first, second):
-            assert "no operator on the bus" in said_until(flying, "formation -> hold")
+            said_until(flying, "no operator on the bus", "formation -> hold")
         code, _, err = site.ended("operator-anna", "command", "resume", "--mission", "mission.toml")
         assert code == Exit.HOLDS, err
         code, _, err = site.ended("operator-anna", "command", "land", "--mission", "mission.toml")

@@ -191,19 +191,20 @@ def test_time_and_rates_run_at_the_simulated_speed(team: list[Vehicle]) -> None:
     counted: list[object] = []
     handle = telemetry.subscribe_position_velocity_ned(lambda *_: counted.append(None))
 
-    def times_s() -> tuple[float, float]:
-        """Return the time of the newest attitude, once it has come through MAVSDK's threads, and that of the clock."""
+    def reading() -> tuple[float, float, int]:
+        """Return the newest attitude's time, the clock's, and the count, once all has come through MAVSDK's threads."""
         with clock.held_after():
-            seen = [0.0]
-            while len(seen) < 4 or len(set(seen[-4:])) > 1:
+            seen: list[tuple[float, int]] = []
+            while len(seen) < 8 or len(set(seen[-8:])) > 1:
                 time.sleep(0.1)
-                seen.append(float(telemetry.attitude_euler().timestamp_us) / 1e6)
-            return seen[-1], clock.now_s()
+                seen.append((float(telemetry.attitude_euler().timestamp_us) / 1e6, len(counted)))
+            attitude_s, count = seen[-1]
+            return attitude_s, clock.now_s(), count
 
-    (before_s, start_s), start_wall_s, counted_before = times_s(), time.monotonic(), len(counted)
+    before, start_wall_s = reading(), time.monotonic()
     clock.sleep(15.0)
-    wall_s, (after_s, end_s) = time.monotonic() - start_wall_s, times_s()
-    elapsed_s, duration_s, count = after_s - before_s, end_s - start_s, len(counted) - counted_before
+    wall_s, after = time.monotonic() - start_wall_s, reading()
+    elapsed_s, duration_s, count = (after[i] - before[i] for i in range(3))
     telemetry.unsubscribe_position_velocity_ned(handle)
     assert elapsed_s == pytest.approx(duration_s, abs=0.25), "attitudes come a few times a second"
     assert count / duration_s == pytest.approx(50.0, rel=0.01)
