@@ -27,8 +27,6 @@ CHECKS = (
 WORKERS = 2 * (os.cpu_count() or 1)
 SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))
 """Tests on real sockets mostly wait: twice as many as there are cores run side by side. More lack the processor."""
-AGAIN = ("--reruns", "2", "--reruns-delay", "3")
-"""Some tests are still on the wall's clock: one that lacked the processor runs again, and the summary counts it."""
 BROWSER = ("-m", "browser", "-n", "2", "--dist", "loadfile")
 """Tests that drive a browser wait as well, but draw pages on the processor: after those on sockets, two at a time."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
@@ -57,9 +55,9 @@ def main() -> int:
     else:
         with _pytest(*COMPUTING, prefix=GIVES_WAY) as computing:
             checks = _failing_checks()  # meanwhile, two processes compile what the many after them only load
-            with _pytest(*SOCKETS, *AGAIN) as sockets:
+            with _pytest(*SOCKETS) as sockets:
                 passed = [sockets()]
-            with _pytest(*BROWSER, *AGAIN) as browser:
+            with _pytest(*BROWSER) as browser:
                 passed += [browser(), computing()]
         tests_fail = not all(passed)
     for check in checks:

@@ -1,5 +1,6 @@
 """What several tests share: how hypothesis searches, a configuration to start from, and a batch estimator."""
 
+import gc
 import os
 import re
 import signal
@@ -42,7 +43,7 @@ CONFIG = AgentConfig(
 
 
 TERMINAL_VARIABLES = ("COLUMNS", "LINES", "NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
-INTERRUPTIONS = {
+INTERRUPTIONS: dict[int, Any] = {
     signal.SIGINT: signal.default_int_handler,
     signal.SIGQUIT: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_DFL,
@@ -74,6 +75,13 @@ def pytest_sessionstart() -> None:
     """Test nothing where Python finds an installation of other sources."""
     if fault := installation.fault(installation.place()):
         raise pytest.UsageError(fault)
+
+
+def pytest_collection_finish() -> None:
+    """Let no collection of garbage examine the tests and what they have imported, which live as long as the session."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 50)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

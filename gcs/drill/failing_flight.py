@@ -42,7 +42,9 @@ class FaultReceiver(PresentFaults):
 
 
 def fly(name: str, duration_s: float, clock: ClockName | None, speed: float, *, socket: str, logs: str) -> Exit:
-    """Fly a mission's whole team, at a speed of the clock at most; `socket` delivers the faults, `logs` is the folder of the log (empty: unrecorded).
+    """Fly a mission's whole team, at a speed of the clock at most.
+
+    `socket` delivers the faults, `logs` is the folder of the log (empty: unrecorded).
 
     Raises InputError.
     """

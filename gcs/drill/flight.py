@@ -247,7 +247,7 @@ class DrillFlight:
 
     @property
     def has_begun(self) -> bool:
-        """Return whether the flight has begun: its process has connected, or, where that is known, its mission began."""
+        """Return whether the flight has begun: its process has connected or, where that is known, its mission."""
         return self._under_test.pid > 0
 
     async def _read(self, process: asyncio.subprocess.Process) -> None:

@@ -1,8 +1,8 @@
 """The flying process of a drill: `python -m gcs.drill.process_under_test MISSION DURATION [CLOCK SPEED]`.
 
-CLOCK is the number of the governed clock of stub vehicles, SPEED that of the flight; without them the vehicles are others. The process receives the
-faults to inject through the Unix socket that CORDON_DRILL names. Otherwise it is a normal flight with a supervisor: no
-heavy import before signals are blocked.
+CLOCK is the number of the governed clock of stub vehicles, SPEED that of the flight; without them the vehicles are
+others. The process receives the faults to inject through the Unix socket that CORDON_DRILL names. Otherwise it is a
+normal flight with a supervisor: no heavy import before signals are blocked.
 """
 
 import os
