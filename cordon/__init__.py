@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cordon.channels import VehicleChannels as VehicleChannels
     from cordon.flight import Flight as Flight
     from cordon.identification import identify as identify
+    from cordon.lockstep import LockstepClient as LockstepClient
     from cordon.missions import load as load
     from cordon.reading import read as read
     from cordon.simulation import simulate as simulate
@@ -35,6 +36,7 @@ _HOMES = {
     "FlightResult": "gcs.metrics.result",
     "Identified": "estimation.identification.identified",
     "InputError": "gcs.errors",
+    "LockstepClient": "cordon.lockstep",
     "Mission": "gcs.mission.mission",
     "Plan": "agents.control.plan",
     "Plant": "estimation.plant.model",

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -30,10 +30,9 @@ SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WOR
 BROWSER = ("-m", "browser", "-n", "2", "--dist", "loadfile")
 """Tests that drive a browser wait as well, but draw pages on the processor: after those on sockets, two at a time."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
-"""Tests that compute give way to those with sockets, and a file's tests share what its fixtures have flown."""
+"""Tests that compute run beside the others, and a file's tests share what its fixtures have flown."""
 QUICK = ("-m", "not wire and not browser and not slow", *COMPUTING[2:])
 """What a change is tested with while it is written: below the wire, without what computes for long."""
-GIVES_WAY = ("nice", "-n", "19")
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
 """Matrices here are small: more threads only spin, in the way of the other processes. These are hundreds, and would
 each compile what they import.
@@ -53,7 +52,7 @@ def main() -> int:
         checks = _failing_checks()
         tests_fail = _run("pytest", *arguments) != 0
     else:
-        with _pytest(*COMPUTING, prefix=GIVES_WAY) as computing:
+        with _pytest(*COMPUTING) as computing:
             checks = _failing_checks()  # meanwhile, two processes compile what the many after them only load
             with _pytest(*SOCKETS) as sockets:
                 passed = [sockets()]
@@ -66,13 +65,13 @@ def main() -> int:
 
 
 def _failing_checks() -> list[str]:
-    return [" ".join(check) for check in CHECKS if _run(*check, prefix=GIVES_WAY) != 0]
+    return [" ".join(check) for check in CHECKS if _run(*check) != 0]
 
 
 @contextmanager
-def _pytest(*arguments: str, prefix: Sequence[str] = ()) -> Iterator[Callable[[], bool]]:
+def _pytest(*arguments: str) -> Iterator[Callable[[], bool]]:
     """Start some of the tests; what is yielded waits for their end, shows the output and returns whether they pass."""
-    command = [*prefix, str(SCRIPTS / "pytest"), *arguments]
+    command = [str(SCRIPTS / "pytest"), *arguments]
     end_s = time.monotonic() + HANGS_AFTER_S
     with TemporaryFile() as output:
         process = subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=output, stderr=output)
@@ -100,9 +99,9 @@ def _wait(process: subprocess.Popen[bytes], end_s: float) -> None:
         process.wait()
 
 
-def _run(tool: str, *arguments: str, prefix: Sequence[str] = ()) -> int:
+def _run(tool: str, *arguments: str) -> int:
     print(f"--- {tool} {shlex.join(arguments)}", flush=True)
-    return subprocess.run([*prefix, SCRIPTS / tool, *arguments], cwd=ROOT, check=False).returncode
+    return subprocess.run([SCRIPTS / tool, *arguments], cwd=ROOT, check=False).returncode
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The layout of the shared memory of a governed clock."""
 
 from mmap import mmap
+from struct import Struct
 from typing import Any
 
 NEVER_US = 1 << 56
@@ -11,10 +12,13 @@ IDLE = NEVER_US << SEAT_BITS
 """The event of a seat that waits for none."""
 VEHICLES = 256
 """Vehicles are told apart by their ids modulo this."""
+MOTION = Struct("<6f")
+"""Position and velocity in a vehicle's NED."""
+SETPOINT = Struct("<3f")
+"""A position in a vehicle's NED."""
 _WORD = 8
 _MOTIONS = 16
 """How many motions of a vehicle may be under way before the oldest is forgotten."""
-_MOTION_BYTES, _SETPOINT_BYTES = 24, 12
 
 
 class ClockMemory:
@@ -30,14 +34,14 @@ class ClockMemory:
         self.event, self.hung, self.serial = (self._integers(SEATS) for _ in range(3))
         self._motions_sent, self._setpoints_sent, self.states_sent = (self._integers(VEHICLES) for _ in range(3))
         self._motion_us = self._integers(VEHICLES * _MOTIONS)
-        self._motions = self._section(VEHICLES * _MOTIONS * _MOTION_BYTES)
-        self._setpoints = self._section(VEHICLES * _SETPOINT_BYTES)
+        self._motions = self._section(VEHICLES * _MOTIONS * MOTION.size)
+        self._setpoints = self._section(VEHICLES * SETPOINT.size)
 
     @classmethod
     def size(cls) -> int:
         """Return its length [bytes]."""
         words = 5 + 3 * SEATS + 3 * VEHICLES + VEHICLES * _MOTIONS
-        return words * _WORD + VEHICLES * (_MOTIONS * _MOTION_BYTES + _SETPOINT_BYTES)
+        return words * _WORD + VEHICLES * (_MOTIONS * MOTION.size + SETPOINT.size)
 
     def motions(self, system_id: int) -> int:
         """Return how many motions a vehicle has sent."""
@@ -48,7 +52,7 @@ class ClockMemory:
         sent = self.motions(system_id)
         place = system_id * _MOTIONS + sent % _MOTIONS
         self._motion_us[place] = self.now_us[0]
-        self._motions[place * _MOTION_BYTES : (place + 1) * _MOTION_BYTES] = motion
+        self._motions[place * MOTION.size : (place + 1) * MOTION.size] = motion
         self._motions_sent[system_id] = sent + 1
 
     def find_motion(self, system_id: int, first: int, motion: bytes) -> tuple[int, int | None]:
@@ -56,18 +60,18 @@ class ClockMemory:
         sent = self.motions(system_id)
         for number in range(max(first, sent - _MOTIONS), sent):
             place = system_id * _MOTIONS + number % _MOTIONS
-            if self._motions[place * _MOTION_BYTES : (place + 1) * _MOTION_BYTES] == motion:
+            if self._motions[place * MOTION.size : (place + 1) * MOTION.size] == motion:
                 return number, int(self._motion_us[place])
         return sent, None
 
     def send_setpoint(self, system_id: int, setpoint: bytes) -> None:
         """State that a vehicle is sent a setpoint now."""
-        self._setpoints[system_id * _SETPOINT_BYTES : (system_id + 1) * _SETPOINT_BYTES] = setpoint
+        self._setpoints[system_id * SETPOINT.size : (system_id + 1) * SETPOINT.size] = setpoint
         self._setpoints_sent[system_id] += 1
 
     def newest_setpoint(self, system_id: int) -> tuple[int, bytes]:
         """Return how many setpoints a vehicle was sent, and the newest."""
-        setpoint = self._setpoints[system_id * _SETPOINT_BYTES : (system_id + 1) * _SETPOINT_BYTES]
+        setpoint = self._setpoints[system_id * SETPOINT.size : (system_id + 1) * SETPOINT.size]
         return int(self._setpoints_sent[system_id]), bytes(setpoint)
 
     def _section(self, length: int) -> "memoryview[int]":

@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from heapq import heappop, heappush
 from itertools import count
-from struct import Struct
 from typing import Protocol, Self
 from weakref import WeakKeyDictionary
 
-from sitl.server.clock_memory import NEVER_US, VEHICLES
+from sitl.server.clock_memory import MOTION, NEVER_US, SETPOINT, VEHICLES
 from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat
 
 HELD_MAX_S = 1.0
@@ -24,7 +23,6 @@ TRANSIT_MAX_S = 0.5
 """Wall time after which a message that has not arrived is taken as lost."""
 _LOOKING: "WeakKeyDictionary[asyncio.AbstractEventLoop, int]" = WeakKeyDictionary()
 """How many governed clocks are about to look, by event loop."""
-_MOTION, _SETPOINT = Struct("<6f"), Struct("<3f")
 
 
 class Arriving(Protocol):
@@ -279,7 +277,7 @@ class MotionTransit:
 
     def send(self, ned: tuple[float, ...]) -> None:
         """Take position and velocity in NED, as they are sent now."""
-        self._seat.memory.send_motion(self._system_id, _MOTION.pack(*ned))
+        self._seat.memory.send_motion(self._system_id, MOTION.pack(*ned))
 
 
 class LinkTransit:
@@ -296,7 +294,7 @@ class LinkTransit:
     def sent_s(self, north_m: float, east_m: float, down_m: float, velocity_m_s: tuple[float, float, float]) -> float:
         """Take a motion in NED that has arrived, and return when it was sent; now, if that is unknown."""
         sent, time_us = self._seat.memory.find_motion(
-            self._system_id, self._taken, _MOTION.pack(north_m, east_m, down_m, *velocity_m_s)
+            self._system_id, self._taken, MOTION.pack(north_m, east_m, down_m, *velocity_m_s)
         )
         if time_us is None:
             return self._clock.now_s()
@@ -306,7 +304,7 @@ class LinkTransit:
 
     def send(self, north_m: float, east_m: float, down_m: float) -> None:
         """Take a setpoint that is sent now, in the vehicle's NED."""
-        self._seat.memory.send_setpoint(self._system_id, _SETPOINT.pack(north_m, east_m, down_m))
+        self._seat.memory.send_setpoint(self._system_id, SETPOINT.pack(north_m, east_m, down_m))
 
     def arrived(self) -> bool:
         """Return whether all motions have arrived."""
@@ -332,7 +330,7 @@ class SetpointTransit:
 
     def take(self, north_m: float, east_m: float, down_m: float) -> None:
         """Take a setpoint that has arrived, in the vehicle's NED."""
-        self._newest, self._is_cut = _SETPOINT.pack(north_m, east_m, down_m), False
+        self._newest, self._is_cut = SETPOINT.pack(north_m, east_m, down_m), False
         self._clock.look()
 
     def arrived(self) -> bool:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from cordon.lockstep import LockstepClient
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from sitl.autopilot.airframe import STEP_S
@@ -27,7 +28,7 @@ from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.server import StubConfig
 from sitl.server.shared_clock import new_clock
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
-from tests.support.wire import GuestClock, free_port, stub_clock, stub_process
+from tests.support.wire import free_port, stub_clock, stub_process
 
 PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
@@ -529,13 +530,13 @@ def copter_on(port: int) -> StubConfig:
 
 
 @pytest.fixture(scope="module")
-def on_mavsdk() -> Iterator[tuple[Any, GuestClock]]:
+def on_mavsdk() -> Iterator[tuple[Any, LockstepClient]]:
     """MAVSDK's system, and the clock of its stub."""
     from mavsdk.mavsdk import ComponentType, Configuration, Mavsdk
 
     port = free_port()
-    with new_clock(SPEED) as name, stub_process([copter_on(port)], name):
-        clock = GuestClock(name)
+    with new_clock(SPEED, [port]) as name, stub_process([copter_on(port)], name):
+        clock = LockstepClient(port)
         station = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         station.add_any_connection(f"udpin://127.0.0.1:{port}")
         clock.until(lambda: station.system_count() == 1, "found")
@@ -545,7 +546,7 @@ def on_mavsdk() -> Iterator[tuple[Any, GuestClock]]:
 
 
 @pytest.mark.wire
-def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(on_mavsdk: tuple[Any, GuestClock]) -> None:
+def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(on_mavsdk: tuple[Any, LockstepClient]) -> None:
     from mavsdk.plugins.action import Action, ActionError
     from mavsdk.plugins.offboard import Offboard, PositionNedYaw
     from mavsdk.plugins.param import Param

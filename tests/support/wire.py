@@ -15,12 +15,11 @@ from itertools import islice
 
 from agents.shell.clock import MissionClock
 from sitl.autopilot.px4 import Autopilot
-from sitl.server.clock_memory import NEVER_US
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
 from sitl.server.server import Stub, StubConfig, serve
-from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat, new_clock
+from sitl.server.shared_clock import ClockName, Rank, new_clock
 
 LOOPBACK = "127.0.0.1"
 
@@ -106,42 +105,6 @@ async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[S
     with stub_clock(speed, {config.client_port for config in configs}) as clock:
         async with served_by(clock, configs) as stubs:
             yield Served(clock, stubs)
-
-
-class GuestClock:
-    """A governed clock without an event loop, for tests that fly stubs by MAVSDK alone: it waits while they look."""
-
-    def __init__(self, name: ClockName) -> None:
-        self._seat = Seat(name, Rank.GUEST)
-
-    def now_s(self) -> float:
-        """Return the present time."""
-        return self._seat.epoch_s + self._seat.now_us / US_PER_S
-
-    def sleep(self, duration_s: float) -> None:
-        """Wait for a time on this clock."""
-        with self.held_after(duration_s):
-            pass
-
-    @contextmanager
-    def held_after(self, duration_s: float = 0.0) -> Iterator[None]:
-        """Wait for a time; then the clock stands still until the end of the context."""
-        self._seat.wait_until(self._seat.now_us + round(duration_s * US_PER_S))
-        try:
-            yield
-        finally:
-            self._seat.state(NEVER_US)
-
-    def until(self, condition: Callable[[], bool], what: str, limit_s: float = 60.0) -> None:
-        """Wait for a condition, on this clock."""
-        end_s = self.now_s() + limit_s
-        while not condition():
-            assert self.now_s() < end_s, f"not within {limit_s} s: {what}"
-            self.sleep(0.02)
-
-    def close(self) -> None:
-        """Leave the clock."""
-        self._seat.leave()
 
 
 async def until(

@@ -28,6 +28,7 @@ from pymavlink.dialects.v20 import common as dialect
 from scipy.linalg import expm
 
 from agents.shell.clock import WallClock
+from cordon.lockstep import LockstepClient
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
@@ -36,7 +37,7 @@ from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess, StubReady, run_in_process
 from sitl.server.server import StubConfig, StubRecord, serve
 from sitl.server.shared_clock import ClockName, Rank, new_clock
-from tests.support.wire import GuestClock, free_port, stub_clock, stub_process
+from tests.support.wire import free_port, stub_clock, stub_process
 
 pytestmark = pytest.mark.wire
 
@@ -50,11 +51,15 @@ def config(vehicle_id: int = 1, **changes: Any) -> StubConfig:
     return StubConfig(**(fields | changes))
 
 
+def ports(configs: list[StubConfig]) -> list[int]:
+    return [config.client_port for config in configs]
+
+
 @dataclass
 class Vehicle:
     """The MAVSDK plugins of one vehicle, and the clock of the stubs."""
 
-    clock: GuestClock
+    clock: LockstepClient
     system: Any
     telemetry: Any
     action: Any
@@ -92,8 +97,8 @@ class Vehicle:
 class Station:
     """One MAVSDK, connected to stubs, on their clock."""
 
-    def __init__(self, configs: list[StubConfig], name: ClockName) -> None:
-        self._clock = GuestClock(name)
+    def __init__(self, configs: list[StubConfig]) -> None:
+        self._clock = LockstepClient(*ports(configs))
         self.mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         for each in configs:
             assert self.mavsdk.add_any_connection(f"udpin://127.0.0.1:{each.client_port}").value == 0
@@ -116,8 +121,8 @@ def team() -> Iterator[list[Vehicle]]:
     configs = [
         config(number, start_position_m=(4.0 * number, 1.0), origin_offset_m=(0.3, -0.2, 0.0)) for number in (1, 2, 3)
     ]
-    with new_clock(SPEED) as name, stub_process(configs, name) as stubs:
-        station = Station(configs, name)
+    with new_clock(SPEED, ports(configs)) as name, stub_process(configs, name) as stubs:
+        station = Station(configs)
         yield station.vehicles
         station.close()
         record = stubs.stop()
@@ -199,7 +204,7 @@ def test_time_and_rates_run_at_the_simulated_speed(team: list[Vehicle]) -> None:
                 time.sleep(0.1)
                 seen.append((float(telemetry.attitude_euler().timestamp_us) / 1e6, len(counted)))
             attitude_s, count = seen[-1]
-            return attitude_s, clock.now_s(), count
+            return attitude_s, clock.now_s, count
 
     before, start_wall_s = reading(), time.monotonic()
     clock.sleep(15.0)
@@ -291,8 +296,8 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
     wind_m_s2 = (0.3, -0.2)
     noise = EstimatorNoise(position_m=0.01)
     stub = config(9, start_position_m=(3.0, 2.0), wind_m_s2=wind_m_s2, noise=noise, battery_fraction=0.6)
-    with new_clock(SPEED) as name, stub_process([stub], name) as process:
-        station = Station([stub], name)
+    with new_clock(SPEED, ports([stub])) as name, stub_process([stub], name) as process:
+        station = Station([stub])
         (vehicle,) = station.vehicles
         clock = vehicle.clock
         standing = vehicle.ned()
@@ -305,9 +310,10 @@ def test_a_commanded_step_is_flown_as_the_plant_answers_it() -> None:
         leaning_m = (wind_m_s2[0] / PLANT.x.a0_per_s2, wind_m_s2[1] / PLANT.y.a0_per_s2)
         x, y, z = FRAME.ned_from_mission((4.0, -2.0, 3.0))
         with clock.held_after():
-            sent_s = clock.now_s()
-            vehicle.go(x, y, z)
-            time.sleep(0.3)  # on its way the time stands still
+            sent_s = clock.now_s
+            clock.sends_setpoint(9, x, y, z)
+        time.sleep(0.3)  # on its way the time stands still
+        vehicle.go(x, y, z)
         clock.sleep(7.5)
         arrived = FRAME.mission_from_ned(vehicle.ned())
         assert 50.0 < vehicle.telemetry.battery().remaining_percent <= 60.0
@@ -449,6 +455,7 @@ def test_a_process_that_starts_stubs_still_holds_signals_back() -> None:
 import signal
 from functools import partial
 from agents.shell.clock import WallClock
+from cordon.lockstep import LockstepClient
 from gcs.signals import ENDING, hold_back
 from sitl.server.process import StubProcess
 hold_back()
