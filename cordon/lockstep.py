@@ -23,8 +23,14 @@ class LockstepClient:
     there happens at one time on every computer.
     """
 
-    def __init__(self, *ports: int) -> None:
-        """Join the clock of the stubs that send to these UDP ports. Raises InputError if there is none."""
+    def __init__(self, *ports: int, speed: float | None = None) -> None:
+        """Join the clock of the stubs that send to these UDP ports. Raises InputError if there is none.
+
+        Until this program leaves, the clock runs at most `speed` times as fast as the wall's; infinity is as fast as
+        its participants come on, None the speed of the stubs.
+        """
+        if speed is not None and not speed > 0.0:
+            raise InputError((f"speed = {speed}: it must be positive",))
         name = clock_of(ports) if ports else None
         if name is None:
             given = ", ".join(map(str, ports)) or "none"
@@ -34,6 +40,9 @@ class LockstepClient:
             self._seat = Seat(name, Rank.GUEST)
         except ClockError as error:
             raise InputError((str(error),)) from error
+        self._speed_before = self._seat.speed
+        if speed is not None:
+            self._seat.speed = speed
 
     @property
     def now_s(self) -> float:
@@ -79,6 +88,7 @@ class LockstepClient:
 
     def close(self) -> None:
         """Leave the clock, which goes on without this program."""
+        self._seat.speed = self._speed_before
         self._seat.leave()
 
     def __enter__(self) -> Self:

@@ -47,6 +47,16 @@ def test_others_wait_while_it_holds_the_time(client: cordon.LockstepClient) -> N
     assert times_s == pytest.approx([held_s + 0.01 * (n + 1) for n in range(20)], abs=1e-6)
 
 
+def test_a_speed_is_the_highest_until_the_client_leaves(client: cordon.LockstepClient) -> None:
+    with cordon.LockstepClient(PORT, speed=2.0):
+        began_wall_s = time.monotonic()
+        client.sleep(1.0)
+        assert time.monotonic() - began_wall_s > 0.45
+    began_wall_s = time.monotonic()
+    client.sleep(600.0)
+    assert time.monotonic() - began_wall_s < 60.0
+
+
 def test_a_condition_that_never_holds_is_named(client: cordon.LockstepClient) -> None:
     began_s = client.now_s
     with pytest.raises(TimeoutError, match=r"not within 5 s: it flies"):
@@ -64,6 +74,9 @@ def test_bad_input_names_the_value(client: cordon.LockstepClient) -> None:
     for duration_s in (nan, inf, -0.1):
         with pytest.raises(cordon.InputError, match=f"duration_s = {duration_s}"):
             client.sleep(duration_s)
+    for speed in (0.0, -1.0, nan):
+        with pytest.raises(cordon.InputError, match=f"speed = {speed}"):
+            cordon.LockstepClient(PORT, speed=speed)
     for system_id in (0, -1, 256):
         with pytest.raises(cordon.InputError, match=f"system_id = {system_id}"):
             client.sends_setpoint(system_id, 0.0, 0.0, 0.0)
