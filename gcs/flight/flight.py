@@ -17,7 +17,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.practice import Practice
 from gcs.flight.preparation.readiness import Readiness
 from gcs.flight.preparation.start_wait import StartWait
-from gcs.flight.stubs import FlightStubs, clock_refusal
+from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import Member, Team
@@ -77,13 +77,15 @@ async def fly(
 def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
     """Return the clock of a flight, until the stack ends: governed if every vehicle is a stub.
 
-    Raises VehicleRefusedError if no clock can be shared.
+    Raises VehicleRefusedError if no clock can be shared, InputError for a url no stub can serve.
     """
     if not plan.is_governed:
         return WallClock(plan.speed or 1.0)
     speed = plan.speed or 1.0
     try:
-        name = plan.clock or stack.enter_context(new_clock(min(speed, PREPARING_SPEED)))
+        name = plan.clock or stack.enter_context(
+            new_clock(min(speed, PREPARING_SPEED), url_ports(plan.mission, plan.stubs).values())
+        )
         return stack.enter_context(GovernedClock(name, Rank.AGENTS))
     except ClockError as error:
         raise clock_refusal(error) from error

@@ -3,9 +3,8 @@
 import asyncio
 import re
 import threading
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from math import floor, hypot
 from typing import Any
 
@@ -13,7 +12,9 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from agents.team.messages import BusMessage, MemberState, VehicleReport
+from cordon.lockstep import LockstepClient
 from gcs.console.watched_bus import WatchedBus
+from gcs.flight.stubs import url_ports
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.station.conftest import OpenPage
@@ -22,8 +23,8 @@ from tests.support.wire import cordon, free_port, until_now
 
 pytestmark = pytest.mark.browser
 
-WITHIN_S = 0.5
-STALE_WITHIN_S = 1.5
+SHOWN_WITHIN_MS = 500
+STALE_WITHIN_S = 4.5
 SPEED = 3
 CUT, CUT_AT_S = 3, 75.0
 TARGET_M = (14.0, 0.0)
@@ -55,11 +56,11 @@ READ = """() => {
 
 
 class Bus:
-    """What the vehicles of a mission send, each message with the time of its arrival."""
+    """The newest message of each kind that each vehicle of a mission has sent."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
-        self._heard: list[tuple[float, BusMessage]] = []
+        self._newest: dict[tuple[type, int], MemberState | VehicleReport] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._listen()))
 
@@ -72,33 +73,35 @@ class Bus:
         self._thread.join()
 
     async def _listen(self) -> None:
-        async with WatchedBus(self._mission, lambda message: self._heard.append((time.monotonic(), message))) as bus:
+        def keep(message: BusMessage) -> None:
+            if isinstance(message, MemberState | VehicleReport):
+                self._newest[type(message), message.sender] = message
+
+        async with WatchedBus(self._mission, keep) as bus:
             while not self._stop.is_set():
                 await bus.follow()
                 await asyncio.sleep(0.05)
 
-    def of(self, kind: type[Any], vehicle: int, since_s: float = 0.0) -> list[Any]:
-        """Return a vehicle's messages of a kind that were its newest at some time since."""
-        times = [(at_s, each) for at_s, each in list(self._heard) if isinstance(each, kind) and each.sender == vehicle]
-        before = [each for at_s, each in times if at_s < since_s][-1:]
-        return before + [each for at_s, each in times if at_s >= since_s]
+    def newest(self, kind: type[Any], vehicle: int) -> Any:
+        """Return the newest message of a kind from a vehicle."""
+        return self._newest[kind, vehicle]
 
 
 @contextmanager
-def flying(mission: str) -> Iterator[tuple[str, list[tuple[float, str]]]]:
-    """Fly beside a page; return the page's address, and the lines of the flight's text with their times."""
+def flying(mission: str) -> Iterator[tuple[str, list[str]]]:
+    """Fly beside a page; return the page's address, and the lines of the flight's text."""
     fault = f"link-cut@{CUT_AT_S:g}:{CUT}"
     page = ("--station", "--station-address", f"127.0.0.1:{free_port()}")
     options = ("--sitl", "--speed", str(SPEED), "--duration", "200", "--fault", fault)
-    lines: list[tuple[float, str]] = []
+    lines: list[str] = []
     with cordon("fly", mission, *options, *page) as flight:
         assert flight.stderr is not None
         reading = threading.Thread(
-            target=lambda: lines.extend((time.monotonic(), line) for line in iter(flight.stderr.readline, ""))  # type: ignore[union-attr]
+            target=lambda: lines.extend(iter(flight.stderr.readline, ""))  # type: ignore[union-attr]
         )
         reading.start()
-        until_now(lambda: any("http://" in line for _, line in lines), 30.0)
-        found = re.search(r"http://\S+", "".join(line for _, line in lines))
+        until_now(lambda: any("http://" in line for line in lines), 30.0)
+        found = re.search(r"http://\S+", "".join(lines))
         assert found is not None
         try:
             yield found[0], lines
@@ -107,47 +110,47 @@ def flying(mission: str) -> Iterator[tuple[str, list[tuple[float, str]]]]:
             reading.join()
 
 
-def shows(text: str, values: list[float | None], digits: int) -> bool:
-    """Whether a text shows one of these values, rounded."""
+def shows(text: str, value: float | None, digits: int) -> bool:
+    """Whether a text shows a value, rounded."""
     number = re.match(r"-?[\d.]+", text)
-    if number is None:
-        return text == "–" and None in values
-    known = [each for each in values if each is not None]
-    return any(abs(float(number[0]) - each) <= 0.5 * 10.0**-digits + 1e-6 for each in known)
+    if number is None or value is None:
+        return text == "–" and value is None
+    return abs(float(number[0]) - value) <= 0.5 * 10.0**-digits + 1e-6
 
 
-def differing(shown: dict[str, str], states: list[MemberState], reports: list[VehicleReport]) -> list[str]:
-    """Return the quantities of a card that none of the newest messages holds."""
-    angles = [each.angle for each in states]
+def differing(shown: dict[str, str], state: MemberState, report: VehicleReport) -> list[str]:
+    """Return the quantities of a card that differ from a vehicle's messages."""
+    angle = state.angle
     holds = {
-        "tactic": shown["tactic"] in [each.tactic for each in states],
-        "height": shows(shown["height"], [each.altitude_m for each in states], 1),
-        "speed": shows(shown["speed"], [hypot(*each.velocity_m_s) for each in states], 1),
-        "radius": shows(shown["radius"], [None if each is None else each.radius_m for each in angles], 1),
-        "rate": shows(shown["rate"], [None if each is None else each.angular_rate_rad_s for each in angles], 3),
-        "mode": shown["mode"] in [each.mode for each in reports],
-        "battery": shows(shown["battery"], [floor(100.0 * (each.battery or 0.0)) for each in reports], 0),
-        "gps": any(f"{each.satellites}\u00a0sat" in shown["gps"] for each in reports),
+        "tactic": shown["tactic"] == state.tactic,
+        "height": shows(shown["height"], state.altitude_m, 1),
+        "speed": shows(shown["speed"], hypot(*state.velocity_m_s), 1),
+        "radius": shows(shown["radius"], None if angle is None else angle.radius_m, 1),
+        "rate": shows(shown["rate"], None if angle is None else angle.angular_rate_rad_s, 3),
+        "mode": shown["mode"] == report.mode,
+        "battery": shows(shown["battery"], floor(100.0 * (report.battery or 0.0)), 0),
+        "gps": f"{report.satellites}\u00a0sat" in shown["gps"],
     }
     return [f"{name}: {shown[name]}" for name, found in holds.items() if not found]
 
 
-def far_off(read: dict[str, Any], vehicle: int, states: list[MemberState]) -> bool:
-    """Whether a mark is nowhere near one of the places: the mission's x axis points east, and east is right."""
+def far_off(read: dict[str, Any], vehicle: int, state: MemberState) -> bool:
+    """Whether a mark is far from the place: the mission's x axis points east, and east is right."""
     (x_px, y_px), (target_x_px, target_y_px) = read["marks"][str(vehicle)], read["target"]
     x_m = TARGET_M[0] + (x_px - target_x_px) / read["metre_px"]
     y_m = TARGET_M[1] - (y_px - target_y_px) / read["metre_px"]
-    return min(hypot(x_m - each.position_m[0], y_m - each.position_m[1]) for each in states) > PLACE_M
+    return hypot(x_m - state.position_m[0], y_m - state.position_m[1]) > PLACE_M
 
 
-def check_all(page: Page, bus: Bus, vehicles: tuple[int, ...]) -> None:
-    """Compare every card and mark with what the vehicles sent until then, or up to half a second before."""
-    since_s = time.monotonic() - WITHIN_S
-    read = page.evaluate(READ)
-    for vehicle in vehicles:
-        states, reports = bus.of(MemberState, vehicle, since_s), bus.of(VehicleReport, vehicle, since_s)
-        assert differing(read["cards"][str(vehicle)], states, reports) == [], vehicle
-        assert not far_off(read, vehicle, states), vehicle
+def check_all(page: Page, bus: Bus, clock: LockstepClient, vehicles: tuple[int, ...]) -> None:
+    """Compare every card and mark with what the vehicles sent last, while their time stands still."""
+    with clock.held_after(0.3):
+        page.wait_for_timeout(SHOWN_WITHIN_MS)
+        read = page.evaluate(READ)
+        sent = {vehicle: (bus.newest(MemberState, vehicle), bus.newest(VehicleReport, vehicle)) for vehicle in vehicles}
+    for vehicle, (state, report) in sent.items():
+        assert differing(read["cards"][str(vehicle)], state, report) == [], vehicle
+        assert not far_off(read, vehicle, state), vehicle
 
 
 def command(page: Page, verb: str, vehicle: int, *, hold: bool = False) -> None:
@@ -162,36 +165,39 @@ def command(page: Page, verb: str, vehicle: int, *, hold: bool = False) -> None:
 
 def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file: Callable[..., str]) -> None:
     path = mission_file("case2", *NEAR, LOW)
-    with Bus(load_mission(path)) as bus, flying(path) as (url, lines):
+    mission = load_mission(path)
+    with Bus(mission) as bus, flying(path) as (url, lines), ExitStack() as stack:
         page = open_page(url)
         page.set_default_timeout(30_000)
         expect(page.locator(".card .tactic", has_text="encircle")).to_have_count(3, timeout=60_000)
         page.wait_for_timeout(2000)  # until the camera is there
+        clock = stack.enter_context(LockstepClient(*url_ports(mission, mission.ids).values()))
         for _ in range(10):
-            page.wait_for_timeout(300)
-            check_all(page, bus, (1, 2, 3))
+            check_all(page, bus, clock, (1, 2, 3))
         tactic = page.locator(".card[data-vehicle='2'] .tactic")
         command(page, "hold", 2)
-        until_now(lambda: bus.of(MemberState, 2)[-1].tactic == "hold")
+        until_now(lambda: bus.newest(MemberState, 2).tactic == "hold")
         expect(tactic).to_have_text("hold")
         page.reload()
         expect(tactic).to_have_text("hold")
         command(page, "resume", 2)
-        until_now(lambda: bus.of(MemberState, 2)[-1].tactic == "encircle")
+        until_now(lambda: bus.newest(MemberState, 2).tactic == "encircle")
         expect(tactic).to_have_text("encircle")
 
-        until_now(lambda: any("practice: link cut" in line for _, line in lines), 60.0)
-        cut_s = next(at_s for at_s, line in lines if "practice: link cut" in line)
-        expect(page.locator(f".symbol[data-vehicle='{CUT}']")).to_have_attribute("data-current", "false")
-        assert time.monotonic() - cut_s <= STALE_WITHIN_S
+        until_now(lambda: any("practice: link cut" in line for line in lines), 60.0)
+        cut_s, mark = clock.now_s, page.locator(f".symbol[data-vehicle='{CUT}']")
+        while mark.get_attribute("data-current") != "false":
+            assert clock.now_s - cut_s <= STALE_WITHIN_S
+            with clock.held_after(0.5):
+                page.wait_for_timeout(SHOWN_WITHIN_MS)
         expect(page.locator("#alarms")).to_contain_text(f"Vehicle {CUT}: ")
         page.get_by_role("button", name="Acknowledge").first.click()
         expect(page.locator("#alarms li").first).to_contain_text("(acknowledged)")
 
         command(page, "land", 1, hold=True)
-        until_now(lambda: bus.of(MemberState, 1)[-1].tactic == "land")
+        until_now(lambda: bus.newest(MemberState, 1).tactic == "land")
         expect(page.locator(".card[data-vehicle='1'] .tactic")).to_have_text("land")
         command(page, "kill", 2)
-        until_now(lambda: bus.of(VehicleReport, 2)[-1].ended != "")
+        until_now(lambda: bus.newest(VehicleReport, 2).ended != "")
         expect(page.locator(".card[data-vehicle='2']")).to_have_attribute("data-trouble", "ended")
-        assert "killed" in bus.of(VehicleReport, 2)[-1].ended
+        assert "killed" in bus.newest(VehicleReport, 2).ended
