@@ -1,7 +1,8 @@
 """Command a whole team at once, again and again, and count the ticks that the commands cost.
 
 The vehicles are stubs of `cordon sitl`, flown as real ones: on the wall's clock, at raised priority where the system
-permits it. Each command goes to all vehicles at once, and the last one lands them. Judged are the ticks in control.
+permits it; or those of `cordon fly --sitl` on a governed clock. Each command goes to all vehicles at once, and the last
+one lands them. Judged are the ticks in control.
 """
 
 import asyncio
@@ -10,8 +11,8 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,8 +22,10 @@ import numpy as np
 
 from agents.ports import VehicleRefusedError
 from agents.team.messages import Verb
+from cordon.lockstep import LockstepClient
 from gcs.console.command_client import CommandClient
 from gcs.errors import InputError
+from gcs.flight.stubs import url_ports
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Cost
 from gcs.mission.file import load_mission
@@ -32,8 +35,10 @@ from tests.support.ring_mission import ring_mission
 from tests.support.wire import free_ports
 
 RATE_HZ = 20.0
-DURATION_S = 300.0
+DURATION_S = 900.0
 IN_FLIGHT_WITHIN_S = 90.0
+PATIENCE_WALL_S = 600.0
+"""How long a busy computer may take for a flight on a governed clock."""
 AFTER_S = 3.0
 """The time after each command whose ticks are judged, and until the next command."""
 VERBS: Sequence[Verb] = ("hold", "resume", "abort", "resume", "hold", "rtl", "hold", "resume", "abort")
@@ -49,59 +54,71 @@ class Sent:
     obeyed: int
 
 
-def fly(vehicles: int, last: Verb) -> bool:
+def fly(vehicles: int, last: Verb, *, governed: bool) -> bool:
     """Fly and command a team, print a table; return whether all obeyed and no tick was missed."""
     with TemporaryDirectory() as folder:
         mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")
         ports = free_ports(2 * vehicles)
+        within_s = PATIENCE_WALL_S if governed else IN_FLIGHT_WITHIN_S
         mission.write_text(ring_mission(vehicles, DURATION_S, ports[:vehicles], ports[vehicles:]), encoding="utf-8")
         cordon = [sys.executable, "-m", "gcs"]
-        stubs = subprocess.Popen([*cordon, "sitl", str(mission)], cwd=ROOT, stdout=subprocess.DEVNULL)
-        _raise(stubs.pid)
         command = [*cordon, "fly", str(mission), "--json", "--log", str(log)]
-        try:
-            with Path(folder, "result.json").open("wb") as result:
-                flight = subprocess.Popen(command, cwd=ROOT, stdout=result, stdin=subprocess.DEVNULL)
-                sent = asyncio.run(_command(mission, [*VERBS, last], flight))
-                flight.wait(120.0)
-            text = Path(folder, "result.json").read_text(encoding="utf-8")
-        finally:
-            stubs.terminate()
-            stubs.wait()
+        with ExitStack() as stack:
+            if governed:
+                command += ["--sitl", "--speed", "max"]
+            else:
+                stack.enter_context(_raised_stubs([*cordon, "sitl", str(mission)]))
+            result = stack.enter_context(Path(folder, "result.json").open("wb"))
+            flight = subprocess.Popen(command, cwd=ROOT, stdout=result, stdin=subprocess.DEVNULL)
+            sent = asyncio.run(_command(mission, [*VERBS, last], flight, within_s, governed=governed))
+            flight.wait(within_s)
+        text = Path(folder, "result.json").read_text(encoding="utf-8")
         _print(vehicles, sent, log)
     loop, ended = json.loads(text).get("loop"), json.loads(text)["ended"]
     print(f"ticks: {loop}; ended: {ended['how']}", flush=True)
     return loop is not None and loop["missed"] == 0 and all(each.obeyed == vehicles for each in sent)
 
 
-def _raise(pid: int) -> None:
-    """Raise the stubs' process: their own lateness is not measured here."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(pid, os.SCHED_RR, os.sched_param(1))
+@contextmanager
+def _raised_stubs(command: Sequence[str]) -> Iterator[None]:
+    """Serve the stubs at raised priority: their own lateness is not measured here."""
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL) as stubs:
+        with suppress(PermissionError):
+            os.sched_setscheduler(stubs.pid, os.SCHED_RR, os.sched_param(1))
+        yield
+        stubs.terminate()
 
 
-async def _command(mission: Path, verbs: Sequence[Verb], flight: "subprocess.Popen[bytes]") -> list[Sent]:
+async def _command(
+    mission: Path, verbs: Sequence[Verb], flight: "subprocess.Popen[bytes]", within_s: float, *, governed: bool
+) -> list[Sent]:
     loaded = load_mission(str(mission))
     client = await _client(mission, flight)
     await client.open()
     try:
-        end_s = time.monotonic() + IN_FLIGHT_WITHIN_S
+        end_s = time.monotonic() + within_s
         while {*client.tactics.values()} - {"formation", "encircle"} or len(client.tactics) < len(loaded.ids):
             if time.monotonic() > end_s or flight.poll() is not None:
                 raise RuntimeError(f"not in flight: {client.tactics}")
             await asyncio.sleep(0.1)
-        await asyncio.sleep(AFTER_S)
+        clock = LockstepClient(*url_ports(loaded, loaded.ids).values()) if governed else None
         sent = []
         for verb in verbs:
-            sent_s = time.time()
+            await _sleep(clock)
+            sent_s = time.time() if clock is None else clock.now_s
             answers = await client.command(verb, loaded.ids, None)
             times_s = [answer.after_s for answer in answers.values() if answer is not None]
             obeyed = sum(answer is not None and answer.obeyed for answer in answers.values())
             sent.append(Sent(verb, sent_s, max(times_s, default=np.inf), obeyed))
-            await asyncio.sleep(AFTER_S)
+        await _sleep(clock)
         return sent
     finally:
         await client.close()
+
+
+async def _sleep(clock: LockstepClient | None) -> None:
+    """Wait on the vehicles' clock, or on the wall's."""
+    await (asyncio.sleep(AFTER_S) if clock is None else asyncio.to_thread(clock.sleep, AFTER_S))
 
 
 async def _client(mission: Path, flight: "subprocess.Popen[bytes]") -> CommandClient:
@@ -134,8 +151,9 @@ def main() -> None:
     reader = parser("commands_at_once", __doc__ or "")
     reader.add_argument("vehicles", nargs="*", type=int, default=[16, 32], help="team sizes (default: 16 32)")
     reader.add_argument("--last", choices=("land", "rtl", "kill"), default="land", help="the last command")
+    reader.add_argument("--governed", action="store_true", help="fly `cordon fly --sitl --speed max`")
     chosen = reader.parse_args()
-    well = [fly(count, chosen.last) for count in chosen.vehicles]
+    well = [fly(count, chosen.last, governed=chosen.governed) for count in chosen.vehicles]
     sys.exit(0 if all(well) else 1)
 
 
