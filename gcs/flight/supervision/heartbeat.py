@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext, suppress
+from dataclasses import dataclass
 from math import inf
 from types import TracebackType
 from typing import Protocol, Self
@@ -30,7 +31,7 @@ TICK_PERIOD_MIN_S = 0.04
 """A faster loop sends fewer heartbeats than ticks: the supervisor polls ten times a second."""
 SUPERVISOR_SILENCE_S, SILENT_POLL_S = 3.0, 1.5 * POLL_PERIOD_S
 """A supervisor without a heartbeat for this time counts as dead: it may be stopped."""
-JOINED_WITHIN_S = 2.0
+JOINED_WITHIN_S = 10.0
 """Wall time for the supervisor to join a governed clock; a stopped one never does."""
 
 
@@ -86,8 +87,7 @@ class SupervisorHeartbeat:
         self._on_lost = on_lost
         self._listener: threading.Thread | None = None
         self._closing = False
-        self._now_s: Callable[[], float] = time.monotonic
-        self._poll_max_s = SILENT_POLL_S
+        self._time = _WALL
         self._joined = threading.Event()
         self.is_lost = False
 
@@ -111,7 +111,7 @@ class SupervisorHeartbeat:
 
     def heartbeat(self, vehicle_id: int) -> Heartbeat:
         """Return the heartbeat of a vehicle's agent."""
-        return _Sent(self._connection, vehicle_id, self._time_s)
+        return _Sent(self._connection, vehicle_id, self._now_s)
 
     @asynccontextmanager
     async def follow(self, clock: MissionClock) -> AsyncIterator[None]:
@@ -124,15 +124,15 @@ class SupervisorHeartbeat:
             return
         self._send_clock(clock.name.number)
         if await asyncio.to_thread(self._joined.wait, JOINED_WITHIN_S):
-            self._now_s, self._poll_max_s = clock.now_s, inf
+            self._time = _Time(clock.now_s, inf)
         try:
             yield
         finally:
-            self._now_s, self._poll_max_s = time.monotonic, SILENT_POLL_S
+            self._time = _WALL
             self._send_clock(None)
 
-    def _time_s(self) -> float:
-        return self._now_s()
+    def _now_s(self) -> float:
+        return self._time.now_s()
 
     def _send_clock(self, number: int | None) -> None:
         with suppress(OSError):  # the supervisor has ended: the listening thread handles it
@@ -149,10 +149,12 @@ class SupervisorHeartbeat:
         self._listener.start()
 
     def _listen(self, ask: Callable[[], object]) -> None:
-        asked, silent_s, polled_s = False, 0.0, self._now_s()
+        asked, silence = False, _Silence(self._time)
         while not self._closing:
+            measured_on = self._time
+            reached_s = measured_on.now_s()  # before it receives: what the supervisor sent until then has arrived
             received = self._received()
-            silent_s, polled_s = self._silent_s(silent_s, polled_s, received), self._now_s()
+            silent_s = silence.take(measured_on, reached_s, heard=bool(received))
             requests = received.count(STOP) if received else 0
             if received and JOINED in received:
                 self._joined.set()
@@ -168,14 +170,6 @@ class SupervisorHeartbeat:
             if received == b"":
                 return
 
-    def _silent_s(self, before_s: float, polled_s: float, received: bytes | None) -> float:
-        """Return for how long the supervisor has been silent.
-
-        On the wall's clock a poll counts for its usual time at most: while the whole computer stalls, the supervisor is
-        silent as well. A governed clock waits for the supervisor.
-        """
-        return 0.0 if received else before_s + min(max(self._now_s() - polled_s, 0.0), self._poll_max_s)
-
     def _received(self) -> bytes | None:
         """Return what the supervisor sent; None when nothing arrived within a poll, b"" when it has ended."""
         if not select.select([self._connection], [], [], POLL_PERIOD_S)[0]:
@@ -184,6 +178,36 @@ class SupervisorHeartbeat:
             return self._connection.recv(4096)
         except OSError:  # it died with heartbeats unread
             return b""
+
+
+@dataclass(frozen=True, slots=True)
+class _Time:
+    """What silences are measured on, and how much of it a poll counts for at most [s]."""
+
+    now_s: Callable[[], float]
+    poll_max_s: float
+
+
+_WALL = _Time(time.monotonic, SILENT_POLL_S)
+"""A poll counts for its usual time: while the whole computer stalls, the supervisor is silent as well.
+
+A governed clock waits for the supervisor.
+"""
+
+
+class _Silence:
+    """For how long the supervisor has been silent [s]."""
+
+    def __init__(self, measured_on: _Time) -> None:
+        self._time, self._polled_s = measured_on, measured_on.now_s()
+        self._silent_s = 0.0
+
+    def take(self, measured_on: _Time, reached_s: float, *, heard: bool) -> float:
+        """Take whether it was heard in a poll that began at a time; return the silence until then."""
+        passed_s = max(reached_s - self._polled_s, 0.0) if measured_on is self._time else 0.0
+        self._time, self._polled_s = measured_on, reached_s
+        self._silent_s = 0.0 if heard else self._silent_s + min(passed_s, measured_on.poll_max_s)
+        return self._silent_s
 
 
 class _Unsent:

@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from math import inf
 
 import pytest
 
@@ -13,12 +14,15 @@ from gcs.flight.supervision.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartb
 from gcs.flight.supervision.protocol import (
     ALIVE,
     HEARTBEAT_VARIABLE,
+    JOINED,
     POLL_PERIOD_S,
     STOP,
     Beat,
     LoopMonitor,
     encode_beat,
 )
+from sitl.server.governed_clock import GovernedClock
+from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat, new_clock
 
 PERIOD_S = 0.1
 
@@ -208,6 +212,38 @@ def test_a_supervisor_that_is_dead_or_silent_makes_it_land(
         assert told.wait(5.0)
         assert not theirs.get_inheritable()
     assert calls == ["ask", "orphaned"]
+
+
+async def test_on_a_clock_that_runs_ahead_of_the_listening_thread_a_supervisor_that_lives_is_not_lost(
+    pair: tuple[socket.socket, socket.socket],
+) -> None:
+    ours, theirs = pair
+    calls: list[str] = []
+    is_over = threading.Event()
+
+    def supervise(name: ClockName) -> None:
+        with Seat(name, Rank.SUPERVISOR) as seat:
+            seat.state(seat.now_us)
+            ours.send(JOINED)
+            time.sleep(3 * POLL_PERIOD_S)  # as on a busy computer
+            while not is_over.is_set():
+                seat.wait_until(seat.now_us + round(POLL_PERIOD_S * US_PER_S))
+                ours.send(ALIVE)
+
+    with (
+        new_clock(inf) as name,
+        GovernedClock(name, Rank.AGENTS) as clock,
+        SupervisorHeartbeat(theirs, lambda: calls.append("orphaned")) as heartbeat,
+    ):
+        supervisor = threading.Thread(target=supervise, args=(name,))
+        heartbeat.relay(lambda: calls.append("ask"))
+        supervisor.start()
+        async with heartbeat.follow(clock):
+            for _ in range(10_000):
+                await clock.sleep(POLL_PERIOD_S)
+        is_over.set()
+    supervisor.join()
+    assert calls == []
 
 
 def test_a_flight_that_is_over_wants_nothing_more(pair: tuple[socket.socket, socket.socket]) -> None:
