@@ -197,8 +197,11 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
         # Until it has joined the clock, the other process is not waited for: it is first.
         await until(lambda: stubs.vehicles[1].armed, 100.0, "the other process has armed its vehicle")
         plan = FlightPlan(mission, 300.0, mission.vehicles[1:], speed=None, clock=stubs.clock.name)
+        stubs.clock.set_speed(1.0)  # the other process waits for these two, which take wall time to connect
         flight = asyncio.create_task(fly(plan, view))
         try:
+            await until(lambda: all(each.armed for each in stubs.vehicles.values()), 100.0, "all have armed")
+            stubs.clock.set_speed(SPEED)
             await until(lambda: list(tactics.values()) == ["formation"] * 2, 300.0, clock=stubs.clock)
             assert "h hold" in terminal.text
             terminal.type("h")
