@@ -1,4 +1,4 @@
-"""A program of one's own that flies or observes stubs of `cordon sitl --lockstep` on their clock.
+"""A user's program that flies or observes stubs of `cordon sitl --lockstep` on their clock.
 
 The module needs no event loop: MAVSDK and pymavlink may be used from the same thread.
 """

@@ -1,4 +1,4 @@
-"""A client of one's own on the clock of stubs: what it waits for, what waits for it, and bad input."""
+"""A user's program on the clock of stubs: what it waits for, what waits for it, and bad input."""
 
 import threading
 import time

@@ -62,6 +62,10 @@ class FlightBelowTheWire(DrillFlight):
     ) -> None:
         await self.team.__aexit__(kind, error, trace)
 
+    @property
+    def has_begun(self) -> bool:
+        return True
+
     def _observe(self) -> None:
         now_s = self.now_s()
         autopilots = {i: link.autopilot for i, link in self.team.links.items()}
