@@ -107,10 +107,9 @@ class TruthTrack:
 
 @dataclass(frozen=True, slots=True)
 class StubRecord:
-    """The record of a run: tracks, the speed reached, the simulated time dropped, and messages dropped by vehicle."""
+    """The record of a run: tracks, the simulated time dropped, and messages dropped by vehicle."""
 
     tracks: tuple[TruthTrack, ...]
-    speed_reached: float
     slipped_s: float
     dropped: dict[int, dict[str, int]]
 
@@ -144,10 +143,6 @@ class _Pace:
         first = self.step + 1
         self.step = max(self.step, floor(self.uptime_s() / STEP_S + _ROUNDING))
         return range(first, self.step + 1)
-
-    def share_kept(self) -> float:
-        elapsed_s = self._now_s() - self._start_s
-        return 1.0 - self.slipped_s / elapsed_s if elapsed_s > 0.0 else 1.0
 
 
 _MANNERS: Mapping[AutopilotKind, tuple[type[Autopilot], Dialect]] = {
@@ -296,7 +291,7 @@ async def serve(
             await asyncio.gather(stepping, showing, stopping, return_exceptions=True)
     tracks = tuple(stub.track() for stub in stubs)
     dropped = {stub.config.vehicle_id: stub.dropped() for stub in stubs}
-    return StubRecord(tracks, clock.speed * pace.share_kept(), pace.slipped_s, dropped)
+    return StubRecord(tracks, pace.slipped_s, dropped)
 
 
 async def _step(stubs: Sequence[Stub], pace: _Pace, clock: StubClock) -> None:

@@ -25,7 +25,7 @@ from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Cost
 from gcs.mission.file import load_mission
 from tests.experiments.arguments import parser
-from tests.support.paths import ROOT
+from tests.support.paths import ROOT, finds_tests
 from tests.support.px4 import Px4Missing, Px4Simulator
 
 MISSION, RATE_HZ = "px4-trio", 20.0
@@ -111,6 +111,11 @@ def cordon(*arguments: str, raised: bool) -> list[str]:
     return [sys.executable, "-m", "tests.experiments.busy_computer", "--unraised", *arguments]
 
 
+def environment(*, raised: bool) -> dict[str, str] | None:
+    """Return the environment of such a command."""
+    return None if raised else finds_tests()
+
+
 def unraised(*arguments: str) -> None:
     """Become a command of cordon without these capabilities."""
     for capability in (CAP_SYS_NICE, CAP_IPC_LOCK):
@@ -126,7 +131,9 @@ def fly(load: int, duration_s: float, *, raised: bool) -> Cell:
         options = ("fly", MISSION, "--json", "--duration", str(duration_s), "--log", str(log), "--wait", str(WAITS_S))
         with out.open("wb") as result, said.open("wb") as text:
             command = cordon(*options, raised=raised)
-            flight = subprocess.Popen(command, cwd=ROOT, stdout=result, stderr=text, stdin=subprocess.DEVNULL)
+            flight = subprocess.Popen(
+                command, cwd=ROOT, stdout=result, stderr=text, stdin=subprocess.DEVNULL, env=environment(raised=raised)
+            )
             end_s = time.monotonic() + ENGAGED_WITHIN_S
             while said.read_text(encoding="utf-8").count("encircle: engage") < 3:
                 if flight.poll() is not None or time.monotonic() > end_s:
@@ -172,6 +179,7 @@ def checked(programs: int, text: str) -> str:
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
+            env=environment(raised=False),
         )
     findings: Sequence[dict[str, str]] = json.loads(done.stdout)["findings"]
     here = [each for each in findings if each["subject"] == "this computer"]

@@ -126,7 +126,6 @@ def team() -> Iterator[list[Vehicle]]:
         yield station.vehicles
         station.close()
         record = stubs.stop()
-    assert record.speed_reached == SPEED
     assert record.slipped_s == 0.0
     assert [track.vehicle_id for track in record.tracks] == [1, 2, 3]
     assert np.diff(record.tracks[0].time_s) == pytest.approx(0.1, abs=1e-6)
@@ -429,7 +428,6 @@ async def test_time_that_cannot_be_caught_up_is_given_up_and_told() -> None:
     stop.set()
     record: StubRecord = await serving
     assert record.slipped_s == pytest.approx(0.5 + 49.5)
-    assert record.speed_reached == pytest.approx(SPEED * 1.8 / 51.8)
     (track,) = record.tracks
     assert track.time_s[-1] == pytest.approx(1051.8, abs=0.1)
     assert len(track.time_s) == pytest.approx(18, abs=1)
