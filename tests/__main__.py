@@ -10,10 +10,9 @@ import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Self
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = Path(sysconfig.get_path("scripts"))
@@ -28,7 +27,7 @@ WORKERS = 2 * (os.cpu_count() or 1)
 SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))
 """Tests on real sockets mostly wait: twice as many as there are cores run side by side. More lack the processor."""
 BROWSER = ("-m", "browser", "-n", "2", "--dist", "loadfile")
-"""Tests that drive a browser wait as well, but draw pages on the processor: after those on sockets, two at a time."""
+"""Tests that drive a browser wait as well, but draw pages on the processor: two at a time, once others have ended."""
 COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile")
 """Tests that compute run beside the others, and a file's tests share what its fixtures have flown."""
 QUICK = ("-m", "not wire and not browser and not slow", *COMPUTING[2:])
@@ -45,19 +44,20 @@ def main() -> int:
     """Run every check and all tests, and return 0 if all of them pass."""
     arguments = sys.argv[1:]
     if arguments == ["--quick"]:
-        with _pytest(*QUICK) as quick:
+        with Tests(*QUICK) as quick:
             checks = _failing_checks()
-            tests_fail = not quick()
+            tests_fail = not quick.all_pass()
     elif arguments:
         checks = _failing_checks()
         tests_fail = _run("pytest", *arguments) != 0
     else:
-        with _pytest(*COMPUTING) as computing:
+        with Tests(*COMPUTING) as computing:
             checks = _failing_checks()  # meanwhile, two processes compile what the many after them only load
-            with _pytest(*SOCKETS) as sockets:
-                passed = [sockets()]
-            with _pytest(*BROWSER) as browser:
-                passed += [browser(), computing()]
+            with Tests(*SOCKETS) as sockets:
+                while computing.go_on and sockets.go_on:
+                    time.sleep(0.2)
+                with Tests(*BROWSER) as browser:
+                    passed = [each.all_pass() for each in (sockets, browser, computing)]
         tests_fail = not all(passed)
     for check in checks:
         print(f"failed: {check}", file=sys.stderr)
@@ -68,35 +68,43 @@ def _failing_checks() -> list[str]:
     return [" ".join(check) for check in CHECKS if _run(*check) != 0]
 
 
-@contextmanager
-def _pytest(*arguments: str) -> Iterator[Callable[[], bool]]:
-    """Start some of the tests; what is yielded waits for their end, shows the output and returns whether they pass."""
-    command = [str(SCRIPTS / "pytest"), *arguments]
-    end_s = time.monotonic() + HANGS_AFTER_S
-    with TemporaryFile() as output:
-        process = subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=output, stderr=output)
+class Tests:
+    """Some of the tests, which run in a process of their own from the beginning of the context."""
 
-        def passes() -> bool:
-            print(f"--- pytest {shlex.join(arguments)}", flush=True)
-            _wait(process, end_s)
-            output.seek(0)
-            sys.stdout.buffer.write(output.read())
-            sys.stdout.buffer.flush()
-            return process.returncode == 0
+    def __init__(self, *arguments: str) -> None:
+        self._arguments = arguments
+        self._output = TemporaryFile()  # noqa: SIM115 - closed at the end of the context
+        self._end_s = time.monotonic() + HANGS_AFTER_S
+        command = [str(SCRIPTS / "pytest"), *arguments]
+        self._process = subprocess.Popen(command, cwd=ROOT, env=ENVIRONMENT, stdout=self._output, stderr=self._output)
 
-        try:
-            yield passes
-        finally:
-            process.kill()
+    @property
+    def go_on(self) -> bool:
+        """Whether they still run."""
+        return self._process.poll() is None and time.monotonic() < self._end_s
 
+    def all_pass(self) -> bool:
+        """Wait for their end, show the output and return whether all pass."""
+        print(f"--- pytest {shlex.join(self._arguments)}", flush=True)
+        while self.go_on:
+            time.sleep(0.2)
+        if self._process.poll() is None:
+            print(f"hangs: aborted after {HANGS_AFTER_S:g} s", flush=True)
+            self._process.send_signal(signal.SIGABRT)  # pytest's fault handler tells where each of its threads stands
+            self._process.wait()
+        self._output.seek(0)
+        sys.stdout.buffer.write(self._output.read())
+        sys.stdout.buffer.flush()
+        return self._process.returncode == 0
 
-def _wait(process: subprocess.Popen[bytes], end_s: float) -> None:
-    try:
-        process.wait(max(0.0, end_s - time.monotonic()))
-    except subprocess.TimeoutExpired:
-        print(f"hangs: aborted after {HANGS_AFTER_S:g} s", flush=True)
-        process.send_signal(signal.SIGABRT)  # pytest's fault handler tells where each of its threads stands
-        process.wait()
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End them."""
+        self._process.kill()
+        self._output.close()
 
 
 def _run(tool: str, *arguments: str) -> int:
