@@ -111,6 +111,11 @@ class MavsdkHub:
         if pace.is_bound and url in self._relays:
             self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed)
 
+    def mute(self, url: str, system_id: int, muted: bool) -> None:
+        """Send a vehicle no setpoint from now on, or again."""
+        if url in self._relays:
+            self._relays[url][0].mute(system_id, muted)
+
     def show_life(self, url: str) -> None:
         """Send the vehicles of a connection a heartbeat beside those of MAVSDK."""
         if url in self._relays:

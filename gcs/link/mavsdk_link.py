@@ -67,6 +67,7 @@ class MavsdkLink:
         self._keeper: asyncio.Task[None] | None = None
         self._attention = Attention(clock)
         self._silent = False
+        self._muted = False
         self._asking = 0
         self._sent = 0
         self._unsent = 0
@@ -257,6 +258,9 @@ class MavsdkLink:
             self._unsent += 1
             return
         try:
+            if self._muted:
+                self._hub.mute(self._config.url, self._config.system_id, False)
+                self._muted = False
             ned_m = parts.send(setpoint, parts.feed.origin_m, self._config.frame)
             self._sent += 1
             # One that waits in the transmit queue may never be sent: a newer one replaces it.
@@ -340,10 +344,12 @@ class MavsdkLink:
                 self._mute()
 
     def _mute(self) -> None:
-        """Stop MAVSDK from repeating the last setpoint, which it would continue for a while.
+        """Stop MAVSDK from repeating the last setpoint, which it would continue for a while; none is under way.
 
         Repeated setpoints after a lost link would let PX4 leave its failsafe and re-enter offboard unnoticed.
         """
+        self._hub.mute(self._config.url, self._config.system_id, True)
+        self._muted = True
         if self._parts is not None and not self._asking:  # a running call must keep its plugin
             self._sent = 0
             self._parts.offboard.destroy()

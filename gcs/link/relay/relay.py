@@ -13,8 +13,10 @@ from gcs.link.rates.quality import Traffic
 from gcs.link.relay.carriers import open_carrier
 from gcs.link.relay.frames import (
     MAGIC_V2,
+    SETPOINT,
     SIGNATURE_LENGTH,
     FrameStream,
+    header,
     station_heartbeat,
     target_system,
     timesync_request,
@@ -44,6 +46,7 @@ class Relay:
         self._thread = self._own_thread or shared
         self._gate = Gate()
         self._lock = threading.Lock()
+        self._muted: set[int] = set()
         self._first: list[bytes] = []
         self._called = 0
         self._shows_life = False
@@ -102,6 +105,14 @@ class Relay:
             self._round_trip_next_s = -inf
         self._thread.wake()
 
+    def mute(self, system_id: int, muted: bool) -> None:
+        """Send a vehicle no setpoint from now on, or again: MAVSDK repeats the last one, and one may be under way."""
+        with self._lock:
+            if muted:
+                self._muted.add(system_id)
+            else:
+                self._muted.discard(system_id)
+
     def report(self, system_id: int) -> LinkReport:
         """Return the report of what arrived with the system id of a vehicle."""
         with self._lock:
@@ -155,11 +166,14 @@ class Relay:
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
         outgoing = self._paced([*sent, *self._requests(), *self._signs_of_life()])
         for frame, address in (*self._signed_all(outgoing), *self._calls()):
-            if self._carrier.send(frame, address):
+            if not self._is_muted(frame) and self._carrier.send(frame, address):
                 self._up_bytes += len(frame)
         arrives = any(descriptor in readable for descriptor in self._carrier.watched())
         for frames in (b"", *self._inbound(list(self._carrier.receive()) if arrives else [])):
             inner.write(frames)
+
+    def _is_muted(self, frame: bytes) -> bool:
+        return bool(self._muted) and header(frame).message == SETPOINT and target_system(frame) in self._muted
 
     def _inbound(self, received: Iterable[tuple[bytes, Address]]) -> list[bytes]:
         """Return the arrived frames that are passed to MAVSDK."""

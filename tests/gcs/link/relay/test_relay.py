@@ -1,0 +1,86 @@
+"""The relay of a connection between two sockets: which of MAVSDK's frames reach the vehicles there."""
+
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import count
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from gcs.link.relay.relay import Relay
+from gcs.link.relay.relay_thread import RelayThread
+from tests.support.wire import LOOPBACK, free_port
+
+VEHICLES = (7, 8)
+
+
+@dataclass
+class Ends:
+    """Both ends of a relay: MAVSDK's connection, and the socket of two vehicles."""
+
+    relay: Relay
+    mavsdk: socket.socket
+    vehicles: socket.socket
+
+    def sends(self, *messages: mavlink.MAVLink_message) -> list[tuple[str, int]]:
+        """Send messages as MAVSDK, and return the names and targets of those that arrive, up to a command."""
+        sender = mavlink.MAVLink(None, 245, 190)
+        last = sender.command_long_encode(7, 1, 0, 0, *[0.0] * 7)
+        self.mavsdk.sendall(b"".join(bytes(each.pack(sender)) for each in (*messages, last)))
+        reader, arrived = mavlink.MAVLink(None), list[tuple[str, int]]()
+        while not arrived or arrived[-1][0] != "COMMAND_LONG":
+            found = reader.parse_buffer(self.vehicles.recv(4096)) or []
+            arrived += [(m.get_type(), m.target_system) for m in found if hasattr(m, "target_system")]
+        return arrived[:-1]
+
+
+@pytest.fixture
+def ends() -> Iterator[Ends]:
+    port, thread = free_port(), RelayThread("relays")
+    relay = Relay(f"udpin://{LOOPBACK}:{port}", thread)
+    at = relay.inner_url.removeprefix("tcpout://").split(":")
+    with socket.create_connection((at[0], int(at[1]))) as mavsdk, socket.socket(type=socket.SOCK_DGRAM) as vehicles:
+        vehicles.settimeout(5.0)
+        vehicles.connect((LOOPBACK, port))
+        relay.start()
+        for vehicle in VEHICLES:
+            relay.claim(vehicle, None)
+            self_, end_s = mavlink.MAVLink(None, vehicle, 1), time.monotonic() + 5.0
+            while not relay.candidates(vehicle):
+                assert time.monotonic() < end_s
+                vehicles.send(bytes(self_.heartbeat_encode(2, 12, 0, 0, 4).pack(self_)))
+                time.sleep(0.02)
+            relay.verify(vehicle, relay.candidates(vehicle)[0])
+        yield Ends(relay, mavsdk, vehicles)
+        relay.close()
+    thread.close()
+
+
+NUMBERS = count()
+
+
+def setpoint(vehicle: int) -> mavlink.MAVLink_message:
+    """Return a setpoint that differs from all others."""
+    encode = mavlink.MAVLink(None).set_position_target_local_ned_encode
+    return encode(0, vehicle, 1, 1, 0, float(next(NUMBERS)), 0.0, 0.0, *[0.0] * 6, yaw=0.0, yaw_rate=0.0)
+
+
+@pytest.mark.parametrize("paced", [False, True], ids=["without a pace", "with a pace"])
+def test_a_muted_vehicle_is_sent_no_setpoint_and_the_others_and_all_else_are(ends: Ends, paced: bool) -> None:
+    if paced:
+        ends.relay.pace(None, 1000.0)
+    both = [("SET_POSITION_TARGET_LOCAL_NED", vehicle) for vehicle in VEHICLES]
+    assert sorted(ends.sends(setpoint(7), setpoint(8)) + flushed(ends)) == both
+    ends.relay.mute(7, True)
+    heard = ends.sends(setpoint(7), setpoint(8)) + flushed(ends)
+    assert heard == both[1:]
+    ends.relay.mute(7, False)
+    assert both[0] in ends.sends(setpoint(7)) + flushed(ends)
+
+
+def flushed(ends: Ends) -> list[tuple[str, int]]:
+    """Return what has waited until commands had passed."""
+    time.sleep(0.05)
+    return ends.sends()
