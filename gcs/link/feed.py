@@ -219,6 +219,10 @@ class VehicleFeed:
         if self.on_loss is not None:
             self.on_loss()
 
+    def forget_mode(self) -> None:
+        """Count no flight mode as received until the next; the status keeps the newest."""
+        self._mode = None
+
     def _return(self) -> None:
         if self.on_return is not None:
             self.on_return()

@@ -383,10 +383,19 @@ class MavsdkLink:
         await request_rates(calls, feed, self._rates)
 
     async def _renew(self) -> None:
-        """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved."""
+        """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved.
+
+        Setpoints follow an origin: the flight mode is received before, as PX4 would take them as a wish for offboard.
+        """
         _, feed, calls, *_ = self._connected()
         await self._request_rates()
-        await calls.until(lambda: feed.clock_received, RENEWAL_TIMEOUT_S, lambda: "sent no attitude", "check the link")
+        feed.forget_mode()  # the newest may be from before the loss
+        await calls.until(
+            lambda: feed.clock_received and feed.mode_received,
+            RENEWAL_TIMEOUT_S,
+            lambda: "sent no flight mode" if feed.clock_received else "sent no attitude",
+            "check the link",
+        )
         if feed.origin_m is None:
             feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)
 
