@@ -98,7 +98,8 @@ def test_one_that_hangs_is_passed_over_until_it_goes_on(fast: ClockName, monkeyp
         assert other.turn() == 0.0
 
 
-def test_one_whose_process_is_killed_keeps_nobody_waiting(fast: ClockName) -> None:
+def test_one_whose_process_is_killed_keeps_nobody_waiting(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_clock, "HUNG_S", inf)  # who does not go on is waited for, unless it is dead
     program = (
         "import sys, time\n"
         "from sitl.server.shared_clock import ClockName, Rank, Seat\n"
@@ -114,9 +115,7 @@ def test_one_whose_process_is_killed_keeps_nobody_waiting(fast: ClockName) -> No
         seat.state(2_000)
         assert seat.turn() > 0.0
         os.kill(child.pid, signal.SIGKILL)  # not reaped yet: a zombie
-        began_s = time.monotonic()
         seat.wait_until(2_000)
-        assert time.monotonic() - began_s < 0.5 * shared_clock.HUNG_S
 
 
 def test_clocks_of_one_computer_are_their_own_and_leave_nothing(folder: Path) -> None:

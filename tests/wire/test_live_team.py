@@ -236,10 +236,10 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
     async with stubs(scene), watched(scene):
         await until(lambda: bool(scene.teams) and "no flight" in scene.team.link, 3.0, "it waits for a flight")
         async with fly(path, log_path, DURATION_S) as process:
-            await until(lambda: all(each.mode for each in scene.team.vehicles), 20.0, "all on the ground")
+            await until(lambda: all(each.mode for each in scene.team.vehicles), 100.0, "all on the ground")
             assert scene.team.link == ""
             assert [(each.position_m, each.is_stale) for each in scene.team.vehicles] == [(None, False)] * 3
-            await until(lambda: scene.compared > 50, 60.0, "a ring of three")
+            await until(lambda: scene.compared > 50, 100.0, "a ring of three")
             output, errors = await asyncio.wait_for(process.communicate(), 60.0)
             assert process.returncode in (0, 1), errors.decode()
         await until(lambda: all(each.has_ended for each in scene.team.vehicles), 3.0, "the end")

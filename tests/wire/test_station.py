@@ -141,6 +141,7 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
         assert process.stderr is not None
         port, cookie = entered(process.stderr.readline())
         async with stream(port, cookie) as page, stream(port, cookie) as other:
+            reading = asyncio.create_task(events_to_the_end(other))  # at once: one that does not read is cut off
             while not (mission := await received(page, "mission", 20.0))["operator"]["may"]:
                 pass
             with subtests.test("who may command what"):
@@ -153,7 +154,7 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
                     await page.send(asked(request, verb))
                     answers = [await received(page, "answer") for _ in range(3)]
                     assert {(each["vehicle_id"], each["did"]) for each in answers} == {(i, did) for i in (1, 2, 3)}
-            said = await events_to_the_end(other)
+            said = await reading
         with subtests.test("what was commanded, and by whom, is shown to the other page"):
             name = mission["operator"]["name"]
             assert {f"hold by {name}: holds", f"land by {name}: lands"} <= set(said)
@@ -209,5 +210,5 @@ def test_a_station_does_not_outlive_a_flight_that_is_killed(mission_file: Callab
         process.kill()
         began_s = time.monotonic()
         while is_listening(port):
-            assert time.monotonic() - began_s < 5.0
+            assert time.monotonic() - began_s < 60.0
             time.sleep(0.05)
