@@ -385,7 +385,7 @@ class MavsdkLink:
     async def _renew(self) -> None:
         """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved.
 
-        Setpoints follow an origin: the flight mode is received before, as PX4 would take them as a wish for offboard.
+        Setpoints follow an origin: the flight mode is received before, as setpoints take PX4 back into offboard.
         """
         _, feed, calls, *_ = self._connected()
         await self._request_rates()
