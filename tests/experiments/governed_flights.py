@@ -76,7 +76,7 @@ def main(count: int, first: int, loads: list[int]) -> int:
                 for speed in SPEEDS:
                     flown = fly(mission, speed, load)
                     reference = flown.events if reference is None else reference
-                    differing = len(set(reference) ^ set(flown.events))
+                    differing = sorted(set(reference) ^ set(flown.events))
                     loop, failing = flown.result["loop"], flown.failing
                     well &= not (differing or loop["missed"] or (failing and mission in BUNDLED))
                     row = (
@@ -88,7 +88,7 @@ def main(count: int, first: int, loads: list[int]) -> int:
                         loop["missed"],
                         ", ".join(failing) or "hold",
                         len(flown.events),
-                        differing,
+                        "; ".join(f"vehicle {i}, tick {tick}: {text}" for i, tick, text in differing) or "none",
                     )
                     print(f"| {' | '.join(map(str, row))} |", flush=True)
     return 0 if well else 1
