@@ -8,7 +8,15 @@ from playwright.sync_api import Browser, BrowserContext, Page
 
 from tests.support.page.browser import launched
 
-EXPECTED = ("401", "404", "ERR_CONNECTION_", "WebSocket", "Worker failed to load", "dynamically imported module")
+EXPECTED = (
+    "401",
+    "404",
+    "ERR_CONNECTION_",
+    "ERR_SOCKET_NOT_CONNECTED",
+    "WebSocket",
+    "Worker failed to load",
+    "dynamically imported module",
+)
 """A station asks for its token first, has no recorded flight while it is live, and breaks connections when it goes: a
 map without its worker draws nothing, which other tests see."""
 VIEWPORT: Any = {"width": 1024, "height": 640}
