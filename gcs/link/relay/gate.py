@@ -74,6 +74,8 @@ class Claim:
     def __init__(self, signing: Signing | None = None) -> None:
         self.signing = signing
         self.address: Address | None = None
+        self.muted = False
+        """Whether setpoints to it are dropped."""
         self.candidates: dict[Address, bytes] = {}
         self.rejected: dict[Address, Verdict] = {}
         self._received_s = -inf

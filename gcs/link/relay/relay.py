@@ -46,7 +46,6 @@ class Relay:
         self._thread = self._own_thread or shared
         self._gate = Gate()
         self._lock = threading.Lock()
-        self._muted: set[int] = set()
         self._first: list[bytes] = []
         self._called = 0
         self._shows_life = False
@@ -108,10 +107,8 @@ class Relay:
     def mute(self, system_id: int, muted: bool) -> None:
         """Send a vehicle no setpoint from now on, or again: MAVSDK repeats the last one, and one may be under way."""
         with self._lock:
-            if muted:
-                self._muted.add(system_id)
-            else:
-                self._muted.discard(system_id)
+            if (claim := self._gate.claims.get(system_id)) is not None:
+                claim.muted = muted
 
     def report(self, system_id: int) -> LinkReport:
         """Return the report of what arrived with the system id of a vehicle."""
@@ -173,7 +170,10 @@ class Relay:
             inner.write(frames)
 
     def _is_muted(self, frame: bytes) -> bool:
-        return bool(self._muted) and header(frame).message == SETPOINT and target_system(frame) in self._muted
+        if header(frame).message != SETPOINT:
+            return False
+        claim = self._gate.claims.get(target_system(frame))
+        return claim is not None and claim.muted
 
     def _inbound(self, received: Iterable[tuple[bytes, Address]]) -> list[bytes]:
         """Return the arrived frames that are passed to MAVSDK."""

@@ -24,6 +24,16 @@ class Ends:
     mavsdk: socket.socket
     vehicles: socket.socket
 
+    def find(self, vehicle: int) -> None:
+        """Wait for a vehicle's heartbeat, and accept its address."""
+        self.relay.claim(vehicle, None)
+        autopilot, end_s = mavlink.MAVLink(None, vehicle, 1), time.monotonic() + 5.0
+        while not self.relay.candidates(vehicle):
+            assert time.monotonic() < end_s
+            self.vehicles.send(bytes(autopilot.heartbeat_encode(2, 12, 0, 0, 4).pack(autopilot)))
+            time.sleep(0.02)
+        self.relay.verify(vehicle, self.relay.candidates(vehicle)[0])
+
     def sends(self, *messages: mavlink.MAVLink_message) -> list[tuple[str, int]]:
         """Send messages as MAVSDK, and return the names and targets of those that arrive, up to a command."""
         sender = mavlink.MAVLink(None, 245, 190)
@@ -45,15 +55,10 @@ def ends() -> Iterator[Ends]:
         vehicles.settimeout(5.0)
         vehicles.connect((LOOPBACK, port))
         relay.start()
+        both = Ends(relay, mavsdk, vehicles)
         for vehicle in VEHICLES:
-            relay.claim(vehicle, None)
-            self_, end_s = mavlink.MAVLink(None, vehicle, 1), time.monotonic() + 5.0
-            while not relay.candidates(vehicle):
-                assert time.monotonic() < end_s
-                vehicles.send(bytes(self_.heartbeat_encode(2, 12, 0, 0, 4).pack(self_)))
-                time.sleep(0.02)
-            relay.verify(vehicle, relay.candidates(vehicle)[0])
-        yield Ends(relay, mavsdk, vehicles)
+            both.find(vehicle)
+        yield both
         relay.close()
     thread.close()
 
@@ -78,6 +83,13 @@ def test_a_muted_vehicle_is_sent_no_setpoint_and_the_others_and_all_else_are(end
     assert heard == both[1:]
     ends.relay.mute(7, False)
     assert both[0] in ends.sends(setpoint(7)) + flushed(ends)
+
+
+def test_a_vehicle_that_is_found_again_is_sent_setpoints(ends: Ends) -> None:
+    ends.relay.mute(7, True)
+    ends.relay.release(7)
+    ends.find(7)
+    assert ends.sends(setpoint(7)) == [("SET_POSITION_TARGET_LOCAL_NED", 7)]
 
 
 def flushed(ends: Ends) -> list[tuple[str, int]]:
