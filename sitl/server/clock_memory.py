@@ -11,7 +11,7 @@ SEATS = 1 << SEAT_BITS
 IDLE = NEVER_US << SEAT_BITS
 """The event of a seat that waits for none."""
 VEHICLES = 256
-"""Vehicles are told apart by their ids modulo this."""
+"""Vehicles are identified by their ids modulo this."""
 MOTION = Struct("<6f")
 """Position and velocity in a vehicle's NED."""
 SETPOINT = Struct("<3f")
