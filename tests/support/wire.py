@@ -107,9 +107,13 @@ async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[S
             yield Served(clock, stubs)
 
 
+PATIENCE_S = 60.0
+"""How long a test waits for something that this computer does: no measure of how fast it does it."""
+
+
 async def until(
     condition: Callable[[], bool],
-    timeout_s: float = 20.0,
+    timeout_s: float = PATIENCE_S,
     waiting_for: str = "it",
     *,
     clock: MissionClock | None = None,
@@ -124,7 +128,7 @@ async def until(
     return now_s()
 
 
-def until_now(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+def until_now(condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
     """Wait for a condition without an event loop."""
     end_s = time.monotonic() + timeout_s
     while not condition():

@@ -22,7 +22,7 @@ from gcs.report.evidence.reading import read_flight
 from sitl.server.process import StubProcess
 from tests.support.mission_text import LOW
 from tests.support.paths import ROOT
-from tests.support.wire import cordon
+from tests.support.wire import PATIENCE_S, cordon
 
 pytestmark = pytest.mark.wire
 
@@ -72,7 +72,7 @@ def test_real_vehicles_and_boards_are_refused_beside_stubs(
     other = beside(mission, uid=uid, SYS_HITL=hitl)
     other.start()
     with cordon("fly", mission, "--sitl", "2,3", "--no-log", *FLY) as flight:
-        _, err = flight.communicate(timeout=60.0)
+        _, err = flight.communicate(timeout=PATIENCE_S)
     other.stop()
     assert flight.returncode == 3
     assert refused in " ".join(err.split())

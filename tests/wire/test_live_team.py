@@ -234,7 +234,7 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
     live = LiveTeam(scene.mission)
     assert live.mission(OperatorRights("anna")).operator.name == "anna"
     async with stubs(scene), watched(scene):
-        await until(lambda: bool(scene.teams) and "no flight" in scene.team.link, 3.0, "it waits for a flight")
+        await until(lambda: bool(scene.teams) and "no flight" in scene.team.link, waiting_for="it waits for a flight")
         async with fly(path, log_path, DURATION_S) as process:
             await until(lambda: all(each.mode for each in scene.team.vehicles), 100.0, "all on the ground")
             assert scene.team.link == ""
@@ -242,11 +242,11 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
             await until(lambda: scene.compared > 50, 100.0, "a ring of three")
             output, errors = await asyncio.wait_for(process.communicate(), 60.0)
             assert process.returncode in (0, 1), errors.decode()
-        await until(lambda: all(each.has_ended for each in scene.team.vehicles), 3.0, "the end")
+        await until(lambda: all(each.has_ended for each in scene.team.vehicles), waiting_for="the end")
         team = scene.team
         assert team.ending == "completed"
         assert [each.ending for each in team.vehicles] == ["completed"] * 3
-        await until(lambda: "no flight" in scene.team.link, 3.0, "the flight is over")
+        await until(lambda: "no flight" in scene.team.link, waiting_for="the flight is over")
     assert not scene.faults, (len(scene.faults), scene.compared, scene.faults[:20])
     compare_with_log(scene, read_log(log_path))
     compare_with_replay(scene, recorded_flight(read_log(log_path)))
@@ -326,25 +326,25 @@ async def test_a_cut_link_and_a_killed_flight_are_drawn_stale(mission_file: Call
     path = mission_file("case2", *SOON, LOW)
     scene = Scene(load_mission(path))
     async with stubs(scene), watched(scene), fly(path, tmp_path / "flight.mcap", 200.0) as process:
-        await until(lambda: bool(scene.teams) and scene.team.ring_members == 3, 60.0, "a ring of three")
+        await until(lambda: bool(scene.teams) and scene.team.ring_members == 3, waiting_for="a ring of three")
         await asyncio.sleep(1.0)
         scene.faults.clear()
         cut_s = time.monotonic()
         scene.stubs[2].faults.link_cut = True
-        await until(lambda: scene.vehicle(2).is_stale, 5.0)
+        await until(lambda: scene.vehicle(2).is_stale)
         assert time.monotonic() - cut_s < STALE_WITHIN_S
         assert not scene.vehicle(1).is_stale
-        await until(lambda: scene.vehicle(2).alert == "telemetry stale", 5.0)
+        await until(lambda: scene.vehicle(2).alert == "telemetry stale")
         assert scene.vehicle(2).severity == "alarm"
         assert (scene.vehicle(2).link_age_s or 0.0) > 0.8
         scene.stubs[2].faults.link_cut = False
-        await until(lambda: not scene.vehicle(2).is_stale, 10.0, "the link comes back")
+        await until(lambda: not scene.vehicle(2).is_stale, waiting_for="the link comes back")
 
         killed_s = time.monotonic()
         os.kill(flying_process(process.pid), signal.SIGKILL)
-        await until(lambda: all(each.is_stale for each in scene.team.vehicles), 5.0)
+        await until(lambda: all(each.is_stale for each in scene.team.vehicles))
         assert time.monotonic() - killed_s < STALE_WITHIN_S
-        await until(lambda: scene.team.lost is not None, 15.0, "the flight is lost")
+        await until(lambda: scene.team.lost is not None, waiting_for="the flight is lost")
         lost = scene.team.lost
         assert lost is not None
         assert abs(lost.since_wall_s - (time.time() - time.monotonic() + killed_s)) < STALE_WITHIN_S

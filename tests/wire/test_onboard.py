@@ -16,6 +16,7 @@ from gcs.errors import Exit
 from gcs.keys.authority_folder import AuthorityFolder
 from tests.support.computers import Computer, computers
 from tests.support.mission_text import CASE2, LOW_M
+from tests.support.wire import PATIENCE_S
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
@@ -113,7 +114,7 @@ def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_ope
         code, _, err = site.ended("operator-anna", "command", "land", "--mission", "mission.toml")
         assert code == Exit.HOLDS, err
         for vehicle, flying in enumerate((first, second), start=1):
-            flying.communicate(timeout=60.0)
+            flying.communicate(timeout=PATIENCE_S)
             assert flying.returncode == Exit.ENDED_IN_FLIGHT
             code, out, err = site.ended(f"vehicle-{vehicle}", "replay", "flight.mcap")
             assert code == Exit.HOLDS, out + err

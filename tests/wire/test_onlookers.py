@@ -11,6 +11,7 @@ import time
 from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from itertools import count
 from math import dist
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from gcs.viewer.live_server import STOP_TIMEOUT_S, live_server
 from tests.support.mission_text import LOW
 from tests.support.onlooker import Onlooker
 from tests.support.paths import ROOT, finds_tests
-from tests.support.wire import LOOPBACK, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port
 
 pytestmark = pytest.mark.wire
 
@@ -73,11 +74,13 @@ async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_no
             with pytest.raises(AssertionError, match="403 Forbidden"):
                 await Onlooker.connected(port, page)
         seen: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
-        for number in range(MESSAGES):
+        for number in count():
             topic, time_ns, message = await viewer.message()
             seen[topic].append((time_ns, message))
             if number == MESSAGES // 2:
                 await dying.close()
+            if number >= MESSAGES and all(seen.values()):
+                break
         out, err = await flight.communicate()
     result = json.loads(out)
     assert flight.returncode in {0, 1}, err.decode()  # on a busy machine a verdict may fail; it flew to the end
@@ -85,7 +88,6 @@ async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_no
     assert f"live: ws://{LOOPBACK}:{port} (open it in Foxglove or Lichtblick)" in err.decode()
     assert "client" not in err.decode(), "the server's words about a viewer are among those about the flight"
     assert viewer.info["capabilities"] == [], "viewers are told that they could do something"
-    assert all(seen.values()), {topic: len(messages) for topic, messages in seen.items()}
     _agree(seen)
 
 
@@ -188,7 +190,7 @@ async def test_connections_that_say_nothing_or_too_much_end_by_themselves(monkey
         silent = [await asyncio.open_connection(LOOPBACK, address.port) for _ in range(2 * origin_gate.CONNECTIONS_MAX)]
         talker = await asyncio.open_connection(LOOPBACK, address.port)
         talker[1].write(b"GET / HTTP/1.1\r\n" + b"x" * 1_000_000)
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(PATIENCE_S):
             with suppress(ConnectionResetError):
                 assert await talker[0].read() == b""
             for reader, _ in silent:

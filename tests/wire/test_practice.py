@@ -8,7 +8,7 @@ import pytest
 
 from gcs.flightlog.reader import read_log
 from tests.support.mission_text import LOW
-from tests.support.wire import cordon
+from tests.support.wire import PATIENCE_S, cordon
 
 pytestmark = pytest.mark.wire
 
@@ -39,7 +39,7 @@ def test_faults_come_at_their_times_and_the_team_reacts(mission_file: Callable[.
 
 def test_a_killed_agent_is_named_before_the_process_ends(mission_file: Callable[..., str]) -> None:
     with cordon("fly", mission_file("case2", LOW), *FLY, "--duration", "40", "--fault", "killed-agent@3") as flight:
-        _, err = flight.communicate(timeout=60.0)
+        _, err = flight.communicate(timeout=PATIENCE_S)
     assert flight.returncode == 4
     assert "3.0 s: practice: killed agent" in err
     assert "ended by signal 9" in err
@@ -47,6 +47,6 @@ def test_a_killed_agent_is_named_before_the_process_ends(mission_file: Callable[
 
 def test_without_stubs_no_fault_is_injected(mission_file: Callable[..., str]) -> None:
     with cordon("fly", mission_file("case2"), "--fault", "link-cut@3") as flight:
-        _, err = flight.communicate(timeout=60.0)
+        _, err = flight.communicate(timeout=PATIENCE_S)
     assert flight.returncode == 2
     assert "--fault: it needs --sitl" in err

@@ -9,7 +9,7 @@ import pytest
 from gcs.flightlog.reader import read_log
 from gcs.mission.file import parse_mission
 from tests.support.mission_text import LOW
-from tests.support.wire import cordon
+from tests.support.wire import PATIENCE_S, cordon
 
 pytestmark = pytest.mark.wire
 
@@ -33,6 +33,6 @@ def test_processes_that_were_given_other_values_do_not_fly_together(mission_file
         while "looking for the vehicles" not in first.stderr.readline():
             assert first.poll() is None
         with cordon("fly", mission, "--only", "2", "--no-log", "--set", "mission.rate_hz=20") as second:
-            _, err = second.communicate(timeout=60.0)
+            _, err = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 3
     assert "flies another mission" in err

@@ -21,7 +21,7 @@ from gcs.station.picture import FlightPicture
 from tests.support.mission_text import LOW
 from tests.support.page.map_tiles import mbtiles, png, tile_folder
 from tests.support.page.station import asked, entered, received, stream
-from tests.support.wire import LOOPBACK, cordon, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, free_port
 
 pytestmark = pytest.mark.wire
 
@@ -68,7 +68,7 @@ async def test_without_a_flight_the_page_says_that_it_waits_and_ctrl_c_ends_it_a
                 pass
             began_s = time.monotonic()
             process.send_signal(number)
-            out, err = await asyncio.to_thread(process.communicate, timeout=10.0)
+            out, err = await asyncio.to_thread(process.communicate, timeout=PATIENCE_S)
             assert time.monotonic() - began_s < END_S
         assert (process.returncode, out, err) == (0, "", "")
 
@@ -85,7 +85,7 @@ def test_an_address_that_is_taken_is_refused(mission_file: Callable[..., str], s
             ),
         ):
             with subtests.test(name), cordon(*arguments) as process:
-                out, err = process.communicate(timeout=20.0)
+                out, err = process.communicate(timeout=PATIENCE_S)
                 assert (process.returncode, out) == (3, "")
                 assert "cannot listen" in err
                 assert "Traceback" not in err
@@ -115,7 +115,7 @@ def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
             assert {each.vehicle_id for each in flight.mission.vehicles} == {1, 2, 3}
             assert flight.teams[-1].time_s == pytest.approx(20.0, abs=0.5)
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=10.0)
+            out, err = process.communicate(timeout=PATIENCE_S)
             assert process.returncode == 0
             assert [json.loads(each)["mission"] for each in out.splitlines()] in ([], ["case2"])
             assert "Traceback" not in err
@@ -125,7 +125,7 @@ def test_a_flight_whose_tiles_cannot_be_drawn_does_not_begin(mission_file: Calla
     vector = str(mbtiles(tmp_path / "vector.mbtiles", [(0, 0, 0, b"a vector tile")], format="pbf"))
     flight = ("fly", mission_file("case2"), "--sitl", "--no-log", "--station", "--station-tiles", vector)
     with cordon(*flight) as process:
-        out, err = process.communicate(timeout=20.0)
+        out, err = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, out) == (2, "")
         assert "'pbf'" in err
         assert "Traceback" not in err

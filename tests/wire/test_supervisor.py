@@ -292,10 +292,10 @@ async def test_on_a_terminal_no_vehicle_of_a_killed_process_is_left_standing_as_
     with terminal() as (_, there, shown):
         flight = await fly(terminal=there)
         await flight.aloft()
-        await until(lambda: b"offboard" in shown, 5.0, "the live view")
+        await until(lambda: b"offboard" in shown, waiting_for="the live view")
         flight.strike(signal.SIGKILL)
         code, _ = await flight.ended()
-        await until(lambda: b"next: " in shown, 5.0, "the supervisor's words")
+        await until(lambda: b"next: " in shown, waiting_for="the supervisor's words")
     assert code == 4
     text = shown.decode(errors="replace")
     erased = text.rindex("\x1b8\x1b[J")

@@ -21,7 +21,7 @@ from gcs.console.watch import WatchView, watch
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.support.mission_text import INSECURE, LOW
-from tests.support.wire import cordon, until
+from tests.support.wire import PATIENCE_S, cordon, until
 
 pytestmark = pytest.mark.wire
 
@@ -62,10 +62,10 @@ async def test_what_is_heard_is_shown_and_nothing_is_said(mission_file: Callable
                 bus.publish("member", encode(state))
                 return text in output.getvalue()
 
-            await until(lambda: shown("vehicle 1: connected, tactic formation"), 5.0)
-            await until(lambda: shown("vehicle 1: formation -> hold"), 5.0)
-            await until(lambda: "vehicle 1: no messages, last tactic hold" in output.getvalue(), 5.0)
-            await until(lambda: shown("vehicle 1: messages restored"), 5.0)
+            await until(lambda: shown("vehicle 1: connected, tactic formation"))
+            await until(lambda: shown("vehicle 1: formation -> hold"))
+            await until(lambda: "vehicle 1: no messages, last tactic hold" in output.getvalue())
+            await until(lambda: shown("vehicle 1: messages restored"))
         await asyncio.sleep(0.3)
         assert (heard, bus.drops.total) == ([], 0), "it has said something, or shown itself"
     finally:
@@ -81,7 +81,7 @@ def test_with_nobody_there_it_says_so_and_waits_until_it_is_told_to_end(
         line = process.stderr.readline()
         assert re.search(r"waiting for team test-\d+: no flight", line)
         process.send_signal(number)
-        out, err = process.communicate(timeout=10.0)
+        out, err = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, out) == (0, "")
         assert "Traceback" not in err
 

@@ -22,7 +22,7 @@ from agents.team.codec import decode, encode
 from agents.team.messages import BusMessage, CommandAnswer, StartProposal
 from agents.team.participant import Participant, vehicle
 from tests.support.paths import ROOT
-from tests.support.wire import free_ports
+from tests.support.wire import PATIENCE_S, free_ports
 
 PEER_PROCESS = """
 import asyncio, sys
@@ -74,11 +74,11 @@ def answer(bus: ParticipantBus, text: str) -> None:
     bus.publish("answer", encode(CommandAnswer(int(bus.participant.name), 1.0, 1, text)))
 
 
-async def until(condition: Callable[[], bool], timeout_s: float) -> float:
+async def until(condition: Callable[[], bool]) -> float:
     """Return the seconds until the condition held."""
     start_s = time.monotonic()
     while not condition():
-        assert time.monotonic() - start_s < timeout_s, "waited in vain"
+        assert time.monotonic() - start_s < PATIENCE_S, "waited in vain"
         await asyncio.sleep(0.005)
     return time.monotonic() - start_s
 
@@ -90,7 +90,7 @@ async def sending(send: Callable[[], None], condition: Callable[[], bool]) -> No
         send()
         return condition()
 
-    await until(sent, 2.0)
+    await until(sent)
 
 
 async def acquainted(buses: dict[int, ParticipantBus], heard: dict[int, Heard]) -> None:
@@ -102,7 +102,7 @@ async def acquainted(buses: dict[int, ParticipantBus], heard: dict[int, Heard]) 
             answer(bus, greetings[own])
         return all(set(greetings.values()) - {greetings[own]} <= set(each.messages) for own, each in heard.items())
 
-    await until(greeted, 2.0)
+    await until(greeted)
     await asyncio.sleep(0.2)  # until the last greetings have arrived
     for each in heard.values():
         each.messages.clear()
@@ -179,24 +179,24 @@ async def test_three_peers_hear_each_other_and_not_themselves() -> None:
         async with opened(3, ends[2], ends[:2]) as (third, heard_third):
             buses = {1: first, 2: second, 3: third}
             heard = {1: heard_first, 2: heard_second, 3: heard_third}
-            await until(lambda: all(len(each.presence) == 2 for each in heard.values()), 2.0)
+            await until(lambda: all(len(each.presence) == 2 for each in heard.values()))
             assert time.monotonic() - started_s < 1.5
             await acquainted(buses, heard)
             for number in range(20):
                 for own, bus in buses.items():
                     answer(bus, f"{own}:{number}")
                 await asyncio.sleep(0.01)  # the bus may drop what comes faster than it can carry on a busy machine
-            await until(lambda: all(len(each.messages) >= 40 for each in heard.values()), 2.0)
+            await until(lambda: all(len(each.messages) >= 40 for each in heard.values()))
             for own, each in heard.items():
                 assert sorted(each.presence) == [(peer, True) for peer in buses if peer != own]
                 for peer in buses:
                     mine = [text for text in each.messages if text.startswith(f"{peer}:")]
                     expected = [] if peer == own else [f"{peer}:{number}" for number in range(20)]
                     assert mine == expected
-        lost_s = await until(lambda: (3, False) in heard_first.presence and (3, False) in heard_second.presence, 1.0)
+        lost_s = await until(lambda: (3, False) in heard_first.presence and (3, False) in heard_second.presence)
         assert lost_s < 0.3
         answer(first, "after")
-        await until(lambda: "after" in heard_second.messages, 1.0)
+        await until(lambda: "after" in heard_second.messages)
 
 
 @pytest.mark.wire
@@ -206,10 +206,10 @@ async def test_a_peer_started_late_is_found_and_a_killed_one_missed() -> None:
         # The late starter knows nobody: it is the waiting peer's retries that find it, also after many in vain.
         await asyncio.sleep(0.7)
         with peer_process(ends[1], "tcp/127.0.0.1:1") as process:
-            found_s = await until(lambda: heard.presence == [(9, True)], 2.0)
+            found_s = await until(lambda: heard.presence == [(9, True)])
             round_trip_s = await measure_round_trip(bus, heard)
             process.kill()
-            lost_s = await until(lambda: heard.presence[1:] == [(9, False)], 2.0)
+            lost_s = await until(lambda: heard.presence[1:] == [(9, False)])
     print(f"found after {found_s:.3f} s, lost {lost_s:.3f} s after SIGKILL, round trip {round_trip_s:.5f} s")
     assert found_s < 1.0
     assert lost_s < 0.5
@@ -222,11 +222,11 @@ async def test_a_frozen_peer_is_missed_after_its_lease_and_found_again() -> None
     async with opened(1, ends[0], [ends[1]]) as (bus, heard):
         with peer_process(ends[1], ends[0]) as process:
             try:
-                await until(lambda: heard.presence == [(9, True)], 2.0)
+                await until(lambda: heard.presence == [(9, True)])
                 process.send_signal(signal.SIGSTOP)
-                lost_s = await until(lambda: heard.presence[1:] == [(9, False)], 3.0)
+                lost_s = await until(lambda: heard.presence[1:] == [(9, False)])
                 process.send_signal(signal.SIGCONT)
-                await until(lambda: heard.presence[2:] == [(9, True)], 3.0)
+                await until(lambda: heard.presence[2:] == [(9, True)])
                 assert await measure_round_trip(bus, heard) < 0.02
             finally:
                 process.kill()
@@ -252,13 +252,13 @@ async def measure_round_trip(bus: ParticipantBus, heard: Heard) -> float:
 async def test_what_is_not_admitted_is_counted_and_dropped() -> None:
     ends = free_endpoints(2)
     async with opened(1, ends[0], []) as (first, _), opened(2, ends[1], [ends[0]]) as (second, heard):
-        await until(lambda: heard.presence == [(1, True)], 2.0)
+        await until(lambda: heard.presence == [(1, True)])
         first.publish("answer", bytes(PAYLOAD_LIMIT_BYTES + 1))
         first.publish("answer", bytes(PAYLOAD_LIMIT_BYTES))
         first.publish("answer", encode(CommandAnswer(2, 1.0, 1, "in another's name")))
         first.publish("answer", encode(StartProposal(1, 1.0, None)))
         answer(first, "heard")
-        await until(lambda: bool(heard.messages), 1.0)
+        await until(lambda: bool(heard.messages))
         assert heard.messages == ["heard"]
         assert second.drops == Drops(too_long=1, malformed=1, wrong_sender=1, wrong_topic=1)
         assert first.drops == NO_DROPS
@@ -278,10 +278,10 @@ async def test_a_raising_callback_does_not_stop_the_bus() -> None:
 
     async with opened(1, ends[0], []) as (first, _):
         await second.open(on_message, lambda *_: None, lambda peer_id, alive: present.append((peer_id, alive)))
-        await until(lambda: present == [(1, True)], 2.0)
+        await until(lambda: present == [(1, True)])
         answer(first, "one")
         answer(first, "two")
-        await until(lambda: len(failures) == 2, 1.0)
+        await until(lambda: len(failures) == 2)
         assert received == ["one", "two"]
         await second.close()
         answer(first, "three")
@@ -336,7 +336,7 @@ async def test_a_message_is_decoded_once_for_all_vehicles_of_a_process(monkeypat
     with peer_process(ends[1], ends[0]) as process:
         try:
             async with shared((1, 2, 3), ends[0], [ends[1]]) as (buses, heard):
-                await until(lambda: all((9, True) in each.presence for each in heard.values()), 3.0)
+                await until(lambda: all((9, True) in each.presence for each in heard.values()))
                 await sending(lambda: answer(buses[1], "hello"), lambda: heard[2].messages.count("hello") > 3)
                 await asyncio.sleep(0.2)
                 decoded.clear()
@@ -345,7 +345,7 @@ async def test_a_message_is_decoded_once_for_all_vehicles_of_a_process(monkeypat
                 for number in range(10):
                     answer(buses[1], f"{number}")
                     await asyncio.sleep(0.01)
-                await until(lambda: all(each.messages.count("9") >= 1 for each in heard.values()), 2.0)
+                await until(lambda: all(each.messages.count("9") >= 1 for each in heard.values()))
                 await asyncio.sleep(0.05)
                 texts = sorted(f"{number}" for number in range(10))
                 assert sorted(heard[1].messages) == texts, "of vehicle 9, which repeats what vehicle 1 sends"
@@ -365,13 +365,13 @@ async def test_vehicles_of_one_session_hear_each_other_once_and_leave_alone() ->
         everybody, all_heard = {**buses, 9: peer}, {**heard, 9: heard_peer}
         for own, each in all_heard.items():
             others = [(other, True) for other in sorted(all_heard) if other != own]
-            await until(partial(lambda each, others: sorted(each.presence) == others, each, others), 2.0)
+            await until(partial(lambda each, others: sorted(each.presence) == others, each, others))
         await acquainted(everybody, all_heard)
         for number in range(10):
             for own, bus in everybody.items():
                 answer(bus, f"{own}:{number}")
             await asyncio.sleep(0.01)
-        await until(lambda: all(len(each.messages) >= 30 for each in all_heard.values()), 2.0)
+        await until(lambda: all(len(each.messages) >= 30 for each in all_heard.values()))
         for own, each in all_heard.items():
             expected = sorted(f"{other}:{number}" for other in all_heard if other != own for number in range(10))
             assert sorted(each.messages) == expected
@@ -379,12 +379,12 @@ async def test_vehicles_of_one_session_hear_each_other_once_and_leave_alone() ->
         for each in all_heard.values():
             each.presence.clear()
         await buses[2].close()
-        await until(lambda: all(all_heard[i].presence for i in (1, 3, 9)), 1.0)
+        await until(lambda: all(all_heard[i].presence for i in (1, 3, 9)))
         assert [buses[i].alive for i in (1, 2, 3)] == [True, False, True]
         answer(buses[2], "from a closed one")
         answer(buses[1], "from an open one")
         answer(peer, "from outside")
-        await until(lambda: "from an open one" in heard_peer.messages and "from outside" in heard[3].messages, 1.0)
+        await until(lambda: "from an open one" in heard_peer.messages and "from outside" in heard[3].messages)
         assert not any("from a closed one" in each.messages for each in all_heard.values())
         assert len(heard[2].messages) == 30
         assert [all_heard[i].presence for i in (1, 2, 3, 9)] == [[(2, False)], [], [(2, False)], [(2, False)]]
@@ -403,7 +403,7 @@ async def test_nobody_else_speaks_for_the_vehicles_of_a_session_and_sightings_go
         try:
             for bus in (sensor, impostor):
                 await bus.open(lambda *_: None, lambda *_: None, lambda peer_id, _: present.add(peer_id))
-            await until(lambda: present >= {1, 2}, 2.0)
+            await until(lambda: present >= {1, 2})
             seen = partial(sensor.publish, "perception", b"seen")
             await sending(seen, lambda: all(heard[i].sightings for i in (1, 2)))
             await sending(lambda: answer(impostor, "forged"), lambda: buses[1].drops.own_id > 0)

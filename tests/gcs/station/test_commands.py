@@ -86,7 +86,7 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             await page.send(asked("8", "kill", [1], confirmation="kill"))
             await page.send(asked("9", "resume", [2], overrides_pilot=True))
             await page.send(asked("10", "resume", [1, 3]))
-            await until(lambda: len(team.numbers("kill")) == 1 and len(team.numbers("resume")) == 3, 3.0)
+            await until(lambda: len(team.numbers("kill")) == 1 and len(team.numbers("resume")) == 3)
 
 
 async def test_a_request_is_sent_once_and_to_its_end_though_its_page_is_gone(
@@ -97,14 +97,14 @@ async def test_a_request_is_sent_once_and_to_its_end_though_its_page_is_gone(
     async with running.connected() as page:
         await commanding(page)
         await page.send(asked("a", "land"))
-        await until(lambda: len(team.received) > 2, 2.0)
+        await until(lambda: len(team.received) > 2)
         page.transport.abort()
     before = len(team.received)
     async with running.connected() as page:
         await commanding(page)
         with subtests.test("it goes on, and is not begun anew"):
             await page.send(asked("a", "land"))
-            await until(lambda: len(team.received) > before + 9, 3.0)
+            await until(lambda: len(team.received) > before + 9)
             assert len(team.numbers("land")) == 1
         with subtests.test("the page that asks again is answered"):
             team.silent.clear()
@@ -131,5 +131,5 @@ async def test_a_hold_leaves_within_100_ms_though_a_vehicle_is_dead(
             for number in range(10):
                 began_s, sent = monotonic(), len(team.numbers("hold"))
                 await page.send(asked(str(number), "hold"))
-                after_s.append(await until(lambda before=sent: len(team.numbers("hold")) > before, 2.0) - began_s)  # type: ignore[misc]
+                after_s.append(await until(lambda before=sent: len(team.numbers("hold")) > before) - began_s)  # type: ignore[misc]
     assert median(after_s) < 0.1, after_s

@@ -215,7 +215,7 @@ async def test_a_link_cut_for_five_seconds(team: Team) -> None:
         assert held_s == pytest.approx(team.mission.safety.telemetry_timeout_s, abs=0.3)
         await team.until(lambda: vehicle.mode is NavMode.HOLD, 3.0, "the failsafe")
         # MAVSDK takes a link as lost after 3 s of the wall, at any speed.
-        await until(lambda: not team.links[3].status.connected, 20.0, "the loss")
+        await until(lambda: not team.links[3].status.connected, waiting_for="the loss")
         await team.until(lambda: team.spaced(180.0, 1, 2), 60.0, "a ring of two")
         relay.cut, back_s = False, clock.now_s()
         await team.until(lambda: team.tactics(3) == ["pilot override"], 10.0, "standing down")
@@ -259,7 +259,7 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         stood_down_s = clock.now_s() + 0.5
         assert team.links[1].status.connected
         # MAVSDK takes a link as lost after 3 s of the wall, at any speed.
-        await until(lambda: not team.links[3].status.connected, 20.0, "the loss")
+        await until(lambda: not team.links[3].status.connected, waiting_for="the loss")
         assert team.tactics(3) == ["hold"]
         back_s = clock.now_s()
         await team.stubs[3].start()

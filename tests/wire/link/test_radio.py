@@ -32,7 +32,7 @@ from sitl.radio.spec import RadioSpec
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
 from tests.support.result_keys import OUTPUT_KEYS
-from tests.support.wire import LOOPBACK, cordon, free_ports, until
+from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, free_ports, until
 
 pytestmark = pytest.mark.wire
 
@@ -165,7 +165,7 @@ def test_the_command_counts_until_it_is_ended_and_removes_its_devices(ending: si
         time.sleep(0.3)
         os.close(descriptor)
         relay.send_signal(ending)
-        out, err = relay.communicate(timeout=10.0)
+        out, err = relay.communicate(timeout=PATIENCE_S)
     assert relay.returncode == 0
     assert list(json.loads(out)) == OUTPUT_KEYS["relay"].split()
     assert json.loads(out)["up"] == [{"frames": 1, "bytes": 21, "lost": 0, "dropped": 0}]
@@ -183,7 +183,7 @@ def test_the_command_counts_until_it_is_ended_and_removes_its_devices(ending: si
 )
 def test_bad_input_is_named(arguments: tuple[str, ...], fault: str, code: int) -> None:
     with cordon("relay", *arguments) as relay:
-        _, err = relay.communicate(timeout=20.0)
+        _, err = relay.communicate(timeout=PATIENCE_S)
     assert fault in err
     assert relay.returncode == code
 

@@ -107,7 +107,7 @@ async def test_arducopter_flies_signed_and_refuses_what_is_not(copter: tuple[Ard
     await asyncio.sleep(2.0)
     assert custom_mode_of(link) == before
     intrude(hub, url, ALT_HOLD, KEY)  # the same command with the key
-    await until(lambda: custom_mode_of(link) == "ALTCTL", 5.0, "the mode commanded with the key")
+    await until(lambda: custom_mode_of(link) == "ALTCTL", waiting_for="the mode commanded with the key")
     await link.take_off(5.0)
     link.send(Setpoint((3.0, 0.0, 5.0)))
     await link.start_offboard()

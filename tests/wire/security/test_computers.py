@@ -16,6 +16,7 @@ from gcs.errors import Exit
 from gcs.keys.authority_folder import AuthorityFolder
 from tests.support.computers import Computer, computers
 from tests.support.mission_text import CASE2
+from tests.support.wire import PATIENCE_S
 
 pytestmark = pytest.mark.wire
 
@@ -44,7 +45,7 @@ def folder_for(computer: str, mission: str, keys: Path, *holders: str) -> Path:
 
 
 def ended(process: "subprocess.Popen[str]") -> tuple[int, str]:
-    out, err = process.communicate(timeout=60.0)
+    out, err = process.communicate(timeout=PATIENCE_S)
     return process.returncode, out + err
 
 

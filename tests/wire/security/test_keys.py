@@ -118,7 +118,7 @@ async def peers(folder: AuthorityFolder | None) -> AsyncIterator[Peers]:
             stack.push_async_callback(bus.close)
             await bus.open(partial(team.receive, k), team.perceive, partial(team.note_presence, k))
             team.buses.append(bus)
-        await until(lambda: team.present == [{2}, {1}], 5.0)
+        await until(lambda: team.present == [{2}, {1}])
         yield team
 
 
@@ -136,7 +136,7 @@ async def process(keys: TeamKeys) -> AsyncIterator[Peers]:
         for k, each in enumerate(team.buses):
             stack.push_async_callback(each.close)
             await each.open(partial(team.receive, k), team.perceive, partial(team.note_presence, k))
-        await until(lambda: team.present == [{2}, {1}], 5.0)
+        await until(lambda: team.present == [{2}, {1}])
         yield team
 
 
@@ -331,12 +331,12 @@ async def test_certificates_of_several_vehicles_in_one_process(
                 return heard >= {"member/1", "member/2"} and all("member/3" in each for each in team.heard)
 
             with subtests.test("each hears the others, also over sessions of their own"):
-                await until(said, 5.0)
+                await until(said)
                 assert team.heard == [{"member/2", "member/3"}, {"member/1", "member/3"}]
                 assert (heard, present) == ({"member/1", "member/2"}, {1, 2})
         finally:
             await bus.close()
-        await until(lambda: team.present == [{2}, {1}], 5.0)
+        await until(lambda: team.present == [{2}, {1}])
         with subtests.test("a certificate is heard on its own keys only"):
             (found,) = await tried(team, with_keys(security_of(keys, "vehicle", "3")))
             assert found == Tried(linked=True, said={"member/3"}, heard=LISTENED)

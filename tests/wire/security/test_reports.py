@@ -87,7 +87,7 @@ async def test_who_looks_on_receives_reports_and_vehicles_do_not(
                 looking_on = all(kinds[name] == {MemberState, VehicleReport} for _, name in LOOKING_ON)
                 return looking_on and all(MemberState in kinds[name] for _, name in OTHERS)
 
-            await until(said, 5.0)
+            await until(said)
             await asyncio.sleep(0.2)
     assert {type(each) for _, name in OTHERS for each in heard[name]} == {MemberState}
 
@@ -110,7 +110,7 @@ async def test_with_keys_no_vehicle_reports_in_the_name_of_another(
                 session.put(f"{TEAM.prefix}/{REPORT_TOPIC}/{sender}", report)
             return any(each.sender == 3 for each in heard if isinstance(each, VehicleReport))
 
-        await until(said, 5.0)
+        await until(said)
         for _ in range(5):
             said()
             await asyncio.sleep(0.05)

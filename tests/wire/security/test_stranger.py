@@ -262,7 +262,7 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
             scene.clock.set_speed(1.0)  # the stranger floods by the wall's clock
             with subtests.test(kind), flood(kind, scene, 20.0, 4000.0):
                 scene.alerts.clear()
-                await until(lambda: "bus flooded" in scene.alerts, 10.0, "the alert")
+                await until(lambda: "bus flooded" in scene.alerts, waiting_for="the alert")
                 calls = calls_while_busy(0.1)
                 assert calls < 50, "what waits for a busy computer grows with what a stranger sends"
                 answers = await scene.command("hold")
@@ -272,17 +272,19 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
         with subtests.test("large payloads"):
             before_mb = resident_mb()
             with flood("large", scene, 3.0, 2.0) as flooding:
-                await until(lambda: flooding.poll() is not None, 60.0)
+                await until(lambda: flooding.poll() is not None)
             await asyncio.sleep(0.5)
             assert resident_mb() - before_mb < 20.0
-        await until(lambda: all(status.alert == "" for status in scene.latest.values()), 10.0, "the end of the alert")
-        await until(lambda: "dropped: unknown key" in scene.watched.getvalue(), 8.0, "the reasons in the watch")
+        await until(
+            lambda: all(status.alert == "" for status in scene.latest.values()), waiting_for="the end of the alert"
+        )
+        await until(lambda: "dropped: unknown key" in scene.watched.getvalue(), waiting_for="the reasons in the watch")
         assert set(scene.tactics) == {"hold"}
         assert not scene.flight.done()
 
         with subtests.test("sightings before the own sensors see the target"):
             await scene.command("resume")
-            await until(lambda: scene.tactics == ["formation"] * 3, 10.0, "the formation")
+            await until(lambda: scene.tactics == ["formation"] * 3, waiting_for="the formation")
             await lured(scene)
 
 
@@ -300,9 +302,9 @@ async def lured(scene: Scene) -> None:
 
     luring = asyncio.create_task(spoken(stranger, lure, 20.0))
     try:
-        await until(lambda: bool(scene.followed_s) and len(scene.outside_s) == 3, 10.0, "a vehicle that follows")
+        await until(lambda: bool(scene.followed_s) and len(scene.outside_s) == 3, waiting_for="a vehicle that follows")
         text = Condition.TARGET_FROM_OUTSIDE.value
-        await until(lambda: text in scene.text.getvalue() and text in scene.watched.getvalue(), 6.0, "its alert")
+        await until(lambda: text in scene.text.getvalue() and text in scene.watched.getvalue(), waiting_for="its alert")
     finally:
         luring.cancel()
         stranger.close()
