@@ -12,9 +12,8 @@ from agents.broadcast import Broadcast, command_answer, received_sighting
 from agents.control.aims import shifted
 from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
-from agents.control.plan import Plan
+from agents.control.plan import Plan, PlannerFactory
 from agents.control.planner import planner_of
-from agents.control.task_planner import PlannerFactory
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.notes import Notes
 from agents.orders import Orders, Reshaping
@@ -24,8 +23,7 @@ from agents.safety.descent import Descent
 from agents.safety.failsafe import POSITION_ALERTS, Condition
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
-from agents.safety.guard import Guard, Guarded, GuardStatus
-from agents.safety.interventions import Interventions
+from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.safety.reported_faults import LOST
 from agents.setpoint.altitude import Altitude

@@ -11,17 +11,17 @@ from cordon.package_names import shadowed, shared
 
 if TYPE_CHECKING:
     from agents.control.plan import Plan as Plan
-    from agents.control.task_planner import TaskPlanner as TaskPlanner
+    from agents.control.plan import TaskPlanner as TaskPlanner
     from agents.settings.config import AgentConfig as AgentConfig
     from agents.situation.task import Task as Task
     from cordon.channels import VehicleChannels as VehicleChannels
     from cordon.flight import Flight as Flight
     from cordon.identification import identify as identify
     from cordon.lockstep import LockstepClient as LockstepClient
-    from cordon.missions import load as load
     from cordon.reading import read as read
+    from cordon.simulation import TargetPath as TargetPath
+    from cordon.simulation import load as load
     from cordon.simulation import simulate as simulate
-    from cordon.target_path import TargetPath as TargetPath
     from estimation.identification.identified import Identified as Identified
     from estimation.plant.model import Plant as Plant
     from estimation.plant.model import PlantAxis as PlantAxis
@@ -42,12 +42,12 @@ _HOMES = {
     "Plant": "estimation.plant.model",
     "PlantAxis": "estimation.plant.model",
     "StepFunction": "sitl.vehicle.plant_step",
-    "TargetPath": "cordon.target_path",
+    "TargetPath": "cordon.simulation",
     "Task": "agents.situation.task",
-    "TaskPlanner": "agents.control.task_planner",
+    "TaskPlanner": "agents.control.plan",
     "VehicleChannels": "cordon.channels",
     "identify": "cordon.identification",
-    "load": "cordon.missions",
+    "load": "cordon.simulation",
     "read": "cordon.reading",
     "simulate": "cordon.simulation",
 }

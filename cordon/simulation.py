@@ -15,28 +15,137 @@ True
 True
 """
 
-from collections.abc import Mapping
-from math import isfinite
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from itertools import pairwise
+from math import ceil, hypot, isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from agents.control.task_planner import PlannerFactory
+from agents.control.plan import PlannerFactory
 from agents.outputs import TickOutput
 from cordon.channels import channels_of
 from cordon.decisions import Decisions
 from cordon.flight import Flight
-from cordon.missions import load
-from cordon.own_plants import with_plants
-from cordon.target_path import TargetPath, with_target_path
 from estimation.plant.model import Plant
 from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
-from gcs.mission.mission import Mission
-from sitl.vehicle.plant_step import StepFunction
+from gcs.mission.file import load_mission
+from gcs.mission.mission import PARTS_MAX, TARGET_SPEED_MAX_M_S, Mission
+from sitl.vehicle.plant_step import Motion, Pair, StepFunction
 
 if TYPE_CHECKING:
     from gcs.flightlog.simulation import SimulationRecording
+
+
+def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
+    """Return a bundled mission by its name, or a mission from a file.
+
+    `overrides` replace values of the file, by their paths. `Mission.replace` does the same for a loaded mission. Keys
+    are described in docs/mission-keys.md; their names end with the unit. Raises InputError with every fault.
+
+    >>> mission = load("case2", {"encirclement.radius_m": 12.0, "vehicles[0].altitude_m": 9.0})
+    >>> mission.encirclement.radius_m, mission.vehicle(1).section.altitude_m
+    (12.0, 9.0)
+    >>> mission.replace(target={"velocity_m_s": (0.0, 0.2)}, vehicles={2: {"altitude_m": 7.0}}).target.velocity_m_s
+    (0.0, 0.2)
+    >>> load("case2", {"encirclement.radius": 12.0})
+    Traceback (most recent call last):
+    ...
+    gcs.mission.file.MissionError: encirclement.radius: unknown key; did you mean 'radius_m'? [set, not in the file]
+    """
+    loaded = load_mission(str(mission), overrides)
+    for words in loaded.warnings:
+        warnings.warn(words, FutureWarning, stacklevel=2)
+    return loaded
+
+
+def finite_numbers(returned: object, names: tuple[str, ...], of: str) -> tuple[float, ...]:
+    """Return a function's result as finite numbers, one for each name; raises InputError for anything else."""
+    try:
+        numbers = tuple(map(float, returned))  # type: ignore[call-overload]  # anything, until here
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != len(names) or not all(map(isfinite, numbers)):
+        raise InputError([f"{of} returned {returned!r}: return ({', '.join(names)}), finite numbers"])
+    return numbers
+
+
+def with_plants(
+    mission: Mission, plants: Mapping[int, Plant | StepFunction]
+) -> tuple[Mission, dict[int, StepFunction]]:
+    """Return the mission with these true plants, and the step functions among them, by vehicle; raises InputError.
+
+    The vehicles' controllers still use the plants of their profiles.
+    """
+    known = ", ".join(map(str, mission.ids))
+    faults = [
+        f"plants: the mission has no vehicle {each!r} (it has {known})" for each in plants if each not in mission.ids
+    ]
+    if faults:
+        raise InputError(faults)
+    linear = {vehicle_id: plant for vehicle_id, plant in plants.items() if isinstance(plant, Plant)}
+    vehicles = tuple(
+        replace(vehicle, true_plant=linear.get(vehicle.id, vehicle.true_plant)) for vehicle in mission.vehicles
+    )
+    steps = {
+        vehicle_id: _checked(vehicle_id, plant) for vehicle_id, plant in plants.items() if not isinstance(plant, Plant)
+    }
+    return replace(mission, vehicles=vehicles), steps
+
+
+def _checked(vehicle_id: int, step: StepFunction) -> StepFunction:
+    """Return a step function that raises InputError if the result is not a motion."""
+
+    def checked(motion: Motion, aim_m: Pair, disturbance_m_s2: Pair, step_s: float) -> Motion:
+        returned = step(motion, aim_m, disturbance_m_s2, step_s)
+        of = f"plants: the step of vehicle {vehicle_id}"
+        x, y, x_rate, y_rate = finite_numbers(returned, ("x", "y", "x'", "y'"), of)
+        return x, y, x_rate, y_rate
+
+    return checked
+
+
+TargetPath = Callable[[float], tuple[float, float]]
+"""The target's path: from the mission time [s] to its position (x, y) in the mission frame [m].
+
+The target moves straight from its position at one tick to that at the next; in flights of more than 1000 ticks, from
+every second, third, ... tick to the next. At the end it stays at its last position.
+"""
+
+
+def with_target_path(mission: Mission, path: TargetPath, duration_s: float) -> Mission:
+    """Return the mission with a simulated target that follows the path until `duration_s`, and stays there.
+
+    The path is stored as straight `legs` of the mission, so that a log of the flight contains it. Raises InputError,
+    also for a target above the maximum speed.
+    """
+    ticks = max(round(duration_s * mission.mission.rate_hz), 1)
+    stride = ceil(ticks / PARTS_MAX)
+    step_s = stride / mission.mission.rate_hz
+    times_s = [index * step_s for index in range(ceil(ticks / stride) + 1)]
+    points = [_point(path, time_s) for time_s in times_s]
+    legs = [_leg(begin_s, *ends, step_s) for begin_s, ends in zip(times_s, pairwise(points), strict=False)]
+    target = {"source": "simulated", "start_m": points[0], "velocity_m_s": (0.0, 0.0), "legs": legs, "rounds": 1}
+    return mission.replace(target=target)
+
+
+def _point(path: TargetPath, time_s: float) -> tuple[float, float]:
+    x, y = finite_numbers(path(time_s), ("x_m", "y_m"), f"target: the path at {time_s:g} s")
+    return x, y
+
+
+def _leg(begin_s: float, from_m: tuple[float, float], to_m: tuple[float, float], step_s: float) -> dict[str, object]:
+    speed_m_s = hypot(to_m[0] - from_m[0], to_m[1] - from_m[1]) / step_s
+    if speed_m_s > TARGET_SPEED_MAX_M_S:
+        most = f"targets move at {TARGET_SPEED_MAX_M_S:g} m/s at most"
+        raise InputError([f"target: the path moves at {speed_m_s:.3g} m/s at {begin_s:g} s: {most}"])
+    if speed_m_s == 0.0:
+        return {"to_m": to_m, "speed_m_s": TARGET_SPEED_MAX_M_S, "pause_s": step_s}
+    return {"to_m": to_m, "speed_m_s": speed_m_s}
+
 
 DURATION_MAX_S = 86400.0
 

@@ -1,12 +1,17 @@
 """The plan of one tick: the aim of a tactic, and the state of its ring."""
 
+from collections.abc import Callable
+from typing import Protocol
+
 import msgspec
 
 from agents.control.encirclement import Approach
 from agents.control.lmpc import QpStatus
 from agents.ring.place import RingPlace
-from agents.ring.shaped_coordinate import ShapedCoordinate
-from agents.team.ring_scale import RingScale
+from agents.ring.transition import ShapedCoordinate
+from agents.settings.config import AgentConfig
+from agents.situation.task import Task
+from agents.team.ring_members import RingScale
 from estimation.state import Vector
 from estimation.vectors import Pair
 
@@ -45,3 +50,21 @@ class Plan(msgspec.Struct, frozen=True):
     qp: QpStatus | None = None
     velocity_m_s: Pair | None = None
     ring: RingReport | None = None
+
+
+class TaskPlanner(Protocol):
+    """Plans one vehicle's flight in the tactics formation and encircle, tick by tick."""
+
+    def plan(self, task: Task) -> Plan | None:
+        """Return the plan of this tick; with None cordon's planner plans it from the vehicle's present motion.
+
+        `task.situation` holds the estimates in metres of the mission frame, `task.peers` the newest states of the
+        others. For a plan on the ring without `ring`, the mission's ring is reported, and the vehicle as a member of
+        it. An exception, or a plan with a number that is not finite, ends the flight: a simulation raises the
+        exception, an agent lands the vehicle. A planner without a solution returns None.
+        """
+        ...
+
+
+PlannerFactory = Callable[[AgentConfig], TaskPlanner]
+"""Makes the planner of one vehicle from its configuration."""

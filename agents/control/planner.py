@@ -5,19 +5,18 @@ from math import cos, isfinite, sin
 import numpy as np
 
 from agents.control.aims import mixed, resting
-from agents.control.excitation_planner import Exciter
+from agents.control.excitation import Exciter
 from agents.control.homing import Homing
-from agents.control.plan import Plan, RingReport
+from agents.control.plan import Plan, PlannerFactory, RingReport, TaskPlanner
 from agents.control.ring_flight import RingFlight
 from agents.control.station import StationKeeping
-from agents.control.task_planner import PlannerFactory, TaskPlanner
 from agents.ring.place import ring_place
-from agents.ring.shaped_coordinate import ShapedCoordinate
+from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.situation.task import Task
 from agents.tactics import Tactic, mixing_share
-from agents.team.ring_scale import FULL_RING
+from agents.team.ring_members import FULL_RING
 from agents.team.team import Team
 from estimation.polar import polar_from_motion
 from estimation.state import POSITION, Vector

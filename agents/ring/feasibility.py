@@ -8,7 +8,7 @@ from math import inf, sqrt
 from typing import Final
 
 from agents.settings.config import AgentConfig
-from agents.team.ring_scale import FULL_RING, RingScale
+from agents.team.ring_members import FULL_RING, RingScale
 
 RESERVE = 0.95
 """The share of the speed limit that target speed and ring speed may use together."""

@@ -11,8 +11,7 @@ from math import copysign, inf
 from typing import Final
 
 from agents.ring.feasibility import Orbit
-from agents.ring.shaped_coordinate import ShapedCoordinate
-from agents.ring.transition import braked_rate, transition_of, transition_rate_rad_s
+from agents.ring.transition import ShapedCoordinate, braked_rate, transition_of, transition_rate_rad_s
 from agents.settings.sections import EncirclementSettings
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar

@@ -6,20 +6,75 @@ vehicle: minimise |u - u_planned|^2 under the demands of agents/safety/barriers.
 head on pass each other instead of stopping. Demands that cannot all be met are relaxed level by level.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import Enum
-from math import cos, hypot, pi
+from math import cos, hypot, inf, pi, sqrt
 from typing import Final
 
 import numpy as np
 
 from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
 from agents.safety.fence import Fence
-from agents.safety.half_planes import HalfPlane, nearest
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from estimation.state import POSITION, Vector
 from estimation.vectors import Pair, clipped_pair
+
+_MET = 1e-9
+_PARALLEL = 1e-12
+
+
+class HalfPlane:
+    """All points u with `normal . u >= least`; the normal has length one."""
+
+    def __init__(self, normal: Pair, least: float) -> None:
+        self.normal: Final = normal
+        self.least: Final = least
+
+    def missing(self, point: Pair) -> float:
+        """Return the distance of a point from the half-plane, negative inside."""
+        return self.least - self.normal[0] * point[0] - self.normal[1] * point[1]
+
+
+def nearest(wanted: Pair, radius: float, planes: Sequence[HalfPlane]) -> Pair | None:
+    """Return the point of all half-planes and of the disc about the origin that is nearest to `wanted`.
+
+    None if they have no point in common. The planes are added one by one: if the point violates the next plane, the new
+    point lies on that plane's edge. With m half-planes this takes m (m + 1) / 2 steps at most.
+    """
+    point = clipped_pair(wanted, radius)
+    for index, plane in enumerate(planes):
+        if plane.missing(point) > _MET:
+            on_edge = _nearest_on_edge(wanted, radius, plane, planes[:index])
+            if on_edge is None:
+                return None
+            point = on_edge
+    return point
+
+
+def _nearest_on_edge(wanted: Pair, radius: float, plane: HalfPlane, others: Iterable[HalfPlane]) -> Pair | None:
+    """Return the point nearest to `wanted` on the edge of one half-plane, inside the disc and the other half-planes."""
+    normal_x, normal_y = plane.normal
+    half_chord2 = radius**2 - plane.least**2
+    if half_chord2 < 0.0:
+        return None
+    high = sqrt(half_chord2)
+    low = -high
+    # Along the edge: from the point nearest to the origin, to the left of the normal.
+    for other in others:
+        across = normal_x * other.normal[1] - normal_y * other.normal[0]
+        missing = other.least - plane.least * (normal_x * other.normal[0] + normal_y * other.normal[1])
+        if abs(across) < _PARALLEL:
+            low = inf if missing > _MET else low
+        elif across > 0.0:
+            low = max(low, missing / across)
+        else:
+            high = min(high, missing / across)
+    if low > high:
+        return None
+    along = min(max(normal_x * wanted[1] - normal_y * wanted[0], low), high)
+    return plane.least * normal_x - along * normal_y, plane.least * normal_y + along * normal_x
+
 
 _FREE = 1e20
 _KEPT_M = 1e-6
@@ -240,3 +295,25 @@ class _ElasticQp:
     def _kept(self, solution: Vector) -> bool:
         values = self._rows.dot(solution)
         return bool(np.minimum(values - self._lower, self._upper - values).min() > -_SOLVED_M)
+
+
+QUIET_S = 5.0
+"""After this long without an intervention the next one is reported again."""
+
+
+class Interventions:
+    """Monitors one vehicle's guard; its state is the time of the last intervention."""
+
+    def __init__(self) -> None:
+        self._last_s = -inf
+
+    def news(self, now_s: float, aim_m: Vector, guarded: Guarded) -> tuple[str, str] | None:
+        """Return the causes, and the change of the planned aim (2,), as text; None if there is nothing new."""
+        if not guarded.causes:
+            return None
+        quiet_s, self._last_s = now_s - self._last_s, now_s
+        if quiet_s <= QUIET_S:
+            return None
+        (x, y), moved_m = aim_m.tolist(), hypot(*(guarded.aim_m - aim_m).tolist())
+        causes = ", ".join(cause.words for cause in guarded.causes)
+        return causes, f"the planned aim ({x:.2f}, {y:.2f}) m was moved by {moved_m:.2f} m"

@@ -1,18 +1,151 @@
 """The monitor of one vehicle: the autopilot's reports, setpoint tracking, altitude limits, and flight time home."""
 
+from collections import deque
 from collections.abc import Mapping
-from math import inf
+from math import hypot, inf
 
 from agents.ports import VehicleStatus
 from agents.safety.failsafe import Condition
-from agents.safety.following import Following
 from agents.safety.reported_faults import reported_faults
-from agents.safety.way_home import Endurance, way_home_s
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from estimation.filters.own import OwnFilter
+from estimation.plant.model import Plant, exact_step
 from estimation.state import DISTURBANCE, POSITION
+
+SINK_SLOWEST_M_S = 0.5
+"""ArduCopter lands at this rate, PX4 at 0.7 m/s."""
+WAY_SLOWEST = 0.2
+"""The assumed share of its speed that a vehicle keeps against any wind, which bounds the duration."""
+WINDOW_S, KNOWN_AFTER_S = 180.0, 60.0
+"""The window over which the discharge is measured, and the shortest one that is used."""
+CHANGES_MIN = 4
+PAUSE = 4.0
+"""After this many usual intervals without a change the measured discharge rate is invalid."""
+
+
+def way_home_s(
+    config: AgentConfig,
+    place_m: tuple[float, float],
+    height_m: float,
+    disturbance_m_s2: tuple[float, float],
+) -> float:
+    """Return the time that the vehicle takes to climb to its layer, fly home and land [s].
+
+    The setpoint leads by v a1/a0, where v is `formation.speed_max_m_s`. With a steady disturbance w along the route the
+    plant's speed is v + w / a1. A head wind is counted without compensation, a tail wind is not counted. Without a home
+    the vehicle lands where it is.
+    """
+    x, y = place_m
+    home_x, home_y = config.home_m or place_m
+    away_m = hypot(home_x - x, home_y - y)
+    landing_s = max(height_m, config.return_altitude_m if away_m else height_m) / SINK_SLOWEST_M_S
+    if away_m == 0.0:
+        return landing_s
+    along_m_s2 = (disturbance_m_s2[0] * (home_x - x) + disturbance_m_s2[1] * (home_y - y)) / away_m
+    damping_per_s = min(config.plant.x.a1_per_s, config.plant.y.a1_per_s)
+    speed_m_s = config.formation.speed_max_m_s
+    slowed_m_s = max(speed_m_s + min(along_m_s2, 0.0) / damping_per_s, WAY_SLOWEST * speed_m_s)
+    return config.rising_s + away_m / slowed_m_s + landing_s
+
+
+class Endurance:
+    """The remaining flight time of a battery until its charge is critical, when the vehicle lands in place.
+
+    It is the autopilot's estimate, if reported, scaled to the charge above the critical one; otherwise that charge
+    divided by the discharge rate of the last three minutes.
+    """
+
+    def __init__(self, critical: float) -> None:
+        """Take the critical charge, a fraction."""
+        self._critical = critical
+        self._changes: deque[tuple[float, float]] = deque()
+        self._endurance_s: float | None = None
+
+    def see(self, now_s: float, battery: float | None, endurance_s: float | None) -> None:
+        """Take the charge (a fraction) and the flight time until empty [s] that the autopilot reports."""
+        self._endurance_s = endurance_s
+        changes = self._changes
+        if battery is None or (changes and battery > changes[-1][1]):
+            changes.clear()  # unknown, or the voltage recovers at a lower load
+        if battery is None or (changes and battery == changes[-1][1]):
+            return
+        changes.append((now_s, battery))
+        while now_s - changes[0][0] > WINDOW_S:
+            changes.popleft()
+
+    def left_s(self, now_s: float) -> float:
+        """Return the remaining flight time [s]; infinite while it is unknown."""
+        if not self._changes:
+            return inf
+        (first_s, full), (last_s, left) = self._changes[0], self._changes[-1]
+        usable = max(left - self._critical, 0.0)
+        if self._endurance_s is not None:
+            return self._endurance_s * usable / left if left else 0.0
+        spent_s, intervals = last_s - first_s, len(self._changes) - 1
+        if spent_s < KNOWN_AFTER_S or intervals < CHANGES_MIN or now_s - last_s > PAUSE * spent_s / intervals:
+            return inf
+        return usable * spent_s / (full - left) - (now_s - last_s)
+
+
+STEP_S = 0.5
+_LATE_MAX_S = 1.9
+"""The own filter keeps the setpoints of two seconds: after a longer pause the model restarts."""
+
+
+class Following:
+    """The plant model x'' = a0 (u + w / a0 - x) - a1 x', driven by the setpoints sent, to compare with the vehicle.
+
+    Telemetry does not correct its position, and need not: the model converges to the setpoints. The disturbance w is
+    the own filter's, which is bounded and contains what the controller compensates: wind and errors of the plant. The
+    error of a vehicle that ignores its setpoints reaches the setpoint's lead less the bound of w / a0; that of a
+    drifting vehicle exceeds it.
+    """
+
+    def __init__(self, plant: Plant, own: OwnFilter) -> None:
+        step = exact_step(plant, STEP_S)
+        # The discrete model by axis, with scalars, which take a fifth of the time of matrices.
+        self._steps = [
+            (*step.transition[[p, p, v, v], [p, v, p, v]].tolist(), *step.input_gain[[p, v], [p, p]].tolist())
+            for p, v in ((0, 2), (1, 3))
+        ]
+        self._stiffness = (plant.x.a0_per_s2, plant.y.a0_per_s2)
+        self._own = own
+        self._jumps = 0
+        self._axes: list[tuple[float, float]] = []
+        self._time_s = 0.0
+
+    def stop(self) -> None:
+        """Restart at the vehicle's next position: it has flown without setpoints, or its estimate has jumped."""
+        self._axes = []
+
+    def error_m(self, situation: Situation) -> float:
+        """Return the distance of the vehicle from the model [m]; to be called about once a second."""
+        now_s = situation.now_s
+        x, y, x_rate, y_rate, x_disturbance, y_disturbance = situation.own.mean.tolist()
+        if self._jumps != self._own.jumps:
+            self._jumps = self._own.jumps
+            self.stop()
+        if not self._axes or now_s - self._time_s > _LATE_MAX_S:
+            self._axes, self._time_s = [(x, x_rate), (y, y_rate)], now_s
+            return 0.0
+        while now_s - self._time_s >= STEP_S:
+            self._advance((x_disturbance, y_disturbance))
+        since_s = now_s - self._time_s
+        (model_x, _), (model_y, _) = self._axes
+        return hypot(x - model_x - x_rate * since_s, y - model_y - y_rate * since_s)
+
+    def _advance(self, disturbance_m_s2: tuple[float, float]) -> None:
+        sent_m = self._own.mean_aim_m(self._time_s, self._time_s + STEP_S)
+        acting = zip(sent_m, disturbance_m_s2, self._stiffness, strict=True)
+        aims_m = [aim_m + along_m_s2 / a0_per_s2 for aim_m, along_m_s2, a0_per_s2 in acting]
+        self._axes = [
+            (pp * p + pv * v + aimed_p * aim_m, vp * p + vv * v + aimed_v * aim_m)
+            for (p, v), (pp, pv, vp, vv, aimed_p, aimed_v), aim_m in zip(self._axes, self._steps, aims_m, strict=True)
+        ]
+        self._time_s += STEP_S
+
 
 PERIOD_S = 1.0
 """The period of its checks: the conditions are slow, and a check takes 7 µs."""

@@ -4,23 +4,56 @@
 """
 
 import asyncio
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from agents.ports import VehicleRefusedError
+from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
 from agents.shell.outcome import FAILED, KILLED, Ending, LoopReport, Outcome, Stop, outcome_of
-from agents.shell.outside_sensors import OutsideSensors
 from agents.shell.parts import AgentParts
-from agents.shell.pilot_override import override_outcome, override_reason
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
+from agents.team import external_positions
 from agents.team.messages import LACKS_LIMIT, BusMessage, OperatorCommand
 from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
+
+
+def override_reason(status: VehicleStatus) -> str:
+    """Return the change of flight mode or arming by a pilot or the autopilot, as text."""
+    what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
+    lost = f": it reports that its {status.lost.value} is lost" if status.lost.value else ""
+    return f"{what}, which cordon did not request{lost}"
+
+
+def override_outcome(reason: str, *, restarted: bool) -> Outcome:
+    """Return the outcome of a vehicle that was handed over."""
+    if restarted:
+        return Outcome(Ending.PILOT_OVERRIDE, f"{reason}: its autopilot restarted", "examine the vehicle and its log")
+    return Outcome(Ending.PILOT_OVERRIDE, reason, "land it from where the mode was changed: cordon has handed it over")
+
+
+class OutsideSensors:
+    """Takes payloads on the sensors' topics."""
+
+    def __init__(self, parts: AgentParts) -> None:
+        self._parts = parts
+
+    def take(self, topic: str, payload: bytes) -> None:
+        """Take one payload; it is dropped if it is neither a sighting nor a position of this vehicle."""
+        parts = self._parts
+        if topic == external_positions.TOPIC:
+            if parts.positions is not None and (position := parts.positions.take(payload, time.time())) is not None:
+                parts.link.locate(position)
+            return
+        seen = parts.perception.take(payload, parts.clock.now_s(), max(parts.clock.time_scale, 1.0))
+        if seen is not None:
+            parts.core.on_sighting(seen)
+
 
 ARMED_HEARD_AFTER_S = 2.5
 """Heartbeats arrive once a second: within this time an arming in progress is reported."""

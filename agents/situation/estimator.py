@@ -1,17 +1,103 @@
 """The estimate stage: from telemetry, sightings and the aims that were sent to the situation of a tick."""
 
 from collections.abc import Sequence
+from math import hypot
+
+import numpy as np
 
 from agents.settings.config import AgentConfig
-from agents.situation.ring_frequency import RingFrequency
 from agents.situation.situation import Situation, moved
-from agents.situation.target_blend import TargetBlend
 from agents.situation.team_frame import TeamFrame
+from agents.tactics import mixing_share
 from estimation.filters.own import OwnFilter
-from estimation.filters.target import TargetFilter
+from estimation.filters.target import OUT_OF_SIGHT_S, TargetFilter
 from estimation.polar import Polar, polar_from_motion
-from estimation.state import DISTURBANCE, MOTION, Sighting, TargetEstimate, Telemetry, Vector
-from estimation.vectors import Pair
+from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
+from estimation.vectors import Pair, clipped
+
+_ACCELERATION_M_S2 = 0.8
+_RATE_PER_S = 0.8
+_SPEED_SHARE = 0.8
+_CAUGHT_M, _CAUGHT_M_S, _HAND_OVER_S = 0.5, 0.5, 5.0
+
+
+class TargetBlend:
+    """Follows one vehicle's estimate of the target; its state is the centre while it differs from the estimate."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        ring = config.encirclement
+        # Meanwhile the ring's rate is lowered (agents/ring/feasibility.py), which leaves speed for catching up.
+        self._speed_max_m_s = _SPEED_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
+        self._before: TargetEstimate | None = None
+        self._centre: Vector | None = None
+        self._time_s = 0.0
+        self._caught_s: float | None = None
+
+    @property
+    def catching_up(self) -> bool:
+        """Whether the centre differs from the estimate of the target."""
+        return self._centre is not None
+
+    def centre(self, estimate: TargetEstimate | None, now_s: float) -> Vector | None:
+        """Return the centre's motion (4,), None without an estimate."""
+        before, self._before = self._before, estimate
+        if estimate is None:
+            self._centre = None
+            return None
+        if before is not None and estimate.sighted_s - before.sighted_s > OUT_OF_SIGHT_S:
+            self._centre = moved(before.mean, 0.0) if self._centre is None else self._centre
+            self._caught_s = None
+        if self._centre is None:
+            self._time_s = now_s
+            return estimate.mean
+        self._follow(self._centre, estimate.mean, now_s - self._time_s)
+        self._time_s = now_s
+        return self._mixed(self._centre, estimate.mean, now_s)
+
+    def _follow(self, centre: Vector, goal: Vector, step_s: float) -> None:
+        """Move the centre by a step towards a goal (4,), critically damped."""
+        way = goal[POSITION] - centre[POSITION]
+        wanted = clipped(goal[VELOCITY] + _RATE_PER_S / 2.0 * way, self._speed_max_m_s)
+        change = clipped(2.0 * _RATE_PER_S * (wanted - centre[VELOCITY]), _ACCELERATION_M_S2)
+        centre[POSITION] += centre[VELOCITY] * step_s + change * step_s**2 / 2.0
+        centre[VELOCITY] += change * step_s
+
+    def _mixed(self, centre: Vector, goal: Vector, now_s: float) -> Vector:
+        away = goal - centre
+        if self._caught_s is None:
+            near = hypot(*away[POSITION].tolist()) < _CAUGHT_M and hypot(*away[VELOCITY].tolist()) < _CAUGHT_M_S
+            self._caught_s = now_s if near else None
+            return centre.copy()
+        share = mixing_share(now_s - self._caught_s, _HAND_OVER_S)
+        if share >= 1.0:
+            self._centre = None
+            return goal
+        return np.asarray(centre + share * away, dtype=np.float64)
+
+
+_FOLLOWS_S = 20.0
+"""Time constant: longer than the noise in rate estimates lasts, at most one turn of a ring, 30 s to 2 min."""
+_OFF_MOST = 0.2
+"""The largest deviation, as a share of the ring's rate: a vehicle on its way to the ring does not circle yet."""
+
+
+class RingFrequency:
+    """Estimates one vehicle's angular rate as a share of the ring's."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._gain = 1.0 / (_FOLLOWS_S * rate_hz)
+        self._share = 1.0
+        self.rate_rad_s = 0.0
+
+    def follow(self, ring_rad_s: float, flown_rad_s: float | None = None) -> None:
+        """Take the ring's angular rate, 0 off the ring, and once a tick the flown one."""
+        if not ring_rad_s:
+            self._share = 1.0
+        elif flown_rad_s is not None:
+            share = self._share + self._gain * (flown_rad_s / ring_rad_s - self._share)
+            self._share = min(max(share, 1.0 - _OFF_MOST), 1.0 + _OFF_MOST)
+        self.rate_rad_s = self._share * ring_rad_s
+
 
 LINK_DELAY_MAX_S = 0.5
 """Delays beyond this are not predicted: the history of setpoints is short, and such a link is about to fail."""

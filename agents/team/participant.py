@@ -4,6 +4,12 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
+from agents.team import external_positions, perception
+
+SENSOR_TOPICS = frozenset({perception.TOPIC, external_positions.TOPIC})
+"""Sightings of the target, and positions of vehicles."""
+
+
 Role = Literal["vehicle", "operator", "sensor", "observer", "router"]
 NAME_LENGTH = 32
 _NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{NAME_LENGTH}}}")

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from estimation.bounded_toml import TEXT_MAX_LENGTH, toml_content
-from estimation.plain_file import read_plain
+from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
 from estimation.profile.profile import Profile, ProfileError, profile_of
 
 _BUNDLED = Path(__file__).parent / "profiles"

@@ -20,11 +20,6 @@ GROUPS = {
     "Analyse": ("report", "replay", "identify", "log"),
 }
 """The verbs in the order of the help."""
-FOLDERS = {
-    **dict.fromkeys(("missions", "new", "schema"), "plan."),
-    **dict.fromkeys(("command", "router", "start", "station", "target", "watch"), "team."),
-}
-"""The folders of the verbs' files, beside this one unless given."""
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 app = App(
@@ -37,8 +32,7 @@ app = App(
 for _order, (_title, _verbs) in enumerate(GROUPS.items()):
     _group = Group(_title, sort_key=_order)
     for _place, _verb in enumerate(_verbs):
-        _module = f"gcs.cli.{FOLDERS.get(_verb, '')}{_verb}"
-        app.command(f"{_module}:{_verb}", name=_verb, group=_group, sort_key=_place)
+        app.command(f"gcs.cli.{_verb}:{_verb}", name=_verb, group=_group, sort_key=_place)
 app.register_install_completion_command(help="Install completion of commands and options in your shell.")
 
 

@@ -13,7 +13,7 @@ from gcs.errors import Exit
 
 if TYPE_CHECKING:
     from gcs.mission.mission import Mission
-    from gcs.preflight.computer.judge import ComputerFacts
+    from gcs.preflight.computer import ComputerFacts
     from gcs.preflight.findings import VehicleFacts
 
 
@@ -57,9 +57,9 @@ def check(options: CheckOptions) -> Exit:
 
 async def _facts(mission: "Mission") -> "tuple[Sequence[VehicleFacts], ComputerFacts]":
     """Return the facts about the vehicles, and about this computer while their telemetry streams, as in flight."""
-    from gcs.preflight.computer.judge import computer_facts
-    from gcs.preflight.computer.priority import RaisedPriority
+    from gcs.preflight.computer import computer_facts
     from gcs.preflight.link_facts import gather_facts
+    from gcs.preflight.priority import RaisedPriority
 
     measured: list[ComputerFacts] = []
 

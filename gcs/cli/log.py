@@ -67,8 +67,7 @@ def audit(path: Annotated[Path, Parameter(name="LOG", help="The log of a flight.
     """
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem
-    from gcs.flightlog.audit.entry import AuditEntry, chain_fault
-    from gcs.flightlog.audit.view import audit_line
+    from gcs.flightlog.audit import AuditEntry, audit_line, chain_fault
     from gcs.flightlog.reader import read_log
 
     records = read_log(path).run_records

@@ -48,8 +48,7 @@ def relay(options: RelayOptions) -> Exit:
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_problem
     from gcs.radio.emulation import Emulation
-    from gcs.radio.options import radio_spec
-    from gcs.radio.serving import serve_until_ctrl_c
+    from gcs.radio.serving import radio_spec, serve_until_ctrl_c
 
     spec = radio_spec(options.radio)
     if not options.vehicles:

@@ -76,8 +76,7 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     flight = read_flight(read)
     plants = plant_notes(flight.mission, flight.evidence)
     if options.html is not None:
-        from gcs.report.flight_page import write_report
-        from gcs.report.replay import replay_flight
+        from gcs.report.flight_page import replay_flight, write_report
 
         html, shown = options.html, replay_flight(*read)
         evidence = replace(flight.evidence, plants=plants)

@@ -74,7 +74,7 @@ def sim(options: SimOptions) -> Exit:
         return Exit.ENDED_IN_FLIGHT
     if not options.station or log is None:
         return verdict
-    from gcs.cli.team.station import StationOptions, station
+    from gcs.cli.station import StationOptions, station
 
     address = options.station_address or STATION_ADDRESS
     shown = station(log, options=StationOptions(address=address, tiles=options.station_tiles))
@@ -89,7 +89,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     check_plot(options.plot, options.figure)
     mission = loaded_mission(options.mission, options.changes)
     if options.station_tiles is not None:
-        from gcs.station.mission_picture import origin_deg
+        from gcs.station.picture import origin_deg
         from gcs.station.tiles import opened_tiles
 
         opened_tiles(options.station_tiles, origin_deg(mission))  # refuses tiles that cannot be drawn before the flight

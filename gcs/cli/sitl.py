@@ -52,9 +52,7 @@ def sitl(options: SitlOptions) -> Exit:
     from gcs.console.terminal import print_problem
     from gcs.flight.stubs import serve_until_ctrl_c, served_clock, stub_configs
     from gcs.link.ports.claims import stub_claims
-    from gcs.radio.mission_radio import free_ports, mission_radio
-    from gcs.radio.options import radio_spec
-    from gcs.radio.serving import running_beside
+    from gcs.radio.serving import free_ports, mission_radio, radio_spec, running_beside
 
     mission, speed = loaded_mission(options.mission, options.changes), options.speed or 1.0
     require_governed(options.speed, only_stubs=False, advice="give it to the flight that joins with --lockstep")

@@ -9,9 +9,15 @@ from rich.text import Text
 from gcs.console.table_view import TACTIC_STYLES, number
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import engaged_line
-from gcs.metrics.result import EstimatedVehicleResult, EstimateResult, FlightResult, VehicleResult, reference_line
-from gcs.metrics.reynolds_view import reynolds_grid
-from gcs.metrics.window import window_line
+from gcs.metrics.result import (
+    EstimatedVehicleResult,
+    EstimateResult,
+    FlightResult,
+    VehicleResult,
+    reference_line,
+    window_line,
+)
+from gcs.metrics.reynolds import reynolds_grid
 
 VERDICT_SIGNS = {True: ("✓", "bold green"), False: ("✗", "bold red"), None: ("–", "dim")}
 VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.advice import Severity, advice, severity
-from gcs.console.printable import Printable, printable_lines
+from gcs.console.terminal import Printable, printable_lines
 
 REFRESH_HZ = 4.0
 WIDE = 110

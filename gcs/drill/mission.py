@@ -9,7 +9,7 @@ from typing import Any
 
 import tomli_w
 
-from estimation.bounded_toml import toml_content
+from estimation.input_file import toml_content
 from gcs.errors import InputError
 from gcs.mission.file import load_mission, parse_mission
 from gcs.mission.mission import Mission

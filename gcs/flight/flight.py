@@ -15,8 +15,7 @@ from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
 from gcs.flight.practice import Practice
-from gcs.flight.preparation.readiness import Readiness
-from gcs.flight.preparation.start_wait import StartWait
+from gcs.flight.preparation import Readiness, StartWait
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle

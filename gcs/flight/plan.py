@@ -13,7 +13,7 @@ from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.keys.team_keys import leaves_this_computer
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.computer.judge import ComputerFacts
+from gcs.preflight.computer import ComputerFacts
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.preflight import preflight
 from sitl.server.shared_clock import ClockName

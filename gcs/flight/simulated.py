@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.control.task_planner import PlannerFactory
+from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
@@ -18,14 +18,14 @@ from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
-from sitl.simulation.absence import Absence
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
-from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
+from sitl.simulation.vehicle_model import Absence, TelemetryNoise, VehicleModel
 from sitl.vehicle.imperfections import Imperfections
 from sitl.vehicle.plant_step import StepFunction
 
 if TYPE_CHECKING:
     from gcs.flightlog.simulation import SimulationRecording
+
 
 OnTick = Callable[[int, int, TickOutput], None]
 _COMES_DOWN = (Tactic.RETURN_AND_LAND, Tactic.LAND)

@@ -1,9 +1,12 @@
 """The vehicles that one process flies, and what their agents share: clock, event journal, recording."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+
+from msgspec import structs
 
 from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
@@ -13,10 +16,10 @@ from agents.shell.outcome import Ending, Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.team.external_positions import ExternalPositions
 from agents.team.perception import Perception
+from estimation.state import Sighting
 from gcs.console.live import LiveView
 from gcs.flight.equipment import Equipment
 from gcs.flight.plan import FlightPlan
-from gcs.flight.true_sensor import TrueSensor
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.keys.team_keys import TeamKeys
@@ -28,11 +31,45 @@ from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
-from gcs.preflight.computer.judge import ComputerFacts, computer_facts
-from gcs.preflight.computer.priority import RaisedPriority
+from gcs.preflight.computer import ComputerFacts, computer_facts
 from gcs.preflight.findings import VehicleFacts
 from gcs.preflight.link_facts import CheckedLink
+from gcs.preflight.priority import RaisedPriority
 from sitl.server.server import StubRecord, TruthTrack
+
+Place = Callable[[float], tuple[float, float] | None]
+"""Returns a horizontal position in the mission frame at a time of the mission clock; None if it is unknown."""
+KEPT_S = 10.0
+"""How long errors of the estimate are kept: no sighting is delayed by more [s of the mission clock]."""
+
+
+class TrueSensor:
+    """Implements `agents.ports.TargetSensor`: the sighting's position has the error of the vehicle's estimate.
+
+    A camera on board measures the target's position relative to the vehicle; the vehicle adds its estimate of its own
+    position at that time. Without the truth, as on real vehicles, the sensor measures from the estimate.
+    """
+
+    def __init__(self, sensor: TargetSensor, true_m: Place, estimated_m: Place) -> None:
+        self._sensor = sensor
+        self._true_m = true_m
+        self._estimated_m = estimated_m
+        self._errors_m: deque[tuple[float, float, float]] = deque()
+
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
+        """Return a sighting when one is due and the target is within range of the vehicle; it may be a delayed one."""
+        true_m, estimated_m = self._true_m(now_s), self._estimated_m(now_s)
+        if true_m is None or estimated_m is None:
+            true_m = estimated_m = position_m
+        self._errors_m.append((now_s, estimated_m[0] - true_m[0], estimated_m[1] - true_m[1]))
+        sighting = self._sensor.sight(now_s, true_m)
+        while self._errors_m[0][0] < (now_s - KEPT_S if sighting is None else sighting.time_s):
+            self._errors_m.popleft()
+        if sighting is None:
+            return None
+        (x, y), (_, off_x, off_y) = sighting.position_m, self._errors_m[0]
+        return structs.replace(sighting, position_m=(x + off_x, y + off_y))
+
 
 _HOW = {
     Ending.COMPLETED: How.LANDED,

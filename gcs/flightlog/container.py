@@ -18,6 +18,13 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Footer, Metadata, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
+from gcs.errors import InputError
+
+
+class LogError(InputError):
+    """A log cannot be read, or lacks what is needed; its faults name the file, the place in it, and the reason."""
+
+
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_MAX_BYTES = 64_000_000
 """Bound of a record's size, packed or unpacked: a greater length is damage."""

@@ -8,7 +8,7 @@ from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
 from agents.tape import TapedCore
 from estimation.state import Telemetry
-from gcs.flightlog.audit.trail import AuditTrail
+from gcs.flightlog.audit import AuditTrail
 from gcs.flightlog.recorder import Recorder, RecorderThread, RecordWriter, VehicleTape
 from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
 from gcs.preflight.findings import VehicleFacts

@@ -13,13 +13,11 @@ import msgspec
 from mcap.records import Channel, Schema
 
 from agents.tape import Message as BusInput
-from agents.team.admission import refusal
-from agents.team.codec import decode
+from agents.team.codec import decode, refusal
 from agents.team.messages import BusMessage
-from estimation.plain_file import open_plain
-from gcs.flightlog.container import Container, Entry, Message, NoContainerError
+from estimation.input_file import open_plain
+from gcs.flightlog.container import Container, Entry, LogError, Message, NoContainerError
 from gcs.flightlog.former_words import FORMER_TOPICS
-from gcs.flightlog.log_error import LogError
 from gcs.flightlog.record_counter import RecordCounter
 from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, FormerMessage, Run, RunEnd, Taken
 from gcs.flightlog.schema import PACKAGE, Decoder

@@ -15,7 +15,7 @@ from agents.outputs import TickOutput
 from agents.tape import CoreInput, Message
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, OperatorCommand
-from gcs.flightlog.audit.trail import AuditTrail
+from gcs.flightlog.audit import AuditTrail
 from gcs.flightlog.records import Carried, Decision, Taken, recorded
 
 CLOSING_TIMEOUT_S = 10.0

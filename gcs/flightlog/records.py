@@ -27,7 +27,7 @@ from agents.tape import (
 from agents.team.codec import encode
 from estimation.polar import Polar
 from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
-from gcs.flightlog.audit.entry import AuditEntry
+from gcs.flightlog.audit import AuditEntry
 
 PROFILE = "cordon"
 """The profile name in the MCAP file."""

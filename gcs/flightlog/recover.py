@@ -10,8 +10,7 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from gcs.errors import InputError
-from gcs.flightlog.container import Container, Entry, Message
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import Container, Entry, LogError, Message
 from gcs.flightlog.reader import faults_of, open_container, topic_of
 from gcs.flightlog.record_counter import RecordCounter
 from gcs.flightlog.records import PROFILE

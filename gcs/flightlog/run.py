@@ -4,7 +4,7 @@ import platform
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import FORMAT, PlantText, Run, Version
 from gcs.mission.file import MissionError, parse_mission

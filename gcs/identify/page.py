@@ -16,8 +16,7 @@ from estimation.identification.simulated import PREDICTION_HORIZON_S, Simulated,
 from estimation.state import Vector
 from gcs.identify.view import bounds_words, fit_rows, parameter_rows, remarks
 from gcs.report.charts.chart import chart, levels, over_time
-from gcs.report.charts.panels import title
-from gcs.report.charts.thinning import thinned
+from gcs.report.charts.panels import thinned, title
 from gcs.report.page import KeyLine, render
 from gcs.report.page_parts import Section, Table
 from gcs.style import COLOURS, DESIRED, FAINT, INK, WINDOW

@@ -6,8 +6,7 @@ import msgspec
 
 from agents.shell.bus.bus_security import Grant
 from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC, Verb
-from agents.team.participant import Participant, Role
-from agents.team.sensors import SENSOR_TOPICS
+from agents.team.participant import SENSOR_TOPICS, Participant, Role
 
 VERBS: tuple[Verb, ...] = get_args(Verb)
 UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")

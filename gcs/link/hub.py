@@ -16,10 +16,10 @@ from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
+from gcs.link.feed import Postbox
 from gcs.link.ports.urls import require_usable
-from gcs.link.postbox import Postbox
 from gcs.link.rates.pace import Pace
-from gcs.link.rates.quality import Traffic
+from gcs.link.rates.rates import Traffic
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread

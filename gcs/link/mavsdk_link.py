@@ -21,7 +21,6 @@ from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
 from estimation.frames import Triple
 from estimation.state import Telemetry
-from gcs.link.attention import Attention
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin, request_rates
 from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender
@@ -32,6 +31,32 @@ from gcs.link.parts import LinkParts
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
 from gcs.link.relay.gate import LinkReport
+
+
+class Attention:
+    """Waits for periods of a link, or until it is notified."""
+
+    def __init__(self, clock: MissionClock) -> None:
+        self._clock = clock
+        self._over = asyncio.Event()
+        self._notified = False
+
+    def notify(self) -> None:
+        """End the present wait."""
+        self._notified = True
+        self._over.set()
+
+    async def wait(self, period_s: float) -> bool:
+        """Wait for a period [s of the link] or for a notification, and return whether it was notified."""
+        timer = self._clock.call_at(self._clock.now_s() + period_s * self._clock.time_scale, self._over.set)
+        try:
+            await self._over.wait()
+        finally:
+            timer.cancel()
+        self._over.clear()
+        notified, self._notified = self._notified, False
+        return notified
+
 
 MODE_TIMEOUT_S = 5.0
 REQUEST_PERIOD_S = 1.0

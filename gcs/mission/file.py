@@ -6,12 +6,14 @@ Sections are validated one by one and cross-checked as far as they are valid, so
 import difflib
 from collections.abc import Mapping
 from dataclasses import replace
+from hashlib import sha256
+from json import dumps
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from estimation.bounded_toml import TEXT_MAX_LENGTH, toml_content
-from estimation.plain_file import read_plain
+from agents.team.messages import MissionIdentity
+from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
 from estimation.profile.profile import ProfileError
 from estimation.profile.shelf import ProfileShelf
 from estimation.settings import OwnFilterSettings, Settings
@@ -19,7 +21,7 @@ from gcs.errors import InputError
 from gcs.mission.control_loops import unstable_loops
 from gcs.mission.cross_checks import cross_checked
 from gcs.mission.excitation import excitation_faults, excited
-from gcs.mission.identity import identified
+from gcs.mission.fault_lines import located
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
@@ -27,7 +29,37 @@ from gcs.mission.overrides import overridden
 from gcs.mission.profiles import LoadedVehicle, resolved
 from gcs.mission.sections import EXCITES, OLD_OWN_FILTER, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
 from gcs.mission.validation import shown, unknown_keys, validated
-from gcs.mission.writing.lines import located
+
+_SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
+_OF_THE_MISSION = {"name", "duration_s", "rate_hz"}
+_OF_ONE_COMPUTER = {"url", "true_scale", "sensor"}
+"""Keys that may differ between the computers of a team, or concern only simulated vehicles."""
+
+
+def identified(mission: Mission) -> Mission:
+    """Return a mission with its identity; an excitation flight made from it keeps the identity."""
+    return replace(mission, identity=MissionIdentity(_printable(mission.mission.name), _digest(mission)))
+
+
+def _digest(mission: Mission) -> str:
+    """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
+    sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
+    sections["target"].pop("url", None)
+    vehicles = [each.section.model_dump(mode="json", exclude=_OF_ONE_COMPUTER) for each in mission.vehicles]
+    profiles = [each.profile.plant for each in mission.vehicles]
+    whole = {
+        "mission": mission.mission.model_dump(mode="json", include=_OF_THE_MISSION),
+        "team": mission.network.team,
+        "sections": sections,
+        "vehicles": vehicles,
+        "plants": [repr(plant) for plant in profiles],
+    }
+    return sha256(dumps(whole, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _printable(name: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in name)
+
 
 _BUNDLED = Path(__file__).parent / "missions"
 

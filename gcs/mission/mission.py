@@ -311,7 +311,7 @@ class MissionVehicle:
 class Mission:
     """A checked mission: every section, the vehicles with their profiles, and the text that it was read from.
 
-    `identity` is compared between the vehicles and operators of one team (gcs/mission/identity.py). `folder` is that of
+    `identity` is compared between the vehicles and operators of one team (gcs/mission/file.py). `folder` is that of
     its file. `warnings` list keys at their places in an earlier version, with their present places. A mission that
     `excites` is the excitation flight of its only vehicle. `parse` makes a mission from text, folder and profile texts.
     """

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from estimation.bounded_toml import KEY_PARTS_MAX, toml_content
+from estimation.input_file import KEY_PARTS_MAX, toml_content
 from gcs.errors import InputError
 
 _STEP = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")

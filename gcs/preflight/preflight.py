@@ -5,7 +5,7 @@ from datetime import date
 
 from agents.shell.computer import ComputerClock
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.computer.judge import ComputerFacts, judge_computer
+from gcs.preflight.computer import ComputerFacts, judge_computer
 from gcs.preflight.estimator import estimator
 from gcs.preflight.fence import fence_areas
 from gcs.preflight.findings import Finding, Grade, VehicleFacts

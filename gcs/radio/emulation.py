@@ -11,8 +11,7 @@ from gcs.link.relay.carriers import Carrier, open_carrier
 from gcs.link.relay.frames import FrameStream, radio_status
 from gcs.link.relay.gate import Address
 from gcs.radio.pseudo_terminal import PseudoTerminal
-from sitl.radio.channel import Air, Channel, Counts
-from sitl.radio.spec import RadioSpec
+from sitl.radio import Air, Channel, Counts, RadioSpec
 
 LOOK_PERIOD_S = 0.2
 STATUS_PERIOD_S = 1.0

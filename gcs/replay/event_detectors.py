@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 from agents.control.lmpc import QpStatus
 from agents.ports import VehicleStatus
-from agents.safety.interventions import QUIET_S
+from agents.safety.guard import QUIET_S
 from agents.tape import Autopilot, Bus, Message, TacticEvent
 from agents.team.messages import sightings_of
 from estimation.state import Sighting, Telemetry

@@ -9,7 +9,7 @@ from agents.settings.config import AgentConfig
 from agents.tape import Command, CoreInput, Tick
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision, FormerMessage, LocalCommand, Taken
 from gcs.mission.mission import Mission

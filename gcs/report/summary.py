@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from gcs.metrics.ending import named
 from gcs.metrics.engagement import engaged_line
-from gcs.metrics.result import FlightResult, reference_line
-from gcs.metrics.window import window_line
+from gcs.metrics.result import FlightResult, reference_line, window_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
 

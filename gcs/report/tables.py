@@ -8,7 +8,7 @@ from estimation.state import Vector
 from gcs.console.table_view import number
 from gcs.metrics.record import FlightEvent
 from gcs.metrics.result import FlightResult
-from gcs.metrics.reynolds_view import FLOCKING_LABELS, flocking_cells, phases
+from gcs.metrics.reynolds import FLOCKING_LABELS, flocking_cells, phases
 from gcs.report.charts.onboard import intervals_ms
 from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError, consistency
 from gcs.report.evidence.flight import FlightEvidence, Reception, VehicleEvidence

@@ -9,8 +9,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.report.charts.chart import chart, over_time
-from gcs.report.charts.panels import mark_empty, title
-from gcs.report.charts.thinning import thinned, thinned_path
+from gcs.report.charts.panels import mark_empty, thinned, thinned_path, title
 from gcs.report.page import KeyLine, render
 from gcs.report.page_parts import Section, Table
 from gcs.style import COLOURS, DESIRED, FAINT, INK

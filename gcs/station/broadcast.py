@@ -6,12 +6,32 @@ replace older ones, and events beyond the latest 200 are lost. So nothing is que
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import msgspec
 
-from gcs.station.picture import AnswerPicture, EventPicture, MissionPicture
-from gcs.station.source import Published
+from gcs.station.picture import AnswerPicture, EventPicture, MissionPicture, OperatorRights, TeamPicture
+
+Published = MissionPicture | TeamPicture | EventPicture
+Publish = Callable[[Published], None]
+
+
+class Source(Protocol):
+    """The pictures of one team."""
+
+    def mission(self, operator: OperatorRights) -> MissionPicture:
+        """Return the constant part of the pictures, with the rights of this operator."""
+        ...
+
+    async def run(self, publish: Publish) -> None:
+        """Publish pictures of the team and events until cancelled.
+
+        Raises InputError when this computer has no keys for the team's bus.
+        """
+        ...
+
 
 EVENTS_KEPT = 200
 _ANSWERS_KEPT = 1000

@@ -10,9 +10,8 @@ from gcs.console.watched_bus import WatchedBus
 from gcs.errors import InputError
 from gcs.metrics.ending import LostFlight
 from gcs.mission.mission import Mission
-from gcs.station.mission_picture import mission_picture
-from gcs.station.picture import FlightSource, MissionPicture, OperatorRights
-from gcs.station.source import Publish
+from gcs.station.broadcast import Publish
+from gcs.station.picture import FlightSource, MissionPicture, OperatorRights, mission_picture
 from gcs.station.team_picture import TeamPictures
 
 PICTURES_HZ = 10.0

@@ -5,13 +5,19 @@ recorded flight is a `FlightPicture`: the same in one object. Unknown values are
 mission frame: x, y, and the height above the mission's origin.
 """
 
+from collections.abc import Mapping
 from typing import Literal
 
 import msgspec
 
+from agents.safety.failsafe import Condition
+from agents.safety.fence import Fence
 from agents.team.messages import Verb
 from estimation.frames import Triple
-from gcs.console.advice import Severity
+from gcs.console.advice import Severity, advice, severity
+from gcs.mission.geometry import nearest_other
+from gcs.mission.mission import Mission, MissionVehicle
+from gcs.style import COLOURS
 
 FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log"]
 Pair = tuple[float, float]
@@ -194,3 +200,76 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     vehicles: tuple[int, ...] | None
     confirmation: str = ""
     overrides_pilot: bool = False
+
+
+def mission_picture(
+    mission: Mission, source: FlightSource, duration_s: float, operator: OperatorRights | None = None
+) -> MissionPicture:
+    """Return a mission as the page shows it, flown for `duration_s`; without an operator the page is read-only."""
+    frame, ring, safety = mission.frame, mission.encirclement, mission.safety
+    return MissionPicture(
+        mission=mission.mission.name,
+        source=source,
+        duration_s=duration_s,
+        rate_hz=mission.mission.rate_hz,
+        origin_deg=origin_deg(mission),
+        x_bearing_deg=frame.x_bearing_deg,
+        ring_radius_m=ring.radius_m,
+        ring_rate_rad_s=ring.angular_rate_rad_s,
+        separation_m=safety.separation_m,
+        keep_out_m=safety.keep_out_m,
+        altitude_min_m=safety.altitude_min_m,
+        altitude_max_m=safety.altitude_max_m,
+        vehicles=tuple(_planned(mission, row, vehicle) for row, vehicle in enumerate(mission.vehicles)),
+        operator=operator or OperatorRights(),
+    )
+
+
+def origin_deg(mission: Mission) -> Pair | None:
+    """Return latitude and longitude of a mission's origin; None in a local frame."""
+    origin = mission.mission_frame().origin
+    return None if origin is None else (origin.latitude_deg, origin.longitude_deg)
+
+
+def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehicle:
+    section = vehicle.section
+    return PlannedVehicle(
+        vehicle.id,
+        COLOURS[row % len(COLOURS)],
+        (*section.start_m, 0.0),
+        section.altitude_m,
+        tuple(section.limits(mission.safety).fence_m or ()),
+    )
+
+
+SILENT, LINK_CUT = "silent", "link cut"
+_ADVISED_AS = {SILENT: Condition.PEER_SILENT.value, LINK_CUT: Condition.TELEMETRY_STALE.value}
+
+
+class Surroundings:
+    """The distances of a vehicle to the others and to its fence."""
+
+    def __init__(self, fence_of: Mapping[int, Fence]) -> None:
+        self._fence_of = fence_of
+
+    def nearest(self, vehicle_id: int, places_m: Mapping[int, Pair]) -> tuple[int | None, float | None]:
+        """Return the nearest other vehicle and its distance [m], from the positions (x, y) of all; None without one."""
+        return nearest_other(vehicle_id, places_m) or (None, None)
+
+    def fence_margin_m(self, vehicle_id: int, places_m: Mapping[int, Pair]) -> float | None:
+        """Return the distance to the vehicle's fence, negative outside; None without a fence or a position."""
+        fence, place_m = self._fence_of.get(vehicle_id), places_m.get(vehicle_id)
+        return None if fence is None or place_m is None else fence.clearance_m(place_m)
+
+
+def vehicle_alert(alert: str, *, is_lost: bool) -> tuple[str, str, Severity]:
+    """Return an alert, the operator's action and the severity; of a vehicle that `is_lost` in flight it is an alarm."""
+    how_grave: Severity = "alarm" if alert and is_lost else severity(alert)
+    return alert, advice(_ADVISED_AS.get(alert, alert)), how_grave
+
+
+def fix_words(dimensions: int | None) -> str:
+    """Return a GPS fix as text, empty if it is unknown."""
+    if dimensions is None:
+        return ""
+    return f"{dimensions}D" if dimensions else "no fix"

@@ -7,16 +7,22 @@ from math import inf
 from msgspec.structs import replace
 
 from agents.tape import Start
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, VehicleEnd
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import FlightEnding, How, VehicleEnding
 from gcs.mission.geometry import fences
-from gcs.station.mission_picture import mission_picture
-from gcs.station.picture import EventPicture, FlightPicture, TargetPicture, TeamPicture, VehiclePicture
+from gcs.station.picture import (
+    EventPicture,
+    FlightPicture,
+    Surroundings,
+    TargetPicture,
+    TeamPicture,
+    VehiclePicture,
+    mission_picture,
+)
 from gcs.station.recorded_vehicle import RecordedVehicle, Sampled
-from gcs.station.vehicle_picture import Surroundings
 
 PICTURES_HZ = 5.0
 _VEHICLE_PICTURES, _STEP_MAX_S = 4200, 1.0

@@ -15,8 +15,7 @@ from gcs.console.team_state import SILENT_AFTER_S
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision, VehicleEnd
 from gcs.metrics.ending import How
-from gcs.station.picture import TargetPicture, VehiclePicture
-from gcs.station.vehicle_picture import LINK_CUT, SILENT, fix_words, vehicle_alert
+from gcs.station.picture import LINK_CUT, SILENT, TargetPicture, VehiclePicture, fix_words, vehicle_alert
 
 _ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
 """The resolution of the page: a centimetre, and a hundredth of a degree."""

@@ -25,10 +25,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from agents.ports import VehicleRefusedError
 from gcs.station.access import Access, Gate
-from gcs.station.broadcast import Broadcast, Reading
+from gcs.station.broadcast import Broadcast, Reading, Source
 from gcs.station.commands import Commands
 from gcs.station.picture import CommandRequest, FlightPicture, MissionPicture, OperatorRights
-from gcs.station.source import Source
 from gcs.station.tiles import MapTiles
 
 PAGE = Path(__file__).parent / "page"

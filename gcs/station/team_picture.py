@@ -15,8 +15,19 @@ from gcs.console.team_state import SILENT_AFTER_S, TeamState
 from gcs.metrics.ending import AUTOPILOTS_ALONE, WATCH_THEM, LostFlight
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
-from gcs.station.picture import EventPicture, LostPicture, Pair, TargetPicture, TeamPicture, VehiclePicture
-from gcs.station.vehicle_picture import LINK_CUT, SILENT, Surroundings, fix_words, vehicle_alert
+from gcs.station.picture import (
+    LINK_CUT,
+    SILENT,
+    EventPicture,
+    LostPicture,
+    Pair,
+    Surroundings,
+    TargetPicture,
+    TeamPicture,
+    VehiclePicture,
+    fix_words,
+    vehicle_alert,
+)
 
 VANISHED_AFTER_S = 3.0
 """A team whose messages stop all at once for this long has lost its processes, or this computer its network."""

@@ -17,7 +17,7 @@ from pymavlink.DFReader import DFFormat, null_term
 
 from estimation.frames import Geodetic, MissionFrame, up_from_ned
 from estimation.state import Vector
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import LogFile
 from gcs.vehicle_logs.mode_names import copter_mode
 from gcs.vehicle_logs.raw_log import US, RawLog, Samples, stamps_us, vehicle_log

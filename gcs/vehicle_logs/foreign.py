@@ -4,10 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from estimation.plain_file import open_plain
-from gcs.flightlog.log_error import LogError
-from gcs.vehicle_logs.log_file import LogFile, open_log, quiet
-from gcs.vehicle_logs.packet_stamp import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US
+from estimation.input_file import open_plain
+from gcs.flightlog.container import LogError
+from gcs.vehicle_logs.log_file import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US, LogFile, open_log, quiet
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 ULOG_MAGIC = b"ULog\x01\x12\x35"

@@ -11,12 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.plain_file import open_plain
-from gcs.flightlog.log_error import LogError
+from estimation.input_file import open_plain
+from gcs.flightlog.container import LogError
 
 BYTES_MAX = 1 << 30
 """A larger log is refused: every byte is read, and some readers hold the log in memory."""
 HEAD_BYTES = 4096
+MAVLINK_MAGICS = (0xFD, 0xFE)
+STAMP_BYTES = 8
+STAMPS_US = range(946_684_800_000_000, 4_102_444_800_000_000)
+"""Microseconds since 1970 from the year 2000 up to 2100: when a ground station may have stamped a packet."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from agents.ports import FlightMode
 from agents.tape import Autopilot
 from estimation.frames import MissionFrame, Triple, up_from_ned
 from estimation.state import Telemetry, Vector
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, Truth, Vehicle
 from gcs.flightlog.run import mission_of

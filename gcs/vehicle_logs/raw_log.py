@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.state import Vector
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.mode_names import EXTERNAL
 from gcs.vehicle_logs.unit_check import unit_faults
 from gcs.vehicle_logs.vehicle_log import (

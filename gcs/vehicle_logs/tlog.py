@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from estimation.frames import up_from_ned
-from gcs.flightlog.log_error import LogError
-from gcs.vehicle_logs.log_file import LogFile
+from gcs.flightlog.container import LogError
+from gcs.vehicle_logs.log_file import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US, LogFile
 from gcs.vehicle_logs.mode_names import copter_mode, px4_mode
-from gcs.vehicle_logs.packet_stamp import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US
 from gcs.vehicle_logs.raw_log import RawLog, Samples, Stamps, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 

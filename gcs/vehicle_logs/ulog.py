@@ -15,7 +15,7 @@ from pyulog import ULog
 
 from estimation.frames import Geodetic, MissionFrame, euler_from_quaternion_rad, up_from_ned
 from estimation.state import Vector
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import LogFile
 from gcs.vehicle_logs.mode_names import px4_state
 from gcs.vehicle_logs.raw_log import US, RawLog, Samples, Stamps, stamps_us, vehicle_log

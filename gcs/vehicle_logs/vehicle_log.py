@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from estimation.state import Vector
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 
 SECONDS_MAX = 7 * 86400.0
 """No flight lasts longer than this; a stamp farther from its log's first sample is not valid."""

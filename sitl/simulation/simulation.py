@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from estimation.state import Sighting, Telemetry, Vector
 from sitl.draws import normals, uniforms
-from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
-from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
+from sitl.simulation.vehicle_model import LANDED_AFTER_S, Absence, TelemetryNoise, VehicleModel, absence_at
 from sitl.vehicle.body import Body
 from sitl.vehicle.estimator_drift import EstimatorDrift
 from sitl.vehicle.plant_step import Motion, Pair

@@ -9,8 +9,8 @@ from estimation.identification.identified import Found
 from estimation.identification.identify import identify
 from estimation.profile.profile import Autopilot, Profile
 from estimation.profile.shelf import ProfileShelf
-from gcs.identify.limits import limits_in
 from gcs.identify.reading import recording_of
+from gcs.identify.view import limits_in
 from gcs.vehicle_logs.foreign import read_vehicle_logs
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 from tests.experiments.identification_draws import intervals_of

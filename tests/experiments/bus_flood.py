@@ -16,8 +16,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from agents.core import VehicleCore
-from agents.team.admission import Admission
-from agents.team.codec import encode
+from agents.team.codec import Admission, encode
 from agents.team.messages import MemberState, Verb
 from gcs.console.command_client import CommandClient
 from gcs.mission.file import load_mission

@@ -23,8 +23,8 @@ from gcs.link.config import link_paces
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.radio.emulation import Emulation, run
-from gcs.radio.mission_radio import free_ports, mission_radio
-from sitl.radio.spec import RadioSpec
+from gcs.radio.serving import free_ports, mission_radio
+from sitl.radio import RadioSpec
 from sitl.server.process import StubProcess
 from tests.experiments.arguments import parser, positive
 from tests.support.mission_text import Content, content, drop, put, text_of

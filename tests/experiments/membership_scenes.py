@@ -15,8 +15,8 @@ from agents.team.messages import BusMessage, OperatorCommand
 from estimation.state import Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.absence import Absence
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, simulate
+from sitl.simulation.vehicle_model import Absence
 from tests.support.mission_text import Content, content, drawn_vehicle, parsed
 from tests.support.paths import MISSIONS
 

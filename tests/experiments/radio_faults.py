@@ -24,9 +24,9 @@ from gcs.link.config import link_paces
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.radio.emulation import Emulation, run
-from gcs.radio.mission_radio import free_ports as stub_ports
-from gcs.radio.mission_radio import mission_radio
-from sitl.radio.spec import BITS_A_BYTE, RadioSpec
+from gcs.radio.serving import free_ports as stub_ports
+from gcs.radio.serving import mission_radio
+from sitl.radio import BITS_A_BYTE, RadioSpec
 from sitl.server.process import StubProcess
 from tests.experiments.arguments import parser, positive
 from tests.support.mission_text import content, put, text_of

@@ -9,9 +9,8 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Sighting, Telemetry, Vector
-from sitl.simulation.absence import LANDED_AFTER_S, Absence, absence_at
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
-from sitl.simulation.vehicle_model import TelemetryNoise, VehicleModel
+from sitl.simulation.vehicle_model import LANDED_AFTER_S, Absence, TelemetryNoise, VehicleModel, absence_at
 from sitl.vehicle.estimator_drift import EstimatorDriftModel
 from sitl.vehicle.imperfections import Imperfections
 from sitl.world import SensorModel, SimulatedSensor, TargetMotion

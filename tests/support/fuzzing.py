@@ -31,7 +31,7 @@ from agents.team.messages import (
 from agents.team.perception import ExternalSighting, Perception, encode_sighting
 from estimation.profile.profile import ProfileError
 from estimation.profile.shelf import ProfileShelf
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import mission_of
 from gcs.mission.file import MissionError, parse_mission

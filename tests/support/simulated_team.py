@@ -27,7 +27,7 @@ from estimation.state import Telemetry
 from gcs.flight.faults.failing_equipment import FailingBus, FailingSensor
 from gcs.flight.faults.team_faults import PresentFaults
 from gcs.flight.stubs import PREPARED
-from gcs.flight.true_sensor import TrueSensor
+from gcs.flight.team import TrueSensor
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import target_sensor
 from sitl.autopilot.guidance import PositionTarget

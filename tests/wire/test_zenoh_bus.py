@@ -17,7 +17,7 @@ from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.bus.mailbox import PAYLOAD_LIMIT_BYTES
 from agents.shell.bus.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
 from agents.shell.bus.zenoh_session import BusTeam
-from agents.team import admission
+from agents.team import codec
 from agents.team.codec import decode, encode
 from agents.team.messages import BusMessage, CommandAnswer, StartProposal
 from agents.team.participant import Participant, vehicle
@@ -332,7 +332,7 @@ async def test_a_message_is_decoded_once_for_all_vehicles_of_a_process(monkeypat
         decoded.append(payload)
         return decode(payload)
 
-    monkeypatch.setattr(admission, "decode", counted)
+    monkeypatch.setattr(codec, "decode", counted)
     with peer_process(ends[1], ends[0]) as process:
         try:
             async with shared((1, 2, 3), ends[0], [ends[1]]) as (buses, heard):

@@ -11,8 +11,7 @@ from typing import get_args
 
 from agents.drops import DropCounter, Drops, Reason
 from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, MemberState, Verb
-from agents.team.participant import is_name
-from agents.team.sensors import SENSOR_TOPICS
+from agents.team.participant import SENSOR_TOPICS, is_name
 
 PAYLOAD_LIMIT_BYTES = 4096
 KEY_LENGTH = 128

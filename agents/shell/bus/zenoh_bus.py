@@ -15,7 +15,7 @@ from agents.shell.bus.mailbox import Mailbox
 from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
 from agents.shell.clock import MissionClock
 from agents.shell.handover import Handover
-from agents.team.admission import Admission
+from agents.team.codec import Admission
 from agents.team.messages import (
     OPERATORS_TOPIC,
     PRESENCE_TOPIC,
@@ -25,8 +25,7 @@ from agents.team.messages import (
     MemberState,
     OperatorCommand,
 )
-from agents.team.participant import Participant, Role, is_name
-from agents.team.sensors import SENSOR_TOPICS
+from agents.team.participant import SENSOR_TOPICS, Participant, Role, is_name
 
 RATE_HZ = 100.0
 _STATES = TOPICS[MemberState].name

@@ -21,7 +21,7 @@ from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
 from gcs.metrics.ending import FlightEnding, How, LostFlight
 from gcs.metrics.json_output import json_output
-from gcs.preflight.computer.priority import raise_supervisor
+from gcs.preflight.priority import raise_supervisor
 from gcs.signals import relay
 from sitl.server.shared_clock import US_PER_S, ClockError, ClockName, Rank, Seat
 

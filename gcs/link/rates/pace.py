@@ -4,8 +4,7 @@ from dataclasses import replace
 from math import inf
 
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
-from gcs.link.rates.quality import Traffic
-from gcs.link.rates.rates import Rates, ladder
+from gcs.link.rates.rates import Rates, Traffic, ladder
 
 LOOK_PERIOD_S = 2.0
 LOSS_HIGH, LOSS_LOW = 0.1, 0.03

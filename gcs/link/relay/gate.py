@@ -3,10 +3,11 @@
 No sockets and no clock: addresses, bytes and times are arguments.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
+from statistics import median
 
 from gcs.link.relay.frames import (
     HEAD_V2,
@@ -18,9 +19,66 @@ from gcs.link.relay.frames import (
     sequence,
     timesync_answer,
 )
-from gcs.link.relay.round_trips import RoundTrips
-from gcs.link.relay.sequences import Sequences
 from gcs.link.relay.signing import Signing, Verdict
+
+DOUBLED_MIN, DOUBLED_SHARE = 5, 0.1
+"""This many steps backwards show two senders: a restart is one step, and networks swap and repeat few frames."""
+
+
+class Sequences:
+    """Counts the frames of one system, separately for each of its components."""
+
+    def __init__(self) -> None:
+        self.received = 0
+        self.missed = 0
+        self._back = 0
+        self._last: dict[int, int] = {}
+
+    @property
+    def is_doubled(self) -> bool:
+        """Whether two senders use the id: the numbers jump back and forth."""
+        return self._back >= max(DOUBLED_MIN, DOUBLED_SHARE * self.received)
+
+    def take(self, component: int, number: int) -> None:
+        """Add the number of a frame."""
+        self.received += 1
+        step = (number - self._last.get(component, number - 1)) % 256
+        self._last[component] = number
+        if 0 < step < 128:
+            self.missed += step - 1
+        else:
+            self._back += 1
+
+
+KEPT = 15
+"""Number of round trips in the median: half a minute of them."""
+PENDING = 16
+
+
+class RoundTrips:
+    """Measures round trips: each answer returns the time of its request."""
+
+    def __init__(self) -> None:
+        self._asked_ns: deque[int] = deque(maxlen=PENDING)
+        self._newest_s: deque[float] = deque(maxlen=KEPT)
+
+    @property
+    def median_s(self) -> float | None:
+        """The median of the newest round trips [wall s]; None before the first."""
+        return median(self._newest_s) if self._newest_s else None
+
+    def asked(self, time_ns: int) -> None:
+        """Note a request that has been sent."""
+        self._asked_ns.append(time_ns)
+
+    def answered(self, asked_ns: int, now_ns: int) -> bool:
+        """Note an answer; return whether it is the first one to a request of this computer."""
+        if asked_ns not in self._asked_ns:
+            return False
+        self._asked_ns.remove(asked_ns)
+        self._newest_s.append((now_ns - asked_ns) * 1e-9)
+        return True
+
 
 SILENCE_S = 3.0
 """The link's timeout, as MAVSDK's: a vehicle may continue from another address only after this silence [wall s]."""

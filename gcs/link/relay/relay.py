@@ -3,14 +3,19 @@
 MAVSDK itself accepts any sender, and sends setpoints to each. So it connects only to the relay.
 """
 
+import os
+import socket
 import threading
 import time
 from collections.abc import Callable, Container, Iterable, Iterator
+from contextlib import suppress
 from math import inf
+from pathlib import Path
+from stat import S_ISSOCK
 
 from gcs.link.rates.budget import ROUND_TRIP_HZ
-from gcs.link.rates.quality import Traffic
-from gcs.link.relay.carriers import open_carrier
+from gcs.link.rates.rates import Traffic
+from gcs.link.relay.carriers import Stream, connected, open_carrier
 from gcs.link.relay.frames import (
     MAGIC_V2,
     SETPOINT,
@@ -22,10 +27,71 @@ from gcs.link.relay.frames import (
     timesync_request,
 )
 from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
-from gcs.link.relay.inner import InnerConnection, InnerListener
 from gcs.link.relay.relay_thread import RelayThread
 from gcs.link.relay.signing import Signing, Verdict
 from gcs.link.relay.transmit_queue import Outgoing, TransmitQueue
+
+LOOPBACK = "127.0.0.1"
+ACCEPT_WITHIN_S = 5.0
+QUICK_ACKNOWLEDGEMENT = getattr(socket, "TCP_QUICKACK", None)
+
+
+class InnerListener:
+    """Waits for MAVSDK's connection."""
+
+    def __init__(self) -> None:
+        self._listener = socket.create_server((LOOPBACK, 0), backlog=1)
+        self._listener.settimeout(ACCEPT_WITHIN_S)
+
+    @property
+    def url(self) -> str:
+        """The url that MAVSDK has to connect to."""
+        return f"tcpout://{LOOPBACK}:{self._listener.getsockname()[1]}"
+
+    def accept(self) -> "InnerConnection":
+        """Return the connection of this process; no other connection is possible afterwards.
+
+        Raises OSError when another process connected first.
+        """
+        with self._listener:
+            connection, address = self._listener.accept()
+        if not _is_of_this_process(address):
+            connection.close()
+            raise OSError(f"another process ({address[0]}:{address[1]}) connected to {self.url}")
+        return InnerConnection(connection)
+
+    def close(self) -> None:
+        """Stop waiting."""
+        self._listener.close()
+
+
+class InnerConnection(Stream):
+    """The relay's end: what MAVSDK sends is read, and written bytes reach MAVSDK."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        stream = connected(connection)
+        super().__init__(stream.descriptor, stream.close)
+
+    def read(self) -> bytes | None:
+        """Return what MAVSDK sent. It is acknowledged at once; otherwise MAVSDK's next frame waits for 40 ms."""
+        data = super().read()
+        if QUICK_ACKNOWLEDGEMENT is not None:
+            with suppress(OSError):  # closed
+                self._connection.setsockopt(socket.IPPROTO_TCP, QUICK_ACKNOWLEDGEMENT, 1)
+        return data
+
+
+def _is_of_this_process(address: tuple[str, int]) -> bool:
+    """Return whether one of this process's own sockets has an address."""
+    for descriptor in (int(path.name) for path in Path("/dev/fd").iterdir()):
+        with suppress(OSError):  # closed meanwhile
+            if S_ISSOCK(os.fstat(descriptor).st_mode):
+                with socket.socket(fileno=os.dup(descriptor)) as each:
+                    if each.getsockname() == address:
+                        return True
+    return False
+
 
 CALL_PERIOD_S = 0.5
 ROUND_TRIP_PERIOD_S = 1.0 / ROUND_TRIP_HZ

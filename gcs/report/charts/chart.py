@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
 Draw = Callable[["Axes"], None]
 
 WIDTH_IN, HEIGHT_IN = 5.0, 2.9

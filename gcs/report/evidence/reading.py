@@ -14,7 +14,7 @@ from agents.notes import Note
 from agents.tape import Autopilot, LateTicks, Start
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, Vehicle, VehicleEnd
 from gcs.flightlog.run import mission_of

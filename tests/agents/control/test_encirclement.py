@@ -22,7 +22,7 @@ from agents.ring.detour import MARGIN_M, Obstacle
 from agents.ring.feasibility import Orbit
 from agents.ring.place import RingPlace, chord_m, ring_place, spacing_errors_rad
 from agents.ring.reference import RingPoint, RingReference, RingWay
-from agents.ring.shaped_coordinate import ShapedCoordinate
+from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step

@@ -9,7 +9,7 @@ import pytest
 from agents.ring.feasibility import BROKEN_MAX, RESERVE, RingFeasibility
 from agents.settings.config import AgentConfig
 from agents.team.messages import MemberState, NeighbourAngle
-from agents.team.ring_scale import FULL_RING, RingScale
+from agents.team.ring_members import FULL_RING, RingScale
 from tests.support.team import a_team
 
 Maker = Callable[..., AgentConfig]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.ring.shaped_coordinate import ShapedCoordinate
+from agents.ring.transition import ShapedCoordinate
 
 STEP_S = 0.1
 

@@ -6,7 +6,7 @@ from math import sin
 import numpy as np
 import pytest
 
-from agents.safety.following import Following
+from agents.safety.vehicle_watch import Following
 from agents.situation.situation import Situation
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step

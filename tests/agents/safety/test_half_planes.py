@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.safety.half_planes import HalfPlane, nearest
+from agents.safety.guard import HalfPlane, nearest
 from tests.support.solver import slsqp
 
 Pair = tuple[float, float]

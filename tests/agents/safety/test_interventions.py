@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from agents.safety.barriers import Cause
-from agents.safety.guard import Guarded, GuardStatus
-from agents.safety.interventions import QUIET_S, Interventions
+from agents.safety.guard import QUIET_S, Guarded, GuardStatus, Interventions
 
 AIM_M = np.array([1.0, 2.0])
 PASSED = Guarded(AIM_M)

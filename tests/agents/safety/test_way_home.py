@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from agents.safety.way_home import Endurance, way_home_s
+from agents.safety.vehicle_watch import Endurance, way_home_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings
 from estimation.plant.model import exact_step

@@ -4,7 +4,7 @@ from math import exp
 
 import pytest
 
-from agents.situation.ring_frequency import RingFrequency
+from agents.situation.estimator import RingFrequency
 
 RATE_HZ = 20.0
 WAYS = pytest.mark.parametrize("way", [1.0, -1.0])

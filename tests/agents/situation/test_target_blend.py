@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.settings.config import AgentConfig
-from agents.situation.target_blend import TargetBlend
+from agents.situation.estimator import TargetBlend
 from estimation.state import TargetEstimate, Vector
 from tests.support.estimates import target_spread
 

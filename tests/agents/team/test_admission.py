@@ -3,8 +3,7 @@
 import pytest
 
 from agents.drops import Drops, Reason
-from agents.team.admission import Admission, refusal
-from agents.team.codec import encode
+from agents.team.codec import Admission, encode, refusal
 from agents.team.messages import (
     PEER_TOPICS,
     BusMessage,

@@ -9,9 +9,8 @@ from unittest.mock import patch
 import numpy as np
 
 from agents.control.lmpc import QpStatus
-from agents.control.plan import Plan
+from agents.control.plan import Plan, TaskPlanner
 from agents.control.planner import Planner
-from agents.control.task_planner import TaskPlanner
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.situation.task import Task

@@ -21,7 +21,7 @@ from gcs.cli import app, main
 from gcs.cli.options import with_stubs
 from gcs.flight.faults.catalogue import FAULTS
 from gcs.mission.file import bundled_missions
-from gcs.mission.writing.schema import mission_schema
+from gcs.mission.schema import mission_schema
 from tests.support import installation
 from tests.support.paths import DATA, MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS

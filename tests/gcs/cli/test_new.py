@@ -13,7 +13,7 @@ import pytest
 
 from gcs.cli import main
 from gcs.mission.file import bundled_missions, load_mission, parse_mission
-from gcs.mission.writing.template import PROFILES, Links, NewMission, NewShape, own_ports
+from gcs.mission.template import PROFILES, Links, NewMission, NewShape, own_ports
 
 pytestmark = pytest.mark.slow
 

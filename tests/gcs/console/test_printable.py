@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.live import LiveRow, LiveView
-from gcs.console.printable import PrintableOutput
+from gcs.console.terminal import PrintableOutput
 
 EVIL = "\x1b[2J\x1b]0;mine\x07\x9b31m\u202e"
 

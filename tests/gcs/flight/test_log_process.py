@@ -11,7 +11,7 @@ import pytest
 from agents.ports import VehicleRefusedError
 from agents.tape import Tick
 from gcs.flight.log_process.handle import LogProcess, LogRequest
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import RunEnd
 from gcs.flightlog.run import run_of

@@ -8,8 +8,7 @@ from typing import cast
 import pytest
 
 from agents.ports import VehicleRefusedError
-from gcs.flight.preparation import readiness
-from gcs.flight.preparation.readiness import Readiness, lack_lines
+from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, lack_lines
 from gcs.flight.team import Team
 from gcs.preflight.findings import Finding, Grade
 
@@ -65,7 +64,7 @@ async def checked(team: FakeTeam) -> Sequence[Finding]:
 async def test_a_team_that_is_ready_is_checked_once(first: list[Finding]) -> None:
     team = FakeTeam(30.0, first, [NO_FIX])
     assert await checked(team) == first
-    assert team.settled_s == [readiness.FIRST_REPORTS_S]
+    assert team.settled_s == [FIRST_REPORTS_S]
     assert team.lines == []
 
 

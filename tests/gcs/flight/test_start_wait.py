@@ -1,6 +1,6 @@
 """What forbids the start of a vehicle that waits on the ground."""
 
-from gcs.flight.preparation.start_wait import lacking
+from gcs.flight.preparation import lacking
 from gcs.preflight.findings import MISSION, Finding, Grade
 
 

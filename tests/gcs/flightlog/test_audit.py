@@ -15,7 +15,7 @@ from agents.team.messages import OperatorCommand
 from estimation.state import Telemetry
 from gcs.cli.log import audit
 from gcs.errors import Exit
-from gcs.flightlog.audit.entry import AuditEntry, chain_fault
+from gcs.flightlog.audit import AuditEntry, chain_fault
 from gcs.flightlog.flight import FlightRecording
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import run_of

@@ -8,7 +8,7 @@ from foxglove import Context
 from agents.tape import Tick
 from agents.team.codec import encode
 from agents.team.messages import CommandAnswer, StartProposal
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import Carried, FormerMessage, Run, Taken
 from gcs.flightlog.writer import LogWriter

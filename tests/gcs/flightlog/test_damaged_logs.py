@@ -25,7 +25,7 @@ from agents.ports import FlightMode, VehicleStatus
 from agents.tape import Autopilot, Bus, Start, Tick
 from gcs.cli import main
 from gcs.errors import InputError
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import FORMAT, Decision, Run, VehicleEnd
 from gcs.flightlog.recover import examine, recover, recovered_path

@@ -12,7 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from agents.shell.clock import WallClock
 from gcs.flightlog.flight import FlightRecording
 from gcs.flightlog.writer import LogWriter
-from gcs.preflight import identity
+from gcs.preflight import link_facts
 from gcs.preflight.findings import AutopilotKind, VehicleFacts
 
 Kind = Version.FlightSoftwareVersionType
@@ -53,9 +53,9 @@ class TacticEvent:
 )
 def test_a_version_in_words(version: Any, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     told = TacticEvent(version)
-    monkeypatch.setattr(identity, "Info", lambda _system: told)
-    monkeypatch.setattr(identity, "MavlinkDirect", lambda _system: told)
-    read = identity.read_identity(told, 0.0)
+    monkeypatch.setattr(link_facts, "Info", lambda _system: told)
+    monkeypatch.setattr(link_facts, "MavlinkDirect", lambda _system: told)
+    read = link_facts.read_identity(told, 0.0)
     assert read.firmware == words
     assert (read.uid, read.vendor_id) == ((77, 0x26AC) if version else (None, None))
     assert told.destroyed

@@ -10,7 +10,7 @@ import pytest
 from agents.ports import TargetSensor
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting, Telemetry
-from gcs.flight.true_sensor import TrueSensor
+from gcs.flight.team import TrueSensor
 from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth, TruthMessage
 from sitl.world import SensorModel, SimulatedSensor, TargetMotion
 

@@ -5,7 +5,7 @@ import threading
 from typing import Any
 
 from agents.shell.handover import PERIOD_S
-from gcs.link.postbox import Postbox
+from gcs.link.feed import Postbox
 
 COUNT, THREADS = 2000, 4
 

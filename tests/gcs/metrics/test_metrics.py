@@ -22,9 +22,9 @@ from gcs.metrics.result import (
     RingReference,
     RingResult,
     VerdictTolerances,
+    window_line,
 )
 from gcs.metrics.ring_motion import ring_motion
-from gcs.metrics.window import window_line
 from tests.support.result_keys import RESULT_KEYS
 
 pytestmark = pytest.mark.filterwarnings("error")

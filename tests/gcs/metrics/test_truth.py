@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
+from gcs.metrics.journal import missing_truth, true_track
 from gcs.metrics.record import VehicleTrack
-from gcs.metrics.truth import missing_truth, true_track
 from sitl.server.server import TruthTrack
 
 START_S = 1_700_000_000.0

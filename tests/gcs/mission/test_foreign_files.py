@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from estimation.bounded_toml import toml_content
+from estimation.input_file import toml_content
 from estimation.profile.profile import ProfileError
 from estimation.profile.shelf import ProfileShelf
 from gcs.errors import InputError
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import mission_of

@@ -12,7 +12,7 @@ from agents.control.encirclement import EncirclementPlanner, RingTask
 from agents.ring.feasibility import Orbit
 from agents.ring.place import ring_place
 from agents.ring.reference import RingPoint
-from agents.ring.shaped_coordinate import ShapedCoordinate
+from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion

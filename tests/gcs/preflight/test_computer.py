@@ -12,12 +12,20 @@ import pytest
 
 from agents.shell.ticker import Tick
 from gcs.mission.file import load_mission
-from gcs.preflight.computer.judge import ComputerFacts, judge_computer
-from gcs.preflight.computer.lateness import Lateness, lateness, measured_lateness
-from gcs.preflight.computer.priority import Privileges, Scheduling
-from gcs.preflight.computer.programs import Processes, Program, busiest, processes
-from gcs.preflight.computer.rehearsal import Rehearsal
+from gcs.preflight.computer import (
+    ComputerFacts,
+    Lateness,
+    Processes,
+    Program,
+    Rehearsal,
+    busiest,
+    judge_computer,
+    lateness,
+    measured_lateness,
+    processes,
+)
 from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.priority import Privileges, Scheduling
 from tests.support.paths import ROOT
 
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
@@ -123,7 +131,7 @@ def _ticks(pid: int) -> Mapping[str, float]:
 
 RAISED = """
 import os, sys, threading
-from gcs.preflight.computer.priority import RaisedPriority
+from gcs.preflight.priority import RaisedPriority
 def refuse(*_): raise PermissionError
 if "no real time" in sys.argv: os.sched_setscheduler = refuse  # a limit of the nice value alone cannot be set here
 if "nobody" in sys.argv and os.geteuid() == 0:

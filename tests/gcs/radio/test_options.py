@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.errors import InputError
-from gcs.radio.options import radio_spec
-from sitl.radio.spec import RadioSpec
+from gcs.radio.serving import radio_spec
+from sitl.radio import RadioSpec
 
 
 def test_keys_and_values_are_read() -> None:

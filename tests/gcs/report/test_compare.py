@@ -11,8 +11,15 @@ from gcs.metrics.ring_motion import ring_motion
 from gcs.mission.file import load_mission
 from gcs.report.charts.compared import ComparedFlight, draw_compared_error
 from gcs.report.charts.panels import Sheet
-from gcs.report.compare import Comparison, comparison_dict, comparison_html, comparison_table, comparisons, remarks
-from gcs.report.mission_differences import mission_differences
+from gcs.report.compare import (
+    Comparison,
+    comparison_dict,
+    comparison_html,
+    comparison_table,
+    comparisons,
+    mission_differences,
+    remarks,
+)
 from tests.gcs.report.test_page import Page
 from tests.support.report_evidence import flown
 

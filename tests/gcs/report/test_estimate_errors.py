@@ -7,9 +7,9 @@ import pytest
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.report.consistency_note import consistency_note
 from gcs.report.evidence.estimate_errors import EstimateError, consistency, own_errors, target_errors
 from gcs.report.evidence.flight import EstimateSeries, VehicleEvidence
+from gcs.report.sections import consistency_note
 
 TIME_S = np.arange(101) / 10.0
 TARGET_M = np.column_stack((35.0 + 0.5 * TIME_S, -5.0 - 0.2 * TIME_S))

@@ -10,7 +10,7 @@ from agents.core import VehicleCore
 from agents.tape import play
 from agents.team.codec import decode, encode
 from agents.team.messages import MemberState
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import Carried, Cost, Decision, RunEnd
 from gcs.flightlog.run import mission_of

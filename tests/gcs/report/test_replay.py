@@ -11,9 +11,8 @@ import pytest
 
 from gcs.cli.report import ReportOptions, report
 from gcs.flightlog.reader import FlightLog, read_log
-from gcs.report import replay
-from gcs.report.flight_page import report_html
-from gcs.report.replay import replay_flight
+from gcs.report import flight_page
+from gcs.report.flight_page import replay_flight, report_html
 from gcs.station.picture import FlightPicture
 from gcs.station.recorded_flight import recorded_flight
 from tests.support.flight_logs import engaging, record_simulation
@@ -98,7 +97,7 @@ def test_logs_of_several_processes_are_replayed_as_one_flight(path: Path) -> Non
 
 
 def test_a_long_flight_is_shown_at_a_lower_but_even_rate(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(replay, "_VEHICLE_PICTURES", 120)
+    monkeypatch.setattr(flight_page, "_VEHICLE_PICTURES", 120)
     log = read_log(path)
     shown, whole = replay_flight(log), recorded_flight(log)
     assert 38 <= len(shown.teams) <= 42, "three vehicles"

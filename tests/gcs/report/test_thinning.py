@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.report.charts.thinning import thinned, thinned_path
+from gcs.report.charts.panels import thinned, thinned_path
 
 POINTS = st.integers(8, 200)
 VALUES = st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=1, max_size=900).map(np.array)

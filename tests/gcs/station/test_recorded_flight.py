@@ -10,7 +10,7 @@ import pytest
 
 from agents.tape import Start
 from estimation.state import Telemetry
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision
 from gcs.mission.mission import Mission

@@ -19,10 +19,18 @@ from agents.team.messages import (
 )
 from gcs.metrics.ending import LostFlight
 from gcs.mission.mission import Mission
-from gcs.station.mission_picture import mission_picture
-from gcs.station.picture import EventPicture, LostPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.picture import (
+    LINK_CUT,
+    SILENT,
+    EventPicture,
+    LostPicture,
+    OperatorRights,
+    TeamPicture,
+    VehiclePicture,
+    fix_words,
+    mission_picture,
+)
 from gcs.station.team_picture import TeamPictures
-from gcs.station.vehicle_picture import LINK_CUT, SILENT, fix_words
 from tests.support.mission_text import content, parsed, put
 
 UNIX_S, START_S = 1_000_000.0, 1_000_100.0

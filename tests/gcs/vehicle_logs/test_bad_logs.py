@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.errors import Exit, InputError
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.foreign import read_vehicle_logs
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 from tests.support.paths import DATA

@@ -14,7 +14,7 @@ from agents.tape import Autopilot
 from estimation.frames import Geodetic, MissionFrame
 from estimation.identification.identify import identify
 from estimation.state import Telemetry
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.flightlog.records import Decision, Parameter, Vehicle
 from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega, common
 
 from estimation.state import Vector
-from gcs.flightlog.log_error import LogError
+from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.foreign import read_vehicle_logs
 from gcs.vehicle_logs.vehicle_log import Series, VehicleLog
 from tests.support.telemetry_log import BATTERY_FRACTION, BEGIN_US, Flown, Station, flight

@@ -5,8 +5,7 @@ from math import inf, sqrt
 import numpy as np
 import pytest
 
-from sitl.radio.channel import Air, Channel
-from sitl.radio.spec import RadioSpec
+from sitl.radio import Air, Channel, RadioSpec
 
 FRAME = bytes(range(65))
 

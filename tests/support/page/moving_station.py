@@ -12,12 +12,11 @@ from contextlib import contextmanager
 
 from gcs.mission.file import parse_mission
 from gcs.station.access import Access
-from gcs.station.broadcast import Broadcast
+from gcs.station.broadcast import Broadcast, Publish
 from gcs.station.commands import Commands
 from gcs.station.live_team import PICTURES_HZ
 from gcs.station.picture import EventPicture, MissionPicture, OperatorRights
 from gcs.station.server import listen, serve_team
-from gcs.station.source import Publish
 from gcs.viewer.address import Address
 from tests.support import ring_mission as flown
 from tests.support.page.station import TOKEN

@@ -30,11 +30,10 @@ from agents.team.messages import (
 from agents.team.participant import vehicle
 from gcs.mission.mission import Mission
 from gcs.station.access import Access
-from gcs.station.broadcast import Broadcast
+from gcs.station.broadcast import Broadcast, Published
 from gcs.station.commands import Commands
 from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
 from gcs.station.server import listen, serve_team
-from gcs.station.source import Published
 from gcs.station.tiles import MapTiles
 from gcs.viewer.address import Address
 from tests.support.wire import LOOPBACK, free_port, until

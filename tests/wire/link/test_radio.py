@@ -28,7 +28,7 @@ from gcs.link.rates.rates import Rates
 from gcs.link.relay.carriers import Carrier, open_carrier
 from gcs.link.relay.frames import FrameStream, station_heartbeat
 from gcs.radio.emulation import Emulation, run
-from sitl.radio.spec import RadioSpec
+from sitl.radio import RadioSpec
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
 from tests.support.result_keys import OUTPUT_KEYS

@@ -16,7 +16,7 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.signing_setup import set_up_signing
+from gcs.link.signing_keys import set_up_signing
 from gcs.mission.file import load_mission
 from tests.support.arducopter import ArduCopterMissing, ArduCopterSimulator
 from tests.support.wire import LOOPBACK, free_ports, until

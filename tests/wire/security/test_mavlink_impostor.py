@@ -24,8 +24,7 @@ from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.relay.signing import wall_ticks
-from gcs.link.signing_keys import issue_keys
-from gcs.link.signing_setup import set_up_signing
+from gcs.link.signing_keys import issue_keys, set_up_signing
 from gcs.mission.file import load_mission, mission_path, parse_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.mavlink.protocol import Drop

@@ -15,8 +15,7 @@ from gcs.link.rates.budget import (
     load,
 )
 from gcs.link.rates.pace import LOOK_PERIOD_S, UP_AFTER_S, Pace
-from gcs.link.rates.quality import Traffic
-from gcs.link.rates.rates import Rates, ladder
+from gcs.link.rates.rates import Rates, Traffic, ladder
 
 FULL = Rates(telemetry_hz=20.0, status_hz=2.0, setpoint_hz=20.0)
 

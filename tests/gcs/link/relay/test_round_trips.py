@@ -4,8 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.link.relay.frames import timesync_answer, timesync_request
-from gcs.link.relay.gate import Claim, Gate
-from gcs.link.relay.round_trips import KEPT, RoundTrips
+from gcs.link.relay.gate import KEPT, Claim, Gate, RoundTrips
 
 VEHICLE = ("127.0.0.1", 14540)
 

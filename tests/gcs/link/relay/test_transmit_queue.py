@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.link.relay.frames import buffer_free, header, target_system
-from gcs.link.relay.sequences import Sequences
+from gcs.link.relay.gate import Sequences
 from gcs.link.relay.transmit_queue import TransmitQueue
 
 PLACE = ("line", 57600)

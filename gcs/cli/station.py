@@ -82,7 +82,7 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
     from gcs.station.broadcast import Broadcast
     from gcs.station.commands import Commands
     from gcs.station.live_team import LiveTeam
-    from gcs.station.mission_picture import origin_deg
+    from gcs.station.picture import origin_deg
     from gcs.station.server import serve_team
 
     mission = bus_mission(options.mission, options.changes)

@@ -39,8 +39,8 @@ def start(options: StartOptions) -> Exit:
     Example: cordon start my-mission.toml
     """
     from agents.ports import VehicleRefusedError
+    from gcs.cli.command import granted_operator
     from gcs.cli.output import print_result
-    from gcs.cli.team.command import granted_operator
     from gcs.console.team_start import start_team
     from gcs.console.terminal import print_problem
 

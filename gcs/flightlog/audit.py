@@ -1,13 +1,63 @@
 """Makes the entries of the audit log from the inputs and outputs of the vehicles' cores."""
 
+import hashlib
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from typing import Literal
+
+import msgspec
 
 from agents.outputs import TickOutput
 from agents.tape import Command, Message
 from agents.team.codec import decode
 from agents.team.messages import TOPICS, CommandAnswer, OperatorCommand, key_of
-from gcs.flightlog.audit.entry import AuditEntry, Event, Source, sealed
+
+Event = Literal["received", "answered", "closed"]
+Source = Literal["bus", "keyboard", ""]
+
+
+class AuditEntry(msgspec.Struct, frozen=True):
+    """A command received by a vehicle, its answer, or the closing of the log after all entries.
+
+    `operator` is the name in its key, and on a bus with keys that of the certificate. `did` is the vehicle's answer.
+    `previous` is the digest of the entry before, empty in the first; `digest` is the SHA-256 of all other fields.
+    """
+
+    time_s: float
+    event: Event
+    vehicle: int
+    source: Source
+    operator: str
+    key: str
+    command: int
+    did: str
+    previous: str
+    digest: str
+
+
+def sealed(entry: AuditEntry, previous: str) -> AuditEntry:
+    """Return an entry chained to the one before."""
+    chained = msgspec.structs.replace(entry, previous=previous, digest="")
+    digest = hashlib.sha256(msgspec.json.encode(chained)).hexdigest()
+    return msgspec.structs.replace(chained, digest=digest)
+
+
+def chain_fault(entries: Iterable[AuditEntry]) -> str:
+    """Return the fault of a chain of entries, empty if it is intact."""
+    previous, last = "", None
+    for number, entry in enumerate(entries, start=1):
+        if last is not None and last.event == "closed":
+            return f"entry {number}: it follows the closing entry"
+        if entry.previous != previous:
+            return f"entry {number}: entries before it are missing or were changed"
+        if sealed(entry, previous) != entry:
+            return f"entry {number}: it was changed"
+        previous, last = entry.digest, entry
+    if last is None or last.event != "closed":
+        return "its closing entry is missing: the log was not closed, or entries were removed from its end"
+    return ""
+
 
 _REMEMBERED = 1000
 """Commands and answers to remember, so that repetitions make no entries: they come within seconds."""
@@ -68,3 +118,18 @@ class AuditTrail:
         chained = sealed(entry, self._previous)
         self._previous = chained.digest
         return chained
+
+
+def audit_line(entry: AuditEntry) -> str:
+    """Return an entry as a line: time, vehicle, operator, key, and the vehicle's answer."""
+    who = f"operator {entry.operator}" if entry.source == "bus" else f"keyboard of {entry.operator}"
+    did = "received" if entry.event == "received" else entry.did
+    return f"{_time(entry.time_s)}  vehicle {entry.vehicle}  {who}  {entry.key}  {did}"
+
+
+def _time(time_s: float) -> str:
+    """Return the team's time: UTC, except in simulations that run faster than real time, whose clock is ahead."""
+    try:
+        return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S.%f}"[:-3]
+    except (OverflowError, ValueError, OSError):
+        return f"{time_s:.3f} s"

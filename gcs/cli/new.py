@@ -10,9 +10,9 @@ from typing import Annotated, get_args
 from cyclopts import Parameter
 
 from gcs.cli.options import Plot
-from gcs.cli.plan.questions import Questions, number, one_of, parsed, whole
+from gcs.cli.questions import Questions, number, one_of, parsed, whole
 from gcs.errors import Exit, InputError
-from gcs.mission.writing.template import (
+from gcs.mission.template import (
     PROFILES,
     SEPARATION_M,
     Links,

@@ -1,0 +1,258 @@
+"""`cordon keys`: the keys that authenticate the vehicles, operators and sensors of a team."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+
+from gcs.cli.options import MissionName, chosen_vehicle, loaded_mission
+from gcs.errors import Exit, InputError
+
+if TYPE_CHECKING:
+    from agents.team.messages import Verb
+    from agents.team.participant import Role
+    from gcs.keys.holder import Holder
+
+Folder = Annotated[Path, Parameter(name="--keys", help="The folder of the keys.")]
+Days = Annotated[float, Parameter(help="Validity in days.", validator=Number(gt=0.0, lte=36500.0))]
+DEFAULT_FOLDER = Path("keys")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeysOptions:
+    """The option that all verbs of `cordon keys` have."""
+
+    keys: Folder = DEFAULT_FOLDER
+
+
+def print_roster_step(holders: "Sequence[Holder]", folder: Path) -> None:
+    """Print which folders need the changed roster."""
+    from gcs.console.terminal import print_line
+    from gcs.keys.roster import ROSTER_FILE
+
+    if holders:
+        names = ", ".join(holder.label for holder in holders)
+        print_line(f"next: copy {folder / ROSTER_FILE} into the key folders on other computers: {names}")
+
+
+issue = App(
+    name="issue",
+    help="Issue keys: a folder to copy to the holder's computer.\n\nExample: cordon keys issue vehicle 3",
+)
+
+Name = Annotated[str, Parameter(help="The name: letters, digits, '_', '.' and '-'.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IssueOptions(KeysOptions):
+    """Options that all of `cordon keys issue` share."""
+
+    days: Days = 365.0
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OperatorOptions(IssueOptions):
+    """Options of `cordon keys issue operator`."""
+
+    may: Annotated[
+        str | None,
+        Parameter(help="Verbs that the operator may command, separated by commas. Default: all but kill."),
+    ] = None
+
+
+_ISSUE_DEFAULTS, _OPERATOR_DEFAULTS = IssueOptions(), OperatorOptions()
+
+
+@issue.command
+def vehicle(
+    vehicle_id: Annotated[str, Parameter(help="Its id in the mission.")], /, *, options: IssueOptions = _ISSUE_DEFAULTS
+) -> Exit:
+    """Issue the keys of a vehicle, for the computer that runs its agent.
+
+    Example: cordon keys issue vehicle 3
+    """
+    return _issue("vehicle", vehicle_id, options)
+
+
+@issue.command
+def operator(name: Name, /, *, options: OperatorOptions = _OPERATOR_DEFAULTS) -> Exit:
+    """Issue the keys of an operator, who may command the team. Without --may: all verbs but kill.
+
+    Example: cordon keys issue operator anna --may hold,resume,land
+    """
+    return _issue("operator", name, options, _verbs(options.may))
+
+
+@issue.command
+def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
+    """Issue the keys of a sensor outside the team, which may send sightings of the target.
+
+    Example: cordon keys issue sensor mast
+    """
+    return _issue("sensor", name, options)
+
+
+@issue.command
+def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
+    """Issue the keys of an observer, who may watch the team but send nothing.
+
+    Example: cordon keys issue observer tower
+    """
+    return _issue("observer", name, options)
+
+
+@issue.command
+def router(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
+    """Issue the keys of a router (`cordon router`), which authenticates senders for the whole team.
+
+    Example: cordon keys issue router mast
+    """
+    return _issue("router", name, options)
+
+
+def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...] | None" = None) -> Exit:
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AuthorityFolder
+    from gcs.keys.roster import expiry, grants
+
+    folder = AuthorityFolder(options.keys)
+    holder = folder.issue(role, name, options.days, may)
+    if holder.generation > 1:
+        print_line(f"{holder.label}: the keys issued before are no longer valid", "yellow")
+    print_line(f"{options.keys / holder.label}: issued until {expiry(holder)}; {grants(holder)}")
+    print_line(f"next: copy this folder into the keys folder on the computer of {holder.label}")
+    print_roster_step([each for each in folder.roster.valid if each != holder], options.keys)
+    return Exit.HOLDS
+
+
+def _verbs(may: str | None) -> "tuple[Verb, ...] | None":
+    from gcs.keys.holder import VERBS
+
+    if may is None:
+        return None
+    named = [verb.strip() for verb in may.split(",")]
+    if unknown := [verb for verb in named if verb not in VERBS]:
+        raise InputError([f"--may: unknown verbs: {', '.join(map(repr, unknown))} (verbs: {', '.join(VERBS)})"])
+    return tuple(verb for verb in VERBS if verb in named)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MavlinkOptions:
+    """Options of `cordon keys issue mavlink`, without the mission."""
+
+    vehicle: Annotated[int | None, Parameter(help="Set up this vehicle only, not all.")] = None
+
+
+_MAVLINK_DEFAULTS = MavlinkOptions()
+
+
+@issue.command
+def mavlink(mission: MissionName, /, *, options: MavlinkOptions = _MAVLINK_DEFAULTS) -> Exit:
+    """Create MAVLink signing keys for a mission's vehicles, and set them up on the connected vehicles.
+
+    A key for each vehicle is written to the mission's link.signing_key_file; existing keys are kept. The key is sent
+    to the vehicle unencrypted: connect by USB, or over a private link.
+
+    Example: cordon keys issue mavlink first.toml --vehicle 3
+    """
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.link.signing_keys import issue_keys, leaves_this_computer, set_up_signing, signing_key_path
+
+    flown = loaded_mission(mission)
+    path = signing_key_path(flown)
+    if path is None:
+        raise InputError(
+            ['link.signing_key_file: the mission has none; next: [link] signing_key_file = "mavlink.keys"']
+        )
+    chosen = options.vehicle
+    vehicles = flown.vehicles if chosen is None else (chosen_vehicle(flown, chosen, "--vehicle"),)
+    for vehicle in vehicles:
+        if leaves_this_computer(vehicle.section.url):
+            print_line(f"vehicle {vehicle.id}: others may read its key on {vehicle.section.url}; prefer USB", "yellow")
+    keys = issue_keys(path, [vehicle.system_id for vehicle in vehicles])
+    print_line(
+        f"{path}: keys of system id {', '.join(map(str, sorted(keys)))}; keep it secret: it can command the vehicles"
+    )
+    results = asyncio.run(set_up_signing(vehicles, keys))
+    for each in results:
+        if each.signs:
+            print_line(f"vehicle {each.vehicle_id}: {each.found}")
+        else:
+            print_problem(f"vehicle {each.vehicle_id}: {each.found}", each.next_step)
+    return Exit.HOLDS if all(each.signs for each in results) else Exit.REFUSED
+
+
+keys = App(
+    name="keys",
+    help="Create, issue and revoke the keys of a team that flies from several computers.\n\n"
+    "Example: cordon keys issue vehicle 3",
+)
+keys.command(issue)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InitOptions(KeysOptions):
+    """Options of `cordon keys init`."""
+
+    days: Days = 3650.0
+
+
+_KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
+
+
+@keys.command
+def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
+    """Create the certificate authority of a team, which signs all its keys. Keep its folder on this computer.
+
+    Example: cordon keys init --keys keys
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AUTHORITY, AuthorityFolder
+
+    AuthorityFolder(options.keys).init(options.days)
+    print_line(f"{options.keys / AUTHORITY}: created; keep it secret: it can issue keys")
+    print_line(f"next: cordon keys issue vehicle 1 --keys {options.keys}")
+    return Exit.HOLDS
+
+
+@keys.command
+def revoke(
+    holder: Annotated[str, Parameter(help="The holder, such as operator-anna or vehicle-3.")],
+    /,
+    *,
+    options: KeysOptions = _KEYS_DEFAULTS,
+) -> Exit:
+    """Revoke the keys of a holder. The revocation takes effect on a computer once the roster is copied there.
+
+    Example: cordon keys revoke operator-anna
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AuthorityFolder
+
+    folder = AuthorityFolder(options.keys)
+    print_line(f"{folder.revoke(holder).label}: revoked")
+    print_roster_step(folder.roster.valid, options.keys)
+    return Exit.HOLDS
+
+
+@keys.command
+def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
+    """List the holders of keys, their permissions and expiry dates.
+
+    Example: cordon keys show
+    """
+    from gcs.cli.output import print_result
+    from gcs.keys.authority_folder import AuthorityFolder
+    from gcs.keys.roster import roster_view
+
+    print_result(roster_view(AuthorityFolder(options.keys).roster))
+    return Exit.HOLDS

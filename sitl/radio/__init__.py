@@ -1,1 +1,0 @@
-"""An emulated radio: delay, loss and noise of frames. Pure: bytes and times are arguments."""
