@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
+from agents.inputs import Autopilot
 from agents.ports import VehicleStatus
 from agents.shell.reporter import estimator_words
-from agents.tape import Autopilot
 from agents.team.messages import LINK_SILENT_S
 from estimation.state import MOTION, Telemetry
 from gcs.console.advice import Severity, event_severity

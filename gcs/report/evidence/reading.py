@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
+from agents.inputs import Autopilot, LateTicks, Start
 from agents.notes import Note
-from agents.tape import Autopilot, LateTicks, Start
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
