@@ -1,7 +1,8 @@
 """The commands of the command line with usage, arguments and options, from the application that runs them."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -27,28 +28,55 @@ def command_list() -> str:
     return "\n".join(rows)
 
 
+def common_arguments() -> str:
+    """Return the arguments that several commands have, each once, as Markdown."""
+    return _table(list(_common().values()))
+
+
 def command_sections() -> str:
     """Return a section for each command: usage, arguments and options with their defaults, as Markdown."""
+    common = _common()
+    return "\n\n".join(_section(command, name, common) for command, name in _commands())
+
+
+def _commands() -> Iterator[tuple[App, str]]:
+    """Yield all commands with their names, those of a verb behind it."""
     app.resolved_commands()
-    verbs = (verb for verbs in GROUPS.values() for verb in verbs)
-    return "\n\n".join(section for verb in verbs for section in _sections(app[verb], f"cordon {verb}"))
+    for verb in (verb for verbs in GROUPS.values() for verb in verbs):
+        yield from _with_inner(app[verb], f"cordon {verb}")
 
 
-def _sections(command: App, name: str) -> Iterator[str]:
-    yield _section(command, name)
+def _with_inner(command: App, name: str) -> Iterator[tuple[App, str]]:
+    yield command, name
     for inner, each in command.resolved_commands().items():
         if not inner.startswith("-"):
-            yield from _sections(each, f"{name} {inner}")
+            yield from _with_inner(each, f"{name} {inner}")
 
 
-def _section(command: App, name: str) -> str:
+def _common() -> dict[str, Argument]:
+    """Return the arguments that several commands have with one meaning and default, by their rows."""
+    found = {_row(each): each for command, _ in _commands() for each in reversed(_arguments(command))}
+    times = Counter(_row(each) for command, _ in _commands() for each in _arguments(command))
+    return {row: found[row] for row in times if times[row] > 1}
+
+
+def _arguments(command: App) -> list[Argument]:
+    """Return the arguments of a command, those without a name of an option first."""
+    if command.default_command is None:
+        return []
+    arguments = list(command.assemble_argument_collection().filter_by(show=True))
+    return sorted(arguments, key=lambda each: each.index is None)
+
+
+def _section(command: App, name: str, common: Collection[str]) -> str:
     heading = f"{'#' * len(name.split())} {name}"
     examples = _EXAMPLE.findall(cleandoc(command.help))
     parts = [heading, _paragraphs(_EXAMPLE.sub("", cleandoc(command.help)))]
     if command.default_command is not None:
-        arguments = list(command.assemble_argument_collection().filter_by(show=True))
-        arguments.sort(key=lambda each: each.index is None)
-        parts += [_usage(name, arguments), _table(arguments)]
+        arguments = _arguments(command)
+        shared = [f"`{_short(each)}`" for each in arguments if _row(each) in common]
+        also = f"[Common arguments](#common-arguments): {', '.join(shared)}." if shared else ""
+        parts += [_usage(name, arguments), _table([each for each in arguments if _row(each) not in common]), also]
     if examples:
         parts.append("\n".join(["```sh", *examples, "```"]))
     return "\n\n".join(filter(None, parts))
@@ -68,8 +96,18 @@ def _usage(name: str, arguments: Sequence[Argument]) -> str:
 
 
 def _table(arguments: Sequence[Argument]) -> str:
-    rows = [f"| {_names(each)} | {_default(each)} | {_help(each)} |" for each in arguments]
-    return "\n".join(["| argument | default | meaning |", "|---|---|---|", *rows]) if rows else ""
+    rows = [_row(each) for each in arguments]
+    return "\n".join(["| argument | meaning |", "|---|---|", *rows]) if rows else ""
+
+
+def _row(argument: Argument) -> str:
+    default = _default(argument)
+    return f"| {_names(argument)} | {_help(argument)}{f' Default: {default}.' if default else ''} |"
+
+
+def _short(argument: Argument) -> str:
+    """Return the name of an argument alone."""
+    return _place(argument) if argument.index is not None else argument.names[0]
 
 
 def _summary(command: App) -> str:
@@ -108,8 +146,9 @@ def _kinds(hint: Any) -> Iterator[Any]:
 
 
 def _default(argument: Argument) -> str:
+    """Return the default, empty where there is none; the usage shows required arguments."""
     if argument.required:
-        return "required"
+        return ""
     default = argument.field_info.default
     hidden = argument.parameter.show_default is False or default is None or default is False or default == ()
     return "" if hidden else f"`{default}`"

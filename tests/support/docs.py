@@ -16,11 +16,11 @@ from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
 from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.sections import TUNED, TUNING
-from gcs.sweep.columns import RUN, TEAM, VEHICLE, Column
+from gcs.sweep.columns import FLOCKING, RUN, TEAM, VEHICLE, Column
 from tests.structure import PACKAGES
-from tests.support.command_tables import command_list, command_sections
+from tests.support.command_tables import command_list, command_sections, common_arguments
 from tests.support.equations import equation_table
-from tests.support.key_tables import mission_keys, profile_keys, tuning_keys
+from tests.support.key_tables import default_reasons, mission_keys, profile_keys, tuning_keys
 from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
 from tests.support.public_names import name_sections
@@ -42,8 +42,8 @@ def mission_table() -> str:
 
 
 def folder_table() -> str:
-    """Return the folders of the packages, from the top, with what each holds and may import, as Markdown."""
-    rows = ["| folder | holds | may import |", "|---|---|---|"]
+    """Return the folders of the packages, from the top, with what each holds, as Markdown."""
+    rows = ["| folder | holds |", "|---|---|"]
     for package in PACKAGES:
         rows += [_folder(f"{package}/{name}") for name in ("", *_floors(package))]
     return "\n".join(rows)
@@ -81,10 +81,20 @@ def channel_list() -> str:
 
 
 def sweep_columns() -> str:
-    """Return the columns of a sweep's table as Markdown."""
-    single = [replace(each, name=f"vehicle_ID.{each.name}") for each in VEHICLE]
+    """Return the columns of a sweep's table as Markdown; those that differ in the phase or the extreme are one row."""
+    names = {each.name for each in TEAM}
+    phases = [replace(each, name=f"reynolds.PHASE.{each.name}") for each in FLOCKING]
+    assert all(
+        f"reynolds.{phase}.{each.name}" in names for phase in ("formation", "ring", "flight") for each in FLOCKING
+    )
+    team = [each for each in TEAM if not each.name.startswith(("reynolds.", "vehicles."))]
+    over = {
+        each.name: [name for end in ("mean", "worst") if (name := f"vehicles.{each.name}.{end}") in names]
+        for each in VEHICLE
+    }
+    single = [replace(each, name=", ".join([f"vehicle_ID.{each.name}", *over[each.name]])) for each in VEHICLE]
     head = ["| column | type | holds |", "|---|---|---|"]
-    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *TEAM, *single)])
+    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *team, *phases, *single)])
 
 
 def result_keys() -> str:
@@ -107,14 +117,15 @@ def exit_codes() -> str:
 
 
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
-    "commands.md": {"list": command_list, "commands": command_sections},
+    "commands.md": {"list": command_list, "common": common_arguments, "commands": command_sections},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "json.md": {"result": result_keys, "outputs": output_keys, "exits": exit_codes},
     "log-fields.md": {"fields": field_tables},
     "mission-keys.md": {"keys": mission_keys, "profile": profile_keys, "tuning": tuning_keys},
     "missions.md": {"missions": mission_table},
+    "notes/paper.md": {"equations": equation_table},
+    "notes/tuning.md": {"reasons": default_reasons},
     "operator.md": {"alarms": alarm_table, "warnings": warning_table},
-    "paper.md": {"equations": equation_table},
     "python.md": {"channels": channel_list},
     "python-names.md": {"names": name_sections},
     "safety.md": {"failsafes": failsafe_table},
@@ -145,8 +156,7 @@ def _floors(package: str) -> Iterator[str]:
 
 def _folder(path: str) -> str:
     text = ast.get_docstring(ast.parse((ROOT / path / "__init__.py").read_text(encoding="utf-8"))) or ""
-    holds, _, imports = (" ".join(part.split()) for part in text.partition("\n\n"))
-    return f"| `{path.rstrip('/')}` | {holds} | {imports} |"
+    return f"| `{path.rstrip('/')}` | {' '.join(text.partition(chr(10) * 2)[0].split())} |"
 
 
 def _failsafe(row: Row) -> str:
@@ -193,7 +203,8 @@ def _key_table(head: str, keys: Mapping[str, str]) -> str:
 
 
 def _sweep_column(column: Column) -> str:
-    return f"| `{column.name}` | {column.kind.__name__} | {column.meaning} |"
+    names = ", ".join(f"`{name}`" for name in column.name.split(", "))
+    return f"| {names} | {column.kind.__name__} | {column.meaning} |"
 
 
 def _reactions(row: Row) -> str:
