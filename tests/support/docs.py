@@ -61,7 +61,7 @@ def life_diagram() -> str:
 
 def failsafe_table() -> str:
     """Return the failsafe table as Markdown, its grace times with their defaults."""
-    head = ["| condition | detected when | grace | reaction | on the way down | left |", "|---|---|---|---|---|---|"]
+    head = ["| condition | detected when | grace | reaction | on the way down |", "|---|---|---|---|---|"]
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
@@ -166,7 +166,6 @@ def _failsafe(row: Row) -> str:
         _grace(row),
         _reactions(row),
         _descending(row),
-        row.left,
     )
     return f"| {' | '.join(cells)} |"
 
@@ -214,7 +213,7 @@ def _reactions(row: Row) -> str:
 
 def _grace(row: Row) -> str:
     if not row.grace:
-        return "none"
+        return ""
     name, key = row.grace.split(".")
     section, model = TUNED[name]
     place = f"tuning.{row.grace}" if key in TUNING[name].model_fields else f"{section}.{key}"
@@ -226,7 +225,7 @@ def _descending(row: Row) -> str:
     if row.descending is not None:
         return row.descending.value
     at_once = row.reactions[0] in (Reaction.LAND, Reaction.HAND_OVER)
-    return row.reactions[0].value if at_once else "goes on"
+    return row.reactions[0].value if at_once else ""
 
 
 if __name__ == "__main__":

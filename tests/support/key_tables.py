@@ -31,7 +31,7 @@ _PROFILE: dict[str, type[Settings]] = {
     "[limits]": LimitsSection,
     "[identified]": Identification,
 }
-_REPLACES = {SensorChange: SensorSection}
+_REPLACES: dict[type[Settings], type[Settings]] = {SensorChange: SensorSection}
 """Models whose keys are those of another one and replace its values: they have no table of their own."""
 
 
