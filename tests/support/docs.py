@@ -5,12 +5,11 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from inspect import getdoc, getsource
+from inspect import getsource
 
 from agents.safety.failsafe import TABLE, Reaction, Row
 from agents.shell import life
 from agents.tactics import diagram
-from cordon.channels import VehicleChannels
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
@@ -61,7 +60,7 @@ def life_diagram() -> str:
 
 def failsafe_table() -> str:
     """Return the failsafe table as Markdown, its grace times with their defaults."""
-    head = ["| condition | detected when | grace | reaction | on the way down |", "|---|---|---|---|---|"]
+    head = ["| condition | grace | reaction | on the way down |", "|---|---|---|---|"]
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
@@ -73,11 +72,6 @@ def alarm_table() -> str:
 def warning_table() -> str:
     """Return the conditions under which a vehicle flies on, with what the operator does, as Markdown."""
     return _advice_table("warning")
-
-
-def channel_list() -> str:
-    """Return the channels of a vehicle's flight, from the docstring of their class."""
-    return (getdoc(VehicleChannels) or "").partition("\n\n")[2]
 
 
 def sweep_columns() -> str:
@@ -126,7 +120,6 @@ GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "notes/paper.md": {"equations": equation_table},
     "notes/tuning.md": {"reasons": default_reasons},
     "operator.md": {"alarms": alarm_table, "warnings": warning_table},
-    "python.md": {"channels": channel_list},
     "python-names.md": {"names": name_sections},
     "safety.md": {"failsafes": failsafe_table},
     "sweeps.md": {"columns": sweep_columns},
@@ -162,7 +155,6 @@ def _folder(path: str) -> str:
 def _failsafe(row: Row) -> str:
     cells = (
         f"**{row.condition.value}**",
-        row.detected,
         _grace(row),
         _reactions(row),
         _descending(row),

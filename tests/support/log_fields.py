@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Any, get_args, get_type_hints
 
 import msgspec
@@ -28,12 +30,14 @@ def field_tables() -> str:
 
 def _channel(topic: str, kind: type[Any]) -> str:
     """Return a channel's heading, content and fields."""
-    rows = list(_rows(kind, codec_of(kind).descriptor))  # type: ignore[arg-type]  # as in the schema
+    fields = groupby(_fields(kind, codec_of(kind).descriptor), itemgetter(1))  # type: ignore[arg-type]  # as in the schema
+    rows = [f"| {', '.join(f'`{name}`' for name, _ in each)} | {holds} |" for holds, each in fields]
     table = ["", "| field | holds |", "|---|---|", *rows] if rows else []
     return "\n".join([f"### `{topic}`", "", _purpose(kind), *table])
 
 
-def _rows(kind: type[Any], message: Any, prefix: str = "") -> Iterator[str]:
+def _fields(kind: type[Any], message: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the fields of a record with what each holds."""
     structs = dict(_structs(kind))
     for field in message.fields:
         name = f"{prefix}{field.name}"
@@ -41,13 +45,13 @@ def _rows(kind: type[Any], message: Any, prefix: str = "") -> Iterator[str]:
             continue
         if field.message_type is None:
             symbol = unit(name)
-            yield f"| `{name}` | {_type(field)}{f' [{symbol}]' if symbol else ''} |"
+            yield name, f"{_type(field)}{f' [{symbol}]' if symbol else ''}"
         elif field.message_type.name in _TOPIC_OF:
-            yield f"| `{name}` | the fields of `{_TOPIC_OF[field.message_type.name]}` |"
+            yield name, f"the fields of `{_TOPIC_OF[field.message_type.name]}`"
         else:
             place, struct = f"{name}{'[]' if field.is_repeated else ''}", structs[field.name]
-            yield f"| `{place}` | {_purpose(struct)} |"
-            yield from _rows(struct, field.message_type, f"{place}.")
+            yield place, _purpose(struct)
+            yield from _fields(struct, field.message_type, f"{place}.")
 
 
 def _structs(kind: type[Any]) -> Iterator[tuple[str, type[Any]]]:
