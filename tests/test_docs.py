@@ -39,7 +39,7 @@ def test_units_of_log_fields_follow_from_their_names() -> None:
     units = {
         (topic, name): unit or ""
         for topic, _, fields in (channel.partition("`") for channel in field_tables().split("### `")[1:])
-        for names, unit in re.findall(r"^\| (`.+?`) \| .*?(?: \[(.+?)\])? \|$", fields, re.MULTILINE)
+        for names, unit in re.findall(r"^- (`.+?`): .*?(?: \[([^ ]+?)\])?$", fields, re.MULTILINE)
         for name in re.findall(r"`(.+?)`", names)
     }
     assert units["/vehicle/N/telemetry", "velocity_m_s"] == "m/s"

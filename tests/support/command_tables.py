@@ -18,19 +18,16 @@ _EXAMPLE = re.compile(r"^Example: (.+)$", re.MULTILINE)
 
 
 def command_list() -> str:
-    """Return the verbs with what each does, as Markdown, in the groups of the help."""
-    app.resolved_commands()
-    rows = ["| | command | does |", "|---|---|---|"]
-    for group, verbs in GROUPS.items():
-        for at, verb in enumerate(verbs):
-            link = f"[`cordon {verb}`](#cordon-{verb})"
-            rows.append(f"| {'' if at else group} | {link} | {_summary(app[verb])} |")
+    """Return the verbs in the groups of the help, with links, as Markdown."""
+    rows = [
+        f"- {group}: {', '.join(f'[`{verb}`](#cordon-{verb})' for verb in verbs)}" for group, verbs in GROUPS.items()
+    ]
     return "\n".join(rows)
 
 
 def common_arguments() -> str:
     """Return the arguments that several commands have, each once, as Markdown."""
-    return _table(list(_common().values()))
+    return _list(list(_common().values()))
 
 
 def command_sections() -> str:
@@ -76,7 +73,7 @@ def _section(command: App, name: str, common: Collection[str]) -> str:
         arguments = _arguments(command)
         shared = [f"`{_short(each)}`" for each in arguments if _row(each) in common]
         also = f"[Common arguments](#common-arguments): {', '.join(shared)}." if shared else ""
-        parts += [_usage(name, arguments), _table([each for each in arguments if _row(each) not in common]), also]
+        parts += [_usage(name, arguments), _list([each for each in arguments if _row(each) not in common]), also]
     if examples:
         parts.append("\n".join(["```sh", *examples, "```"]))
     return "\n\n".join(filter(None, parts))
@@ -95,23 +92,20 @@ def _usage(name: str, arguments: Sequence[Argument]) -> str:
     return f"Usage: `{' '.join(words)}`"
 
 
-def _table(arguments: Sequence[Argument]) -> str:
-    rows = [_row(each) for each in arguments]
-    return "\n".join(["| argument | meaning |", "|---|---|", *rows]) if rows else ""
+def _list(arguments: Sequence[Argument]) -> str:
+    return "\n".join(_row(each) for each in arguments)
 
 
 def _row(argument: Argument) -> str:
-    default = _default(argument)
-    return f"| {_names(argument)} | {_help(argument)}{f' Default: {default}.' if default else ''} |"
+    meaning = " ".join(
+        filter(None, (_help(argument), f"Default: {default}." if (default := _default(argument)) else ""))
+    )
+    return f"- {_names(argument)}: {meaning}" if meaning else f"- {_names(argument)}"
 
 
 def _short(argument: Argument) -> str:
     """Return the name of an argument alone."""
     return _place(argument) if argument.index is not None else argument.names[0]
-
-
-def _summary(command: App) -> str:
-    return _paragraphs(cleandoc(command.help)).partition("\n\n")[0]
 
 
 def _paragraphs(text: str) -> str:
@@ -128,7 +122,7 @@ def _place(argument: Argument) -> str:
 def _names(argument: Argument) -> str:
     choices = argument.get_choices()
     if argument.index is not None:
-        return f"`{_place(argument)}`" + (f": {', '.join(f'`{each}`' for each in choices)}" if choices else "")
+        return f"`{_place(argument)}`" + (f" {', '.join(f'`{each}`' for each in choices)}" if choices else "")
     value = ", ".join(choices) if choices else _value(argument)
     return ", ".join(f"`{name}`" for name in argument.names) + (f" {value}" if value else "")
 
@@ -155,4 +149,4 @@ def _default(argument: Argument) -> str:
 
 
 def _help(argument: Argument) -> str:
-    return " ".join((argument.parameter.help or "").split()).replace("|", "\\|")
+    return " ".join((argument.parameter.help or "").split())

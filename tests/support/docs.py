@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from inspect import getsource
 
-from agents.safety.failsafe import TABLE, Reaction, Row
+from agents.safety.failsafe import BY_ITSELF, RESUME, TABLE, Reaction, Row
 from agents.shell import life
 from agents.tactics import diagram
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
@@ -19,7 +19,7 @@ from gcs.sweep.columns import FLOCKING, RUN, TEAM, VEHICLE, Column
 from tests.structure import PACKAGES
 from tests.support.command_tables import command_list, command_sections, common_arguments
 from tests.support.equations import equation_table
-from tests.support.key_tables import default_reasons, mission_keys, profile_keys, tuning_keys
+from tests.support.key_tables import identified_keys, mission_keys, profile_keys, tuning_keys
 from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
 from tests.support.public_names import name_sections
@@ -60,7 +60,7 @@ def life_diagram() -> str:
 
 def failsafe_table() -> str:
     """Return the failsafe table as Markdown, its grace times with their defaults."""
-    head = ["| condition | grace | reaction | on the way down |", "|---|---|---|---|"]
+    head = ["| condition | grace | reaction | on the way down | left |", "|---|---|---|---|---|"]
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
@@ -115,10 +115,11 @@ GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "json.md": {"result": result_keys, "outputs": output_keys, "exits": exit_codes},
     "log-fields.md": {"fields": field_tables},
-    "mission-keys.md": {"keys": mission_keys, "profile": profile_keys, "tuning": tuning_keys},
+    "mission-keys.md": {"keys": mission_keys, "profile": profile_keys},
     "missions.md": {"missions": mission_table},
     "notes/paper.md": {"equations": equation_table},
-    "notes/tuning.md": {"reasons": default_reasons},
+    "notes/identification.md": {"identified": identified_keys},
+    "notes/tuning.md": {"tuning": tuning_keys},
     "operator.md": {"alarms": alarm_table, "warnings": warning_table},
     "python-names.md": {"names": name_sections},
     "safety.md": {"failsafes": failsafe_table},
@@ -158,6 +159,7 @@ def _failsafe(row: Row) -> str:
         _grace(row),
         _reactions(row),
         _descending(row),
+        "" if row.left in (RESUME, BY_ITSELF) else row.left,
     )
     return f"| {' | '.join(cells)} |"
 

@@ -29,7 +29,6 @@ _PROFILE: dict[str, type[Settings]] = {
     "[x], [y]": AxisSection,
     "[own_filter]": OwnFilterSettings,
     "[limits]": LimitsSection,
-    "[identified]": Identification,
 }
 _REPLACES: dict[type[Settings], type[Settings]] = {SensorChange: SensorSection}
 """Models whose keys are those of another one and replace its values: they have no table of their own."""
@@ -46,23 +45,18 @@ def profile_keys() -> str:
     return "\n\n".join(_table(title, model) for title, model in _PROFILE.items())
 
 
+def identified_keys() -> str:
+    """Return the section of a profile that `cordon identify` writes, as Markdown."""
+    return _table("[identified]", Identification)
+
+
 def tuning_keys() -> str:
-    """Return every table of `[tuning]` with its keys, as Markdown."""
-    return "\n\n".join(_table(f"[tuning.{name}]", model) for name, model in TUNING.items())
+    """Return every table of `[tuning]`, and a profile's filter, with the reasons for the defaults, as Markdown."""
+    tables = {**{f"[tuning.{name}]": model for name, model in TUNING.items()}, "[own_filter]": OwnFilterSettings}
+    return "\n\n".join(_table(title, model, reasons=True) for title, model in tables.items())
 
 
-def default_reasons() -> str:
-    """Return the keys of `[tuning]` and of `[own_filter]` with the reason for each default, as Markdown."""
-    models = {**{f"tuning.{name}": model for name, model in TUNING.items()}, "own_filter": OwnFilterSettings}
-    rows = [
-        f"| `{table}.{name}` | {_default(field)} | {_extra(field, 'reason')} |"
-        for table, model in models.items()
-        for name, field in model.model_fields.items()
-    ]
-    return "\n".join(["| key | default | reason |", "|---|---|---|", *rows])
-
-
-def _table(title: str, model: type[Settings]) -> str:
+def _table(title: str, model: type[Settings], *, reasons: bool = False) -> str:
     """Return a section's heading, purpose and keys; columns that no key fills are left out."""
     own = [name for name in model.model_fields if name in model.__annotations__]
     names = [*own, *(name for name in model.model_fields if name not in own)]  # inherited keys last
@@ -73,6 +67,7 @@ def _table(title: str, model: type[Settings]) -> str:
         "symbol": [_extra(field, "symbol") for field in fields.values()],
         "default": [_default(field) for field in fields.values()],
         "values": [_values(field) for field in fields.values()],
+        "reason for the default": [_extra(field, "reason") if reasons else "" for field in fields.values()],
     }
     filled = {head: cells for head, cells in columns.items() if any(cells)}
     rows = [filled, ["---"] * len(filled), *zip(*filled.values(), strict=True)]
@@ -106,7 +101,7 @@ def _default(field: FieldInfo) -> str:
         return "required"
     if isinstance(field.default, Settings):
         return "see below"
-    return _toml(field.default) if field.default is not None else "none"
+    return _toml(field.default) if field.default is not None else ""
 
 
 def _toml(value: object) -> str:
@@ -131,7 +126,7 @@ def _values(field: FieldInfo) -> str:
     }
     low = next((f"{sign}{limits[name]:g}" for name, sign in (("gt", "("), ("ge", "[")) if name in limits), "(-∞")
     high = next((f"{limits[name]:g}{sign}" for name, sign in (("lt", ")"), ("le", "]")) if name in limits), "∞)")
-    return f"{low}, {high}" if limits else ""
+    return f"{low},{high}" if limits else ""
 
 
 def _kinds(annotation: Any) -> Iterator[Any]:

@@ -31,8 +31,8 @@ def field_tables() -> str:
 def _channel(topic: str, kind: type[Any]) -> str:
     """Return a channel's heading, content and fields."""
     fields = groupby(_fields(kind, codec_of(kind).descriptor), itemgetter(1))  # type: ignore[arg-type]  # as in the schema
-    rows = [f"| {', '.join(f'`{name}`' for name, _ in each)} | {holds} |" for holds, each in fields]
-    table = ["", "| field | holds |", "|---|---|", *rows] if rows else []
+    rows = [f"- {', '.join(f'`{name}`' for name, _ in each)}: {holds}" for holds, each in fields]
+    table = ["", *rows] if rows else []
     return "\n".join([f"### `{topic}`", "", _purpose(kind), *table])
 
 
