@@ -103,9 +103,8 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        "the autopilot's position jumps: for the profile's `own_filter.gate_timeout_s` it differs by a metre or more "
-        "from the one that its last sample and velocity predict. The filter restarts; the condition lasts until "
-        "`tuning.failsafe.settle_s` after",
+        "for the profile's `own_filter.gate_timeout_s` the autopilot's position differs by a metre or more from the "
+        "predicted one; lasts until `tuning.failsafe.settle_s` after the filter's restart",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,

@@ -72,7 +72,7 @@ def _section(command: App, name: str, common: Collection[str]) -> str:
     if command.default_command is not None:
         arguments = _arguments(command)
         shared = [f"`{_short(each)}`" for each in arguments if _row(each) in common]
-        also = f"[Common arguments](#common-arguments): {', '.join(shared)}." if shared else ""
+        also = f"[Common](#common-arguments): {', '.join(shared)}." if shared else ""
         parts += [_usage(name, arguments), _list([each for each in arguments if _row(each) not in common]), also]
     if examples:
         parts.append("\n".join(["```sh", *examples, "```"]))

@@ -75,7 +75,7 @@ def warning_table() -> str:
 
 
 def sweep_columns() -> str:
-    """Return the columns of a sweep's table as Markdown; those that differ in the phase or the extreme are one row."""
+    """Return the columns of a sweep's table as Markdown; those that differ in the phase or the extreme are one item."""
     names = {each.name for each in TEAM}
     phases = [replace(each, name=f"reynolds.PHASE.{each.name}") for each in FLOCKING]
     assert all(
@@ -87,8 +87,7 @@ def sweep_columns() -> str:
         for each in VEHICLE
     }
     single = [replace(each, name=", ".join([f"vehicle_ID.{each.name}", *over[each.name]])) for each in VEHICLE]
-    head = ["| column | type | holds |", "|---|---|---|"]
-    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *team, *phases, *single)])
+    return "\n".join(_sweep_column(each) for each in (*RUN, *team, *phases, *single))
 
 
 def result_keys() -> str:
@@ -197,7 +196,7 @@ def _key_table(head: str, keys: Mapping[str, str]) -> str:
 
 def _sweep_column(column: Column) -> str:
     names = ", ".join(f"`{name}`" for name in column.name.split(", "))
-    return f"| {names} | {column.kind.__name__} | {column.meaning} |"
+    return f"- {names} ({column.kind.__name__}): {column.meaning}"
 
 
 def _reactions(row: Row) -> str:
