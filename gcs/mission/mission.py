@@ -258,7 +258,9 @@ class VehicleSection(Settings):
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
     profile: str = Field("stub", description="bundled profile, or a file beside the mission")
     autopilot: Autopilot | None = Field(None, description="what a stub in its place emulates; none: the profile's")
-    true_scale: TrueScale = Field(TrueScale(), description="true plant of the simulated vehicle, as factors")
+    true_scale: TrueScale = Field(
+        TrueScale(), description="factors `a0`, `a1` and `feedforward` of the simulated vehicle's true plant, 1.0 each"
+    )
     decision: DecisionSettings | None = Field(None, description="keys in place of those of `[decision]`")
     sensor: SensorChange | None = Field(None, description="keys in place of those of `[target.sensor]`")
 

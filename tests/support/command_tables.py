@@ -89,7 +89,7 @@ def _usage(name: str, arguments: Sequence[Argument]) -> str:
             words.append(f"{each.names[0]} {_value(each)}")
     if any(each.index is None and not each.required for each in arguments):
         words.append("[OPTIONS]")
-    return f"Usage: `{' '.join(words)}`"
+    return f"`{' '.join(words)}`"
 
 
 def _list(arguments: Sequence[Argument]) -> str:

@@ -11,7 +11,7 @@ from estimation.plant.provenance import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.links import SharedLinkSection
-from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, TrueScale, VehicleSection
+from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNING
 from tests.support.units import unit
 
@@ -22,7 +22,6 @@ _MISSION: dict[str, type[Settings]] = {
     "[target.sensor]": SensorSection,
     "[[target.legs]]": LegSection,
     "[[vehicles]]": VehicleSection,
-    "true_scale of a vehicle": TrueScale,
 }
 _PROFILE: dict[str, type[Settings]] = {
     "Above all sections": ProfileFile,
@@ -100,7 +99,7 @@ def _default(field: FieldInfo) -> str:
     if field.default is PydanticUndefined:
         return "required"
     if isinstance(field.default, Settings):
-        return "see below"
+        return "see below" if isinstance(field.default, OwnFilterSettings | LimitsSection) else ""
     return _toml(field.default) if field.default is not None else ""
 
 
@@ -116,8 +115,6 @@ def _values(field: FieldInfo) -> str:
     names = [name for kind in kinds if get_origin(kind) is Literal for name in get_args(kind)]
     if names:
         return ", ".join(f"`{name}`" for name in names)
-    if bool in kinds:
-        return "true, false"
     limits = {
         name: value
         for limit in field.metadata
