@@ -259,7 +259,7 @@ class VehicleSection(Settings):
     profile: str = Field("stub", description="bundled profile, or a file beside the mission")
     autopilot: Autopilot | None = Field(None, description="what a stub in its place emulates; none: the profile's")
     true_scale: TrueScale = Field(
-        TrueScale(), description="factors `a0`, `a1` and `feedforward` of the simulated vehicle's true plant, 1.0 each"
+        TrueScale(), description="factors `a0`, `a1` (0.1 to 10) and `feedforward` (0 to 2) of the true plant, 1.0 each"
     )
     decision: DecisionSettings | None = Field(None, description="keys in place of those of `[decision]`")
     sensor: SensorChange | None = Field(None, description="keys in place of those of `[target.sensor]`")

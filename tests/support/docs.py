@@ -91,13 +91,13 @@ def sweep_columns() -> str:
 
 
 def result_keys() -> str:
-    """Return the JSON keys of a flight's result, each part in a row, as Markdown."""
-    return _key_table("part", {part or "result": keys for part, keys in RESULT_KEYS.items()})
+    """Return the JSON keys of a flight's result, each part in a line, as Markdown."""
+    return _key_list({part or "result": keys for part, keys in RESULT_KEYS.items()})
 
 
 def output_keys() -> str:
     """Return the JSON keys of the other outputs as Markdown."""
-    return _key_table("output", OUTPUT_KEYS)
+    return _key_list(OUTPUT_KEYS)
 
 
 def exit_codes() -> str:
@@ -189,9 +189,8 @@ def _with_defaults(text: str) -> str:
     return re.sub(r"`(?:tuning\.)?(\w+)\.(\w+)`", value, text)
 
 
-def _key_table(head: str, keys: Mapping[str, str]) -> str:
-    rows = [f"| {name} | {', '.join(f'`{key}`' for key in each.split())} |" for name, each in keys.items()]
-    return "\n".join([f"| {head} | keys |", "|---|---|", *rows])
+def _key_list(keys: Mapping[str, str]) -> str:
+    return "\n".join(f"- {name}: {', '.join(f'`{key}`' for key in each.split())}" for name, each in keys.items())
 
 
 def _sweep_column(column: Column) -> str:

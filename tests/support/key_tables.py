@@ -69,8 +69,8 @@ def _table(title: str, model: type[Settings], *, reasons: bool = False) -> str:
         "reason for the default": [_extra(field, "reason") if reasons else "" for field in fields.values()],
     }
     filled = {head: cells for head, cells in columns.items() if any(cells)}
-    rows = [filled, ["---"] * len(filled), *zip(*filled.values(), strict=True)]
-    return "\n".join([*_head(title, model), *(f"| {' | '.join(row)} |" for row in rows)])
+    rows = [f"| {' | '.join(row)} |" for row in (filled, *zip(*filled.values(), strict=True))]
+    return "\n".join([*_head(title, model), rows[0], "|---" * len(filled) + "|", *rows[1:]])
 
 
 def _head(title: str, model: type[Settings]) -> list[str]:
