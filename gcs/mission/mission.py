@@ -161,9 +161,7 @@ class SecuritySection(Settings):
     makes keys for each flight (docs/security.md).
     """
 
-    keys: str | None = Field(
-        None, min_length=1, description="folder of this computer's keys (`cordon keys`), beside the mission"
-    )
+    keys: str | None = Field(None, min_length=1, description="folder of this computer's keys, beside the mission")
     insecure: bool = Field(
         False, description="no encryption and no authentication: any host that reaches the bus can command the vehicles"
     )
@@ -191,24 +189,16 @@ class NetworkSection(Settings):
 class SimulationSection(Settings):
     """`[simulation]`: imperfections of simulated vehicles. Keys that do not name stubs apply to `cordon sim` only."""
 
-    position_noise_m: float = Field(
-        0.0, ge=0.0, le=10.0, description="telemetry noise, standard deviation per axis; also of stubs"
-    )
-    velocity_noise_m_s: float = Field(
-        0.0, ge=0.0, le=10.0, description="telemetry noise, standard deviation per axis; also of stubs"
-    )
+    position_noise_m: float = Field(0.0, ge=0.0, le=10.0, description="telemetry noise per axis; also of stubs")
+    velocity_noise_m_s: float = Field(0.0, ge=0.0, le=10.0, description="telemetry noise per axis; also of stubs")
     wind_m_s2: Acceleration2 = Field((0.0, 0.0), description="constant acceleration, x and y; also of stubs")
     wind_m_s: Velocity2 = Field((0.0, 0.0), description="wind, which accelerates and drags vehicles")
     gusts: bool = Field(False, description="Dryden gusts about `wind_m_s`")
     speed_max_m_s: float | None = Field(None, gt=0.0, le=30.0, description="limit of every motion")
     acceleration_max_m_s2: float | None = Field(None, gt=0.0, le=30.0, description="limit of every motion")
     jerk_max_m_s3: float | None = Field(None, gt=0.0, le=100.0, description="limit of every motion")
-    wander_m: float = Field(
-        0.0, ge=0.0, le=5.0, description="slow drift of the position estimate, standard deviation per axis"
-    )
-    telemetry_rate_hz: float | None = Field(
-        None, ge=2.0, le=100.0, description="rate of telemetry; none: one sample a tick"
-    )
+    wander_m: float = Field(0.0, ge=0.0, le=5.0, description="slow drift of the position estimate, per axis")
+    telemetry_rate_hz: float | None = Field(None, ge=2.0, le=100.0, description="none: one sample a tick")
 
 
 class VerdictSection(Settings):

@@ -51,7 +51,8 @@ def identified_keys() -> str:
 
 def tuning_keys() -> str:
     """Return every table of `[tuning]`, and a profile's filter, with the reasons for the defaults, as Markdown."""
-    tables = {**{f"[tuning.{name}]": model for name, model in TUNING.items()}, "[own_filter]": OwnFilterSettings}
+    tables: dict[str, type[Settings]] = {f"[tuning.{name}]": model for name, model in TUNING.items()}
+    tables["[own_filter]"] = OwnFilterSettings
     return "\n\n".join(_table(title, model, reasons=True) for title, model in tables.items())
 
 
