@@ -32,7 +32,7 @@ from agents.inputs import (
     TacticEvent,
     TimeScale,
 )
-from agents.notes import Notes
+from agents.notes import Notes, ResumeRefusal, ShapeChange, TacticChange
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Connection, Setpoint
@@ -153,8 +153,8 @@ class VehicleCore:
     def _decide(self, situation: Situation, faults: Faults) -> Task:
         """Decide on the tactic, first by the faults, then by the mission; and on the altitude layer."""
         event = self._failsafe.react(situation.now_s, faults, self._tactic)
-        for text in self._failsafe.news():
-            self._notes.add(situation.now_s, "failsafe", text)
+        for change in self._failsafe.news():
+            self._notes.add(situation.now_s, change)
         if event is not None:
             self._change(event, descent=Descent(self.alert))
         self._follow_mission(situation)
@@ -165,7 +165,7 @@ class VehicleCore:
         """Plan the aim of the tactic, within the slew limit."""
         plan, situation = self._planner.plan(task), task.situation
         if plan.ring is not None and plan.ring.news is not None:
-            self._notes.add(situation.now_s, "ring", plan.ring.news)
+            self._notes.add(situation.now_s, plan.ring.news)
         self._estimator.follow_ring(0.0 if plan.ring is None else plan.ring.rate_rad_s, situation.polar)
         return self._slew_limit.bounded(task.tactic, plan)
 
@@ -175,7 +175,7 @@ class VehicleCore:
         has_effect = task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE)
         guarded = self._kept_apart(situation, aim_m) if has_effect else Guarded(aim_m)
         if (news := self._interventions.news(situation.now_s, aim_m, guarded)) is not None:
-            self._notes.add(situation.now_s, "guard", *news)
+            self._notes.add(situation.now_s, *news)
         self._fault_detector.unsolved = plan.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         return guarded
 
@@ -260,13 +260,13 @@ class VehicleCore:
     def _change(self, event: Event, because: str = "", descent: Descent | None = None) -> None:
         """Change the tactic by the table, unless a failsafe refuses to resume; `descent` is why the vehicle lands."""
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
-            self._notes.add(self._now_s, "failsafe", f"resume refused: {reason}")
+            self._notes.add(self._now_s, ResumeRefusal(reason))
             return
         excites = self._config.excitation is not None and event in (Event.START, Event.RESUME)
         after = next_tactic(self._tactic, Event.EXCITE if excites else event)
         if after is self._tactic:
             return
-        self._notes.add(self._now_s, "tactic", f"{self._tactic.value} -> {after.value}: {event.value}", because)
+        self._notes.add(self._now_s, TacticChange(self._tactic.value, after.value, event.value), because)
         self._tactic = after
         self.descent = (self.descent or descent) if after in (Tactic.RETURN_AND_LAND, Tactic.LAND) else None
         if event is Event.RESUME:
@@ -416,4 +416,4 @@ class VehicleCore:
         if wanted.shape != self._config.shape:
             self._config = self._config.reshaped(wanted.shape)
             self._planner.reshape(self._config)
-            self._notes.add(self._now_s, "command", f"the formation's shape is '{wanted.shape}'")
+            self._notes.add(self._now_s, ShapeChange(wanted.shape))

@@ -99,7 +99,7 @@ class _Observed:
             self.tactics[tick:, vehicle] = status.tactic.value
         self.guard.note(status.guarded)
         if status.notes:
-            self.events += [FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes]
+            self.events += [FlightEvent.of(status.vehicle_id, note) for note in status.notes]
 
     def endings(self, vehicle_ids: Sequence[int]) -> tuple[VehicleEnding, ...]:
         """Return how the flights ended: in the air at the end of the simulation, or earlier by a failsafe landing."""

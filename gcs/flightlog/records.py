@@ -4,19 +4,21 @@ A record is on the topic `/vehicle/<id>/<name>`, the record of the whole run on 
 number, which orders all inputs and outputs of its core, independent of clocks.
 """
 
-from typing import get_args
+from typing import Any, TypeVar, get_args
 
 import msgspec
 
 from agents.drops import Drops
 from agents.inputs import Command, CoreInput, Message
-from agents.notes import Note
+from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.team.codec import encode
 from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flightlog.audit import AuditEntry
+
+ValuesT = TypeVar("ValuesT", AlertChange, CommandOutcome)
 
 PROFILE = "cordon"
 """The profile name in the MCAP file."""
@@ -293,6 +295,26 @@ def decision_of(output: TickOutput) -> Decision:
         status.turning_rad_s,
         status.drops,
     )
+
+
+def notes_of(decision: Any) -> list[Note]:
+    """Return the notes of a decision that was read as a Protobuf message; in older logs they have no values."""
+    return [
+        Note(
+            note.time_s,
+            note.kind,
+            note.text,
+            note.because,
+            alert=_values(note, "alert", AlertChange),
+            command=_values(note, "command", CommandOutcome),
+        )
+        for note in decision.notes
+    ]
+
+
+def _values(note: Any, name: str, kind: type[ValuesT]) -> ValuesT | None:
+    known = name in note.DESCRIPTOR.fields_by_name and note.HasField(name)
+    return kind(**{each: getattr(getattr(note, name), each) for each in kind.__struct_fields__}) if known else None
 
 
 def _polar_motion(polar: Polar) -> PolarMotion:

@@ -65,7 +65,7 @@ class NoteEvents(MomentaryDetector):
                 continue  # GuardEvents covers these
             because = [note.because] if note.because else []
             if note.kind == "tactic":
-                if note.text.rpartition(": ")[2] in events:
+                if note.tactic is not None and note.tactic.event in events:
                     because.append("requested outside the control core")
                 if decision.own is not None:
                     because.append(f"at {place_text(decision.own.mean[:2])} m, height {surroundings.height_m:.1f} m")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from agents.inputs import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
-from agents.notes import Note
+from agents.notes import Note, TacticChange
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
 from agents.team.messages import MemberState
@@ -189,7 +189,7 @@ def test_notes_of_failsafes_commands_and_tactics_are_told_with_their_numbers() -
     notes = (
         Note(7.0, "command", "hold by ground: holds"),
         Note(7.0, "failsafe", "target stale: not seen for 10.0 s: hold"),
-        Note(7.0, "tactic", "encircle -> hold: hold"),
+        Note(7.0, "tactic", "encircle -> hold: hold", tactic=TacticChange("encircle", "hold", "hold")),
     )
     said = lines(NoteEvents(), [turn(7.0, TacticEvent(Event.HOLD), notes=notes, own=OWN)])
     assert [(line.kind, line.text) for line in said] == [(note.kind, note.text) for note in notes]
