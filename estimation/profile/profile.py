@@ -1,15 +1,13 @@
 """A profile: the parameters of one type of vehicle, from its TOML file."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from pydantic import Field, ValidationError
 
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.plant.provenance import Identification
+from estimation.profile.autopilots import AutopilotName
 from estimation.settings import OwnFilterSettings, Settings
-
-Autopilot = Literal["px4", "ardupilot"]
 
 
 class ProfileError(Exception):
@@ -41,7 +39,7 @@ class ProfileFile(Settings):
     gain of a setpoint's velocity, 0 for setpoints without velocity.
     """
 
-    autopilot: Autopilot | None = None
+    autopilot: AutopilotName | None = None
     delay_s: float = Field(0.0, ge=0.0, le=1.0)
     feedforward: float = Field(0.0, ge=0.0, le=FEEDFORWARD_MAX)
     x: AxisSection
@@ -61,7 +59,7 @@ class Profile:
 
     plant: Plant
     own_filter: OwnFilterSettings = field(default_factory=OwnFilterSettings)
-    autopilot: Autopilot | None = None
+    autopilot: AutopilotName | None = None
     limits: LimitsSection = field(default_factory=LimitsSection)
     identified: Identification | None = None
 

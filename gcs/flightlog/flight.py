@@ -123,7 +123,7 @@ class FlightRecording:
         """Record the facts that a vehicle reported before take-off."""
         known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
         parameters = tuple(Parameter(name, value) for name, value in known.items())
-        self._tape(facts.vehicle_id).note(Vehicle(facts.autopilot.value, facts.firmware, parameters, facts.kind.value))
+        self._tape(facts.vehicle_id).note(Vehicle(facts.autopilot.label, facts.firmware, parameters, facts.kind.value))
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
         """Record the computing time of a tick of a vehicle's control loop."""

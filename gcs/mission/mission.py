@@ -24,8 +24,10 @@ from agents.settings.sections import (
 from agents.team.messages import MissionIdentity
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant
-from estimation.profile.profile import Autopilot, Profile
+from estimation.profile.autopilots import DEFAULT, AutopilotName
+from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
+from gcs.autopilots.registry import known_as
 from gcs.mission.links import LinkSection, SharedLinkSection, connection_url
 from gcs.mission.overrides import overridden, places
 from sitl.world import Leg, TargetMotion
@@ -224,6 +226,9 @@ class TrueScale(Settings):
     feedforward: float = Field(1.0, ge=0.0, le=2.0)
 
 
+_PORT = known_as(DEFAULT).simulator_port - 1
+
+
 def _by_id(default: Callable[[int], str]) -> Any:
     """Return a field whose default depends on the vehicle's id; an invalid id is reported by its own key."""
     return Field(default_factory=lambda known: default(known.get("id", 1)))
@@ -242,7 +247,7 @@ class VehicleSection(Settings):
     id: int = Field(ge=1, le=254)
     system_id: int | None = Field(None, ge=1, le=254)
     link: str | None = None
-    url: Annotated[str, AfterValidator(connection_url)] = _by_id(lambda i: f"udpin://127.0.0.1:{14539 + i}")
+    url: Annotated[str, AfterValidator(connection_url)] = _by_id(lambda i: f"udpin://127.0.0.1:{_PORT + i}")
     endpoint: Annotated[str, AfterValidator(_endpoint)] = _by_id(lambda i: f"tcp/127.0.0.1:{7460 + i}")
     start_m: Metres2
     origin_m: Metres3 | None = None
@@ -252,7 +257,7 @@ class VehicleSection(Settings):
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
     profile: str = "stub"
-    autopilot: Autopilot | None = None
+    autopilot: AutopilotName | None = None
     true_scale: TrueScale = TrueScale()
     decision: DecisionSettings | None = None
     sensor: SensorChange | None = None
@@ -288,7 +293,7 @@ class MissionVehicle:
     true_plant: Plant
     decision: DecisionSettings
     own_filter: OwnFilterSettings
-    autopilot: Autopilot
+    autopilot: AutopilotName
     profile: Profile
 
     @property

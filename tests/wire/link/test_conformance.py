@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs.preflight.findings import AutopilotKind
-from gcs.preflight.parameters import parameters_wanted
+from gcs.autopilots.autopilot import Autopilot
+from gcs.autopilots.registry import known_as
 from sitl.autopilot.parameters import ARDUCOPTER_TABLE, PX4_TABLE, ParameterTable
 from tests.experiments.conformance import (
     EXERCISES,
@@ -122,9 +122,9 @@ def test_a_px4_that_is_not_there_says_what_to_set(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize(
     ("kind", "parameters"),
-    [(AutopilotKind.PX4, PX4_TABLE), (AutopilotKind.ARDUPILOT, ARDUCOPTER_TABLE)],
+    [(known_as("px4"), PX4_TABLE), (known_as("ardupilot"), ARDUCOPTER_TABLE)],
     ids=["px4", "ardupilot"],
 )
-def test_the_stubs_know_every_parameter_that_preflight_reads(kind: AutopilotKind, parameters: ParameterTable) -> None:
-    unknown = [names for names in parameters_wanted(kind) if not {*names} & parameters.defaults.keys()]
+def test_the_stubs_know_every_parameter_that_preflight_reads(kind: Autopilot, parameters: ParameterTable) -> None:
+    unknown = [names for names in kind.parameters_wanted if not {*names} & parameters.defaults.keys()]
     assert unknown == []
