@@ -19,7 +19,6 @@ from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.signals import relay
 from sitl.faults import VehicleInjection
-from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.mavlink.signing import SigningKey
 from sitl.server.endpoint import StubClock
@@ -49,7 +48,7 @@ def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> li
             noise=noise,
             wind_m_s2=simulation.wind_m_s2,
             seed=mission.mission.seed,
-            autopilot=AutopilotKind(vehicle.autopilot),
+            autopilot=vehicle.autopilot,
         )
         for vehicle in mission.vehicles
         if vehicle.id in ports
@@ -79,7 +78,7 @@ def prepared_configs(mission: Mission, ids: Collection[int], time_scale: float) 
     return [
         replace(
             config,
-            parameters=known_as(config.autopilot.value).failsafe_parameters(time_scale),
+            parameters=known_as(config.autopilot).failsafe_parameters(time_scale),
             signing_key=keys.get(config.vehicle_id),
         )
         for config in stub_configs(mission, url_ports(mission, ids))

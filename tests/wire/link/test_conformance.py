@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
-from gcs.autopilots.autopilot import Autopilot
+from estimation.profile.autopilots import AutopilotName
 from gcs.autopilots.registry import known_as
-from sitl.autopilot.parameters import ARDUCOPTER_TABLE, PX4_TABLE, ParameterTable
+from sitl.autopilot.registry import autopilot_named
 from tests.experiments.conformance import (
     EXERCISES,
     PLACE,
@@ -120,11 +121,7 @@ def test_a_px4_that_is_not_there_says_what_to_set(monkeypatch: pytest.MonkeyPatc
     assert px4_build() == tmp_path
 
 
-@pytest.mark.parametrize(
-    ("kind", "parameters"),
-    [(known_as("px4"), PX4_TABLE), (known_as("ardupilot"), ARDUCOPTER_TABLE)],
-    ids=["px4", "ardupilot"],
-)
-def test_the_stubs_know_every_parameter_that_preflight_reads(kind: Autopilot, parameters: ParameterTable) -> None:
-    unknown = [names for names in kind.parameters_wanted if not {*names} & parameters.defaults.keys()]
-    assert unknown == []
+@pytest.mark.parametrize("name", get_args(AutopilotName))
+def test_the_stubs_know_every_parameter_that_preflight_reads(name: AutopilotName) -> None:
+    known = autopilot_named(name).TABLE.defaults.keys()
+    assert [names for names in known_as(name).parameters_wanted if not {*names} & known] == []

@@ -15,11 +15,13 @@ from types import MappingProxyType
 from estimation.frames import Triple
 from estimation.plant.model import Plant
 from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.autopilot import Autopilot, CommandResult, Severity
+from sitl.autopilot.dialect import Dialect, EstimatorState, TrueMotion
 from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import Conditions, NavMode
-from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
-from sitl.autopilot.px4 import Autopilot, CommandResult, Severity
+from sitl.autopilot.parameters import FlightLimits, Parameters, ParameterTable, Value
+from sitl.mavlink_constants import Fields, MessageId, Result
 from sitl.vehicle.shaping import ShapeLimits
 
 CHECK_PERIOD_S = 1.0 / 3.0
@@ -85,14 +87,121 @@ GUIDED_TIMEOUT_S = 3.0
 LANDING_PAUSE_S = 4.0
 """LAND_WITH_DELAY_MS: the landing of a failsafe begins with a hover."""
 PREVENTS_ARMING = frozenset({NavMode.HOLD, NavMode.LAND, NavMode.RETURN})
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+"""The attitude of a level vehicle, as a quaternion."""
+
+MODES = {
+    NavMode.STABILIZED: 0,
+    NavMode.ALTITUDE: 2,
+    NavMode.OFFBOARD: 4,
+    NavMode.POSITION: 5,
+    NavMode.RETURN: 6,
+    NavMode.LAND: 9,
+    NavMode.HOLD: 17,
+}
+"""STABILIZE, ALT_HOLD, GUIDED, LOITER, RTL, LAND, BRAKE."""
+
+_EXTENDED_STATUS = (MessageId.SYS_STATUS, MessageId.GPS_RAW_INT)
+_POSITION = (MessageId.GLOBAL_POSITION_INT, MessageId.LOCAL_POSITION_NED)
+_ATTITUDE = (MessageId.ATTITUDE,)
+_BATTERY = (MessageId.BATTERY_STATUS,)
+
+DEFAULTS: Mapping[str, Value] = MappingProxyType(
+    {
+        "ARMING_CHECK": 1,
+        "DISARM_DELAY": 10,
+        "FENCE_ACTION": 1,
+        "FENCE_ALT_MAX": 100.0,
+        "FENCE_ENABLE": 0,
+        "FENCE_RADIUS": 300.0,
+        "FENCE_TYPE": 7,
+        "FRAME_CLASS": 1,
+        "FS_CRASH_CHECK": 1,
+        "FS_EKF_ACTION": 1,
+        "FS_EKF_THRESH": 0.8,
+        "FS_GCS_ENABLE": 0,
+        "FS_GCS_TIMEOUT": 5.0,
+        "FS_OPTIONS": 16,
+        "FS_THR_ENABLE": 1,
+        "GUID_OPTIONS": 0,
+        "GUID_TIMEOUT": 3.0,
+        "LAND_SPEED": 50.0,
+        "MOT_SPOOL_TIME": 0.5,
+        "PSC_JERK_XY": 5.0,
+        "RTL_ALT": 1500.0,
+        "SIM_OPOS_LAT": 47.397742,
+        "SYSID_MYGCS": 255,
+        "SYSID_THISMAV": 1,
+        "TKOFF_SLEW_TIME": 2.0,
+        "WPNAV_ACCEL": 250.0,
+        "WPNAV_RADIUS": 200.0,
+        "WPNAV_SPEED": 500.0,
+        "WPNAV_SPEED_DN": 150.0,
+        "WPNAV_SPEED_UP": 250.0,
+    }
+)
+"""They are in centimetres although the names do not show it. GUID_TIMEOUT ends velocities, not positions."""
+
+
+def _limits(values: Mapping[str, Value]) -> FlightLimits:
+    return FlightLimits(
+        cruise_m_s=values["WPNAV_SPEED"] / 100.0,
+        climb_m_s=values["WPNAV_SPEED_UP"] / 100.0,
+        sink_m_s=values["WPNAV_SPEED_DN"] / 100.0,
+        land_m_s=values["LAND_SPEED"] / 100.0,
+        crawl_m_s=values["LAND_SPEED"] / 100.0,
+        take_off_m_s=values["WPNAV_SPEED_UP"] / 100.0,
+        take_off_ramp_s=values["TKOFF_SLEW_TIME"],
+        take_off_height_m=0.0,  # a take-off states its altitude
+        spool_up_s=values["MOT_SPOOL_TIME"],
+        return_rise_m=values["RTL_ALT"] / 100.0,
+        altitude_margin_m=values["WPNAV_RADIUS"] / 100.0,
+    )
+
+
+def _estimator(state: EstimatorState) -> Fields:
+    """Return the fields of EKF_STATUS_REPORT; its "variances" are the square roots of its test ratios."""
+    return state.flags, *state.shares_of_gates, 0.0, 0.0
+
+
+def _truth(motion: TrueMotion) -> Fields:
+    """Return the fields of SIM_STATE: beside place and velocity, those of a level vehicle."""
+    latitude, longitude, altitude_mm = motion.place
+    place = (float(latitude), float(longitude), altitude_mm / 1e3)
+    return *LEVEL, *(0.0,) * 9, *place, 0.0, 0.0, *motion.velocity_ned_m_s, latitude, longitude
 
 
 class ArduCopter(Autopilot):
     """One vehicle: commands in, motion and status out."""
 
+    DIALECT = Dialect(
+        autopilot=3,
+        system_id_parameter="SYSID_THISMAV",
+        firmware_version=4 << 24 | 7 << 16 | 0 << 8 | 0,
+        # Mission and command items as integers, local setpoints, MAVLink 2, fences, parameters as numbers.
+        capabilities=1 | 2 | 4 | 8 | 128 | 8192 | 16384 | 131072,
+        refused=Result.FAILED,
+        modes=MappingProxyType({mode: (number, float(number), 0.0) for mode, number in MODES.items()}),
+        rates_hz=MappingProxyType({MessageId.HEARTBEAT: 1.0}),
+        estimator_message=193,
+        estimator=_estimator,
+        truth_message=108,
+        truth=_truth,
+        streams=MappingProxyType(
+            {
+                0: (*_EXTENDED_STATUS, *_POSITION, *_ATTITUDE, *_BATTERY),
+                2: _EXTENDED_STATUS,
+                6: _POSITION,
+                10: _ATTITUDE,
+                12: _BATTERY,
+            }
+        ),
+        take_off_from_home=True,
+    )
+    TABLE = ParameterTable(DEFAULTS, _limits)
+    BOOT_MODE = NavMode.STABILIZED
     ARMED_TEXT = "Arming motors"
     DISARMED_TEXT = "Disarming motors"
-    TAKE_OFF_TEXT = LANDING_TEXT = LAND_TEXT = MODE_REFUSED_TEXT = None
 
     def __init__(
         self,
@@ -104,7 +213,7 @@ class ArduCopter(Autopilot):
         positioning: Positioning = GPS_POSITIONING,
     ) -> None:
         """Boot on the ground at `start_m`, disarmed, in STABILIZE; the limits of horizontal motion are read once."""
-        parameters = parameters or Parameters(ARDUCOPTER_TABLE)
+        parameters = parameters or Parameters(self.TABLE)
         shape = ShapeLimits(
             parameters["WPNAV_SPEED"] * CM, parameters["WPNAV_ACCEL"] * CM, float(parameters["PSC_JERK_XY"])
         )
@@ -116,7 +225,6 @@ class ArduCopter(Autopilot):
             parameters=parameters,
             battery=battery,
             positioning=positioning,
-            mode=NavMode.STABILIZED,
             shape=shape,
         )
 
@@ -187,9 +295,8 @@ class ArduCopter(Autopilot):
     def _flown(self) -> NavMode:
         return self._intention.mode
 
-    def _fence_action(self) -> int:
-        """Do nothing: ArduCopter's fence has other parameters and is not simulated."""
-        return 0
+    def _refusal(self, mode: NavMode) -> None:
+        """Return no text."""
 
     def _on_mode_change(self) -> None:
         """Drop the setpoints: GUIDED begins by holding the position."""
@@ -205,3 +312,6 @@ class ArduCopter(Autopilot):
         if flown and self.mode in (NavMode.LAND, NavMode.RETURN):
             return 0.0
         return self.parameters["DISARM_DELAY"] or inf
+
+
+AUTOPILOT = ArduCopter
