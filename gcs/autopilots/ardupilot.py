@@ -1,7 +1,6 @@
 """ArduPilot: ArduCopter, as of 4.7."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from gcs.autopilots.autopilot import (
     CORDON_ID,
@@ -32,37 +31,12 @@ STATION_GRACE_S = 1.0
 """Tolerance of FS_GCS_TIMEOUT, which is checked three times a second."""
 DEG_E7 = 1e-7
 
-MODES = MappingProxyType(
-    {
-        0: "stabilize",
-        1: "acro",
-        2: "alt hold",
-        3: "auto",
-        GUIDED: "guided",
-        5: "loiter",
-        6: "return",
-        7: "circle",
-        9: "land",
-        11: "drift",
-        13: "sport",
-        14: "flip",
-        15: "autotune",
-        16: "poshold",
-        17: "brake",
-        18: "throw",
-        19: "avoid adsb",
-        20: "guided nogps",
-        21: "smart return",
-        22: "flowhold",
-        23: "follow",
-        24: "zigzag",
-        25: "system id",
-        26: "autorotate",
-        27: "auto return",
-        28: "turtle",
-        29: "rate acro",
-    }
-)
+MODES = {
+    0: "stabilize", 1: "acro", 2: "alt hold", 3: "auto", GUIDED: "guided", 5: "loiter", 6: "return", 7: "circle",
+    9: "land", 11: "drift", 13: "sport", 14: "flip", 15: "autotune", 16: "poshold", 17: "brake", 18: "throw",
+    19: "avoid adsb", 20: "guided nogps", 21: "smart return", 22: "flowhold", 23: "follow", 24: "zigzag",
+    25: "system id", 26: "autorotate", 27: "auto return", 28: "turtle", 29: "rate acro",
+}  # fmt: skip
 """The modes, numbered in the log and in heartbeats alike."""
 
 
@@ -136,12 +110,7 @@ AUTOPILOT = Autopilot(
     estimator=EstimatorDialect(
         "EKF_STATUS_REPORT",
         193,
-        {
-            "horizontal position": "pos_horiz_variance",
-            "height": "pos_vert_variance",
-            "velocity": "velocity_variance",
-            "compass": "compass_variance",
-        },
+        ("pos_horiz_variance", "pos_vert_variance", "velocity_variance", "compass_variance"),
         # Disarmed, it may report only the position predicted for flight, which its own arming checks use.
         POS_HORIZ_REL | POS_HORIZ_ABS | PRED_POS_HORIZ_REL | PRED_POS_HORIZ_ABS,
         POS_HORIZ_ABS | PRED_POS_HORIZ_ABS,

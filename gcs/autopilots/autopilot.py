@@ -12,6 +12,7 @@ CORDON_ID = 245
 """MAVSDK's system id as a ground station."""
 ATTITUDE, POS_HORIZ_REL, POS_HORIZ_ABS, POS_VERT_ABS, PRED_POS_HORIZ_REL, PRED_POS_HORIZ_ABS = 1, 8, 16, 32, 256, 512
 """The flags that the estimators' reports have in common."""
+SENSORS = ("horizontal position", "height", "velocity", "compass")
 INTEGER_LAST = 6
 """The last MAV_PARAM_TYPE of an integer of 32 bits or less; 9 is a 32-bit float."""
 CROSSING = "the vehicle climbs and flies home across the other vehicles' paths, without separation by the guard"
@@ -30,10 +31,7 @@ Topic = Literal["airframe", "hold", "rates", "streams", "bench", "simulation", "
 
 @dataclass(frozen=True, slots=True)
 class TruthMessage:
-    """One simulator's message: its name, number and size, and how to read place and velocity from its fields.
-
-    The place is latitude, longitude [deg] and altitude [m]; the velocity is NED.
-    """
+    """One simulator's message, and how to read latitude, longitude [deg], altitude [m] and velocity from its fields."""
 
     name: str
     number: int
@@ -44,7 +42,7 @@ class TruthMessage:
 
 @dataclass(frozen=True, slots=True)
 class EstimatorDialect:
-    """One autopilot's estimator report: message, field of each test ratio, and meaning of its flags.
+    """One autopilot's estimator report: message, fields of the test ratios of SENSORS, and its flags.
 
     Any bit of `relative` or `absolute` stands for a horizontal position; `errors` maps a bit to its fault. Its `wind`
     has a message of its own, with that number; the speed is that of the components named.
@@ -52,7 +50,7 @@ class EstimatorDialect:
 
     message: str
     number: int
-    ratios: Mapping[str, str]
+    ratios: tuple[str, str, str, str]
     relative: int
     absolute: int
     errors: Mapping[int, str]
@@ -77,14 +75,12 @@ class FenceLimits(NamedTuple):
 class Autopilot:
     """One autopilot. What others do by its kind they ask here.
 
-    `name` is that of its profile and its files, `label` its own. `number` is its MAV_AUTOPILOT. Its simulators send to
-    `simulator_port` and those above. Its `guided_mode` is the number of the mode in which it takes off and follows
-    setpoints, None if take-off has a mode of its own. `mode` names the number of a heartbeat, `external_mode` is the
-    name of the mode in which setpoints control it. `leaves_offboard_s` is how long it flies on without an agent.
-    `failed_check` is a pattern of its texts. A stub in its place has the `failsafe_parameters` that docs/hardware.md
+    `name` is that of its profile and its files, `number` its MAV_AUTOPILOT. Its simulators send to `simulator_port` and
+    those above. In its `guided_mode` it takes off and follows setpoints, None if take-off has a mode of its own. `mode`
+    names a mode's number, `external_mode` is the one that follows setpoints. `leaves_offboard_s` is how long it does
+    without an agent. `failed_check` is a pattern of its texts. `failsafe_parameters` are those that docs/hardware.md
     requires, given how many of its seconds pass in one of its link. `fence` reads the values of `fence_parameters`.
-    `station_failsafe` is the parameter that switches the failsafe of a silent station, if that follows one system id,
-    which has one of the names `station_ids`.
+    `station_failsafe` is the parameter of the failsafe of a silent station, if that monitors one of `station_ids`.
     """
 
     name: str

@@ -1,7 +1,6 @@
 """PX4, as of 1.17."""
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from gcs.autopilots.autopilot import (
     CROSSING,
@@ -26,51 +25,19 @@ OFFBOARD_LOSS_LONGEST_S, OFFBOARD_LOSS_LIMIT_S, OFFBOARD_LOSS_SHORTEST_S = 2.0, 
 FENCE_WARNS, FENCE_TERMINATES = 1, 4
 DEG_E7, MM, CM_S = 1e-7, 1e-3, 1e-2
 
-STATES = MappingProxyType(
-    {
-        0: "manual",
-        1: "altitude",
-        2: "position",
-        3: "mission",
-        4: "hold",
-        5: "return",
-        6: "position slow",
-        10: "acro",
-        12: "descend",
-        13: "termination",
-        14: "offboard",
-        15: "stabilized",
-        17: "take-off",
-        18: "land",
-        19: "follow target",
-        20: "precision land",
-        21: "orbit",
-        22: "vtol take-off",
-    }
-)
+STATES = {
+    0: "manual", 1: "altitude", 2: "position", 3: "mission", 4: "hold", 5: "return", 6: "position slow", 10: "acro",
+    12: "descend", 13: "termination", 14: "offboard", 15: "stabilized", 17: "take-off", 18: "land",
+    19: "follow target", 20: "precision land", 21: "orbit", 22: "vtol take-off",
+}  # fmt: skip
 """The navigation states, as the log numbers them."""
 
-MODES = MappingProxyType(
-    {
-        (1, 0): "manual",
-        (2, 0): "altitude",
-        (3, 0): "position",
-        (3, 1): "orbit",
-        (4, 1): "ready",
-        (4, 2): "take-off",
-        (4, 3): "hold",
-        (4, 4): "mission",
-        (4, 5): "return",
-        (4, 6): "land",
-        (4, 8): "follow target",
-        (4, 9): "precision land",
-        (4, 10): "vtol take-off",
-        (5, 0): "acro",
-        (6, 0): "offboard",
-        (7, 0): "stabilized",
-        (10, 0): "termination",
-    }
-)
+MODES = {
+    (1, 0): "manual", (2, 0): "altitude", (3, 0): "position", (3, 1): "orbit", (4, 1): "ready", (4, 2): "take-off",
+    (4, 3): "hold", (4, 4): "mission", (4, 5): "return", (4, 6): "land", (4, 8): "follow target",
+    (4, 9): "precision land", (4, 10): "vtol take-off", (5, 0): "acro", (6, 0): "offboard", (7, 0): "stabilized",
+    (10, 0): "termination",
+}  # fmt: skip
 """The (main mode, sub mode), as heartbeats number them."""
 
 
@@ -162,12 +129,7 @@ AUTOPILOT = Autopilot(
     estimator=EstimatorDialect(
         "ESTIMATOR_STATUS",
         230,
-        {
-            "horizontal position": "pos_horiz_ratio",
-            "height": "pos_vert_ratio",
-            "velocity": "vel_ratio",
-            "compass": "mag_ratio",
-        },
+        ("pos_horiz_ratio", "pos_vert_ratio", "vel_ratio", "mag_ratio"),
         POS_HORIZ_REL | POS_HORIZ_ABS,
         POS_HORIZ_ABS,
         {2048: "accelerometer error"},

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot, isfinite
 
-from gcs.autopilots.autopilot import ATTITUDE, POS_VERT_ABS, EstimatorDialect
+from gcs.autopilots.autopilot import ATTITUDE, POS_VERT_ABS, SENSORS, EstimatorDialect
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ def estimator_report(dialect: EstimatorDialect, fields: Mapping[str, object]) ->
     flags = fields.get("flags")
     if not isinstance(flags, int):
         return None
-    values = {name: fields.get(field) for name, field in dialect.ratios.items()}
+    values = {name: fields.get(field) for name, field in zip(SENSORS, dialect.ratios, strict=True)}
     faults = [fault for bit, fault in dialect.errors.items() if flags & bit]
     faults += ["no attitude"] if not flags & ATTITUDE else []
     faults += ["no height"] if not flags & POS_VERT_ABS else []

@@ -226,9 +226,6 @@ class TrueScale(Settings):
     feedforward: float = Field(1.0, ge=0.0, le=2.0)
 
 
-_PORT = known_as(DEFAULT).simulator_port - 1
-
-
 def _by_id(default: Callable[[int], str]) -> Any:
     """Return a field whose default depends on the vehicle's id; an invalid id is reported by its own key."""
     return Field(default_factory=lambda known: default(known.get("id", 1)))
@@ -247,7 +244,9 @@ class VehicleSection(Settings):
     id: int = Field(ge=1, le=254)
     system_id: int | None = Field(None, ge=1, le=254)
     link: str | None = None
-    url: Annotated[str, AfterValidator(connection_url)] = _by_id(lambda i: f"udpin://127.0.0.1:{_PORT + i}")
+    url: Annotated[str, AfterValidator(connection_url)] = _by_id(
+        lambda i: f"udpin://127.0.0.1:{known_as(DEFAULT).simulator_port - 1 + i}"
+    )
     endpoint: Annotated[str, AfterValidator(_endpoint)] = _by_id(lambda i: f"tcp/127.0.0.1:{7460 + i}")
     start_m: Metres2
     origin_m: Metres3 | None = None

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
 from mavsdk.plugins.info import Info, InfoError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError
-from mavsdk.plugins.telemetry import FixType
 from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
@@ -25,6 +24,7 @@ from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
+from gcs.link.self_reports import DIMENSIONS
 from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import FenceArea, GpsFix, VehicleFacts
@@ -87,7 +87,6 @@ LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 GPS_PERIODS = 4.0
 """Timeout in periods of the status rate: GPS status comes at half of it, and one message may be lost."""
 CIRCLE_CORNERS = 36
-DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
 async def _nothing() -> None:

@@ -4,9 +4,9 @@ A state machine that changes only in its methods; time passes only in `step`. Po
 the mission frame, headings clockwise from north, times simulated seconds since boot.
 """
 
-from abc import ABC, abstractmethod
 from collections import deque
 from enum import Enum, IntEnum
+from importlib import import_module
 from math import inf
 from typing import ClassVar
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from estimation.frames import Triple
 from estimation.plant.model import Plant
+from estimation.profile.autopilots import AutopilotName
 from sitl.autopilot.airframe import STEP_S, Airframe
 from sitl.autopilot.dialect import Dialect
 from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
@@ -56,7 +57,7 @@ class Severity(IntEnum):
     INFO = 6
 
 
-class Autopilot(ABC):
+class Autopilot:
     """One vehicle: commands in, motion and status out. What is special about one autopilot, its subclass states."""
 
     DIALECT: ClassVar[Dialect]
@@ -67,6 +68,7 @@ class Autopilot(ABC):
     TAKE_OFF_TEXT: ClassVar[str | None] = None
     LANDING_TEXT: ClassVar[str | None] = None
     LAND_TEXT: ClassVar[str | None] = None
+    REFUSED_TEXT: ClassVar[str | None] = None
 
     def __init__(
         self,
@@ -76,11 +78,10 @@ class Autopilot(ABC):
         parameters: Parameters | None = None,
         battery: Battery = FULL_BATTERY,
         positioning: Positioning = GPS_POSITIONING,
-        shape: ShapeLimits | None = None,
     ) -> None:
-        """Boot on the ground at `start_m`, disarmed; `shape` limits the horizontal motion."""
+        """Boot on the ground at `start_m`, disarmed; the limits of horizontal motion are read once."""
         self.parameters = parameters or Parameters(self.TABLE)
-        self.airframe = Airframe(plant, start_m, shape=shape)
+        self.airframe = Airframe(plant, start_m, shape=self._shape())
         self.battery_fraction = battery.fraction
         self.armed = False
         self.landed = True
@@ -90,6 +91,7 @@ class Autopilot(ABC):
         self._located_s = -inf if positioning.external else inf
         self._endurance_s = battery.endurance_s
         self._delay_s = plant.delay_s
+        self._feeds = plant.feedforward > 0.0
         self._guidance = Guidance(self.parameters, self.airframe)
         self._intention = Intention(self.BOOT_MODE)
         self._steps = 0
@@ -129,19 +131,14 @@ class Autopilot(ABC):
         return self.gps and self.estimator_ready
 
     @property
-    @abstractmethod
     def conditions(self) -> Conditions:
-        """The present conditions of flight modes."""
+        """The present conditions of flight modes: by default all modes need a local position only, and no setpoints."""
+        return Conditions(estimator_ready=self.estimator_ready, setpoints_flow=True)
 
     @property
-    @abstractmethod
     def armable(self) -> bool:
-        """Whether the preflight checks pass in the present mode."""
-
-    @property
-    def hil(self) -> bool:
-        """Whether it reports that its body is simulated."""
-        return False
+        """Whether the preflight checks pass; what depends on the mode may be checked on arming."""
+        return self.estimator_ready
 
     @property
     def failsafe(self) -> bool:
@@ -185,14 +182,14 @@ class Autopilot(ABC):
     def select(self, mode: NavMode) -> CommandResult:
         """Select a flight mode."""
         if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
-            return self._reject(self._refusal(mode))
+            return self._reject(self.REFUSED_TEXT and self.REFUSED_TEXT.format(mode=mode.value))
         self._breach_mode = None  # selecting a mode permits flight outside the fence
         self._update_mode()
         return CommandResult.ACCEPTED
 
-    @abstractmethod
     def take_off(self, altitude_m: float | None = None) -> CommandResult:
         """Take off to a mission altitude."""
+        raise NotImplementedError
 
     def land(self) -> CommandResult:
         """Land where the vehicle is."""
@@ -207,7 +204,6 @@ class Autopilot(ABC):
         self.setpoints_received += 1
         self._pending.append((time_s + self._delay_s, target))
 
-    @abstractmethod
     def receive_heartbeat(self, time_s: float, system_id: int) -> None:
         """Take the heartbeat of another system that arrived at `time_s`."""
 
@@ -274,7 +270,6 @@ class Autopilot(ABC):
             words, self._breach_mode = breach
             self._say(words, Severity.CRITICAL)
 
-    @abstractmethod
     def _watch_station(self) -> None:
         """React to a silent ground station."""
 
@@ -297,30 +292,35 @@ class Autopilot(ABC):
         if text is not None:
             self._texts.append((severity, text))
 
-    @abstractmethod
     def _on_mode_change(self) -> None:
-        """Handle a change of the flown mode."""
+        """Handle a change of the flown mode: setpoints are kept."""
 
-    @abstractmethod
+    def _shape(self) -> ShapeLimits | None:
+        """Return the limits of the horizontal motion, if it is limited."""
+        return None
+
     def _on_disarmed(self) -> None:
         """Change to the mode after disarming."""
+        self._intention.on_event(ModeEvent.DISARMED)
 
-    @abstractmethod
     def _flown(self) -> NavMode:
         """Return the mode to fly: the user's, or a failsafe's."""
+        return self._intention.mode
 
-    @abstractmethod
     def _disarm_after_s(self, *, flown: bool) -> float:
         """Return how long it stays armed on the ground, after a flight or before."""
+        raise NotImplementedError
 
-    @abstractmethod
     def _arming_fault(self) -> str | None:
         """Return why the vehicle cannot be armed, or None."""
-
-    @abstractmethod
-    def _refusal(self, mode: NavMode) -> str | None:
-        """Return the text when a mode is refused, if there is one."""
+        raise NotImplementedError
 
     def _breach(self) -> tuple[str, NavMode | None] | None:
         """Return the text on a breach of the fence, and the mode that it leads to; None without a breach."""
         return None
+
+
+def autopilot_named(name: AutopilotName) -> type[Autopilot]:
+    """Return the class of an autopilot; its file has its name."""
+    found: type[Autopilot] = import_module(f"sitl.autopilot.{name}").AUTOPILOT
+    return found

@@ -8,6 +8,9 @@ from estimation.frames import Triple
 from sitl.autopilot.modes import NavMode
 from sitl.mavlink_constants import Fields, MessageId, Result
 
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+"""The attitude of a level vehicle, as a quaternion."""
+
 
 class EstimatorState(NamedTuple):
     """What the estimator reports: its flags, and its errors relative to the gates of its tests.
@@ -34,7 +37,8 @@ class Dialect:
 
     `autopilot` is its MAV_AUTOPILOT, `modes` each mode's number in heartbeats and its two parameters of DO_SET_MODE,
     `rates_hz` the default streams, `streams` the messages of REQUEST_DATA_STREAM by stream, `estimator` the fields
-    of the message of the estimator's status, `truth` those of the simulator's message of the true motion.
+    of the message of the estimator's status, `truth` those of the simulator's message of the true motion. With a
+    value in its `hil_parameter` it reports that its body is simulated.
     """
 
     autopilot: int
@@ -53,10 +57,7 @@ class Dialect:
     tells_checks_in_heartbeat: bool = False
     parameters_bytewise: bool = False
     take_off_from_home: bool = False
-
-    def custom_mode(self, mode: NavMode) -> int:
-        """Return the heartbeat's custom_mode field."""
-        return self.modes[mode][0]
+    hil_parameter: str = ""
 
     def mode_of(self, main: float, sub: float) -> NavMode | None:
         """Return the mode of DO_SET_MODE's second and third parameters, None if there is none."""

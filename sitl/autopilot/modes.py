@@ -9,17 +9,17 @@ from enum import Enum
 
 
 class NavMode(Enum):
-    """A flight mode."""
+    """A flight mode, with its name in texts."""
 
-    MANUAL = "manual"
-    ALTITUDE = "altitude"
-    POSITION = "position"
-    TAKE_OFF = "take-off"
-    HOLD = "hold"
-    RETURN = "return"
-    LAND = "land"
-    OFFBOARD = "offboard"
-    STABILIZED = "stabilized"
+    MANUAL = "Manual"
+    ALTITUDE = "Altitude"
+    POSITION = "Position"
+    TAKE_OFF = "Takeoff"
+    HOLD = "Hold"
+    RETURN = "Return"
+    LAND = "Land"
+    OFFBOARD = "Offboard"
+    STABILIZED = "Stabilized"
 
 
 class ModeEvent(Enum):

@@ -52,10 +52,6 @@ class Parameters:
         """Return a value; raises KeyError for an unknown name."""
         return self._values[name]
 
-    def __contains__(self, name: str) -> bool:
-        """Return whether the parameter exists."""
-        return name in self._values
-
     def set(self, name: str, value: Value) -> bool:
         """Set a known parameter to a value of its type and range; return whether it was set."""
         if type(value) is not type(self._values[name]):

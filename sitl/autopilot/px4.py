@@ -1,45 +1,30 @@
-"""A stub that behaves as PX4: offboard ends with its stream of setpoints, and the fence is that of its parameters."""
+"""A stub that behaves as PX4: offboard ends with its stream of setpoints, and the fence is that of its parameters.
+
+Its failsafe for a silent system, NAV_DLL_ACT, is not simulated.
+"""
 
 from collections.abc import Mapping
 from math import hypot, inf
-from types import MappingProxyType
 
 from sitl.autopilot.autopilot import Autopilot, CommandResult
-from sitl.autopilot.dialect import Dialect, EstimatorState, TrueMotion, bounded_i16
-from sitl.autopilot.modes import (
-    NEEDS_GLOBAL_POSITION,
-    NEEDS_STICKS,
-    Conditions,
-    ModeEvent,
-    NavMode,
-    can_arm,
-)
+from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion, bounded_i16
+from sitl.autopilot.modes import NEEDS_GLOBAL_POSITION, NEEDS_STICKS, Conditions, NavMode, can_arm
 from sitl.autopilot.parameters import FlightLimits, ParameterTable, Value
 from sitl.mavlink_constants import Fields, MessageId, Result
 
 CHECK_PERIOD_S = 0.1
 """The offboard stream is checked ten times a second: COM_OF_LOSS_T is noticed that much later."""
 MODES = {
-    NavMode.MANUAL: (1, 0),
-    NavMode.ALTITUDE: (2, 0),
-    NavMode.POSITION: (3, 0),
-    NavMode.TAKE_OFF: (4, 2),
-    NavMode.HOLD: (4, 3),
-    NavMode.RETURN: (4, 5),
-    NavMode.LAND: (4, 6),
-    NavMode.OFFBOARD: (6, 0),
+    NavMode.MANUAL: (1, 0), NavMode.ALTITUDE: (2, 0), NavMode.POSITION: (3, 0), NavMode.TAKE_OFF: (4, 2),
+    NavMode.HOLD: (4, 3), NavMode.RETURN: (4, 5), NavMode.LAND: (4, 6), NavMode.OFFBOARD: (6, 0),
     NavMode.STABILIZED: (7, 0),
-}
+}  # fmt: skip
 """The (main mode, sub mode) pairs."""
 MODES_BY_SEVERITY = {NavMode.HOLD: 1, NavMode.RETURN: 2, NavMode.LAND: 3}
 OFFBOARD_LOSS = {
-    0: NavMode.POSITION,
-    1: NavMode.ALTITUDE,
-    2: NavMode.STABILIZED,
-    3: NavMode.RETURN,
-    4: NavMode.LAND,
+    0: NavMode.POSITION, 1: NavMode.ALTITUDE, 2: NavMode.STABILIZED, 3: NavMode.RETURN, 4: NavMode.LAND,
     5: NavMode.HOLD,
-}
+}  # fmt: skip
 """COM_OBL_RC_ACT -> the mode after setpoints stop; other values are flown as Position, the default."""
 
 STICKS_LOSS = {1: NavMode.HOLD, 2: NavMode.RETURN, 3: NavMode.LAND}
@@ -48,45 +33,23 @@ STICKS_LOSS = {1: NavMode.HOLD, 2: NavMode.RETURN, 3: NavMode.LAND}
 BREACH_MODES = {2: NavMode.HOLD, 3: NavMode.RETURN, 5: NavMode.LAND}
 """GF_ACTION -> the mode after a breach; the others only warn, or stop motors, which the stub does not simulate."""
 WARNS = 1
-LEVEL = (1.0, 0.0, 0.0, 0.0)
-"""The attitude of a level vehicle, as a quaternion."""
 
-DEFAULTS: Mapping[str, Value] = MappingProxyType(
-    {
-        "COM_ARM_WO_GPS": 1,
-        "COM_DISARM_LAND": 2.0,
-        "COM_DISARM_PRFLT": 10.0,
-        "COM_DL_LOSS_T": 10,
-        "COM_OBL_RC_ACT": 0,
-        "COM_OF_LOSS_T": 1.0,
-        "COM_RCL_EXCEPT": 0,
-        "COM_RC_IN_MODE": 1,
-        "COM_SPOOLUP_TIME": 1.0,
-        "GF_ACTION": 2,
-        "GF_MAX_HOR_DIST": 0.0,
-        "GF_MAX_VER_DIST": 0.0,
-        "GF_SOURCE": 0,
-        "MAV_SYS_ID": 1,
-        "MAV_TYPE": 2,
-        "MIS_TAKEOFF_ALT": 2.5,
-        "MPC_ACC_HOR": 3.0,
-        "MPC_LAND_CRWL": 0.3,
-        "MPC_LAND_SPEED": 0.7,
-        "MPC_TKO_RAMP_T": 3.0,
-        "MPC_TKO_SPEED": 1.5,
-        "MPC_XY_CRUISE": 5.0,
-        "MPC_XY_VEL_MAX": 12.0,
-        "MPC_Z_VEL_MAX_DN": 1.5,
-        "MPC_Z_VEL_MAX_UP": 3.0,
-        "NAV_DLL_ACT": 0,
-        "NAV_MC_ALT_RAD": 0.8,
-        "NAV_RCL_ACT": 2,
-        "RTL_DESCEND_ALT": 10.0,
-        "RTL_RETURN_ALT": 30.0,
-        "SYS_AUTOSTART": 10040,
-        "SYS_HITL": 0,
-    }
-)
+RATES_HZ: Mapping[int, float] = {
+    MessageId.HEARTBEAT: 1.0, MessageId.SYS_STATUS: 5.0, MessageId.GPS_RAW_INT: 8.0, MessageId.ATTITUDE: 50.0,
+    MessageId.LOCAL_POSITION_NED: 30.0, MessageId.GLOBAL_POSITION_INT: 50.0, MessageId.BATTERY_STATUS: 0.5,
+    MessageId.HOME_POSITION: 0.5, MessageId.EXTENDED_SYS_STATE: 5.0,
+}  # fmt: skip
+"""Those of the onboard link, in simulated time."""
+
+DEFAULTS: Mapping[str, Value] = {
+    "COM_ARM_WO_GPS": 1, "COM_DISARM_LAND": 2.0, "COM_DISARM_PRFLT": 10.0, "COM_DL_LOSS_T": 10, "COM_OBL_RC_ACT": 0,
+    "COM_OF_LOSS_T": 1.0, "COM_RCL_EXCEPT": 0, "COM_RC_IN_MODE": 1, "COM_SPOOLUP_TIME": 1.0, "GF_ACTION": 2,
+    "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0, "GF_SOURCE": 0, "MAV_SYS_ID": 1, "MAV_TYPE": 2,
+    "MIS_TAKEOFF_ALT": 2.5, "MPC_ACC_HOR": 3.0, "MPC_LAND_CRWL": 0.3, "MPC_LAND_SPEED": 0.7, "MPC_TKO_RAMP_T": 3.0,
+    "MPC_TKO_SPEED": 1.5, "MPC_XY_CRUISE": 5.0, "MPC_XY_VEL_MAX": 12.0, "MPC_Z_VEL_MAX_DN": 1.5,
+    "MPC_Z_VEL_MAX_UP": 3.0, "NAV_DLL_ACT": 0, "NAV_MC_ALT_RAD": 0.8, "NAV_RCL_ACT": 2, "RTL_DESCEND_ALT": 10.0,
+    "RTL_RETURN_ALT": 30.0, "SYS_AUTOSTART": 10040, "SYS_HITL": 0,
+}  # fmt: skip
 """Those of 1.17, of a multicopter in its simulator. An int is a 32-bit integer on the wire, a float a 32-bit float."""
 
 
@@ -136,20 +99,7 @@ class Px4(Autopilot):
         capabilities=2 | 4 | 8 | 16 | 128 | 8192 | 16384,
         refused=Result.TEMPORARILY_REJECTED,
         modes={mode: (custom_mode(mode), float(main), float(sub)) for mode, (main, sub) in MODES.items()},
-        # Those of the onboard link, in simulated time.
-        rates_hz=MappingProxyType(
-            {
-                MessageId.HEARTBEAT: 1.0,
-                MessageId.SYS_STATUS: 5.0,
-                MessageId.GPS_RAW_INT: 8.0,
-                MessageId.ATTITUDE: 50.0,
-                MessageId.LOCAL_POSITION_NED: 30.0,
-                MessageId.GLOBAL_POSITION_INT: 50.0,
-                MessageId.BATTERY_STATUS: 0.5,
-                MessageId.HOME_POSITION: 0.5,
-                MessageId.EXTENDED_SYS_STATE: 5.0,
-            }
-        ),
+        rates_hz=RATES_HZ,
         estimator_message=230,
         estimator=_estimator,
         truth_message=115,
@@ -157,6 +107,7 @@ class Px4(Autopilot):
         acknowledges_mode_first=True,
         tells_checks_in_heartbeat=True,
         parameters_bytewise=True,
+        hil_parameter="SYS_HITL",
     )
     TABLE = ParameterTable(DEFAULTS, _limits)
     BOOT_MODE = NavMode.HOLD  # without a remote control
@@ -165,6 +116,7 @@ class Px4(Autopilot):
     TAKE_OFF_TEXT = "Takeoff detected"
     LANDING_TEXT = "Landing detected"
     LAND_TEXT = "Landing at current position"
+    REFUSED_TEXT = "Switching to {mode} is currently not available"
 
     @property
     def conditions(self) -> Conditions:
@@ -178,11 +130,6 @@ class Px4(Autopilot):
         """Whether the preflight checks pass in the present mode."""
         return can_arm(self.mode, self.conditions)
 
-    @property
-    def hil(self) -> bool:
-        """Whether it reports that its body is simulated."""
-        return self.parameters["SYS_HITL"] != 0
-
     def take_off(self, altitude_m: float | None = None) -> CommandResult:
         """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above the present one; if disarmed, on arming."""
         result = self.select(NavMode.TAKE_OFF)
@@ -191,15 +138,6 @@ class Px4(Autopilot):
             if altitude_m is None:
                 self._say(f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
         return result
-
-    def receive_heartbeat(self, time_s: float, system_id: int) -> None:
-        """Do nothing: the failsafe for a silent system, NAV_DLL_ACT, is not simulated."""
-
-    def _watch_station(self) -> None:
-        """Do nothing, too."""
-
-    def _on_mode_change(self) -> None:
-        """Keep the setpoints."""
 
     def _flown(self) -> NavMode:
         """Return the mode to fly: the user's, or a failsafe's; of several failsafes the one that ends the flight."""
@@ -241,15 +179,8 @@ class Px4(Autopilot):
             return None
         return words, BREACH_MODES.get(action)
 
-    def _refusal(self, mode: NavMode) -> str:
-        label = mode.name.replace("TAKE_OFF", "takeoff").capitalize()
-        return f"Switching to {label} is currently not available"
-
     def _arming_fault(self) -> str | None:
         return None if self.armable else "Arming denied: Resolve system health failures first"
-
-    def _on_disarmed(self) -> None:
-        self._intention.on_event(ModeEvent.DISARMED)
 
     def _disarm_after_s(self, *, flown: bool) -> float:
         """Return how long it stays armed on the ground, after a flight or before; a parameter of 0 is no limit."""

@@ -162,9 +162,10 @@ class Reporter:
     def _heartbeat(self) -> Fields:
         autopilot = self._autopilot
         flags = ModeFlag.CUSTOM_MODE_ENABLED | (ModeFlag.SAFETY_ARMED if autopilot.armed else 0)
-        if autopilot.hil:
+        hil = self._dialect.hil_parameter
+        if hil and autopilot.parameters[hil] != 0:
             flags |= ModeFlag.HIL_ENABLED
-        mode = self._dialect.custom_mode(autopilot.mode)
+        mode = self._dialect.modes[autopilot.mode][0]
         return QUADROTOR, self._dialect.autopilot, int(flags), mode, self._system_status(), 3
 
     def _system_status(self) -> int:

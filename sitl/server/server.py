@@ -13,10 +13,10 @@ from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.state import Telemetry, Vector
 from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.autopilot import autopilot_named
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Value
-from sitl.autopilot.registry import autopilot_named
 from sitl.faults import VehicleFaults, VehicleInjection
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.profile.autopilots import AutopilotName
 from gcs.autopilots.registry import known_as
-from sitl.autopilot.registry import autopilot_named
+from sitl.autopilot.autopilot import autopilot_named
 from tests.experiments.conformance import (
     EXERCISES,
     PLACE,
