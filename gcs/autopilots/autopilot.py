@@ -71,7 +71,7 @@ class FenceLimits(NamedTuple):
     terminates: tuple[str, str] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Autopilot:
     """One autopilot. What others do by its kind they ask here.
 
