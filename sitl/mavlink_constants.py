@@ -1,6 +1,5 @@
 """The MAVLink message ids, rates, flags and constants that the stub uses."""
 
-from collections.abc import Mapping
 from enum import IntEnum, IntFlag
 from typing import Any
 
@@ -8,7 +7,7 @@ Fields = tuple[Any, ...]
 
 
 class MessageId(IntEnum):
-    """The messages that the stub sends."""
+    """The messages that stubs of all autopilots send."""
 
     HEARTBEAT = 0
     SYS_STATUS = 1
@@ -24,33 +23,17 @@ class MessageId(IntEnum):
     MISSION_REQUEST_INT = 51
     MISSION_ITEM_INT = 73
     COMMAND_ACK = 77
-    SIM_STATE = 108
     TIMESYNC = 111
-    HIL_STATE_QUATERNION = 115
     BATTERY_STATUS = 147
     AUTOPILOT_VERSION = 148
-    EKF_STATUS_REPORT = 193
-    ESTIMATOR_STATUS = 230
     HOME_POSITION = 242
     MESSAGE_INTERVAL = 244
     EXTENDED_SYS_STATE = 245
     STATUSTEXT = 253
 
 
-Outgoing = tuple[MessageId, Fields]
-
-PX4_RATES_HZ: Mapping[int, float] = {
-    MessageId.HEARTBEAT: 1.0,
-    MessageId.SYS_STATUS: 5.0,
-    MessageId.GPS_RAW_INT: 8.0,
-    MessageId.ATTITUDE: 50.0,
-    MessageId.LOCAL_POSITION_NED: 30.0,
-    MessageId.GLOBAL_POSITION_INT: 50.0,
-    MessageId.BATTERY_STATUS: 0.5,
-    MessageId.HOME_POSITION: 0.5,
-    MessageId.EXTENDED_SYS_STATE: 5.0,
-}
-"""PX4's rates on its onboard link, in simulated time."""
+Outgoing = tuple[int, Fields]
+"""The id of a message, and its fields."""
 
 
 class Result(IntEnum):
@@ -101,8 +84,6 @@ class EstimatorFlag(IntFlag):
 QUADROTOR = 2
 UID_OF_STUBS = 0x5354_5542_0000_0000
 """The unique id of system id 0: "STUB" in its upper half."""
-HITL = "SYS_HITL"
-"""PX4's parameter of a simulated airframe."""
 UNINITIALISED, STANDBY, ACTIVE, CRITICAL = 0, 3, 4, 5
 GPS_FIX_NONE, GPS_FIX_3D = 1, 3
 CELLS = 4

@@ -1,15 +1,13 @@
 """A profile: the parameters of one type of vehicle, from its TOML file."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 from pydantic import Field, ValidationError
 
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.plant.provenance import Identification
+from estimation.profile.autopilots import AutopilotName
 from estimation.settings import OwnFilterSettings, Settings
-
-Autopilot = Literal["px4", "ardupilot"]
 
 
 class ProfileError(Exception):
@@ -39,7 +37,7 @@ class LimitsSection(Settings):
 class ProfileFile(Settings):
     """The plant x'' = a0 (X_d - x) - a1 x' of a vehicle, with delay and feed-forward."""
 
-    autopilot: Autopilot | None = Field(None, description="autopilot that the profile is for; none: any")
+    autopilot: AutopilotName | None = Field(None, description="autopilot that the profile is for; none: any")
     delay_s: float = Field(0.0, ge=0.0, le=1.0, description="time between a setpoint and its effect")
     feedforward: float = Field(
         0.0,
@@ -64,7 +62,7 @@ class Profile:
 
     plant: Plant
     own_filter: OwnFilterSettings = field(default_factory=OwnFilterSettings)
-    autopilot: Autopilot | None = None
+    autopilot: AutopilotName | None = None
     limits: LimitsSection = field(default_factory=LimitsSection)
     identified: Identification | None = None
 

@@ -9,6 +9,7 @@ from typing import Annotated, get_args
 
 from cyclopts import Parameter
 
+from estimation.profile.autopilots import AutopilotName
 from gcs.cli.options import Plot
 from gcs.cli.questions import Questions, number, one_of, parsed, whole
 from gcs.errors import Exit, InputError
@@ -24,6 +25,7 @@ from gcs.mission.template import (
 )
 
 LINKS: tuple[Links, ...] = get_args(Links)
+AUTOPILOTS = get_args(AutopilotName)
 SHAPES: tuple[NewShape, ...] = get_args(NewShape)
 TARGETS = {"rest": 0.0, "moving": 0.1}
 """Words for the speed of the target [m/s]."""
@@ -43,16 +45,16 @@ class NewOptions:
     links: Annotated[
         Links | None,
         Parameter(
-            help="How vehicles are connected: stub (bundled, no hardware), px4 or ardupilot (their simulators), udp or "
-            "serial (real vehicles)."
+            help=f"How vehicles are connected: stub (bundled, no hardware), {' or '.join(AUTOPILOTS)} (their "
+            "simulators), udp or serial (real vehicles)."
         ),
     ] = None
     profile: Annotated[
         str | None,
         Parameter(
-            help="The vehicles' profile: a bundled one (stub, px4, ardupilot and others), a file in the folder of the "
-            "mission, or a plant x'' = a0 (X_d - x) - a1 x' with a delay in seconds as A0,A1,DELAY, such as "
-            "0.8,0.9,0.1. The default follows --links."
+            help=f"The vehicles' profile: a bundled one (stub, {', '.join(AUTOPILOTS)} and others), a file in the "
+            "folder of the mission, or a plant x'' = a0 (X_d - x) - a1 x' with a delay in seconds as A0,A1,DELAY, such "
+            "as 0.8,0.9,0.1. The default follows --links."
         ),
     ] = None
     shape: Annotated[NewShape | None, Parameter(help="Shape of the formation.")] = None

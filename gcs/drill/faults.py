@@ -8,19 +8,15 @@ from dataclasses import dataclass
 
 from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
+from gcs.autopilots.registry import known_as
 from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
 from gcs.flight.faults.catalogue import BUS_DELAY_S, LINK_DELAY_S, fault_named, required_fault
 from gcs.flight.faults.failing_equipment import FLOOD_HZ
-from gcs.flight.stubs import STATION_TIMEOUT_S
 from gcs.mission.mission import Mission
 
-OUT_OF_OFFBOARD_S = 2.0
-"""A PX4 without an agent leaves offboard within this time, an ArduPilot after FS_GCS_TIMEOUT."""
 MARGIN_S = 0.5
 """Tolerance for a reaction to be observed: ticks and messages take time."""
-STATION_GRACE_S = 1.0
-"""Tolerance of FS_GCS_TIMEOUT: ArduPilot checks it three times a second."""
 HEARTBEAT_S, BATTERY_S = 1.0, 2.0
 """Period of an autopilot's mode and battery reports."""
 CUT_S = 5.0
@@ -112,8 +108,7 @@ def _jump(roles: Roles) -> Expectation:
 
 def _out_of_offboard_s(roles: Roles, vehicles: tuple[int, ...]) -> dict[int, float]:
     """Return the time limit for each vehicle's autopilot to leave offboard by itself."""
-    by_autopilot = {"px4": OUT_OF_OFFBOARD_S, "ardupilot": STATION_TIMEOUT_S + STATION_GRACE_S}
-    return {i: by_autopilot[roles.mission.vehicle(i).autopilot] for i in vehicles}
+    return {i: known_as(roles.mission.vehicle(i).autopilot).leaves_offboard_s for i in vehicles}
 
 
 def dead(roles: Roles) -> Expectation:

@@ -12,15 +12,13 @@ from urllib.parse import urlsplit
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
 from estimation.frames import Triple
+from gcs.autopilots.registry import known_as
 from gcs.errors import InputError
 from gcs.link.relay.signing import wall_ticks
 from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.parameters import CORDON_ID
 from gcs.signals import relay
-from sitl.autopilot.parameters import Value
 from sitl.faults import VehicleInjection
-from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.mavlink.signing import SigningKey
 from sitl.server.endpoint import StubClock
@@ -28,22 +26,6 @@ from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig, StubRecord, serve
 from sitl.server.shared_clock import ClockError, ClockName, Rank, clock_of, new_clock
-
-PREPARED: Mapping[AutopilotKind, Mapping[str, Value]] = {
-    AutopilotKind.PX4: {"COM_OBL_RC_ACT": 4},
-    AutopilotKind.ARDUPILOT: {"FS_GCS_ENABLE": 5, "SYSID_MYGCS": CORDON_ID},
-}
-"""The failsafe parameters that docs/hardware.md requires where the firmware's defaults differ: land."""
-STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S = 5.0, 3.0
-"""FS_GCS_TIMEOUT: the firmware's default, but at least this many seconds of the link.
-
-MAVSDK sends a heartbeat once per wall second; beside other simulators the autopilot's time may pass faster.
-"""
-
-
-def station_timeout_s(time_scale: float) -> float:
-    """Return the FS_GCS_TIMEOUT of a prepared ArduPilot stub, `time_scale` of whose seconds pass in one of its link."""
-    return max(STATION_TIMEOUT_S, STATION_TIMEOUT_WALL_S * time_scale)
 
 
 def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> list[StubConfig]:
@@ -66,7 +48,7 @@ def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> li
             noise=noise,
             wind_m_s2=simulation.wind_m_s2,
             seed=mission.mission.seed,
-            autopilot=AutopilotKind(vehicle.autopilot),
+            autopilot=vehicle.autopilot,
         )
         for vehicle in mission.vehicles
         if vehicle.id in ports
@@ -94,14 +76,13 @@ def prepared_configs(mission: Mission, ids: Collection[int], time_scale: float) 
     """
     keys = {i: SigningKey(key, wall_ticks()) for i, key in signing_keys(mission).items()}
     return [
-        replace(config, parameters=_prepared(config.autopilot, time_scale), signing_key=keys.get(config.vehicle_id))
+        replace(
+            config,
+            parameters=known_as(config.autopilot).failsafe_parameters(time_scale),
+            signing_key=keys.get(config.vehicle_id),
+        )
         for config in stub_configs(mission, url_ports(mission, ids))
     ]
-
-
-def _prepared(autopilot: AutopilotKind, time_scale: float) -> Mapping[str, Value]:
-    timeout = {"FS_GCS_TIMEOUT": station_timeout_s(time_scale)} if autopilot is AutopilotKind.ARDUPILOT else {}
-    return {**PREPARED[autopilot], **timeout}
 
 
 def _origin_offset_m(vehicle: MissionVehicle) -> Triple:

@@ -124,7 +124,7 @@ class FlightRecording:
         known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
         parameters = tuple(Parameter(name, value) for name, value in known.items())
         self._vehicle(facts.vehicle_id).note(
-            Vehicle(facts.autopilot.value, facts.firmware, parameters, facts.kind.value)
+            Vehicle(facts.autopilot.label, facts.firmware, parameters, facts.kind.value)
         )
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from datetime import date
 from math import isfinite
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import tomli_w
 from rich.console import Group, RenderableType
@@ -15,20 +15,18 @@ from rich.text import Text
 from estimation.identification.filter_noise import AHEAD_S
 from estimation.identification.identified import METHOD, Found, Identified, Interval
 from estimation.plant.provenance import Identification, IdentifiedLog, PlantGrade, covariance_of
-from estimation.profile.profile import Autopilot, LimitsSection
+from estimation.profile.profile import LimitsSection
 from estimation.profile.shelf import ProfileShelf
-from gcs.preflight.findings import AutopilotKind
-from gcs.preflight.mission import ACCELERATION_LIMITS, SPEED_LIMITS
+from gcs.autopilots.autopilot import Autopilot
+from gcs.autopilots.registry import known_as
 from gcs.vehicle_logs.vehicle_log import VehicleLog
-
-_KINDS: dict[Autopilot, AutopilotKind] = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
 
 
 def limits_in(logs: Sequence[VehicleLog], autopilot: Autopilot) -> tuple[LimitsSection, tuple[str, ...]]:
     """Return the limits of speed and acceleration (None if no log has the parameter), and the parameters' names."""
-    kind, named = _KINDS[autopilot], list[str]()
+    named = list[str]()
     values: list[float | None] = []
-    for known in (SPEED_LIMITS[kind], ACCELERATION_LIMITS[kind]):
+    for known in (autopilot.speed_limits, autopilot.acceleration_limits):
         held = [(name, unit * log.parameters[name]) for name, unit in known for log in logs if name in log.parameters]
         held = [(name, value) for name, value in held if 0.0 < value <= 100.0]
         named += [held[-1][0]] if held else []
@@ -193,13 +191,13 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
 
 def profile_text(found: Found, identified: Identification, logs: Sequence[VehicleLog]) -> str:
     """Return a profile's text: plant and filter as identified, limits as logged, the rest from the bundled profile."""
-    autopilot = next((name for name in get_args(Autopilot) if name == identified.autopilot.lower()), None)
+    autopilot = known_as(identified.autopilot)
     lines = ["# Written by `cordon identify`; x points north, y west."]
-    if autopilot is not None:
-        lines.append(f"autopilot = {_toml(autopilot)}")
+    if autopilot.is_known:
+        lines.append(f"autopilot = {_toml(autopilot.name)}")
     lines += _plant_lines(found)
     lines += _filter_lines(found) if found.noise is not None else _bundled_lines("own_filter", autopilot)
-    limits, parameters = limits_in(logs, autopilot) if autopilot is not None else (LimitsSection(), ())
+    limits, parameters = limits_in(logs, autopilot) if autopilot.is_known else (LimitsSection(), ())
     if parameters:
         lines += [f"\n# The autopilot's {' and '.join(parameters)}.", "[limits]"]
         lines += [f"{name} = {_toml(round(value, 4))}" for name, value in limits.model_dump(exclude_none=True).items()]
@@ -241,14 +239,14 @@ def _filter_lines(found: Found) -> list[str]:
     ]
 
 
-def _bundled_lines(section: str, autopilot: Autopilot | None) -> list[str]:
+def _bundled_lines(section: str, autopilot: Autopilot) -> list[str]:
     """Return a section of the autopilot's bundled profile: the keys that differ from the defaults."""
-    if autopilot is None:
+    if not autopilot.is_known:
         return []
-    values = getattr(ProfileShelf(None).load(autopilot), section).model_dump(exclude_unset=True)
+    values = getattr(ProfileShelf(None).load(autopilot.name), section).model_dump(exclude_unset=True)
     if not values:
         return []
-    lines = [f"\n# Not in the logs: from the bundled profile '{autopilot}'.", f"[{section}]"]
+    lines = [f"\n# Not in the logs: from the bundled profile '{autopilot.name}'.", f"[{section}]"]
     return lines + [f"{name} = {_toml(value)}" for name, value in values.items()]
 
 

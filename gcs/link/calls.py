@@ -35,7 +35,7 @@ RATE_ATTEMPTS = 5
 """Until the rates are set, the autopilot's default streams may fill a slow link, and acknowledgements are late."""
 TIMEOUT = "TIMEOUT"
 """The name of the result, in each plugin of MAVSDK, of a request that was not answered."""
-DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED, AUTOPILOT_COMPONENT = 176, 1, 4, 1
+DO_SET_MODE, CUSTOM_MODE_ENABLED, AUTOPILOT_COMPONENT = 176, 1, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
 SLOW_STATUS = ("battery", "home", "gps_info", "position")
@@ -186,22 +186,22 @@ async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: Rates) ->
     slow = [(name, rates.status_hz) for name in STATUS]
     for name, rate_hz in (*slow, *((name, rates.status_hz / 2.0) for name in SLOW_STATUS)):
         await calls.request(getattr(telemetry, f"set_rate_{name}"), rate_hz)
-    estimator = feed.reports.estimator
+    estimator = feed.autopilot.estimator
     for number in (estimator.number, estimator.wind_number):
         await calls.request_message(feed.reports.direct, number, rates.status_hz / 2.0)
     if feed.truth is not None:
-        await calls.request_message(feed.reports.direct, feed.truth_message.number, TRUTH_RATE_HZ)
+        await calls.request_message(feed.reports.direct, feed.autopilot.truth.number, TRUTH_RATE_HZ)
 
 
-def choose_guided(system: Any) -> None:
-    """Switch an ArduCopter to GUIDED; blocks until acknowledged, raises MavsdkError when it is refused.
+def choose_guided(system: Any, guided_mode: int) -> None:
+    """Switch an autopilot to its guided mode; blocks until acknowledged, raises MavsdkError when it is refused.
 
     ArduCopter arms neither in LAND nor in BRAKE, which is MAVSDK's hold. MAVSDK itself requests GUIDED only together
     with a setpoint, which it then repeats, and which would interrupt the take-off.
     """
     direct = MavlinkDirect(system)
     try:
-        direct.send_command(command_long(system.get_system_id(), DO_SET_MODE, CUSTOM_MODE_ENABLED, COPTER_GUIDED))
+        direct.send_command(command_long(system.get_system_id(), DO_SET_MODE, CUSTOM_MODE_ENABLED, guided_mode))
     finally:
         direct.destroy()
 

@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field, replace
 
 from estimation.frames import MissionFrame, Triple
+from gcs.autopilots.registry import known_as
 from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
-from gcs.link.rates.budget import EXTERNAL_HZ, TRUTH_BYTES
+from gcs.link.rates.budget import EXTERNAL_HZ
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
 from gcs.mission.links import LinkSection, SharedLinkSection, capacity_bytes_s
@@ -59,7 +60,7 @@ def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, Pace]:
             signed=link.signing_key_file is not None,
             limits_setpoints=link.setpoint_rate_hz is not None,
             positions_hz=EXTERNAL_HZ if mission.frame.external_positions else 0.0,
-            truth_bytes_s=sum(TRUTH_HZ * TRUTH_BYTES[vehicle.autopilot] for vehicle in carried if truth),
+            truth_bytes_s=sum(TRUTH_HZ * known_as(each.autopilot).truth.size_bytes for each in carried if truth),
         )
 
     return {url: pace(url) for url in {vehicle.section.url for vehicle in vehicles}}

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot, isfinite
 
-ATTITUDE, POS_HORIZ_REL, POS_HORIZ_ABS, POS_VERT_ABS, PRED_POS_HORIZ_REL, PRED_POS_HORIZ_ABS = 1, 8, 16, 32, 256, 512
+from gcs.autopilots.autopilot import ATTITUDE, POS_VERT_ABS, SENSORS, EstimatorDialect
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,64 +26,6 @@ class EstimatorReport:
             raise ValueError(f"a test ratio of {dict(self.ratios)} is not finite")
 
 
-@dataclass(frozen=True, slots=True)
-class EstimatorDialect:
-    """One autopilot's estimator report: message, field of each test ratio, and meaning of its flags.
-
-    Any bit of `relative` or `absolute` stands for a horizontal position; `errors` maps a bit to its fault. Its `wind`
-    has a message of its own, with that number; the speed is that of the components named.
-    """
-
-    message: str
-    number: int
-    ratios: Mapping[str, str]
-    relative: int
-    absolute: int
-    errors: Mapping[int, str]
-    glitch: int
-    wind: str
-    wind_number: int
-    wind_components: tuple[str, ...]
-
-
-PX4_ESTIMATOR = EstimatorDialect(
-    "ESTIMATOR_STATUS",
-    230,
-    {
-        "horizontal position": "pos_horiz_ratio",
-        "height": "pos_vert_ratio",
-        "velocity": "vel_ratio",
-        "compass": "mag_ratio",
-    },
-    POS_HORIZ_REL | POS_HORIZ_ABS,
-    POS_HORIZ_ABS,
-    {2048: "accelerometer error"},
-    1024,
-    "WIND_COV",
-    231,
-    ("wind_x", "wind_y"),
-)
-ARDUPILOT_ESTIMATOR = EstimatorDialect(
-    "EKF_STATUS_REPORT",
-    193,
-    {
-        "horizontal position": "pos_horiz_variance",
-        "height": "pos_vert_variance",
-        "velocity": "velocity_variance",
-        "compass": "compass_variance",
-    },
-    # Disarmed, it may report only the position predicted for flight, which its own arming checks use.
-    POS_HORIZ_REL | POS_HORIZ_ABS | PRED_POS_HORIZ_REL | PRED_POS_HORIZ_ABS,
-    POS_HORIZ_ABS | PRED_POS_HORIZ_ABS,
-    {1024: "not initialized"},
-    1 << 15,
-    "WIND",
-    168,
-    ("speed",),
-)
-"""The bits above POS_HORIZ_ABS differ: 1024 is a GPS glitch on PX4, and not initialized on ArduPilot."""
-
-
 def wind_m_s(dialect: EstimatorDialect, fields: Mapping[str, object]) -> float | None:
     """Return the horizontal wind's speed in a message's fields; None where a component is not a number."""
     parts = [fields.get(name) for name in dialect.wind_components]
@@ -96,7 +38,7 @@ def estimator_report(dialect: EstimatorDialect, fields: Mapping[str, object]) ->
     flags = fields.get("flags")
     if not isinstance(flags, int):
         return None
-    values = {name: fields.get(field) for name, field in dialect.ratios.items()}
+    values = {name: fields.get(field) for name, field in zip(SENSORS, dialect.ratios, strict=True)}
     faults = [fault for bit, fault in dialect.errors.items() if flags & bit]
     faults += ["no attitude"] if not flags & ATTITUDE else []
     faults += ["no height"] if not flags & POS_VERT_ABS else []

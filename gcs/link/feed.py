@@ -7,7 +7,6 @@ from dataclasses import replace
 from math import isfinite
 from typing import Any
 
-from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 
@@ -17,7 +16,7 @@ from agents.shell.handover import Handover
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
-from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth
+from gcs.link.ground_truth import GroundTruth
 from gcs.link.self_reports import SelfReports, tilt_deg
 from gcs.link.status_texts import StatusTexts
 
@@ -107,7 +106,7 @@ class VehicleFeed:
         self.plugin: Any = TelemetryPlugin(system)
         self.reports = SelfReports(system, self._update)
         self.texts = StatusTexts()
-        self.truth_message = ARDUPILOT_TRUTH if system.autopilot_type() is Autopilot.ARDUPILOT else PX4_TRUTH
+        self.autopilot = self.reports.autopilot
         self.truth = truth
         self._system = system
         self._frame = frame
@@ -133,7 +132,7 @@ class VehicleFeed:
         telemetry.subscribe_attitude_euler(self._note_attitude)
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
         if self.truth is not None:
-            self.truth.subscribe(self.reports.direct, self.truth_message, self._posting)
+            self.truth.subscribe(self.reports.direct, self.autopilot.truth, self._posting)
         self._update(connected=self._system.is_connected())
         self._system.subscribe_is_connected(self._posting(self._take_connected))
 

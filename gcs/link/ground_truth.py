@@ -1,45 +1,17 @@
 """The true motion of a simulated vehicle, as its simulator sends it over MAVLink; real vehicles send none."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
-from estimation.frames import Geodetic, MissionFrame, Triple
+from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Telemetry
+from gcs.autopilots.autopilot import TruthMessage
 
 RATE_HZ = 10.0
 STALE_S = 2.0
 """A true motion older than this is not extrapolated [s of the mission clock]."""
-DEG_E7, MM, CM_S = 1e-7, 1e-3, 1e-2
-
-Fields = Mapping[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class TruthMessage:
-    """One simulator's message: its name and number, and how to read position and velocity (NED) from its fields."""
-
-    name: str
-    number: int
-    place: Callable[[Fields], Geodetic]
-    velocity_ned_m_s: Callable[[Fields], Triple]
-
-
-PX4_TRUTH = TruthMessage(
-    "HIL_STATE_QUATERNION",
-    115,
-    lambda fields: Geodetic(fields["lat"] * DEG_E7, fields["lon"] * DEG_E7, fields["alt"] * MM),
-    lambda fields: (fields["vx"] * CM_S, fields["vy"] * CM_S, fields["vz"] * CM_S),
-)
-ARDUPILOT_TRUTH = TruthMessage(
-    "SIM_STATE",
-    108,
-    # Its first latitude and longitude are 32-bit floats, exact to half a metre.
-    lambda fields: Geodetic(fields["lat_int"] * DEG_E7, fields["lon_int"] * DEG_E7, float(fields["alt"])),
-    lambda fields: (float(fields["vn"]), float(fields["ve"]), float(fields["vd"])),
-)
 
 
 class GroundTruth:
@@ -69,7 +41,7 @@ class GroundTruth:
         with suppress(ValueError, KeyError, TypeError):  # malformed bytes are dropped here
             fields = json.loads(received.fields_json)
             velocity_m_s = self._frame.mission_from_ned(message.velocity_ned_m_s(fields))
-            position_m = self._frame.mission_from_geodetic(message.place(fields))
+            position_m = self._frame.mission_from_geodetic(Geodetic(*message.place(fields)))
             self.samples.append(Telemetry(self._now_s(), position_m, velocity_m_s))
             if self.on_sample is not None:
                 self.on_sample(self.samples[-1])

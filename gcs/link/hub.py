@@ -16,6 +16,7 @@ from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
+from gcs.autopilots.registry import AUTOPILOTS, advice
 from gcs.link.feed import Postbox
 from gcs.link.ports.urls import require_usable
 from gcs.link.rates.pace import Pace
@@ -140,7 +141,7 @@ class MavsdkHub:
         if system_id in self._vehicles:
             raise VehicleRefusedError(
                 f"system id {system_id} is used on both {self._vehicles[system_id]} and {url}",
-                "give every vehicle a system id of its own (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV)",
+                f"give every vehicle a system id of its own ({advice('system id')})",
             )
         self._vehicles[system_id] = url
 
@@ -242,5 +243,5 @@ def _claimed_twice(url: str, system_id: int, addresses: Iterable[Address]) -> Ve
 def _no_heartbeat(url: str, timeout_s: float) -> VehicleRefusedError:
     return VehicleRefusedError(
         f"no heartbeat on {url} within {timeout_s:g} s",
-        "start a vehicle there (`cordon sitl`, PX4, ArduPilot) or check the url",
+        f"start a vehicle there (`cordon sitl`, {', '.join(each.label for each in AUTOPILOTS)}) or check the url",
     )

@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
-from mavsdk.autopilot import Autopilot
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard
@@ -159,7 +158,8 @@ class MavsdkLink:
         if self._config.external_positions:
             external = ExternalPositionSender(system, self._config.frame, self._config.origin_m)
         self._parts = LinkParts(system, feed, calls, Action(system), Offboard(system), external)
-        self._guided = partial(choose_guided, system) if system.autopilot_type() is Autopilot.ARDUPILOT else None
+        guided = feed.autopilot.guided_mode
+        self._guided = None if guided is None else partial(choose_guided, system, guided)
         feed.subscribe()
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
         await self._request_rates()

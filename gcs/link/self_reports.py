@@ -8,13 +8,13 @@ from contextlib import suppress
 from math import acos, cos, degrees, radians
 from typing import Any
 
-from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.mavlink_direct import MavlinkDirect
 from mavsdk.plugins.telemetry import FixType
 
 from agents.ports import Connection, GpsThreat
 from agents.safety.reported_faults import COMPASS, RATIO_MAX
-from gcs.link.estimator_report import ARDUPILOT_ESTIMATOR, PX4_ESTIMATOR, EstimatorReport, estimator_report, wind_m_s
+from gcs.autopilots.registry import known_as
+from gcs.link.estimator_report import EstimatorReport, estimator_report, wind_m_s
 
 LOST_S = 15.0
 """A lost connection explains a mode change within this time: PX4 holds for 5 s before its failsafe acts."""
@@ -40,8 +40,7 @@ class SelfReports:
 
     def __init__(self, system: Any, update: Callable[..., None]) -> None:
         self.direct: Any = MavlinkDirect(system)
-        ardupilot = system.autopilot_type() is Autopilot.ARDUPILOT
-        self.estimator = ARDUPILOT_ESTIMATOR if ardupilot else PX4_ESTIMATOR
+        self.autopilot = known_as(system.autopilot_type().name)
         self._system_id = int(system.get_system_id())
         self._update = update
         self._had_remote_control = False
@@ -52,8 +51,8 @@ class SelfReports:
 
         `posting` wraps a function so that MAVSDK's thread may call it and it runs on the event loop.
         """
-        self.direct.subscribe_message(self.estimator.message, posting(self._take_estimator))
-        self.direct.subscribe_message(self.estimator.wind, posting(self._take_wind))
+        self.direct.subscribe_message(self.autopilot.estimator.message, posting(self._take_estimator))
+        self.direct.subscribe_message(self.autopilot.estimator.wind, posting(self._take_wind))
         telemetry.subscribe_rc_status(posting(self._take_remote_control))
         if gps:
             telemetry.subscribe_gps_info(posting(self._take_gps))
@@ -73,13 +72,13 @@ class SelfReports:
 
     def _take_estimator(self, message: Any) -> None:
         with suppress(ValueError):  # malformed bytes are dropped here
-            report = estimator_report(self.estimator, json.loads(message.fields_json))
+            report = estimator_report(self.autopilot.estimator, json.loads(message.fields_json))
             if report is not None and message.system_id == self._system_id:
                 self._update(**estimator_facts(report))
 
     def _take_wind(self, message: Any) -> None:
         with suppress(ValueError):
-            speed_m_s = wind_m_s(self.estimator, json.loads(message.fields_json))
+            speed_m_s = wind_m_s(self.autopilot.estimator, json.loads(message.fields_json))
             if speed_m_s is not None and message.system_id == self._system_id:
                 self._keep("wind_m_s", round(speed_m_s, 1), None, WIND_S)
 

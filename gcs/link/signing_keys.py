@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 
 from agents.ports import VehicleRefusedError
+from gcs.autopilots.registry import AUTOPILOTS
 from gcs.errors import InputError
 from gcs.keys.private_files import read_private, write
 from gcs.link.calls import AUTOPILOT_COMPONENT
@@ -74,8 +75,9 @@ async def _set_up(hub: MavsdkHub, vehicle: MissionVehicle, key: bytes) -> SetUp:
         await hub.find(url, system_id, FIND_TIMEOUT_S, signing_key=key)
         await hub.release(url, system_id)
     except VehicleRefusedError as refusal:
+        supported = ", ".join(f"{each.label} {each.advice['signing']}" for each in reversed(AUTOPILOTS))
         step = (
-            "disarm it, and check that its firmware supports SETUP_SIGNING (ArduPilot does, PX4 since 1.18); a vehicle"
+            f"disarm it, and check that its firmware supports SETUP_SIGNING ({supported}); a vehicle"
             " with another key accepts this one over USB, or after that key has been removed"
         )
         return SetUp(vehicle.id, False, f"it was sent its key, but {refusal.reason}", step)

@@ -9,10 +9,12 @@ from typing import NamedTuple
 
 from mavsdk.plugins.telemetry import StatusTextType
 
+from gcs.autopilots.registry import AUTOPILOTS
+
 TEXTS_KEPT = 20
 CHECK_S = 35.0
 """How long a failed check counts: ArduPilot repeats them every 30 s."""
-_CHECK = re.compile(r"^(PreArm|Arm): |\b(preflight fail|arming denied|not ready)\b", re.IGNORECASE)
+_CHECK = re.compile("|".join(each.failed_check for each in AUTOPILOTS), re.IGNORECASE)
 _REFUSAL = re.compile(
     r"\b(denied|reject(ed|ing)|refus(ed|ing)|not available|not possible|mode change\b.*\bfailed)\b", re.IGNORECASE
 )
@@ -55,12 +57,12 @@ class StatusTexts:
 
 
 def names_check(text: str) -> bool:
-    """Return whether a text of PX4 or ArduPilot names a check that failed."""
+    """Return whether a text of an autopilot names a check that failed."""
     return _CHECK.search(text) is not None
 
 
 def names_refusal(text: str) -> bool:
-    """Return whether a text of PX4 or ArduPilot states a refusal."""
+    """Return whether a text of an autopilot states a refusal."""
     return names_check(text) or _REFUSAL.search(text) is not None
 
 

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from gcs.autopilots.registry import advice
+
 
 class How(StrEnum):
     """How a flight ended, gravest first; the values stand in logs and in the JSON output."""
@@ -90,10 +92,7 @@ class FlightEnding:
         return f"{HEADLINES[self.how]}{whose}"
 
 
-AUTOPILOTS_ALONE = (
-    "only their autopilots control them now: PX4 leaves offboard about 1 s after the last setpoint, then holds or lands"
-    " (COM_OBL_RC_ACT); ArduPilot stays at its last setpoint until its ground station failsafe acts (FS_GCS_ENABLE)"
-)
+AUTOPILOTS_ALONE = f"only their autopilots control them now: {advice('alone', between='; ', after=' ')}"
 WATCH_THEM = "watch them, and take over by remote control or a ground station; cordon does not reconnect to them"
 
 

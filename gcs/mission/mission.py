@@ -24,8 +24,10 @@ from agents.settings.sections import (
 from agents.team.messages import MissionIdentity
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant
-from estimation.profile.profile import Autopilot, Profile
+from estimation.profile.autopilots import DEFAULT, AutopilotName
+from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
+from gcs.autopilots.registry import known_as
 from gcs.mission.links import LinkSection, SharedLinkSection, connection_url
 from gcs.mission.overrides import overridden, places
 from sitl.world import Leg, TargetMotion
@@ -231,7 +233,7 @@ class VehicleSection(Settings):
     system_id: int | None = Field(None, ge=1, le=254, description="MAVLink system id; none: the id")
     link: str | None = Field(None, description="a name in `[links]`, in place of a url")
     url: Annotated[str, AfterValidator(connection_url)] = _by_id(
-        lambda i: f"udpin://127.0.0.1:{14539 + i}",
+        lambda i: f"udpin://127.0.0.1:{known_as(DEFAULT).simulator_port - 1 + i}",
         description="MAVLink connection, such as `serial:///dev/ttyUSB0:57600`",
     )
     endpoint: Annotated[str, AfterValidator(_endpoint)] = _by_id(
@@ -247,7 +249,7 @@ class VehicleSection(Settings):
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
     profile: str = Field("stub", description="bundled profile, or a file beside the mission")
-    autopilot: Autopilot | None = Field(None, description="what a stub in its place emulates; none: the profile's")
+    autopilot: AutopilotName | None = Field(None, description="what a stub in its place emulates; none: the profile's")
     true_scale: TrueScale = Field(
         TrueScale(), description="factors `a0`, `a1` (0.1 to 10) and `feedforward` (0 to 2) of the true plant, 1.0 each"
     )
@@ -285,7 +287,7 @@ class MissionVehicle:
     true_plant: Plant
     decision: DecisionSettings
     own_filter: OwnFilterSettings
-    autopilot: Autopilot
+    autopilot: AutopilotName
     profile: Profile
 
     @property

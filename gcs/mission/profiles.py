@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from agents.settings.sections import DecisionSettings
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
+from estimation.profile.autopilots import DEFAULT
 from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings
 from gcs.mission.links import LinkSection
@@ -24,7 +25,7 @@ def resolved(section: VehicleSection, profile: Profile, own_filter: OwnFilterSet
         true_plant(section, profile.plant),
         section.decision or DecisionSettings(),
         profile.own_filter.model_copy(update=changes),
-        section.autopilot or profile.autopilot or "px4",
+        section.autopilot or profile.autopilot or DEFAULT,
         profile,
     )
 

@@ -10,17 +10,19 @@ from zlib import crc32
 
 from agents.ring.place import chord_m
 from agents.settings.shapes import offset_m
+from estimation.profile.autopilots import DEFAULT, AutopilotName
+from gcs.autopilots.registry import AUTOPILOTS
 
-Links = Literal["stub", "px4", "ardupilot", "udp", "serial"]
+Links = Literal["stub", AutopilotName, "udp", "serial"]
 NewShape = Literal["line", "column", "wedge"]
 SPACING_M, SEPARATION_M = 5.0, 3.0
-PROFILES: dict[Links, str] = {"stub": "stub", "px4": "px4", "ardupilot": "ardupilot", "udp": "px4", "serial": "px4"}
+_SIMULATORS = {each.name: each.simulator_port for each in AUTOPILOTS}
+PROFILES = {"stub": "stub", "udp": DEFAULT, "serial": DEFAULT, **{name: name for name in _SIMULATORS}}
 """The default profile of vehicles on such links."""
 
-_URLS: dict[Links, str] = {
+_URLS = {
     "stub": "udpin://127.0.0.1:{own}",
-    "px4": "udpin://127.0.0.1:{px4}",
-    "ardupilot": "udpin://127.0.0.1:{ardupilot}",
+    **{name: f"udpin://127.0.0.1:{{{name}}}" for name in _SIMULATORS},
     "udp": "udpin://0.0.0.0:{own}",
     "serial": "serial:///dev/ttyUSB{index}:57600",
 }
@@ -129,7 +131,8 @@ class NewMission:
 
     def _vehicle(self, index: int) -> str:
         own = self.ports[index]
-        url = _URLS[self.links].format(own=own, px4=14540 + index, ardupilot=14640 + index, index=index)
+        simulators = {name: first + index for name, first in _SIMULATORS.items()}
+        url = _URLS[self.links].format(own=own, index=index, **simulators)
         x_m, y_m = self._starts_m[index]
         return _VEHICLE.format(id=index + 1, url=url, own=own, x_m=x_m, y_m=y_m, profile=dumps(self.profile))
 

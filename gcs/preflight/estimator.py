@@ -1,16 +1,12 @@
 """Preflight checks of the autopilot's estimator: its innovation test ratios, and the states that it provides."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
-from gcs.link.estimator_report import ARDUPILOT_ESTIMATOR, PX4_ESTIMATOR, EstimatorDialect, EstimatorReport
+from gcs.link.estimator_report import EstimatorReport
 from gcs.mission.mission import Mission
-from gcs.preflight.findings import AutopilotKind, Finding, Grade, VehicleFacts, limited
+from gcs.preflight.findings import Finding, Grade, VehicleFacts, limited
 
-DIALECTS: Mapping[AutopilotKind, EstimatorDialect] = {
-    AutopilotKind.PX4: PX4_ESTIMATOR,
-    AutopilotKind.ARDUPILOT: ARDUPILOT_ESTIMATOR,
-}
 STEPS = {
     "horizontal position": "leave it at rest with a clear view of the sky; indoors check the positioning system",
     "height": "leave it at rest for a minute, or restart the autopilot; shield the barometer from wind and sun",
@@ -25,7 +21,7 @@ def estimator(facts: VehicleFacts, mission: Mission) -> Iterator[Finding]:
     """Check the estimator report: the available states, and each test ratio above the limit, or else the highest."""
     report = facts.estimator
     if report is None or not report.ratios:
-        message = DIALECTS[facts.autopilot].message
+        message = facts.autopilot.estimator.message
         found = f"estimator report ({message}) not received: sensor consistency is unknown"
         yield _finding(facts, Grade.WARNING, found, "check the estimator with a ground station, and check the link")
         return

@@ -6,8 +6,8 @@ from math import cos, pi, sin
 from operator import itemgetter
 
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import AutopilotKind, FenceArea, Finding, Grade, VehicleFacts
-from gcs.preflight.parameters import ARDUPILOT_FENCE_AREAS, PX4_FENCE_WARNS
+from gcs.preflight.findings import FenceArea, Finding, Grade, VehicleFacts
+from gcs.preflight.parameters import fence_limits
 
 Place = tuple[float, float]
 
@@ -22,7 +22,7 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
         step = "check the fence with a ground station, and check the link"
         yield Finding(Grade.WARNING, facts.subject, "fence areas", found, WHY, step)
         return
-    if not facts.fence_areas or not _is_enabled(facts):
+    if not facts.fence_areas or not fence_limits(facts).areas:
         return
     places = route(mission, vehicle)
     outside = [place for place in places if not _allowed(place, facts.fence_areas)]
@@ -62,13 +62,6 @@ def within(place: Place, corners: Sequence[Place]) -> bool:
         if (y1 > y) != (y2 > y) and x < x1 + (y - y1) * (x2 - x1) / (y2 - y1):
             inside = not inside
     return inside
-
-
-def _is_enabled(facts: VehicleFacts) -> bool:
-    if facts.autopilot is AutopilotKind.PX4:
-        return (facts.parameter("GF_ACTION") or 0.0) > PX4_FENCE_WARNS
-    kinds = int(facts.parameter("FENCE_TYPE") or 0.0)
-    return bool(facts.parameter("FENCE_ENABLE") and facts.parameter("FENCE_ACTION") and kinds & ARDUPILOT_FENCE_AREAS)
 
 
 def _allowed(place: Place, areas: Sequence[FenceArea]) -> bool:

@@ -7,12 +7,12 @@ from math import isfinite
 
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
+from gcs.autopilots.autopilot import Autopilot
+from gcs.autopilots.kind import Evidence, Kind
+from gcs.autopilots.registry import UNKNOWN
 from gcs.link.estimator_report import EstimatorReport
-from gcs.link.kind import Evidence, Kind, ardupilot_kind, px4_kind
 from gcs.link.relay.gate import LinkReport
 
-PX4_SIMULATES, ARDUPILOT_SIMULATES = "SYS_HITL", "SIM_OPOS_LAT"
-"""PX4's parameter for hardware in the loop, and a parameter that only an ArduPilot with simulation has."""
 MISSION = "mission"
 """The subject of findings about the mission or the whole team."""
 COMPUTER = "this computer"
@@ -57,14 +57,6 @@ class Finding:
         return cls(grade, subject, check, found, why, "" if well else next_step, temporary and not well)
 
 
-class AutopilotKind(Enum):
-    """The autopilot's firmware."""
-
-    PX4 = "PX4"
-    ARDUPILOT = "ArduPilot"
-    OTHER = "an unknown autopilot"
-
-
 @dataclass(frozen=True, slots=True)
 class GpsFix:
     """The report of a GPS receiver: `dimensions` of its fix (0 without one, 2 or 3), and the satellites in use."""
@@ -99,7 +91,7 @@ class VehicleFacts:
 
     vehicle_id: int
     unreachable: tuple[str, str] | None = None
-    autopilot: AutopilotKind = AutopilotKind.OTHER
+    autopilot: Autopilot = UNKNOWN
     firmware: str = ""
     multicopter: bool = False
     status: VehicleStatus = field(default_factory=VehicleStatus)
@@ -137,17 +129,9 @@ class VehicleFacts:
     @property
     def kind(self) -> Kind:
         """The kind of vehicle, from its reports."""
-        others = any(value is not None for value in self.parameters.values())
-        evidence = Evidence(
-            self.system_id,
-            self.uid,
-            self.vendor_id,
-            hil=self.link.hil,
-            sys_hitl=self.parameter(PX4_SIMULATES),
-            simulates=(self.parameter(ARDUPILOT_SIMULATES) is not None) if others else None,
+        return self.autopilot.kind(
+            Evidence(self.system_id, self.uid, self.vendor_id, hil=self.link.hil, parameters=self.parameters)
         )
-        of = {AutopilotKind.PX4: px4_kind, AutopilotKind.ARDUPILOT: ardupilot_kind}.get(self.autopilot)
-        return Kind.UNKNOWN if of is None else of(evidence)
 
     @property
     def subject(self) -> str:

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from gcs.link.kind import Kind
-from gcs.preflight.findings import ARDUPILOT_SIMULATES, MISSION, PX4_SIMULATES, Finding, Grade, VehicleFacts
+from gcs.autopilots.kind import Kind
+from gcs.autopilots.registry import advice
+from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts
 
 MIXED = "real vehicles would react to simulated neighbours"
 LIVE = "a board with a simulated body may drive real motors"
@@ -39,8 +40,7 @@ def _stated(facts: VehicleFacts) -> Finding:
         "kind",
         f"what it is: {facts.kind.value}",
         "a vehicle of unknown kind is treated as a real one",
-        f"check the link: its version and parameters were not received, or do not agree (PX4: {PX4_SIMULATES}, "
-        f"ArduPilot: {ARDUPILOT_SIMULATES})",
+        f"check the link: its version and parameters were not received, or do not agree ({advice('simulation')})",
     )
 
 
@@ -51,7 +51,7 @@ def _mixed(team: Sequence[VehicleFacts]) -> Finding:
 
 def _not_simulated(facts: VehicleFacts) -> Finding:
     found = f"it is not simulated: {facts.kind.value}"
-    step = "take it out of the mission, or set it up with a simulated body (PX4: SYS_HITL = 2)"
+    step = f"take it out of the mission, or set it up with a simulated body ({advice('bench')})"
     return Finding(Grade.REFUSE, facts.subject, "bench", found, "--bench is for simulated vehicles only", step)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from gcs.autopilots.registry import advice
 from gcs.link.config import link_paces
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
 from gcs.link.rates.pace import Pace
@@ -64,7 +65,7 @@ def _came(url: str, asked: Load, came_bytes_s: float) -> Finding:
         "link traffic",
         f"{url}: {came_bytes_s:.0f} bytes/s received from the vehicles, {asked.down_bytes_s:.0f} bytes/s requested",
         "streams that were not requested delay setpoints and commands",
-        "stop other streams on that port (PX4: MAV_0_MODE, mavlink -m minimal; ArduPilot: SR1_* = 0)",
+        f"stop other streams on that port ({advice('streams', between='; ')})",
     )
 
 

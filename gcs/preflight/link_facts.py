@@ -9,11 +9,9 @@ from dataclasses import replace
 from math import cos, sin, tau
 from typing import Any, NamedTuple
 
-from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
 from mavsdk.plugins.info import Info, InfoError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError
-from mavsdk.plugins.telemetry import FixType
 from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
@@ -26,10 +24,10 @@ from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
+from gcs.link.self_reports import DIMENSIONS
 from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import AutopilotKind, FenceArea, GpsFix, VehicleFacts
-from gcs.preflight.parameters import parameters_wanted
+from gcs.preflight.findings import FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.reader import read_estimator, read_parameters
 from gcs.preflight.vehicle import ARMING_CHECKS, CALM_MODES
 
@@ -89,8 +87,6 @@ LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 GPS_PERIODS = 4.0
 """Timeout in periods of the status rate: GPS status comes at half of it, and one message may be lost."""
 CIRCLE_CORNERS = 36
-KINDS = {Autopilot.PX4: AutopilotKind.PX4, Autopilot.ARDUPILOT: AutopilotKind.ARDUPILOT}
-DIMENSIONS = {FixType.NO_GPS: 0, FixType.NO_FIX: 0, FixType.FIX_2D: 2}
 
 
 async def _nothing() -> None:
@@ -238,20 +234,19 @@ class _VehicleQuery(NamedTuple):
         self, listening_s: float, parameters_timeout_s: float, lost: tuple[str, str] | None = None
     ) -> VehicleFacts:
         """Run all queries at once; times are wall seconds."""
-        kind = KINDS.get(self.system.autopilot_type(), AutopilotKind.OTHER)
-        wanted = parameters_wanted(kind)
+        autopilot = self.feed.autopilot
         (ratio, rate_hz), parameters, gps, areas, estimator, identity = await asyncio.gather(
             self._timing(listening_s),
-            read_parameters(self.system, kind, wanted, parameters_timeout_s),
+            read_parameters(self.system, autopilot, parameters_timeout_s),
             self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_hz),
             self.calls.run(_fence_areas, self.system, self.frame),
-            self.calls.run(read_estimator, self.system, kind, parameters_timeout_s),
+            self.calls.run(read_estimator, self.system, autopilot, parameters_timeout_s),
             self.calls.run(read_identity, self.system, parameters_timeout_s),
         )
         feed = self.feed
         return VehicleFacts(
             vehicle_id=self.vehicle_id,
-            autopilot=kind,
+            autopilot=autopilot,
             system_id=int(self.system.get_system_id()),
             firmware=identity.firmware,
             uid=identity.uid,

@@ -6,22 +6,12 @@ from math import hypot, sqrt
 from agents.control.excitation import preview
 from agents.ring.place import chord_m
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import MISSION, AutopilotKind, Finding, Grade, VehicleFacts, limited
+from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
 SIGMAS = 2.0
 RESERVE = 0.8
 """Usable fraction of a limit: vehicles need a margin for catching up and for wind."""
 GAP_RESERVE = 1.2
-SPEED_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
-    AutopilotKind.PX4: (("MPC_XY_VEL_MAX", 1.0),),
-    AutopilotKind.ARDUPILOT: (("WPNAV_SPEED", 0.01), ("WP_SPD", 1.0)),
-}
-"""The parameters that limit speed, with their unit [m/s]; names differ from ArduCopter 4.7 on."""
-ACCELERATION_LIMITS: dict[AutopilotKind, tuple[tuple[str, float], ...]] = {
-    AutopilotKind.PX4: (("MPC_ACC_HOR", 1.0),),
-    AutopilotKind.ARDUPILOT: (("WPNAV_ACCEL", 0.01), ("WP_ACC", 1.0)),
-}
-"""The same for acceleration [m/s²]."""
 
 
 def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
@@ -49,8 +39,8 @@ def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]
     if mission.excites:
         planned = preview(mission.agent_config(mission.vehicles[0]))
         speed_m_s, acceleration_m_s2 = planned.speed_m_s, planned.acceleration_m_s2
-    yield _within(facts, "speed", speed_m_s, "m/s", SPEED_LIMITS[facts.autopilot])
-    yield _within(facts, "acceleration", acceleration_m_s2, "m/s²", ACCELERATION_LIMITS[facts.autopilot])
+    yield _within(facts, "speed", speed_m_s, "m/s", facts.autopilot.speed_limits)
+    yield _within(facts, "acceleration", acceleration_m_s2, "m/s²", facts.autopilot.acceleration_limits)
 
 
 def ring_speed_m_s(mission: Mission) -> float:

@@ -12,7 +12,7 @@ from gcs.preflight.findings import Finding, Grade, VehicleFacts
 from gcs.preflight.kinds import kinds
 from gcs.preflight.link_budget import link_budget
 from gcs.preflight.mission import autopilot_limits, feasibility
-from gcs.preflight.parameters import JUDGES, failsafes, fence, station
+from gcs.preflight.parameters import failsafes, fence, station
 from gcs.preflight.profile import profile
 from gcs.preflight.senders import senders
 from gcs.preflight.vehicle import (
@@ -99,6 +99,6 @@ def _of_vehicle(
         yield Finding(Grade.REFUSE, facts.subject, "link", found, why, step)
         return
     yield Finding(Grade.PASS, facts.subject, "link", f"received on {vehicle.section.url} as system {vehicle.system_id}")
-    for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot in JUDGES else ()):
+    for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot.is_known else ()):
         yield from check(facts, mission, vehicle)
     yield from profile(facts, mission, vehicle, today)

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 from datetime import date
 
 from estimation.plant.provenance import Identification, PlantGrade
+from gcs.autopilots.registry import UNKNOWN, known_as
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.preflight.findings import AutopilotKind, Finding, Grade, VehicleFacts
+from gcs.preflight.findings import Finding, Grade, VehicleFacts
 
 OLD_DAYS = 180
 _NUMBERS = re.compile(r"(\d+)\.(\d+)")
 _WHY = "the controller relies on the plant: with a wrong one, radius and rate on the ring are off"
 _STEP = "identify it again (cordon excite, cordon identify), and set its profile to the new file"
-_AUTOPILOTS = {"px4": AutopilotKind.PX4, "ardupilot": AutopilotKind.ARDUPILOT}
 
 
 def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, today: date | None) -> Iterator[Finding]:
@@ -28,8 +28,8 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
     if identified is None:
         return
     doubts = [*_doubts(identified, facts, today), *_other_kind(identified, vehicle)]
-    if not other and identified.autopilot.lower() != facts.autopilot.value.lower():
-        doubts.append(f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.value}")
+    if not other and identified.autopilot.lower() != facts.autopilot.label.lower():
+        doubts.append(f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.label}")
     what = f"its profile '{vehicle.section.profile}', identified on {identified.date}"
     found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} with its firmware, is {identified.verdict.value}"
     yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
@@ -38,18 +38,18 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
 def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
     """Refuse a profile of another autopilot; a warning if the mission itself states this autopilot."""
     key = vehicle.profile.autopilot
-    if key is None or facts.autopilot in (_AUTOPILOTS[key], AutopilotKind.OTHER):
+    if key is None or facts.autopilot in (known_as(key), UNKNOWN):
         return
     chosen = vehicle.section.autopilot
-    meant = chosen is not None and _AUTOPILOTS[chosen] is facts.autopilot
+    meant = chosen is not None and known_as(chosen) is facts.autopilot
     yield Finding(
         Grade.WARNING if meant else Grade.REFUSE,
         facts.subject,
         "profile",
-        f"its profile '{vehicle.section.profile}' is for {_AUTOPILOTS[key].value} (autopilot = \"{key}\"), and the "
-        f"vehicle reports {facts.autopilot.value}",
+        f"its profile '{vehicle.section.profile}' is for {known_as(key).label} (autopilot = \"{key}\"), and the "
+        f"vehicle reports {facts.autopilot.label}",
         "plant, filter and limits of another autopilot do not describe this vehicle",
-        f"use a profile for {facts.autopilot.value} in the mission, or check the url",
+        f"use a profile for {facts.autopilot.label} in the mission, or check the url",
     )
 
 
@@ -60,7 +60,7 @@ def _doubts(identified: Identification, facts: VehicleFacts, today: date | None)
     days = 0 if today is None else (today - date.fromisoformat(identified.date)).days
     if days > OLD_DAYS:
         yield f"it is {days} days old"
-    same = identified.autopilot.lower() == facts.autopilot.value.lower()
+    same = identified.autopilot.lower() == facts.autopilot.label.lower()
     if same and _release(identified.firmware) != _release(facts.firmware) and identified.firmware and facts.firmware:
         yield f"it was identified with firmware {identified.firmware}, and the vehicle's is {facts.firmware}"
 

@@ -6,7 +6,6 @@ waits three seconds for each that the firmware does not have. Nothing is written
 
 import asyncio
 import json
-import struct
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -16,25 +15,21 @@ from typing import Any
 
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
+from gcs.autopilots.autopilot import Autopilot
 from gcs.link.calls import AUTOPILOT_COMPONENT, command_long
 from gcs.link.estimator_report import EstimatorReport, estimator_report
-from gcs.preflight.estimator import DIALECTS
-from gcs.preflight.findings import AutopilotKind
 
 REQUEST_PERIOD_S = 0.4
 POLL_S = 0.02
 REQUEST_MESSAGE = 512
-INTEGER_LAST = 6
-"""The last MAV_PARAM_TYPE of an integer of 32 bits or less; 9 is a 32-bit float."""
 
 
-async def read_parameters(
-    system: Any, kind: AutopilotKind, wanted: Sequence[Sequence[str]], timeout_s: float
-) -> Mapping[str, float | None]:
-    """Return parameters by name; None for those not received within `timeout_s` wall seconds.
+async def read_parameters(system: Any, autopilot: Autopilot, timeout_s: float) -> Mapping[str, float | None]:
+    """Return the parameters wanted by name; None for those not received within `timeout_s` wall seconds.
 
-    Each entry of `wanted` holds the possible names of one parameter: one received name completes it.
+    Each entry holds the possible names of one parameter: one received name completes it.
     """
+    wanted = autopilot.parameters_wanted
     values: dict[str, float | None] = dict.fromkeys(name for names in wanted for name in names)
     loop, direct = asyncio.get_running_loop(), MavlinkDirect(system)
     system_id = int(system.get_system_id())
@@ -43,7 +38,7 @@ async def read_parameters(
         with suppress(ValueError, KeyError):  # malformed bytes are dropped here
             fields = json.loads(message.fields_json)
             if message.system_id == system_id and fields["param_id"] in values:
-                values[fields["param_id"]] = parameter_value(kind, fields["param_type"], fields["param_value"])
+                values[fields["param_id"]] = parameter_value(autopilot, fields["param_type"], fields["param_value"])
 
     direct.subscribe_message("PARAM_VALUE", take)
     try:
@@ -59,14 +54,14 @@ async def read_parameters(
     return values
 
 
-def read_estimator(system: Any, kind: AutopilotKind, timeout_s: float) -> EstimatorReport | None:
+def read_estimator(system: Any, autopilot: Autopilot, timeout_s: float) -> EstimatorReport | None:
     """Request the estimator report; None without one within `timeout_s` wall seconds.
 
     Blocks, and for longer than `timeout_s` where a request is not acknowledged.
     """
-    dialect = DIALECTS.get(kind)
-    if dialect is None:
+    if not autopilot.is_known:
         return None
+    dialect = autopilot.estimator
     direct, system_id = MavlinkDirect(system), int(system.get_system_id())
     received, reports = threading.Event(), list[EstimatorReport]()
 
@@ -90,13 +85,10 @@ def read_estimator(system: Any, kind: AutopilotKind, timeout_s: float) -> Estima
     return reports[-1] if reports else None
 
 
-def parameter_value(kind: AutopilotKind, wire_type: int, value: float | None) -> float | None:
-    """Decode a PARAM_VALUE: PX4 sends the bytes of an integer as a float, ArduPilot its value as a float."""
-    if value is None or not isfinite(value):
-        return None
-    if kind is AutopilotKind.PX4 and wire_type <= INTEGER_LAST:
-        return float(struct.unpack("<i", struct.pack("<f", value))[0])
-    return float(value)
+def parameter_value(autopilot: Autopilot, wire_type: int, value: float | None) -> float | None:
+    """Decode a PARAM_VALUE as JSON holds it: without the bytes that are no number."""
+    number = None if value is None or not isfinite(value) else autopilot.parameter(wire_type, value)
+    return None if number is None else float(number)
 
 
 def _missing(wanted: Sequence[Sequence[str]], values: Mapping[str, float | None]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from gcs.autopilots.registry import advice
 from gcs.link.relay.gate import LinkReport
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
 
@@ -23,7 +24,7 @@ def _doubled(facts: VehicleFacts) -> Finding:
         "doubled",
         f"several vehicles send with its system id on {facts.link.address}: sequence numbers jump back and forth",
         "each command would go to all of them",
-        "give every vehicle its own system id (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), one after the other",
+        f"give every vehicle its own system id ({advice('system id')}), one after the other",
     )
 
 

@@ -9,10 +9,11 @@ from agents.ports import FlightMode
 from agents.shell.computer import ComputerClock
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
+from gcs.autopilots.registry import AUTOPILOTS, advice
 from gcs.link.status_texts import quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import FrameSection, Mission, MissionVehicle
-from gcs.preflight.findings import COMPUTER, MISSION, AutopilotKind, Finding, Grade, VehicleFacts, tolerated
+from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, VehicleFacts, tolerated
 
 PLACE_LIMIT_M = 10.0
 HEIGHT_TOLERANCE_M = 2.0
@@ -33,14 +34,14 @@ CALM_MODES = (FlightMode.HOLD, FlightMode.READY)
 
 def identity(facts: VehicleFacts) -> Iterator[Finding]:
     """Check that cordon can fly this autopilot and airframe."""
-    known = facts.autopilot is not AutopilotKind.OTHER
+    labels = [each.label for each in AUTOPILOTS]
     yield Finding.graded(
-        Grade.PASS if known else Grade.REFUSE,
+        Grade.PASS if facts.autopilot.is_known else Grade.REFUSE,
         facts.subject,
         "autopilot",
-        f"its autopilot is {facts.autopilot.value}",
-        "cordon supports the modes and failsafes of PX4 and ArduPilot only",
-        "fly PX4 or ArduPilot, or take the vehicle out of the mission",
+        f"its autopilot is {facts.autopilot.label}",
+        f"cordon supports the modes and failsafes of {' and '.join(labels)} only",
+        f"fly {' or '.join(labels)}, or take the vehicle out of the mission",
     )
     yield Finding.graded(
         Grade.PASS if facts.multicopter else Grade.REFUSE,
@@ -48,7 +49,7 @@ def identity(facts: VehicleFacts) -> Iterator[Finding]:
         "airframe",
         "it is a multicopter" if facts.multicopter else "it is not a multicopter",
         "the mission needs a vehicle that can hover",
-        "check its airframe (PX4: SYS_AUTOSTART and MAV_TYPE, ArduPilot: FRAME_CLASS), or the url",
+        f"check its airframe ({advice('airframe')}), or the url",
     )
 
 
@@ -71,7 +72,7 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
         "mode",
         f"its flight mode is {status.mode.value}",
         "cordon changes to hold before it arms, and a mode switch in another position may override that",
-        "set it to hold (ArduPilot: loiter or guided), and leave the mode switch there",
+        f"set it to hold ({advice('hold')}), and leave the mode switch there",
     )
 
 
@@ -259,7 +260,7 @@ def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
         "telemetry",
         f"motion messages arrive at {reached:.1f} Hz; {requested:g} Hz were requested",
         "control and separation rely on its latest position",
-        "use a faster link, move nearer, or lower the rates of other streams (PX4: MAV_0_RATE, ArduPilot: SR0_*)",
+        f"use a faster link, move nearer, or lower the rates of other streams ({advice('rates')})",
         temporary=True,
     )
 

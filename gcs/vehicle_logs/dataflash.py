@@ -17,9 +17,9 @@ from pymavlink.DFReader import DFFormat, null_term
 
 from estimation.frames import Geodetic, MissionFrame, up_from_ned
 from estimation.state import Vector
+from gcs.autopilots.ardupilot import AUTOPILOT
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import LogFile
-from gcs.vehicle_logs.mode_names import copter_mode
 from gcs.vehicle_logs.raw_log import US, RawLog, Samples, stamps_us, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
@@ -169,7 +169,7 @@ def read_dataflash(log: LogFile) -> tuple[VehicleLog, ...]:
         path=log.name,
         format=FORMAT,
         sha256=log.sha256,
-        autopilot="ardupilot",
+        autopilot=AUTOPILOT.name,
         notes=records.notes,
         is_damaged=records.is_damaged,
     )
@@ -330,7 +330,7 @@ def _add_modes(raw: RawLog, records: _Records) -> None:
     raw.mode_topic = "MODE"
     for row in records.rows("MODE", *STAMPED):
         number = row.get("ModeNum", row.get("Mode"))
-        raw.modes.append((int(row["TimeUS"]), copter_mode(int(number if number is not None else -1))))
+        raw.modes.append((int(row["TimeUS"]), AUTOPILOT.mode(int(number if number is not None else -1))))
     if not raw.modes:
         raw.missing.append("MODE")
     armed = [

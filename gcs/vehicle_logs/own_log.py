@@ -18,8 +18,7 @@ from gcs.flightlog.records import Decision, Truth, Vehicle
 from gcs.flightlog.run import mission_of
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.vehicle_logs.log_file import LogFile
-from gcs.vehicle_logs.mode_names import CORDON
-from gcs.vehicle_logs.raw_log import US, RawLog, Samples, Stamps, vehicle_log
+from gcs.vehicle_logs.raw_log import CORDON, US, RawLog, Samples, Stamps, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 FORMAT = "log of cordon (.mcap)"

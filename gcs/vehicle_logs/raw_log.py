@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.state import Vector
+from gcs.autopilots.registry import AUTOPILOTS
 from gcs.flightlog.container import LogError
-from gcs.vehicle_logs.mode_names import EXTERNAL
 from gcs.vehicle_logs.unit_check import unit_faults
 from gcs.vehicle_logs.vehicle_log import (
     COLUMNS,
@@ -27,6 +27,10 @@ from gcs.vehicle_logs.vehicle_log import (
 
 Stamps = NDArray[np.int64]
 
+CORDON = "cordon"
+"""The name of the mode in which cordon itself flies, in its own log."""
+EXTERNAL = frozenset({CORDON, *(each.external_mode for each in AUTOPILOTS)})
+"""The modes in which a computer's position setpoints control the vehicle."""
 US = 1e6
 STAMP_MAX_US = 2**62
 FAULTS_MAX = 8

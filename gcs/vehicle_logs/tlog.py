@@ -11,11 +11,9 @@ zeros at the end), and reports 12 of 100 damaged bytes.
 """
 
 import re
-import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from math import isfinite, nan
-from types import MappingProxyType
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -23,9 +21,9 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from estimation.frames import up_from_ned
+from gcs.autopilots.registry import numbered
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US, LogFile
-from gcs.vehicle_logs.mode_names import copter_mode, px4_mode
 from gcs.vehicle_logs.raw_log import RawLog, Samples, Stamps, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
@@ -46,11 +44,9 @@ REORDERED_MAX_US = 500_000
 
 AUTOPILOT_COMPONENT = 1
 NO_AUTOPILOT = 8
-AUTOPILOTS = MappingProxyType({12: "px4", 3: "ardupilot"})
 ARMED = 128
 LOCAL_NED = 1
 VELOCITY_IGNORED = 0b111 << 3
-INTEGER_LAST = 6
 CELL_UNKNOWN = 65535
 
 Packet = tuple[int, Any]
@@ -159,11 +155,12 @@ def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
 
 
 def _read(log: LogFile, system_id: int, vehicle: _Vehicle, packets: _Packets) -> VehicleLog:
+    autopilot = numbered(vehicle.autopilot)
     raw = RawLog(
         path=log.name,
         format=FORMAT,
         sha256=log.sha256,
-        autopilot=AUTOPILOTS.get(vehicle.autopilot, f"autopilot {vehicle.autopilot}"),
+        autopilot=autopilot.name or f"autopilot {vehicle.autopilot}",
         system_id=system_id,
         notes=list(packets.notes),
         is_damaged=packets.is_damaged,
@@ -174,7 +171,7 @@ def _read(log: LogFile, system_id: int, vehicle: _Vehicle, packets: _Packets) ->
     _add_battery(raw, vehicle, clock)
     _add_status(raw, vehicle, clock)
     for _, message in vehicle.packets["PARAM_VALUE"]:
-        if (value := _parameter(vehicle.autopilot, message)) is not None:
+        if (value := autopilot.parameter(message.param_type, message.param_value)) is not None:
             raw.parameters[message.param_id] = value
     for _, message in vehicle.packets["AUTOPILOT_VERSION"]:
         number = message.flight_sw_version
@@ -279,8 +276,7 @@ def _add_status(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
     raw.mode_topic = "HEARTBEAT"
     beats = [packet for packet in vehicle.packets["HEARTBEAT"] if packet[1].autopilot != NO_AUTOPILOT]
     for stamp_us, (_, m) in zip(clock(_stamps(beats)).tolist(), beats, strict=True):
-        name = px4_mode(m.custom_mode) if raw.autopilot == "px4" else copter_mode(m.custom_mode)
-        raw.modes.append((stamp_us, name))
+        raw.modes.append((stamp_us, numbered(vehicle.autopilot).mode(m.custom_mode)))
         raw.armed.append((stamp_us, bool(m.base_mode & ARMED)))
     texts = vehicle.packets["STATUSTEXT"]
     parts: dict[int, int] = {}
@@ -291,13 +287,3 @@ def _add_status(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
             continue
         parts[m.id] = len(raw.texts)
         raw.texts.append((stamp_us, m.severity if 0 <= m.severity <= 7 else None, m.text))
-
-
-def _parameter(autopilot: int, message: Any) -> int | float | None:
-    """Return a parameter's value, None if it is not a number. PX4 sends integers as the bytes of a float.
-
-    ArduPilot sends them as floats. The bytes of PX4's -1 are a float's NaN.
-    """
-    if AUTOPILOTS.get(autopilot) == "px4" and message.param_type <= INTEGER_LAST:
-        return int(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
-    return float(message.param_value) if isfinite(message.param_value) else None

@@ -15,9 +15,9 @@ from pyulog import ULog
 
 from estimation.frames import Geodetic, MissionFrame, euler_from_quaternion_rad, up_from_ned
 from estimation.state import Vector
+from gcs.autopilots.px4 import AUTOPILOT, state_name
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import LogFile
-from gcs.vehicle_logs.mode_names import px4_state
 from gcs.vehicle_logs.raw_log import US, RawLog, Samples, Stamps, stamps_us, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
@@ -51,7 +51,7 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
         path=log.name,
         format=FORMAT,
         sha256=log.sha256,
-        autopilot="px4",
+        autopilot=AUTOPILOT.name,
         firmware=_firmware(ulog),
         begin_us=min(int(ulog.start_timestamp), 2**62),
         notes=list(state.notes),
@@ -279,7 +279,7 @@ def _add_status(raw: RawLog, topics: dict[str, Columns]) -> None:
         return
     stamps = _stamps(raw.path, STATUS, data).tolist()
     states = _columns(raw.path, STATUS, data, ("nav_state", "arming_state")).tolist()
-    raw.modes += [(stamp, px4_state(int(state))) for stamp, (state, _) in zip(stamps, states, strict=True)]
+    raw.modes += [(stamp, state_name(int(state))) for stamp, (state, _) in zip(stamps, states, strict=True)]
     raw.armed += [(stamp, arming == ARMED) for stamp, (_, arming) in zip(stamps, states, strict=True)]
 
 

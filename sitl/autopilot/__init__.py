@@ -1,4 +1,4 @@
-"""The stub's autopilots, PX4 and ArduCopter: modes, guidance, fence and parameters, without MAVLink.
+"""The stub's autopilots, each in a file of its name: modes, guidance, parameters and dialect, without MAVLink's bytes.
 
 It may import vehicle.
 """

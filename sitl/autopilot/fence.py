@@ -1,4 +1,4 @@
-"""PX4's geofence: inclusion and exclusion zones, the distance from home, and the mode after a breach.
+"""The zones of a geofence, in which a vehicle has to stay, or which it must not enter.
 
 Mission frame, metres.
 """
@@ -8,19 +8,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot, isfinite
 
-from estimation.frames import Geodetic, MissionFrame, Triple
-from sitl.autopilot.modes import NavMode
-from sitl.autopilot.parameters import Parameters
+from estimation.frames import Geodetic, MissionFrame
 from sitl.mavlink_constants import Fields
 
 INCLUSION_POLYGON, EXCLUSION_POLYGON, INCLUSION_CIRCLE, EXCLUSION_CIRCLE = 5001, 5002, 5003, 5004
 """MAV_CMD_NAV_FENCE_*: a polygon has one item per corner, with the number of corners in the first parameter."""
 CORNERS_LEAST = 3
 DEG_E7 = 1e7
-
-BREACH_MODES = {2: NavMode.HOLD, 3: NavMode.RETURN, 5: NavMode.LAND}
-"""GF_ACTION -> the mode after a breach; the others only warn, or stop motors, which the stub does not simulate."""
-WARNS = 1
 
 Place = tuple[float, float]
 
@@ -76,18 +70,3 @@ def _place_m(item: Fields, frame: MissionFrame) -> Place:
     altitude_m = 0.0 if frame.origin is None else frame.origin.altitude_m
     x, y, _ = frame.mission_from_geodetic(Geodetic(item[8] / DEG_E7, item[9] / DEG_E7, altitude_m))
     return x, y
-
-
-def breach(zones: Sequence[Zone], parameters: Parameters, position_m: Triple, home_m: Triple) -> str | None:
-    """Return PX4's text on a breach, None without one; the vehicle has to be inside one inclusion zone."""
-    across_m, up_m = parameters["GF_MAX_HOR_DIST"], parameters["GF_MAX_VER_DIST"]
-    x, y, z = position_m
-    if 0.0 < across_m < hypot(x - home_m[0], y - home_m[1]):
-        return "Geofence: exceeding maximum distance to Home"
-    if 0.0 < up_m < z - home_m[2]:
-        return "Geofence: exceeding maximum altitude above Home"
-    inclusions = [zone.allows((x, y)) for zone in zones if zone.stay_inside]
-    kept_out = all(zone.allows((x, y)) for zone in zones if not zone.stay_inside)
-    if kept_out and (any(inclusions) or not inclusions):
-        return None
-    return "Geofence: approaching or outside geofence"

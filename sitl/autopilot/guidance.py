@@ -66,8 +66,8 @@ class Guidance:
         self._climb_from_s = inf
 
     def plan_take_off(self, altitude_m: float | None) -> None:
-        """Set the take-off altitude; None is MIS_TAKEOFF_ALT above the present one."""
-        default = self._airframe.position_m[2] + self._parameters["MIS_TAKEOFF_ALT"]
+        """Set the take-off altitude; None is the default height above the present one."""
+        default = self._airframe.position_m[2] + self._limits.take_off_height_m
         self._take_off_altitude_m = default if altitude_m is None else altitude_m
 
     def enter(self, mode: NavMode, *, after: NavMode) -> None:
@@ -80,7 +80,7 @@ class Guidance:
         self._hold_m = (x, y, altitude)
         self._descends_from_s = -inf
         distance = hypot(x - self.home_m[0], y - self.home_m[1])
-        # PX4 climbs less near home: its return cone has a slope of 45 degrees.
+        # It climbs less near home: the return cone has a slope of 45 degrees.
         rise = min(distance, self._limits.return_rise_m)
         self._return_altitude_m = max(altitude, self.home_m[2] + rise)
 

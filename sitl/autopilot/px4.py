@@ -1,132 +1,122 @@
-"""A stub autopilot that behaves as PX4: arming, modes, offboard and its timeout, take-off, landing, return.
+"""A stub that behaves as PX4: offboard ends with its stream of setpoints, and the fence is that of its parameters.
 
-A state machine that changes only in its methods; time passes only in `step`. Positions are in
-the mission frame, headings clockwise from north, times simulated seconds since boot.
+Its failsafe for a silent system, NAV_DLL_ACT, is not simulated.
 """
 
-from collections import deque
-from enum import Enum, IntEnum
-from math import inf
+from collections.abc import Mapping
+from math import hypot, inf
 
-import numpy as np
+from sitl.autopilot.autopilot import Autopilot, CommandResult
+from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion, bounded_i16
+from sitl.autopilot.modes import NEEDS_GLOBAL_POSITION, NEEDS_STICKS, Conditions, NavMode, can_arm
+from sitl.autopilot.parameters import FlightLimits, ParameterTable, Value
+from sitl.mavlink_constants import Fields, MessageId, Result
 
-from estimation.frames import Triple
-from estimation.plant.model import Plant
-from sitl.autopilot.airframe import STEP_S, Airframe
-from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
-from sitl.autopilot.fence import BREACH_MODES, WARNS, Zone, breach
-from sitl.autopilot.guidance import Guidance, PositionTarget
-from sitl.autopilot.modes import Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
-from sitl.autopilot.parameters import Parameters
-from sitl.vehicle.shaping import ShapeLimits
-
-ESTIMATOR_READY_S = 2.0
-"""The time from boot to a position estimate."""
-DEAD_RECKONING_S = 5.0
-"""The position estimate remains valid for this long without an external position (EKF2_NOAID_TOUT)."""
 CHECK_PERIOD_S = 0.1
-"""PX4 checks the offboard stream ten times a second: COM_OF_LOSS_T is noticed that much later."""
-LANDED_AFTER_S = 1.0
-"""From touching the ground to having landed."""
-SETPOINTS_PENDING_MAX = 1000
+"""The offboard stream is checked ten times a second: COM_OF_LOSS_T is noticed that much later."""
+MODES = {
+    NavMode.MANUAL: (1, 0), NavMode.ALTITUDE: (2, 0), NavMode.POSITION: (3, 0), NavMode.TAKE_OFF: (4, 2),
+    NavMode.HOLD: (4, 3), NavMode.RETURN: (4, 5), NavMode.LAND: (4, 6), NavMode.OFFBOARD: (6, 0),
+    NavMode.STABILIZED: (7, 0),
+}  # fmt: skip
+"""The (main mode, sub mode) pairs."""
 MODES_BY_SEVERITY = {NavMode.HOLD: 1, NavMode.RETURN: 2, NavMode.LAND: 3}
+OFFBOARD_LOSS = {
+    0: NavMode.POSITION, 1: NavMode.ALTITUDE, 2: NavMode.STABILIZED, 3: NavMode.RETURN, 4: NavMode.LAND,
+    5: NavMode.HOLD,
+}  # fmt: skip
+"""COM_OBL_RC_ACT -> the mode after setpoints stop; other values are flown as Position, the default."""
+
+STICKS_LOSS = {1: NavMode.HOLD, 2: NavMode.RETURN, 3: NavMode.LAND}
+"""NAV_RCL_ACT -> the mode in place of one that needs sticks; other values, which stop motors, descend here."""
+
+BREACH_MODES = {2: NavMode.HOLD, 3: NavMode.RETURN, 5: NavMode.LAND}
+"""GF_ACTION -> the mode after a breach; the others only warn, or stop motors, which the stub does not simulate."""
+WARNS = 1
+
+RATES_HZ: Mapping[int, float] = {
+    MessageId.HEARTBEAT: 1.0, MessageId.SYS_STATUS: 5.0, MessageId.GPS_RAW_INT: 8.0, MessageId.ATTITUDE: 50.0,
+    MessageId.LOCAL_POSITION_NED: 30.0, MessageId.GLOBAL_POSITION_INT: 50.0, MessageId.BATTERY_STATUS: 0.5,
+    MessageId.HOME_POSITION: 0.5, MessageId.EXTENDED_SYS_STATE: 5.0,
+}  # fmt: skip
+"""Those of the onboard link, in simulated time."""
+
+DEFAULTS: Mapping[str, Value] = {
+    "COM_ARM_WO_GPS": 1, "COM_DISARM_LAND": 2.0, "COM_DISARM_PRFLT": 10.0, "COM_DL_LOSS_T": 10, "COM_OBL_RC_ACT": 0,
+    "COM_OF_LOSS_T": 1.0, "COM_RCL_EXCEPT": 0, "COM_RC_IN_MODE": 1, "COM_SPOOLUP_TIME": 1.0, "GF_ACTION": 2,
+    "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0, "GF_SOURCE": 0, "MAV_SYS_ID": 1, "MAV_TYPE": 2,
+    "MIS_TAKEOFF_ALT": 2.5, "MPC_ACC_HOR": 3.0, "MPC_LAND_CRWL": 0.3, "MPC_LAND_SPEED": 0.7, "MPC_TKO_RAMP_T": 3.0,
+    "MPC_TKO_SPEED": 1.5, "MPC_XY_CRUISE": 5.0, "MPC_XY_VEL_MAX": 12.0, "MPC_Z_VEL_MAX_DN": 1.5,
+    "MPC_Z_VEL_MAX_UP": 3.0, "NAV_DLL_ACT": 0, "NAV_MC_ALT_RAD": 0.8, "NAV_RCL_ACT": 2, "RTL_DESCEND_ALT": 10.0,
+    "RTL_RETURN_ALT": 30.0, "SYS_AUTOSTART": 10040, "SYS_HITL": 0,
+}  # fmt: skip
+"""Those of 1.17, of a multicopter in its simulator. An int is a 32-bit integer on the wire, a float a 32-bit float."""
 
 
-class CommandResult(Enum):
-    """The result of a command, as in COMMAND_ACK."""
-
-    ACCEPTED = "accepted"
-    REJECTED = "temporarily rejected"
-
-
-class LandedState(IntEnum):
-    """MAV_LANDED_STATE."""
-
-    ON_GROUND = 1
-    IN_AIR = 2
-    TAKE_OFF = 3
-    LANDING = 4
-
-
-class Severity(IntEnum):
-    """MAV_SEVERITY, as far as it is used."""
-
-    CRITICAL = 2
-    WARNING = 4
-    INFO = 6
+def _limits(values: Mapping[str, Value]) -> FlightLimits:
+    return FlightLimits(
+        cruise_m_s=values["MPC_XY_CRUISE"],
+        climb_m_s=values["MPC_Z_VEL_MAX_UP"],
+        sink_m_s=values["MPC_Z_VEL_MAX_DN"],
+        land_m_s=values["MPC_LAND_SPEED"],
+        crawl_m_s=values["MPC_LAND_CRWL"],
+        take_off_m_s=values["MPC_TKO_SPEED"],
+        take_off_ramp_s=values["MPC_TKO_RAMP_T"],
+        take_off_height_m=values["MIS_TAKEOFF_ALT"],
+        spool_up_s=values["COM_SPOOLUP_TIME"],
+        return_rise_m=values["RTL_RETURN_ALT"],
+        altitude_margin_m=values["NAV_MC_ALT_RAD"],
+    )
 
 
-class Autopilot:
-    """One vehicle: commands in, motion and status out. What another autopilot does otherwise, a subclass overrides."""
+def custom_mode(mode: NavMode) -> int:
+    """Return the heartbeat's custom_mode field."""
+    main, sub = MODES[mode]
+    return main << 16 | sub << 24
 
+
+def _estimator(state: EstimatorState) -> Fields:
+    """Return the fields of ESTIMATOR_STATUS; its test ratios are squared."""
+    ratios = (share**2 for share in state.shares_of_gates)
+    return state.boot_ms * 1000, state.flags, *ratios, 0.0, 0.0, 0.0, state.accuracy_m, state.accuracy_m
+
+
+def _truth(motion: TrueMotion) -> Fields:
+    """Return the fields of HIL_STATE_QUATERNION: beside place and velocity, those of a level vehicle."""
+    velocity = [bounded_i16(v * 100.0) for v in motion.velocity_ned_m_s]
+    rates, speeds, forces = (0.0, 0.0, 0.0), (0, 0), (0, 0, 0)
+    return 0, LEVEL, *rates, *motion.place, *velocity, *speeds, *forces
+
+
+class Px4(Autopilot):
+    """One vehicle: commands in, motion and status out."""
+
+    DIALECT = Dialect(
+        autopilot=12,
+        system_id_parameter="MAV_SYS_ID",
+        firmware_version=1 << 24 | 17 << 16 | 0 << 8 | 255,
+        # Mission and command items as integers, parameters bytewise, local setpoints, MAVLink 2, fences.
+        capabilities=2 | 4 | 8 | 16 | 128 | 8192 | 16384,
+        refused=Result.TEMPORARILY_REJECTED,
+        modes={mode: (custom_mode(mode), float(main), float(sub)) for mode, (main, sub) in MODES.items()},
+        rates_hz=RATES_HZ,
+        estimator_message=230,
+        estimator=_estimator,
+        truth_message=115,
+        truth=_truth,
+        acknowledges_mode_first=True,
+        tells_checks_in_heartbeat=True,
+        parameters_bytewise=True,
+        hil_parameter="SYS_HITL",
+    )
+    TABLE = ParameterTable(DEFAULTS, _limits)
+    BOOT_MODE = NavMode.HOLD  # without a remote control
     ARMED_TEXT = "Armed by external command"
     DISARMED_TEXT = "Disarmed by {reason}"
-    TAKE_OFF_TEXT: str | None = "Takeoff detected"
-    LANDING_TEXT: str | None = "Landing detected"
-    LAND_TEXT: str | None = "Landing at current position"
-    DEFAULT_ALTITUDE_TEXT = "Using default takeoff altitude: {altitude_m:.1f} m"
-    MODE_REFUSED_TEXT: str | None = "Switching to {mode} is currently not available"
-
-    def __init__(
-        self,
-        plant: Plant,
-        start_m: Triple = (0.0, 0.0, 0.0),
-        *,
-        parameters: Parameters | None = None,
-        battery: Battery = FULL_BATTERY,
-        positioning: Positioning = GPS_POSITIONING,
-        mode: NavMode = NavMode.HOLD,
-        shape: ShapeLimits | None = None,
-    ) -> None:
-        """Boot on the ground at `start_m`, disarmed, in `mode`; `shape` limits the horizontal motion."""
-        self.parameters = parameters or Parameters()
-        self.airframe = Airframe(plant, start_m, shape=shape)
-        self.battery_fraction = battery.fraction
-        self.armed = False
-        self.landed = True
-        self.mode = mode
-        self.gps = positioning.gps
-        self._localised = positioning.localised
-        self._located_s = -inf if positioning.external else inf
-        self._endurance_s = battery.endurance_s
-        self._delay_s = plant.delay_s
-        self._guidance = Guidance(self.parameters, self.airframe)
-        self._intention = Intention(mode)
-        self._steps = 0
-        self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
-        self._applied: PositionTarget | None = None
-        self.setpoints_received = 0
-        self._heard_s = -inf
-        self._armed_s = self._airborne_s = self._landed_s = -inf
-        self._texts: list[tuple[Severity, str]] = []
-        self.zones: tuple[Zone, ...] = ()
-        self._breached = False
-        self._breach_mode: NavMode | None = None
-
-    @property
-    def time_s(self) -> float:
-        """Simulated seconds since boot, as advanced by `step`."""
-        return self._steps * STEP_S
-
-    @property
-    def home_m(self) -> Triple:
-        """The position of the last arming."""
-        return self._guidance.home_m
-
-    @property
-    def estimator_ready(self) -> bool:
-        """Whether there is a local position estimate."""
-        located = self.time_s - self._located_s <= DEAD_RECKONING_S
-        return self._localised and located and self.time_s >= ESTIMATOR_READY_S
-
-    def receive_external_position(self, time_s: float) -> None:
-        """Take the arrival of an external position."""
-        self._located_s = max(self._located_s, time_s)
-
-    @property
-    def global_position_known(self) -> bool:
-        """Whether it also has a global position: home, and the origin of its local frame."""
-        return self.gps and self.estimator_ready
+    TAKE_OFF_TEXT = "Takeoff detected"
+    LANDING_TEXT = "Landing detected"
+    LAND_TEXT = "Landing at current position"
+    REFUSED_TEXT = "Switching to {mode} is currently not available"
 
     @property
     def conditions(self) -> Conditions:
@@ -140,192 +130,57 @@ class Autopilot:
         """Whether the preflight checks pass in the present mode."""
         return can_arm(self.mode, self.conditions)
 
-    @property
-    def failsafe(self) -> bool:
-        """Whether a failsafe is flown instead of the user's mode."""
-        return self.mode is not self._intention.mode
-
-    @property
-    def landed_state(self) -> LandedState:
-        """On the ground, or the phase of flight."""
-        if self.landed:
-            return LandedState.ON_GROUND
-        doing = {NavMode.TAKE_OFF: LandedState.TAKE_OFF, NavMode.LAND: LandedState.LANDING}
-        return doing.get(self.mode, LandedState.IN_AIR)
-
-    def take_texts(self) -> list[tuple[Severity, str]]:
-        """Return the autopilot's texts since the last call."""
-        texts, self._texts = self._texts, []
-        return texts
-
-    def arm(self) -> CommandResult:
-        """Arm if the preflight checks pass; accepted if already armed. As on PX4, clients cannot force it."""
-        if self.armed:
-            return CommandResult.ACCEPTED
-        fault = self._arming_fault()
-        if fault is not None:
-            return self._reject(fault)
-        self.armed = True
-        self._armed_s = self.time_s
-        self._guidance.on_arm()
-        self._say(self.ARMED_TEXT)
-        return CommandResult.ACCEPTED
-
-    def disarm(self, *, force: bool = False) -> CommandResult:
-        """Disarm on the ground; with `force` also in the air, and the vehicle falls."""
-        if self.armed and not (self.landed or force):
-            return self._reject("Disarming denied: not landed")
-        if self.armed:
-            self._disarm("external command")
-        return CommandResult.ACCEPTED
-
-    def select(self, mode: NavMode) -> CommandResult:
-        """Select a flight mode."""
-        if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
-            return self._reject(self.MODE_REFUSED_TEXT and self.MODE_REFUSED_TEXT.format(mode=mode.label))
-        self._breach_mode = None  # selecting a mode permits flight outside the fence
-        self._update_mode()
-        return CommandResult.ACCEPTED
-
     def take_off(self, altitude_m: float | None = None) -> CommandResult:
         """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above the present one; if disarmed, on arming."""
         result = self.select(NavMode.TAKE_OFF)
         if result is CommandResult.ACCEPTED:
             self._guidance.plan_take_off(altitude_m)
             if altitude_m is None:
-                self._say(self.DEFAULT_ALTITUDE_TEXT.format(altitude_m=self.parameters["MIS_TAKEOFF_ALT"]))
+                self._say(f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
         return result
-
-    def land(self) -> CommandResult:
-        """Land where the vehicle is."""
-        result = self.select(NavMode.LAND)
-        if result is CommandResult.ACCEPTED:
-            self._say(self.LAND_TEXT)
-        return result
-
-    def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
-        """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""
-        self._heard_s = time_s
-        self.setpoints_received += 1
-        self._pending.append((time_s + self._delay_s, target))
-
-    def receive_heartbeat(self, time_s: float, system_id: int) -> None:
-        """Take the heartbeat of another system: PX4's failsafe for a silent system, NAV_DLL_ACT, is not simulated."""
-
-    def step(self, to_time_s: float, disturbance_m_s2: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Advance in whole steps of STEP_S to `to_time_s`; the disturbance is a horizontal acceleration."""
-        disturbance = np.array(disturbance_m_s2)
-        while self.time_s + STEP_S <= to_time_s + 1e-9:
-            self._apply_due_setpoints()
-            self._update_mode()
-            if self.armed:
-                target = self._guidance.target(self.mode, self._applied, time_s=self.time_s, motors_s=self._armed_s)
-                self.airframe.fly(target, disturbance)
-                self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / self._endurance_s)
-            else:
-                self.airframe.fall()
-            self._steps += 1
-            self._watch_take_off()
-            self._watch_ground()
-            self._watch_fence()
-            self._watch_station()
-
-    def _apply_due_setpoints(self) -> None:
-        # A setpoint acts from the step nearest to its due time, so that steps do not increase the mean delay.
-        while self._pending and self._pending[0][0] <= self.time_s + STEP_S / 2:
-            self._applied = self._pending.popleft()[1]
-        if self._applied is not None and not self.conditions.setpoints_flow:
-            self._applied = None
-
-    def _update_mode(self) -> None:
-        flown = self._flown()
-        if flown is not self.mode:
-            self._guidance.enter(flown, after=self.mode)
-            self.mode = flown
-            self._on_mode_change()
-            if self.failsafe:
-                self._say("Failsafe activated", Severity.CRITICAL)
-
-    def _watch_take_off(self) -> None:
-        # If hold cannot be flown, PX4 continues to hover in take-off.
-        arrived = self.mode is NavMode.TAKE_OFF and self._guidance.take_off_complete
-        if self.armed and arrived and can_run(NavMode.HOLD, self.conditions):
-            self._intention.on_event(ModeEvent.TAKE_OFF_COMPLETE)
-
-    def _watch_ground(self) -> None:
-        """Detect lift-off at once, and landing after some time on the ground; then disarm."""
-        if not self.airframe.on_ground:
-            if self.landed:
-                self._say(self.TAKE_OFF_TEXT)
-            self.landed = False
-            self._airborne_s = self.time_s
-        elif not self.landed and self.time_s - self._airborne_s >= LANDED_AFTER_S:
-            self.landed = True
-            self._landed_s = self.time_s
-            self._say(self.LANDING_TEXT)
-        if self.armed and self.landed:
-            self._disarm_when_idle()
-
-    def _watch_fence(self) -> None:
-        """React once to a fence breach in the air; the mode persists until another one is selected."""
-        before, action = self._breached, self._fence_action()
-        words = None
-        if action and self.armed and not self.landed and self.global_position_known:
-            words = breach(self.zones, self.parameters, self.airframe.position_m, self.home_m)
-        self._breached = words is not None
-        if self._breached and not before:
-            self._say(words, Severity.CRITICAL)
-            self._breach_mode = BREACH_MODES.get(action)
-
-    def _watch_station(self) -> None:
-        """React to a silent ground station; the simulated PX4 does nothing."""
-
-    def _disarm_when_idle(self) -> None:
-        flown = self._landed_s > self._armed_s
-        if self._disarm_after_s(flown=flown) <= self.time_s - max(self._landed_s, self._armed_s):
-            self._disarm("landing" if flown else "auto preflight disarming")
-
-    def _disarm(self, reason: str) -> None:
-        self.armed = False
-        self._breach_mode = None
-        self._on_disarmed()
-        self._say(self.DISARMED_TEXT.format(reason=reason))
-
-    def _reject(self, why: str | None) -> CommandResult:
-        self._say(why, Severity.CRITICAL)
-        return CommandResult.REJECTED
-
-    def _say(self, text: str | None, severity: Severity = Severity.INFO) -> None:
-        if text is not None:
-            self._texts.append((severity, text))
-
-    def _arming_fault(self) -> str | None:
-        """Return why the vehicle cannot be armed, or None."""
-        return None if self.armable else "Arming denied: Resolve system health failures first"
 
     def _flown(self) -> NavMode:
         """Return the mode to fly: the user's, or a failsafe's; of several failsafes the one that ends the flight."""
-        flown = self._intention.flown(
-            armed=self.armed,
-            conditions=self.conditions,
-            offboard_loss_action=int(self.parameters["COM_OBL_RC_ACT"]),
-            sticks_loss_action=int(self.parameters["NAV_RCL_ACT"]),
-        )
+        flown = self._without_setpoints()
         if self._breach_mode is None:
             return flown
         return max(flown, self._breach_mode, key=lambda mode: MODES_BY_SEVERITY.get(mode, 0))
 
-    def _fence_action(self) -> int:
-        """Return GF_ACTION, or 0 if the fence does nothing."""
+    def _without_setpoints(self) -> NavMode:
+        """Return the user's mode, or the failsafe of offboard without setpoints.
+
+        There are no sticks: a failsafe that needs them becomes the one for lost sticks (since 1.17; earlier versions
+        descend in Position mode). A failsafe that needs a global position lands without one.
+        """
+        mode, conditions = self._intention.mode, self.conditions
+        if not (self.armed and mode is NavMode.OFFBOARD and not conditions.setpoints_flow):
+            return mode
+        failsafe = OFFBOARD_LOSS.get(int(self.parameters["COM_OBL_RC_ACT"]), NavMode.POSITION)
+        if failsafe in NEEDS_STICKS:
+            failsafe = STICKS_LOSS.get(int(self.parameters["NAV_RCL_ACT"]), failsafe)
+        lost = failsafe in NEEDS_GLOBAL_POSITION and not conditions.global_position
+        return NavMode.LAND if lost else failsafe
+
+    def _breach(self) -> tuple[str, NavMode | None] | None:
+        """Return text and mode of a breach by GF_ACTION; the vehicle has to be inside one inclusion zone."""
         action = int(self.parameters["GF_ACTION"])
-        return action if action == WARNS or action in BREACH_MODES else 0
+        if action != WARNS and action not in BREACH_MODES:
+            return None
+        across_m, up_m = self.parameters["GF_MAX_HOR_DIST"], self.parameters["GF_MAX_VER_DIST"]
+        (x, y, z), home_m = self.airframe.position_m, self.home_m
+        inclusions = [zone.allows((x, y)) for zone in self.zones if zone.stay_inside]
+        kept_out = all(zone.allows((x, y)) for zone in self.zones if not zone.stay_inside)
+        words = "Geofence: approaching or outside geofence"
+        if 0.0 < across_m < hypot(x - home_m[0], y - home_m[1]):
+            words = "Geofence: exceeding maximum distance to Home"
+        elif 0.0 < up_m < z - home_m[2]:
+            words = "Geofence: exceeding maximum altitude above Home"
+        elif kept_out and (any(inclusions) or not inclusions):
+            return None
+        return words, BREACH_MODES.get(action)
 
-    def _on_mode_change(self) -> None:
-        """Handle a change of the flown mode: setpoints are kept."""
-
-    def _on_disarmed(self) -> None:
-        """Change to the mode after disarming."""
-        self._intention.on_event(ModeEvent.DISARMED)
+    def _arming_fault(self) -> str | None:
+        return None if self.armable else "Arming denied: Resolve system health failures first"
 
     def _disarm_after_s(self, *, flown: bool) -> float:
         """Return how long it stays armed on the ground, after a flight or before; a parameter of 0 is no limit."""
@@ -333,3 +188,6 @@ class Autopilot:
             return self.parameters["COM_DISARM_LAND"] or inf
         limit_s = self.parameters["COM_DISARM_PRFLT"]
         return limit_s + self.parameters["COM_SPOOLUP_TIME"] if limit_s else inf
+
+
+AUTOPILOT = Px4

@@ -5,9 +5,8 @@ from enum import IntEnum
 from math import isfinite
 
 from estimation.frames import MissionFrame
+from sitl.autopilot.autopilot import Autopilot, CommandResult
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.px4 import Autopilot, CommandResult
-from sitl.mavlink.dialects import Dialect
 from sitl.mavlink.plans import Sender
 from sitl.mavlink.reports import Reporter
 from sitl.mavlink.schedule import Schedule
@@ -41,7 +40,6 @@ class Commander:
     def __init__(
         self,
         autopilot: Autopilot,
-        dialect: Dialect,
         *,
         frame: MissionFrame,
         reporter: Reporter,
@@ -49,7 +47,7 @@ class Commander:
     ) -> None:
         """Pass commands to `autopilot`; answer requests for messages with `reporter` and `schedule`."""
         self._autopilot = autopilot
-        self._dialect = dialect
+        self._dialect = autopilot.DIALECT
         self._frame = frame
         self._reporter = reporter
         self._schedule = schedule
@@ -69,7 +67,7 @@ class Commander:
     def execute(self, command: int, params: Params, sender: Sender) -> list[Outgoing]:
         """Execute a command; return its acknowledgements, then the requested messages.
 
-        PX4 acknowledges DO_SET_MODE twice: always accepted on arrival, then the actual result.
+        DO_SET_MODE may be acknowledged twice: always accepted on arrival, then the actual result.
         """
         handler = self._handlers.get(command)
         result, answers = handler(params) if handler else (Result.UNSUPPORTED, [])

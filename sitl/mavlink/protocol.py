@@ -13,13 +13,12 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # common and EKF_STATUS_REPORT
 
+from sitl.autopilot.autopilot import Autopilot, Severity
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.parameters import Value
-from sitl.autopilot.px4 import Autopilot, Severity
 from sitl.faults import VehicleFaults
 from sitl.mavlink.commands import Commander
-from sitl.mavlink.dialects import PX4, Dialect
 from sitl.mavlink.plans import FENCE_PLAN, Plans
 from sitl.mavlink.reports import MavlinkConfig, Reporter
 from sitl.mavlink.schedule import Schedule
@@ -37,8 +36,6 @@ REACH_MAX_M = 100e3
 DEG_E7 = 1e7
 TEXT_MAX = 50
 """The longest text of one STATUSTEXT; longer texts are sent in several."""
-
-_SPOKEN = {message: mavlink.mavlink_map[message] for message in MessageId}
 
 
 class Drop(Enum):
@@ -88,24 +85,21 @@ class MavlinkVehicle:
         self,
         autopilot: Autopilot,
         config: MavlinkConfig,
-        dialect: Dialect = PX4,
         faults: VehicleFaults | None = None,
         observer: Observer | None = None,
     ) -> None:
-        """Serve `autopilot` in its dialect; `faults` may change while it is served."""
+        """Serve `autopilot`; `faults` may change while it is served."""
         self._observer = observer
         self._faults = faults or VehicleFaults()
         self.autopilot = autopilot
-        autopilot.parameters.set(dialect.system_id_parameter, config.system_id)
+        self._dialect = autopilot.DIALECT
+        autopilot.parameters.set(self._dialect.system_id_parameter, config.system_id)
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
-        self._dialect = dialect
         self._config = config
-        self._reporter = Reporter(autopilot, dialect, config, self._faults)
-        self._schedule = Schedule(dialect.rates_hz, self._reporter.known)
-        self._commander = Commander(
-            autopilot, dialect, frame=config.frame, reporter=self._reporter, schedule=self._schedule
-        )
+        self._reporter = Reporter(autopilot, config, self._faults)
+        self._schedule = Schedule(self._dialect.rates_hz, self._reporter.known)
+        self._commander = Commander(autopilot, frame=config.frame, reporter=self._reporter, schedule=self._schedule)
         self._listing: list[int] = []
         self._texts_chunked = 0
         self._fence: tuple[Fields, ...] = ()
@@ -181,7 +175,7 @@ class MavlinkVehicle:
 
     def _send(self, outgoing: Outgoing) -> None:
         message, fields = outgoing
-        self._writer.send(_SPOKEN[message](*fields))
+        self._writer.send(mavlink.mavlink_map[message](*fields))
 
     def _parse(self, data: bytes) -> list[Any]:
         """Return the messages of one datagram; a damaged one does not affect the next."""
@@ -249,9 +243,9 @@ class MavlinkVehicle:
             return self._drop(Drop.FRAME)
         if m.type_mask & POSITION_IGNORED:
             return self._drop(Drop.POSITION_MASKED)
-        # PX4 keeps its present yaw when the field is NaN.
+        # A yaw that is NaN keeps the present one.
         heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
-        # A masked velocity is not used; on PX4 NaN is not used either.
+        # A masked velocity is not used, nor is NaN.
         fed = not m.type_mask & VELOCITY_IGNORED and not any(map(isnan, (m.vx, m.vy, m.vz)))
         numbers = (m.x, m.y, m.z, m.vx, m.vy, m.vz) if fed else (m.x, m.y, m.z)
         if not all(map(isfinite, numbers)):
@@ -275,7 +269,7 @@ class MavlinkVehicle:
         return []
 
     def _on_request_data_stream(self, m: Any, time_s: float) -> list[Outgoing]:
-        """Start or stop one of ArduPilot's groups of messages; PX4 has none."""
+        """Start or stop a group of messages, if the autopilot has that group."""
         messages = self._dialect.streams.get(m.req_stream_id)
         if messages is None:
             return self._drop(Drop.NOT_UNDERSTOOD)
@@ -301,7 +295,7 @@ class MavlinkVehicle:
         return [self._param_value(index)] if 0 <= index < len(names) else self._drop(Drop.PARAMETER)
 
     def _on_param_set(self, m: Any, _time_s: float) -> list[Outgoing]:
-        """Set a parameter and answer with its value; no answer to an unknown name or, on PX4, a wrong type."""
+        """Set a parameter and answer with its value; no answer to an unknown name or, bytewise, a wrong type."""
         index = self._index(m.param_id)
         if index < 0:
             return self._drop(Drop.PARAMETER)
@@ -338,21 +332,21 @@ def _timesync(message: Any, time_s: float) -> list[Outgoing]:
 
 
 def _encoded(value: Value, *, bytewise: bool) -> tuple[float, int]:
-    """Return an encoded parameter: in the float field PX4's integers keep their bytes, ArduPilot's their value."""
+    """Return an encoded parameter: in the float field integers keep their bytes, or their value."""
     if not isinstance(value, int):
         return value, REAL32
     return struct.unpack("<f", struct.pack("<i", value))[0] if bytewise else float(value), INT32
 
 
 def _decoded(field: float, kind: int) -> Value | None:
-    """Return the parameter in a float field; None for a type that PX4 does not have."""
+    """Return the parameter in a float field; None for a type that no parameter has."""
     if kind == INT32:
         return int(struct.unpack("<i", struct.pack("<f", field))[0])
     return field if kind == REAL32 else None
 
 
 def _cast(field: float, *, like: Value) -> Value | None:
-    """Return the parameter in a float field as ArduPilot decodes it: the number, converted to the parameter's type."""
+    """Return the parameter in a float field that holds its value: the number, converted to the parameter's type."""
     if not isfinite(field) or abs(field) >= 2**31:
         return None
     return round(field) if isinstance(like, int) else field

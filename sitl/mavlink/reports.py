@@ -11,9 +11,9 @@ import numpy as np
 
 from estimation.frames import Geodetic, MissionFrame, Triple
 from sitl.autopilot.airframe import GRAVITY_M_S2
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.dialect import EstimatorState, TrueMotion, bounded_i16
 from sitl.faults import VehicleFaults, shifted
-from sitl.mavlink.dialects import Dialect
 from sitl.mavlink.signing import SigningKey
 from sitl.mavlink_constants import (
     ACTIVE,
@@ -23,7 +23,6 @@ from sitl.mavlink_constants import (
     CRITICAL,
     GPS_FIX_3D,
     GPS_FIX_NONE,
-    HITL,
     QUADROTOR,
     STANDBY,
     UID_OF_STUBS,
@@ -39,18 +38,8 @@ from sitl.mavlink_constants import (
 
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
 """The gates of the estimators' tests: five standard deviations of a GPS with errors of 0.5 m and 0.3 m/s."""
-LEVEL = (1.0, 0.0, 0.0, 0.0)
-"""The attitude of a level vehicle, as a quaternion."""
-MOTION_MESSAGES = frozenset(
-    {
-        MessageId.ATTITUDE,
-        MessageId.LOCAL_POSITION_NED,
-        MessageId.GLOBAL_POSITION_INT,
-        MessageId.HIL_STATE_QUATERNION,
-        MessageId.SIM_STATE,
-    }
-)
-"""The messages with the vehicle's position and motion."""
+MOTION_MESSAGES = frozenset({MessageId.ATTITUDE, MessageId.LOCAL_POSITION_NED, MessageId.GLOBAL_POSITION_INT})
+"""The messages with the vehicle's position and motion, beside that with the truth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +89,10 @@ class Estimate:
 class Reporter:
     """Computes each message's fields from the autopilot's state; messages of the same time share one estimate."""
 
-    def __init__(self, autopilot: Autopilot, dialect: Dialect, config: MavlinkConfig, faults: VehicleFaults) -> None:
+    def __init__(self, autopilot: Autopilot, config: MavlinkConfig, faults: VehicleFaults) -> None:
         """Report the state of `autopilot`, with the `faults` that affect its motion."""
         self._autopilot = autopilot
-        self._dialect = dialect
+        self._dialect = autopilot.DIALECT
         self._config = config
         self._random = np.random.default_rng(config.seed)
         self._faults = faults
@@ -120,17 +109,9 @@ class Reporter:
             MessageId.AUTOPILOT_VERSION: self._autopilot_version,
             MessageId.HOME_POSITION: self._home_position,
             MessageId.EXTENDED_SYS_STATE: self._extended_sys_state,
+            self._dialect.estimator_message: self._estimator,
+            self._dialect.truth_message: self._truth,
         }
-        estimators: dict[int, Callable[[], Fields]] = {
-            MessageId.ESTIMATOR_STATUS: self._estimator_status,
-            MessageId.EKF_STATUS_REPORT: self._ekf_status_report,
-        }
-        self._builders[dialect.estimator_message] = estimators[dialect.estimator_message]
-        truths: dict[int, Callable[[], Fields | None]] = {
-            MessageId.HIL_STATE_QUATERNION: self._hil_state_quaternion,
-            MessageId.SIM_STATE: self._sim_state,
-        }
-        self._builders[dialect.truth_message] = truths[dialect.truth_message]
 
     @property
     def known(self) -> frozenset[int]:
@@ -143,10 +124,10 @@ class Reporter:
 
     def report(self, message: int) -> list[Outgoing]:
         """Return a message, or nothing while the estimator is not ready; KeyError if the message is unknown."""
-        if self._faults.motion_silent and message in MOTION_MESSAGES:
+        if self._faults.motion_silent and message in {*MOTION_MESSAGES, self._dialect.truth_message}:
             return []
         fields = self._builders[message]()
-        return [] if fields is None else [(MessageId(message), fields)]
+        return [] if fields is None else [(message, fields)]
 
     @property
     def _boot_ms(self) -> int:
@@ -181,16 +162,17 @@ class Reporter:
     def _heartbeat(self) -> Fields:
         autopilot = self._autopilot
         flags = ModeFlag.CUSTOM_MODE_ENABLED | (ModeFlag.SAFETY_ARMED if autopilot.armed else 0)
-        if HITL in autopilot.parameters and autopilot.parameters[HITL] != 0:
+        hil = self._dialect.hil_parameter
+        if hil and autopilot.parameters[hil] != 0:
             flags |= ModeFlag.HIL_ENABLED
-        mode = self._dialect.custom_mode(autopilot.mode)
+        mode = self._dialect.modes[autopilot.mode][0]
         return QUADROTOR, self._dialect.autopilot, int(flags), mode, self._system_status(), 3
 
     def _system_status(self) -> int:
         autopilot = self._autopilot
         if autopilot.armed:
             return CRITICAL if autopilot.failsafe else ACTIVE
-        # PX4 reports standby only if it can be armed.
+        # Where the heartbeat shows the checks, it reports standby only if it can be armed.
         return STANDBY if autopilot.armable or not self._dialect.tells_checks_in_heartbeat else UNINITIALISED
 
     def _sys_status(self) -> Fields:
@@ -211,7 +193,7 @@ class Reporter:
             return time_us, GPS_FIX_NONE, 0, 0, 0, *[UNKNOWN_U16] * 4, 0
         estimate = self._estimate()
         north, east, _ = self._config.frame.ned_from_mission(estimate.velocity_m_s)
-        speed_cm_s = _bounded_i16(100.0 * float(np.hypot(north, east)))
+        speed_cm_s = bounded_i16(100.0 * float(np.hypot(north, east)))
         return time_us, GPS_FIX_3D, *self._place(estimate.position_m), 70, 110, speed_cm_s, 0, 14
 
     def _attitude(self) -> Fields:
@@ -236,28 +218,16 @@ class Reporter:
             return None
         estimate = self._estimate()
         relative_mm = round((estimate.position_m[2] - self._autopilot.home_m[2]) * 1e3)
-        velocity = [_bounded_i16(v * 100.0) for v in self._config.frame.ned_from_mission(estimate.velocity_m_s)]
+        velocity = [bounded_i16(v * 100.0) for v in self._config.frame.ned_from_mission(estimate.velocity_m_s)]
         heading_cdeg = round(degrees(self._autopilot.airframe.heading_rad % tau) * 100.0) % 36000
         return self._boot_ms, *self._place(estimate.position_m), relative_mm, *velocity, heading_cdeg
 
-    def _hil_state_quaternion(self) -> Fields | None:
-        """PX4's simulator: position and velocity are true, the other values are those of a level vehicle."""
+    def _truth(self) -> Fields | None:
         if self._config.frame.is_local:
             return None
         airframe = self._autopilot.airframe
-        velocity = [_bounded_i16(v * 100.0) for v in self._config.frame.ned_from_mission(airframe.velocity_m_s)]
-        rates, speeds, forces = (0.0, 0.0, 0.0), (0, 0), (0, 0, 0)
-        return 0, LEVEL, *rates, *self._place(airframe.position_m), *velocity, *speeds, *forces
-
-    def _sim_state(self) -> Fields | None:
-        """ArduPilot's simulator: position and velocity are true, the other values are those of a level vehicle."""
-        if self._config.frame.is_local:
-            return None
-        airframe = self._autopilot.airframe
-        latitude, longitude, altitude_mm = self._place(airframe.position_m)
-        velocity, zeros = self._config.frame.ned_from_mission(airframe.velocity_m_s), (0.0,) * 9
-        place = (float(latitude), float(longitude), altitude_mm / 1e3)
-        return *LEVEL, *zeros, *place, 0.0, 0.0, *velocity, latitude, longitude
+        velocity = self._config.frame.ned_from_mission(airframe.velocity_m_s)
+        return self._dialect.truth(TrueMotion(self._place(airframe.position_m), velocity))
 
     def _gps_global_origin(self) -> Fields | None:
         return (*self._place(self._config.origin_m), self._boot_ms * 1000) if self._on_globe else None
@@ -277,15 +247,9 @@ class Reporter:
     def _extended_sys_state(self) -> Fields:
         return 0, int(self._autopilot.landed_state)
 
-    def _estimator_status(self) -> Fields:
-        """PX4's: its test ratios are squared."""
-        ratios = (share**2 for share in self._shares_of_gates())
-        accuracy_m = self._config.noise.position_m
-        return self._boot_ms * 1000, int(self._estimator_flags()), *ratios, 0.0, 0.0, 0.0, accuracy_m, accuracy_m
-
-    def _ekf_status_report(self) -> Fields:
-        """ArduPilot's: its "variances" are the square roots of its test ratios."""
-        return int(self._estimator_flags()), *self._shares_of_gates(), 0.0, 0.0
+    def _estimator(self) -> Fields:
+        flags, accuracy_m = int(self._estimator_flags()), self._config.noise.position_m
+        return self._dialect.estimator(EstimatorState(self._boot_ms, flags, self._shares_of_gates(), accuracy_m))
 
     def _shares_of_gates(self) -> tuple[float, float, float]:
         """Return the errors of the estimate relative to the gates: velocity, horizontal position, height."""
@@ -330,7 +294,3 @@ def wire_place(place: Geodetic) -> tuple[int, int, int]:
 def _disturbed(value: Triple, error: list[float], sigma: float) -> Triple:
     x, y, z = (v + sigma * e for v, e in zip(value, error, strict=True))
     return x, y, z
-
-
-def _bounded_i16(value: float) -> int:
-    return round(min(max(value, -32768.0), 32767.0))

@@ -10,15 +10,14 @@ import numpy as np
 
 from estimation.frames import MissionFrame, Triple
 from estimation.plant.model import Plant
+from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.state import Telemetry, Vector
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.arducopter import ArduCopter
+from sitl.autopilot.autopilot import autopilot_named
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Value
-from sitl.autopilot.px4 import Autopilot
 from sitl.faults import VehicleFaults, VehicleInjection
-from sitl.mavlink.dialects import ARDUCOPTER, PX4, AutopilotKind, Dialect
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
@@ -65,7 +64,7 @@ class StubConfig:
     wind_m_s2: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
     battery_fraction: float = 1.0
-    autopilot: AutopilotKind = AutopilotKind.PX4
+    autopilot: AutopilotName = DEFAULT
     gps: bool = True
     localised: bool = True
     external: bool = False
@@ -145,12 +144,6 @@ class _Pace:
         return range(first, self.step + 1)
 
 
-_MANNERS: Mapping[AutopilotKind, tuple[type[Autopilot], Dialect]] = {
-    AutopilotKind.PX4: (Autopilot, PX4),
-    AutopilotKind.ARDUPILOT: (ArduCopter, ARDUCOPTER),
-}
-
-
 class Stub:
     """One served vehicle: its protocol, its socket, its track, and its faults."""
 
@@ -158,9 +151,8 @@ class Stub:
         x, y = config.start_position_m
         dx, dy, dz = config.origin_offset_m
         self.config = config
-        autopilot, dialect = _MANNERS[config.autopilot]
         self.faults = VehicleFaults()
-        self.autopilot = autopilot(
+        self.autopilot = autopilot_named(config.autopilot)(
             config.plant,
             (x, y, 0.0),
             battery=Battery(config.battery_fraction),
@@ -173,7 +165,7 @@ class Stub:
         mavlink = MavlinkConfig(
             config.vehicle_id, config.frame, origin_m, config.noise, seed, config.signing_key, config.uid
         )
-        self._vehicle = MavlinkVehicle(self.autopilot, mavlink, dialect, self.faults, observer=self)
+        self._vehicle = MavlinkVehicle(self.autopilot, mavlink, self.faults, observer=self)
         self.endpoint = Endpoint(
             lambda data: self._vehicle.receive(data, pace.uptime_s()),
             (config.client_host, config.client_port),

@@ -7,8 +7,10 @@ import pytest
 
 from estimation.identification.identified import Found
 from estimation.identification.identify import identify
-from estimation.profile.profile import Autopilot, Profile
+from estimation.profile.autopilots import AutopilotName
+from estimation.profile.profile import Profile
 from estimation.profile.shelf import ProfileShelf
+from gcs.autopilots.registry import known_as
 from gcs.identify.reading import recording_of
 from gcs.identify.view import limits_in
 from gcs.vehicle_logs.foreign import read_vehicle_logs
@@ -45,7 +47,7 @@ def bundled(name: str) -> Bundled:
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
-def test_a_profile_equals_the_identification_of_its_log(name: Autopilot) -> None:
+def test_a_profile_equals_the_identification_of_its_log(name: AutopilotName) -> None:
     here = bundled(name)
     assert here.numbers == pytest.approx([each.value for each in intervals_of(here.found)], rel=2e-3)
     noise, filtered = here.found.noise, here.profile.own_filter
@@ -53,7 +55,7 @@ def test_a_profile_equals_the_identification_of_its_log(name: Autopilot) -> None
     values = [getattr(noise, key) for key in filtered.model_fields_set]
     assert [getattr(filtered, key) for key in filtered.model_fields_set] == pytest.approx(values, rel=1e-2)
     assert len(values) == 4
-    limits, parameters = limits_in([here.log], name)
+    limits, parameters = limits_in([here.log], known_as(name))
     assert (here.profile.limits, len(parameters)) == (limits, 2)
 
 

@@ -20,6 +20,7 @@ from gcs.drill.roles import Roles
 from gcs.drill.run import DrillRun
 from gcs.drill.view import DrillProgress, drill_table
 from sitl.autopilot.modes import NavMode
+from sitl.autopilot.px4 import MODES, custom_mode
 from tests.experiments.arguments import parser
 from tests.support.px4 import FIRST_PORT, Px4Missing, Px4Simulator
 from tests.support.relay import CURRENT_MODE, GLOBAL_POSITION, HEARTBEAT, Message, Relay, flight_mode, is_armed
@@ -32,7 +33,7 @@ READY_WITHIN_S, SETTLES_S = 60.0, 15.0
 RESTARTED_WITHIN_S = 30.0
 STOOD_DOWN_MAX_S = 0.5
 METRES_PER_DEGREE = 111_195.0
-_MODES = {mode.custom_mode: mode.name.lower() for mode in NavMode}
+_MODES = {custom_mode(mode): mode.name.lower() for mode in NavMode}
 
 
 class Px4Flight(DrillFlight):
@@ -108,7 +109,7 @@ class Px4Flight(DrillFlight):
     def fail(self, fault: str, roles: Roles) -> None:
         """Inject a fault through the subject's relay, or its simulator."""
         if fault == "foreign mode":
-            main, sub = NavMode.HOLD.value
+            main, sub = MODES[NavMode.HOLD]
             self.relays[roles.subject].command(DO_SET_MODE, 1.0, float(main), float(sub))
         elif fault == "link cut":
             self.relays[roles.subject].cut = True

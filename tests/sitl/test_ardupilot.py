@@ -17,12 +17,11 @@ from cordon.lockstep import LockstepClient
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.arducopter import ArduCopter
+from sitl.autopilot.ardupilot import ArduCopter
+from sitl.autopilot.autopilot import CommandResult
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
-from sitl.autopilot.px4 import CommandResult
-from sitl.mavlink.dialects import ARDUCOPTER, AutopilotKind
+from sitl.autopilot.parameters import Parameters
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.server import StubConfig
@@ -109,7 +108,7 @@ def test_limits_are_positive(subtests: pytest.Subtests) -> None:
 
 
 def ready(plant: Plant = PLANT, **parameters: float) -> ArduCopter:
-    copter = ArduCopter(plant, parameters=Parameters(ARDUCOPTER_TABLE, **parameters))
+    copter = ArduCopter(plant, parameters=Parameters(ArduCopter.TABLE, **parameters))
     wait(copter, 3.0)
     return copter
 
@@ -280,7 +279,7 @@ class Client:
 
     def __init__(self, copter: ArduCopter | None = None) -> None:
         self.copter = copter or ArduCopter(PLANT, (0.0, 0.0, 1.5))
-        self.vehicle = MavlinkVehicle(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)), ARDUCOPTER)
+        self.vehicle = MavlinkVehicle(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)))
         self._writer = dialect.MAVLink(None, 245, 190)
         self._reader = dialect.MAVLink(None)
 
@@ -372,7 +371,7 @@ def test_take_off_counts_from_home(client: Client) -> None:
 def test_parameters_travel_as_numbers(client: Client, name: str, kind: int, sent: float, kept: float) -> None:
     (answer,) = client.send(dialect.MAVLink_param_set_message(3, 1, name.encode(), sent, kind))
     assert (answer.param_value, client.copter.parameters[name]) == (sent, kept)
-    assert type(client.copter.parameters[name]) is type(ARDUCOPTER_TABLE.defaults[name])
+    assert type(client.copter.parameters[name]) is type(ArduCopter.TABLE.defaults[name])
 
 
 @pytest.mark.parametrize("sent", [float("nan"), float("inf"), 3e9])
@@ -526,7 +525,7 @@ SPEED = 10.0
 
 
 def copter_on(port: int) -> StubConfig:
-    return StubConfig(1, port, PLANT, FRAME, autopilot=AutopilotKind.ARDUPILOT)
+    return StubConfig(1, port, PLANT, FRAME, autopilot="ardupilot")
 
 
 @pytest.fixture(scope="module")

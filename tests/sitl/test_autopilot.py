@@ -12,12 +12,13 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
+from sitl.autopilot.autopilot import Autopilot, CommandResult, LandedState
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NEEDS_STICKS, Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
-from sitl.autopilot.parameters import DEFAULTS, Parameters
-from sitl.autopilot.px4 import Autopilot, CommandResult, LandedState
+from sitl.autopilot.parameters import Parameters
+from sitl.autopilot.px4 import DEFAULTS, Px4
 from sitl.mavlink.schedule import Schedule
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
@@ -31,7 +32,7 @@ def mode_of(autopilot: Autopilot) -> NavMode:
 
 
 def ready(**parameters: float) -> Autopilot:
-    autopilot = Autopilot(PLANT, parameters=Parameters(**parameters))
+    autopilot = Px4(PLANT, parameters=Parameters(Px4.TABLE, **parameters))
     autopilot.step(3.0)
     return autopilot
 
@@ -83,7 +84,7 @@ def test_every_mode_under_every_condition() -> None:
         runs = ready_ and mode not in NEEDS_STICKS and (flow or mode is not NavMode.OFFBOARD)
         assert can_run(mode, conditions) is runs
         assert can_arm(mode, conditions) is (runs and mode not in (NavMode.LAND, NavMode.RETURN))
-        intention = Intention()
+        intention = Intention(NavMode.HOLD)
         accepted = intention.request(mode, armed=armed, conditions=conditions)
         assert accepted is (not armed or mode is NavMode.LAND or runs)
         assert intention.mode is (mode if accepted else NavMode.HOLD)
@@ -97,7 +98,7 @@ def test_a_disarmed_vehicle_rests_in_the_last_mode_that_allows_it(subtests: pyte
     for before, after in modes:
         for last in [NavMode.LAND, NavMode.RETURN, NavMode.TAKE_OFF]:
             with subtests.test(before=before, after=after, last=last):
-                intention = Intention()
+                intention = Intention(NavMode.HOLD)
                 intention.request(before, armed=True, conditions=FLOWING)
                 intention.request(last, armed=True, conditions=FLOWING)
                 intention.on_event(ModeEvent.DISARMED)
@@ -106,7 +107,7 @@ def test_a_disarmed_vehicle_rests_in_the_last_mode_that_allows_it(subtests: pyte
 
 def test_take_off_ends_in_hold_and_nothing_else_does() -> None:
     for mode in NavMode:
-        intention = Intention()
+        intention = Intention(NavMode.HOLD)
         intention.request(mode, armed=False, conditions=READY)
         intention.on_event(ModeEvent.TAKE_OFF_COMPLETE)
         assert intention.mode is (NavMode.HOLD if mode is NavMode.TAKE_OFF else mode)
@@ -188,7 +189,7 @@ def test_heading_turns_the_short_way_at_a_bounded_rate() -> None:
 
 
 def test_arming_waits_for_the_estimator() -> None:
-    autopilot = Autopilot(PLANT)
+    autopilot = Px4(PLANT)
     autopilot.step(1.9)
     assert autopilot.arm() is CommandResult.REJECTED
     assert not autopilot.armed
@@ -536,7 +537,7 @@ def test_of_a_breach_and_a_lost_stream_the_graver_rules_and_landing_is_not_held_
 
 
 def indoors(**parameters: float) -> Autopilot:
-    autopilot = Autopilot(PLANT, parameters=Parameters(**parameters), positioning=Positioning(gps=False))
+    autopilot = Px4(PLANT, parameters=Parameters(Px4.TABLE, **parameters), positioning=Positioning(gps=False))
     autopilot.step(3.0)
     return autopilot
 
@@ -581,7 +582,7 @@ def test_a_failsafe_that_needs_a_place_on_the_globe_lands_without_one(action: in
 
 
 def test_not_localised_it_arms_in_no_mode() -> None:
-    autopilot = Autopilot(PLANT, positioning=Positioning(localised=False))
+    autopilot = Px4(PLANT, positioning=Positioning(localised=False))
     autopilot.step(60.0)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
     for mode in NavMode:
@@ -605,7 +606,7 @@ def test_setpoints_that_are_not_finite_are_refused(subtests: pytest.Subtests) ->
 
 
 def test_parameters_keep_their_types_and_refuse_nan() -> None:
-    parameters = Parameters()
+    parameters = Parameters(Px4.TABLE)
     assert not parameters.set("COM_OBL_RC_ACT", 4.0)
     assert not parameters.set("COM_OF_LOSS_T", 2)
     for bad in (nan, inf, -1.0, 1e30):
@@ -614,9 +615,9 @@ def test_parameters_keep_their_types_and_refuse_nan() -> None:
     assert parameters["COM_OBL_RC_ACT"] == 4
     assert DEFAULTS["COM_OBL_RC_ACT"] == 0
     with pytest.raises(KeyError):
-        Parameters(NO_SUCH=1)
+        Parameters(Px4.TABLE, NO_SUCH=1)
     with pytest.raises(TypeError):
-        Parameters(COM_OF_LOSS_T=1)
+        Parameters(Px4.TABLE, COM_OF_LOSS_T=1)
 
 
 def test_no_parameter_breaks_a_flight(subtests: pytest.Subtests) -> None:
@@ -637,7 +638,7 @@ def test_no_parameter_breaks_a_flight(subtests: pytest.Subtests) -> None:
 
 
 def test_the_battery_drains_while_armed() -> None:
-    autopilot = Autopilot(PLANT, battery=Battery(0.5, endurance_s=100.0))
+    autopilot = Px4(PLANT, battery=Battery(0.5, endurance_s=100.0))
     autopilot.step(3.0)
     autopilot.arm()
     autopilot.take_off()

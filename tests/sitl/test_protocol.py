@@ -18,7 +18,7 @@ from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.equipment import GPS_POSITIONING, Positioning
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.px4 import Px4, custom_mode
 from sitl.faults import VehicleFaults
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
@@ -43,7 +43,7 @@ class Client:
         plant: Plant = PLANT,
         positioning: Positioning = GPS_POSITIONING,
     ) -> None:
-        self.autopilot = Autopilot(plant, START, positioning=positioning)
+        self.autopilot = Px4(plant, START, positioning=positioning)
         config = MavlinkConfig(SYSTEM_ID, FRAME, ORIGIN, noise, seed)
         self.vehicle = MavlinkVehicle(self.autopilot, config, faults=faults)
         self._writer = dialect.MAVLink(None, 245, 190)
@@ -494,11 +494,11 @@ def test_an_uploaded_fence_holds_the_vehicle_that_leaves_it(client: Client) -> N
     fly(client)
     north, east, _ = FRAME.ned_from_mission((START[0] - ORIGIN[0], START[1] - ORIGIN[1], 0.0))
     follow(client, north + 7.0, east, -5.0, seconds=8.0)
-    assert last(client.run(1.1), "HEARTBEAT").custom_mode == NavMode.OFFBOARD.custom_mode
+    assert last(client.run(1.1), "HEARTBEAT").custom_mode == custom_mode(NavMode.OFFBOARD)
     messages = follow(client, north + 12.0, east, -5.0, seconds=8.0)
     texts = {message.text for message in messages if message.get_type() == "STATUSTEXT"}
     assert {"Geofence: approaching or outside geofence", "Failsafe activated"} <= texts
-    assert last(messages, "HEARTBEAT").custom_mode == NavMode.HOLD.custom_mode
+    assert last(messages, "HEARTBEAT").custom_mode == custom_mode(NavMode.HOLD)
     client.send(dialect.MAVLink_mission_clear_all_message(SYSTEM_ID, 1, 1))
     assert client.autopilot.zones == ()
 

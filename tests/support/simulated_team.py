@@ -24,17 +24,17 @@ from agents.team.messages import BusMessage, OperatorCommand, Verb
 from agents.team.perception import Perception
 from estimation.frames import Triple
 from estimation.state import Telemetry
+from gcs.autopilots import px4
 from gcs.flight.faults.failing_equipment import FailingBus, FailingSensor
 from gcs.flight.faults.team_faults import PresentFaults
-from gcs.flight.stubs import PREPARED
 from gcs.flight.team import TrueSensor
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import target_sensor
+from sitl.autopilot.autopilot import CommandResult
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.px4 import Autopilot, CommandResult
+from sitl.autopilot.px4 import Px4
 from sitl.faults import VehicleFaults, VehicleInjection, shifted
-from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import POSITION_GATE_M
 from tests.support.fake_flight import TELEMETRY_PERIOD_S, FakeHeartbeat, SimulatedClock
 
@@ -47,8 +47,8 @@ class AutopilotLink:
 
     def __init__(self, vehicle: MissionVehicle, on_step: Callable[[], None]) -> None:
         self.faults = VehicleFaults()
-        self.autopilot = Autopilot(vehicle.true_plant, (*vehicle.section.start_m, 0.0))
-        for name, value in PREPARED[AutopilotKind.PX4].items():
+        self.autopilot = Px4(vehicle.true_plant, (*vehicle.section.start_m, 0.0))
+        for name, value in px4.AUTOPILOT.failsafe_parameters(1.0).items():
             assert self.autopilot.parameters.set(name, value)
         self._on_step = on_step
         self._clock = SimulatedClock(1.0)

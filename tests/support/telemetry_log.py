@@ -12,7 +12,7 @@ from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.equipment import Battery
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.px4 import Px4
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
 
@@ -45,8 +45,7 @@ class Station:
         self._speed, self._latency_s, self._step = speed, latency_s, 0
         self._writer = dialect.MAVLink(None, 245, 190)
         self._autopilots = [
-            Autopilot(PLANT, (4.0 * system_id, -3.0, 0.5), battery=Battery(BATTERY_FRACTION))
-            for system_id in system_ids
+            Px4(PLANT, (4.0 * system_id, -3.0, 0.5), battery=Battery(BATTERY_FRACTION)) for system_id in system_ids
         ]
         self._vehicles = [
             MavlinkVehicle(autopilot, MavlinkConfig(flown.system_id, FRAME, flown.origin_m))

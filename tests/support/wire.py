@@ -14,7 +14,7 @@ from functools import partial
 from itertools import islice
 
 from agents.shell.clock import MissionClock
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.autopilot import Autopilot
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess

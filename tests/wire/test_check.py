@@ -21,7 +21,6 @@ from gcs.link.hub import MavsdkHub
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.link_facts import gather_facts
-from sitl.mavlink.dialects import AutopilotKind
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
@@ -94,7 +93,7 @@ def set_parameters(mission: Mission, vehicle_id: int, values: Mapping[str, int |
 def test_every_vehicle_tells_the_version_of_its_firmware(mission: Callable[..., tuple[str, Mission]]) -> None:
     _, two = mission()
     configs = stub_configs(two)
-    with stubs([replace(configs[0], autopilot=AutopilotKind.ARDUPILOT), *configs[1:]]):
+    with stubs([replace(configs[0], autopilot="ardupilot"), *configs[1:]]):
         facts = asyncio.run(gather_facts(two))
     assert [each.firmware for each in facts] == ["4.7.0-dev", "1.17.0", "1.17.0"]
 
@@ -165,7 +164,7 @@ def test_estimators_whose_sensors_disagree(mission: Callable[..., Any], checked:
     path, team = mission()
     one, two, three = stub_configs(team)
     shaken = EstimatorNoise(velocity_m_s=20.0)
-    copter = replace(two, noise=shaken, autopilot=AutopilotKind.ARDUPILOT)
+    copter = replace(two, noise=shaken, autopilot="ardupilot")
     with stubs([replace(one, noise=shaken), copter, three]):
         code, findings = checked(path)
     assert code == 3

@@ -26,8 +26,9 @@ from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade
+from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.px4 import Px4
 from sitl.server.governed_clock import Alarm, GovernedClock
 from sitl.server.shared_clock import ClockName, Rank
 from tests.support.mission_text import INSECURE, LOW
@@ -89,7 +90,7 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
 ) -> None:
     path = mission_file("case2")
     words = "Arming denied: press the safety switch first"
-    monkeypatch.setattr(Autopilot, "_arming_fault", lambda _autopilot: words)
+    monkeypatch.setattr(Px4, "_arming_fault", lambda _autopilot: words)
     environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
     async with served(stub_configs(load_mission(path)), SPEED):
         command = ("-m", "gcs", "fly", path, "--json")

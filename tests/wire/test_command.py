@@ -27,8 +27,8 @@ from gcs.flight.stubs import stub_configs
 from gcs.keys.team_keys import team_keys
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.px4 import Autopilot
 from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire

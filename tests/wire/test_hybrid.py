@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from agents.shell.clock import WallClock
+from gcs.autopilots.px4 import SITL_UID
 from gcs.flight.stubs import stub_configs
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Truth
-from gcs.link.kind import PX4_SITL_UID
 from gcs.mission.file import load_mission
 from gcs.report.evidence.reading import read_flight
 from sitl.server.process import StubProcess
@@ -40,7 +40,7 @@ def beside(mission: str, *, uid: int, **parameters: int) -> StubProcess:
 
 def test_stubs_fly_with_a_simulator_that_is_already_there(mission_file: Callable[..., str], tmp_path: Path) -> None:
     mission, log = mission_file("case2", LOW), tmp_path / "hybrid.mcap"
-    simulator = beside(mission, uid=PX4_SITL_UID)
+    simulator = beside(mission, uid=SITL_UID)
     simulator.start()
     with cordon("fly", mission, "--sitl", "2,3", *FLY, "--log", str(log)) as flight:
         out, err = flight.communicate(timeout=120.0)

@@ -14,7 +14,7 @@ from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.autopilot import Autopilot
 from tests.support.mission_text import LOW, LOW_M
 from tests.support.wire import served, until
 

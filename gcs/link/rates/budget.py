@@ -15,8 +15,6 @@ WIND_COV, as PX4 sends them; ArduPilot's EKF_STATUS_REPORT and WIND are smaller.
 """
 SETPOINT_BYTES = 65
 """SET_POSITION_TARGET_LOCAL_NED."""
-TRUTH_BYTES = {"px4": 76, "ardupilot": 104}
-"""HIL_STATE_QUATERNION and SIM_STATE."""
 EXTERNAL_BYTES, EXTERNAL_HZ = 48, 30.0
 """VISION_POSITION_ESTIMATE; external positions above this rate are not passed on."""
 HEARTBEAT_BYTES, HEARTBEAT_HZ = 21, 1.0

@@ -10,10 +10,11 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from agents.shell.clock import WallClock
+from gcs.autopilots import px4
 from gcs.flightlog.flight import FlightRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.preflight import link_facts
-from gcs.preflight.findings import AutopilotKind, VehicleFacts
+from gcs.preflight.findings import VehicleFacts
 
 Kind = Version.FlightSoftwareVersionType
 
@@ -65,9 +66,7 @@ def test_a_log_holds_it_beside_the_parameters(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         parameters = {"COM_OBL_RC_ACT": 4.0, "NOT_THERE": None}
-        recording.meet(
-            VehicleFacts(vehicle_id=2, autopilot=AutopilotKind.PX4, firmware="1.17.0", parameters=parameters)
-        )
+        recording.meet(VehicleFacts(vehicle_id=2, autopilot=px4.AUTOPILOT, firmware="1.17.0", parameters=parameters))
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         ((_, _, _, vehicle),) = reader.iter_decoded_messages(topics="/vehicle/2/vehicle")

@@ -10,8 +10,10 @@ import pytest
 from agents.ports import TargetSensor
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting, Telemetry
+from gcs.autopilots import ardupilot, px4
+from gcs.autopilots.autopilot import TruthMessage
 from gcs.flight.team import TrueSensor
-from gcs.link.ground_truth import ARDUPILOT_TRUTH, PX4_TRUTH, GroundTruth, TruthMessage
+from gcs.link.ground_truth import GroundTruth
 from sitl.world import SensorModel, SimulatedSensor, TargetMotion
 
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(90.0))
@@ -41,7 +43,7 @@ class Link:
 
 
 def test_place_and_velocity_are_in_the_mission_frame(subtests: pytest.Subtests) -> None:
-    for message, fields in ((PX4_TRUTH, PX4_FIELDS), (ARDUPILOT_TRUTH, ARDUPILOT_FIELDS)):
+    for message, fields in ((px4.AUTOPILOT.truth, PX4_FIELDS), (ardupilot.AUTOPILOT.truth, ARDUPILOT_FIELDS)):
         with subtests.test(message.name):
             link = Link(message)
             taken: list[Telemetry] = []
@@ -69,7 +71,7 @@ def test_what_is_malformed_or_another_vehicles_is_dropped(subtests: pytest.Subte
     )
     for words, fields, system_id in rows:
         with subtests.test(words):
-            link = Link(PX4_TRUTH)
+            link = Link(px4.AUTOPILOT.truth)
             link.receive(fields, system_id)
             assert link.truth.samples == []
             assert link.truth.position_m(50.0) is None

@@ -12,16 +12,18 @@ import pytest
 from rich.console import Console
 
 from agents.ports import FlightMode, VehicleStatus
+from gcs.autopilots import ardupilot, px4, registry
+from gcs.autopilots.autopilot import Autopilot
+from gcs.autopilots.kind import STUB_UID
+from gcs.autopilots.px4 import SITL_UID
 from gcs.errors import Exit
 from gcs.link.estimator_report import EstimatorReport
-from gcs.link.kind import PX4_SITL_UID, STUB_UID
 from gcs.link.relay.gate import LinkReport
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from gcs.preflight.findings import AutopilotKind, FenceArea, Finding, GpsFix, Grade, VehicleFacts
+from gcs.preflight.findings import FenceArea, Finding, GpsFix, Grade, VehicleFacts
 from gcs.preflight.findings_view import exit_code, findings_json, findings_view
 from gcs.preflight.mission import extent_m
-from gcs.preflight.parameters import parameters_wanted
 from gcs.preflight.preflight import preflight, worst
 from tests.support.mission_text import content, parsed, put
 from tests.support.result_keys import OUTPUT_KEYS
@@ -64,7 +66,7 @@ def well(vehicle_id: int, **changes: Any) -> VehicleFacts:
     x, y = CASE2.vehicle(vehicle_id).section.start_m
     facts = VehicleFacts(
         vehicle_id=vehicle_id,
-        autopilot=AutopilotKind.PX4,
+        autopilot=px4.AUTOPILOT,
         multicopter=True,
         status=VehicleStatus(True, False, False, FlightMode.HOLD, 0.9, True, True),
         health=dict.fromkeys(HEALTH, True),
@@ -173,7 +175,7 @@ def test_an_estimator_that_is_not_heard_is_a_warning_that_names_the_message() ->
     findings = team(estimator=None)
     assert grave(findings) == [("warning", "vehicle 2", "estimator")]
     assert "(ESTIMATOR_STATUS)" in findings[0].found
-    copter = team(estimator=None, autopilot=AutopilotKind.ARDUPILOT, parameters=ARDUCOPTER)
+    copter = team(estimator=None, autopilot=ardupilot.AUTOPILOT, parameters=ARDUCOPTER)
     assert any("(EKF_STATUS_REPORT)" in each.found for each in copter)
 
 
@@ -263,7 +265,7 @@ def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
 
 def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[dict[str, Any], list[tuple[str, str]]], ...] = (
-        ({"autopilot": AutopilotKind.OTHER}, [("refuse", "autopilot"), ("warning", "kind")]),
+        ({"autopilot": registry.UNKNOWN}, [("refuse", "autopilot"), ("warning", "kind")]),
         ({"multicopter": False}, [("refuse", "airframe")]),
         ({"health": {}}, [("refuse", "health")]),
         ({"position_m": None, "origin_m": None}, [("refuse", "origin")]),
@@ -402,16 +404,16 @@ def test_arducopter_parameters(subtests: pytest.Subtests) -> None:
     )
     for changes, grades in rows:
         with subtests.test(changes=changes, grades=grades):
-            findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
+            findings = team(autopilot=ardupilot.AUTOPILOT, parameters={**ARDUCOPTER, **changes})
             assert [each[0] for each in grave(findings)] == grades
 
 
-@pytest.mark.parametrize("kind", [AutopilotKind.PX4, AutopilotKind.ARDUPILOT])
-def test_a_parameter_that_cannot_be_read_is_a_warning_with_its_name(kind: AutopilotKind) -> None:
+@pytest.mark.parametrize("kind", [px4.AUTOPILOT, ardupilot.AUTOPILOT])
+def test_a_parameter_that_cannot_be_read_is_a_warning_with_its_name(kind: Autopilot) -> None:
     findings = team(autopilot=kind, parameters={})
     told = " ".join(f"{each.found} {each.next_step}" for each in findings if each.grade is Grade.WARNING)
     assert worst(findings) is Grade.WARNING
-    assert [name for names in parameters_wanted(kind) for name in names if name not in told] == []
+    assert [name for names in kind.parameters_wanted for name in names if name not in told] == []
 
 
 def test_a_fence_that_terminates_is_refused_only_where_it_is_in_force() -> None:
@@ -545,7 +547,7 @@ def test_an_arducopter_whose_failsafe_watches_another_station(subtests: pytest.S
     )
     for changes, expected in rows:
         with subtests.test(changes=changes, expected=expected):
-            findings = team(autopilot=AutopilotKind.ARDUPILOT, parameters={**ARDUCOPTER, **changes})
+            findings = team(autopilot=ardupilot.AUTOPILOT, parameters={**ARDUCOPTER, **changes})
             told = [each for each in findings if each.check == "ground station id" and each.grade is Grade.WARNING]
             assert len(told) == len(expected)
             for finding, words in zip(told, expected, strict=True):
@@ -579,10 +581,10 @@ def test_the_areas_of_the_fence(subtests: pytest.Subtests) -> None:
 
 
 def test_areas_of_a_fence_that_does_not_act_are_none(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[AutopilotKind, dict[str, float], bool], ...] = (
-        (AutopilotKind.PX4, {**PX4, "GF_ACTION": 1.0}, False),
-        (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0}, True),
-        (AutopilotKind.ARDUPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0}, False),
+    rows: tuple[tuple[Autopilot, dict[str, float], bool], ...] = (
+        (px4.AUTOPILOT, {**PX4, "GF_ACTION": 1.0}, False),
+        (ardupilot.AUTOPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0}, True),
+        (ardupilot.AUTOPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0}, False),
     )
     for kind, parameters, acts in rows:
         with subtests.test(kind=kind, parameters=parameters, acts=acts):
@@ -643,7 +645,7 @@ def test_a_vehicle_whose_id_is_doubled_on_its_line_is_refused() -> None:
 
 
 BOARD = {"uid": 0x31, "link": LinkReport(hil=True, round_trip_s=0.01), "parameters": {**PX4, "SYS_HITL": 2.0}}
-SIMULATOR = {"uid": PX4_SITL_UID + 1, "vendor_id": 0}
+SIMULATOR = {"uid": SITL_UID + 1, "vendor_id": 0}
 STUB = {"uid": (STUB_UID << 32) + 2, "vendor_id": 0}
 UNKNOWN = {"uid": None}
 
@@ -668,7 +670,7 @@ def test_what_flies_is_not_mixed_with_what_is_simulated(
 
 def test_on_the_bench_boards_fly_with_stubs_and_simulators_and_nothing_else() -> None:
     stub = {"uid": (STUB_UID << 32) + 1, "vendor_id": 0}
-    simulator = {"uid": PX4_SITL_UID + 2, "vendor_id": 0}
+    simulator = {"uid": SITL_UID + 2, "vendor_id": 0}
     simulated = (well(1, **stub), well(2, **BOARD), well(3, **simulator))
     assert grave(preflight(CASE2, simulated, bench=True)) == []
     assert grave(preflight(CASE2, simulated)) == [("refuse", "vehicle 2", "bench")]

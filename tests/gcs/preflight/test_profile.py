@@ -8,11 +8,15 @@ import pytest
 
 from agents.control.excitation import preview
 from estimation.plant.provenance import COVARIANCE_OF, Identification
-from estimation.profile.profile import Autopilot, Profile
+from estimation.profile.autopilots import AutopilotName
+from estimation.profile.profile import Profile
+from gcs.autopilots import ardupilot, px4
+from gcs.autopilots.autopilot import Autopilot
+from gcs.autopilots.registry import UNKNOWN
 from gcs.mission.file import excitation_mission, load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.fence import route
-from gcs.preflight.findings import AutopilotKind, Finding, Grade
+from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.mission import extent_m
 from gcs.preflight.preflight import preflight
 from tests.gcs.preflight.test_preflight import well
@@ -66,7 +70,7 @@ def test_each_doubt_is_a_warning_with_its_reason(subtests: pytest.Subtests) -> N
     rows: tuple[tuple[dict[str, Any], dict[str, Any], str], ...] = (
         ({"date": TODAY - timedelta(days=181)}, {}, "it is 181 days old"),
         ({"autopilot": "ArduPilot"}, {}, "it was identified with ArduPilot, and the vehicle flies PX4"),
-        ({}, {"autopilot": AutopilotKind.ARDUPILOT}, "it was identified with PX4, and the vehicle flies ArduPilot"),
+        ({}, {"autopilot": ardupilot.AUTOPILOT}, "it was identified with PX4, and the vehicle flies ArduPilot"),
         ({}, {"firmware": "1.16.2"}, "it was identified with firmware v1.17.0, and the vehicle's is 1.16.2"),
         ({"firmware": "abc"}, {}, "it was identified with firmware abc, and the vehicle's is 1.17.0-alpha+0f1e2d3c"),
         (
@@ -124,7 +128,7 @@ def test_a_file_whose_feed_forward_was_changed_by_hand_is_doubted(subtests: pyte
             assert finding.found.endswith(f": {doubt}" if doubt else "is good")
 
 
-def profiled(autopilot: Autopilot | None, chosen: Autopilot | None = None) -> Mission:
+def profiled(autopilot: AutopilotName | None, chosen: AutopilotName | None = None) -> Mission:
     """Case 2 with profiles for one autopilot, and what the mission itself says its vehicles fly as."""
     vehicles = tuple(
         replace(
@@ -140,30 +144,30 @@ def profiled(autopilot: Autopilot | None, chosen: Autopilot | None = None) -> Mi
 @pytest.mark.parametrize(
     ("autopilot", "chosen", "flies", "grades"),
     [
-        ("px4", None, AutopilotKind.PX4, []),
-        ("ardupilot", None, AutopilotKind.ARDUPILOT, []),
-        (None, None, AutopilotKind.ARDUPILOT, []),
-        ("px4", None, AutopilotKind.ARDUPILOT, [Grade.REFUSE]),
-        ("ardupilot", None, AutopilotKind.PX4, [Grade.REFUSE]),
-        ("ardupilot", "ardupilot", AutopilotKind.PX4, [Grade.REFUSE]),
-        ("ardupilot", "px4", AutopilotKind.PX4, [Grade.WARNING]),
-        ("px4", None, AutopilotKind.OTHER, []),  # which is refused for that already
+        ("px4", None, px4.AUTOPILOT, []),
+        ("ardupilot", None, ardupilot.AUTOPILOT, []),
+        (None, None, ardupilot.AUTOPILOT, []),
+        ("px4", None, ardupilot.AUTOPILOT, [Grade.REFUSE]),
+        ("ardupilot", None, px4.AUTOPILOT, [Grade.REFUSE]),
+        ("ardupilot", "ardupilot", px4.AUTOPILOT, [Grade.REFUSE]),
+        ("ardupilot", "px4", px4.AUTOPILOT, [Grade.WARNING]),
+        ("px4", None, UNKNOWN, []),  # which is refused for that already
     ],
 )
 def test_a_profile_of_another_autopilot_is_refused_unless_the_mission_means_it(
-    autopilot: Autopilot | None, chosen: Autopilot | None, flies: AutopilotKind, grades: list[Grade]
+    autopilot: AutopilotName | None, chosen: AutopilotName | None, flies: Autopilot, grades: list[Grade]
 ) -> None:
     findings = found(profiled(autopilot, chosen), autopilot=flies)
     assert [each.grade for each in findings] == grades
     for finding in findings:
         assert finding.subject == "vehicle 2"
         assert f"'stub' is for {'PX4' if autopilot == 'px4' else 'ArduPilot'}" in finding.found
-        assert finding.found.endswith(f"reports {flies.value}")
+        assert finding.found.endswith(f"reports {flies.label}")
 
 
 def test_another_autopilot_is_reported_once() -> None:
     mission = flown_with(identified(autopilot="px4"), profiled("px4"))
-    refused, rest = found(mission, autopilot=AutopilotKind.ARDUPILOT)
+    refused, rest = found(mission, autopilot=ardupilot.AUTOPILOT)
     assert (refused.grade, rest.grade) == (Grade.REFUSE, Grade.PASS)
 
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
-from gcs.preflight.findings import AutopilotKind
-from gcs.preflight.parameters import parameters_wanted
-from sitl.autopilot.parameters import ARDUCOPTER_TABLE, PX4_TABLE, ParameterTable
+from estimation.profile.autopilots import AutopilotName
+from gcs.autopilots.registry import known_as
+from sitl.autopilot.autopilot import autopilot_named
 from tests.experiments.conformance import (
     EXERCISES,
     PLACE,
@@ -120,11 +121,7 @@ def test_a_px4_that_is_not_there_says_what_to_set(monkeypatch: pytest.MonkeyPatc
     assert px4_build() == tmp_path
 
 
-@pytest.mark.parametrize(
-    ("kind", "parameters"),
-    [(AutopilotKind.PX4, PX4_TABLE), (AutopilotKind.ARDUPILOT, ARDUCOPTER_TABLE)],
-    ids=["px4", "ardupilot"],
-)
-def test_the_stubs_know_every_parameter_that_preflight_reads(kind: AutopilotKind, parameters: ParameterTable) -> None:
-    unknown = [names for names in parameters_wanted(kind) if not {*names} & parameters.defaults.keys()]
-    assert unknown == []
+@pytest.mark.parametrize("name", get_args(AutopilotName))
+def test_the_stubs_know_every_parameter_that_preflight_reads(name: AutopilotName) -> None:
+    known = autopilot_named(name).TABLE.defaults.keys()
+    assert [names for names in known_as(name).parameters_wanted if not {*names} & known] == []

@@ -34,8 +34,8 @@ from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates.pace import Pace
 from gcs.link.rates.rates import Rates
 from gcs.link.status_texts import StatusTexts
+from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.guidance import PositionTarget
-from sitl.autopilot.px4 import Autopilot
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink_constants import MessageId, Outgoing
 from sitl.server.governed_clock import GovernedClock
@@ -197,9 +197,9 @@ async def test_telemetry_comes_at_the_rate_asked_for(stubs: ClockName) -> None:
         assert (len(telemetry) - 1) / elapsed_s == pytest.approx(10.0, rel=0.01)
 
 
-def sent_by_stubs(monkeypatch: pytest.MonkeyPatch) -> Counter[MessageId]:
+def sent_by_stubs(monkeypatch: pytest.MonkeyPatch) -> Counter[int]:
     """Return the counts of the messages that stubs of this process send."""
-    sent = Counter[MessageId]()
+    sent = Counter[int]()
     send = MavlinkVehicle._send
 
     def note(vehicle: MavlinkVehicle, outgoing: Outgoing) -> None:
@@ -216,7 +216,7 @@ async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.Monke
     async with served_here() as (served, link_url):
         clock = served.clock
 
-        async def rates_hz(duration_s: float) -> dict[MessageId, float]:
+        async def rates_hz(duration_s: float) -> dict[int, float]:
             sent.clear()
             await clock.sleep(duration_s)
             return {message: count / duration_s for message, count in sent.items()}

@@ -31,10 +31,9 @@ from gcs.link.mavsdk_link import MavsdkLink
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
+from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
-from sitl.autopilot.px4 import Autopilot
-from sitl.mavlink.dialects import AutopilotKind
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
@@ -347,7 +346,7 @@ async def test_dead_links_do_not_starve_a_living_one(monkeypatch: pytest.MonkeyP
 async def test_an_autopilot_that_says_nothing_unasked_is_asked_again_after_a_restart() -> None:
     (port,) = free_ports(1)
     with stub_clock(SPEED) as clock:
-        stub = Restarting(StubConfig(1, port, PLANT, FRAME, autopilot=AutopilotKind.ARDUPILOT), clock)
+        stub = Restarting(StubConfig(1, port, PLANT, FRAME, autopilot="ardupilot"), clock)
         await stub.start()
         hub, samples = MavsdkHub(clock), list[Telemetry]()
         link = MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{port}", 1, FRAME), clock)

@@ -16,7 +16,6 @@ from typing import cast
 import pytest
 from rich.console import Console
 
-import sitl.server.server
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
@@ -30,9 +29,8 @@ from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.ports.urls import require_usable
 from gcs.mission.file import load_mission
 from gcs.preflight.findings import Finding, Grade
-from sitl.autopilot.px4 import Autopilot
+from sitl.autopilot.px4 import Px4
 from sitl.mavlink import reports
-from sitl.mavlink.dialects import PX4, AutopilotKind
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import StubConfig
 from tests.support.wire import LOOPBACK, free_ports, served, served_by, stub_clock, until
@@ -236,8 +234,7 @@ async def test_what_is_no_multicopter_of_a_known_autopilot_is_not_armed(
     if change == "airframe":
         monkeypatch.setattr(reports, "QUADROTOR", 1)  # an aeroplane
     else:
-        manners = {AutopilotKind.PX4: (Autopilot, replace(PX4, autopilot=0))}
-        monkeypatch.setattr(sitl.server.server, "_MANNERS", manners)
+        monkeypatch.setattr(Px4, "DIALECT", replace(Px4.DIALECT, autopilot=0))
     mission = load_mission(mission_file("px4-trio"))
     told: list[Finding] = []
     async with served([stub_configs(mission)[0]], SPEED) as stubs:

@@ -5,10 +5,11 @@ from struct import pack
 from pymavlink.dialects.v20 import common as mavlink
 
 from sitl.autopilot.modes import NavMode
+from sitl.autopilot.px4 import custom_mode
 from tests.support.relay import CURRENT_MODE, HEARTBEAT, SETPOINT, Message, flight_mode, is_armed, messages
 
 SENDER = mavlink.MAVLink(None, 7, 1)
-OFFBOARD = NavMode.OFFBOARD.custom_mode
+OFFBOARD = custom_mode(NavMode.OFFBOARD)
 
 
 def packed(message: mavlink.MAVLink_message) -> bytes:
@@ -39,8 +40,8 @@ def test_a_signed_message_is_stepped_over() -> None:
 
 def test_modes_and_arming_are_read() -> None:
     for mode in NavMode:
-        (message,) = messages(heartbeat(mode.custom_mode, 0b10000001))
-        assert flight_mode(message) == mode.custom_mode
+        (message,) = messages(heartbeat(custom_mode(mode), 0b10000001))
+        assert flight_mode(message) == custom_mode(mode)
         assert is_armed(message)
     (message,) = messages(heartbeat(0, 0b01010001))
     assert not is_armed(message)

@@ -5,12 +5,12 @@ from itertools import pairwise
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs.autopilots import ardupilot, px4
 from gcs.link.rates.budget import (
     SETPOINT_BYTES,
     SLOW_STATUS_BYTES,
     STATUS_BYTES,
     TELEMETRY_BYTES,
-    TRUTH_BYTES,
     fitting,
     load,
 )
@@ -44,8 +44,8 @@ def test_a_rate_below_the_least_stays() -> None:
         ("extended_sys_state", (0, 1), STATUS_BYTES[2]),
         ("global_position_int", (1, 1, 1, 1, 1, 1, 1, 1, 30000), SLOW_STATUS_BYTES[3]),
         ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[4]),
-        ("sim_state", (0.1,) * 21 + (473977420, 85455940), TRUTH_BYTES["ardupilot"]),
-        ("hil_state_quaternion", (1, [0.1] * 4, *(0.1,) * 3, *(300,) * 11), TRUTH_BYTES["px4"]),
+        ("sim_state", (0.1,) * 21 + (473977420, 85455940), ardupilot.AUTOPILOT.truth.size_bytes),
+        ("hil_state_quaternion", (1, [0.1] * 4, *(0.1,) * 3, *(300,) * 11), px4.AUTOPILOT.truth.size_bytes),
         ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[5]),
         (
             "set_position_target_local_ned",

@@ -3,17 +3,20 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs.link.kind import Evidence, Kind, ardupilot_kind, px4_kind
+from gcs.autopilots.ardupilot import AUTOPILOT as ARDUPILOT
+from gcs.autopilots.kind import Evidence, Kind
+from gcs.autopilots.px4 import AUTOPILOT as PX4
 from gcs.link.relay.frames import is_hil
 
 SITL_UID = 5283920058631409231
 """PX4 1.17's simulator reported this as system 1."""
 STUB_UID = int.from_bytes(b"STUB\0\0\0\1")
+PLAIN, SIMULATED = {"FS_GCS_ENABLE": 5.0, "SIM_OPOS_LAT": None}, {"FS_GCS_ENABLE": 5.0, "SIM_OPOS_LAT": 47.0}
 BOARD_UID = 0x0000_0030_3130_3738
 
 
 def px4(uid: int | None, sys_hitl: float | None = 0.0, *, hil: bool = False, system_id: int = 1) -> Kind:
-    return px4_kind(Evidence(system_id, uid, 0x26AC, hil=hil, sys_hitl=sys_hitl))
+    return PX4.kind(Evidence(system_id, uid, 0x26AC, hil=hil, parameters={"SYS_HITL": sys_hitl}))
 
 
 @pytest.mark.parametrize(
@@ -40,16 +43,16 @@ def test_a_px4_vehicle_is_what_its_messages_agree_on(found: Kind, kind: Kind) ->
 @pytest.mark.parametrize(
     ("evidence", "kind"),
     [
-        (Evidence(1, 5, 0x1209, simulates=False), Kind.FLIGHT),
-        (Evidence(1, 5, 0x1209, simulates=True), Kind.BOARD),
-        (Evidence(1, 5, 0, simulates=True), Kind.SIMULATOR),
-        (Evidence(1, STUB_UID, 0, simulates=False), Kind.STUB),
+        (Evidence(1, 5, 0x1209, parameters=PLAIN), Kind.FLIGHT),
+        (Evidence(1, 5, 0x1209, parameters=SIMULATED), Kind.BOARD),
+        (Evidence(1, 5, 0, parameters=SIMULATED), Kind.SIMULATOR),
+        (Evidence(1, STUB_UID, 0, parameters=PLAIN), Kind.STUB),
         (Evidence(1, 5, 0x1209), Kind.UNKNOWN),
         (Evidence(1), Kind.UNKNOWN),
     ],
 )
 def test_an_ardupilot_vehicle_simulates_where_it_has_a_simulators_parameters(evidence: Evidence, kind: Kind) -> None:
-    assert ardupilot_kind(evidence) is kind
+    assert ARDUPILOT.kind(evidence) is kind
 
 
 def test_an_unknown_vehicle_counts_as_one_that_flies() -> None:

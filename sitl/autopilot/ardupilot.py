@@ -8,24 +8,22 @@ landing disarms at once. GUIDED is `NavMode.OFFBOARD` here, BRAKE is HOLD, LOITE
 
 from collections.abc import Mapping
 from dataclasses import replace
-from enum import Enum
+from functools import cached_property
 from math import inf
-from types import MappingProxyType
 
-from estimation.frames import Triple
-from estimation.plant.model import Plant
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
+from sitl.autopilot.autopilot import Autopilot, CommandResult, Severity
+from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion
 from sitl.autopilot.guidance import PositionTarget
-from sitl.autopilot.modes import Conditions, NavMode
-from sitl.autopilot.parameters import ARDUCOPTER_TABLE, Parameters
-from sitl.autopilot.px4 import Autopilot, CommandResult, Severity
+from sitl.autopilot.modes import NavMode
+from sitl.autopilot.parameters import FlightLimits, Parameters, ParameterTable, Value
+from sitl.mavlink_constants import Fields, MessageId, Result
 from sitl.vehicle.shaping import ShapeLimits
 
 CHECK_PERIOD_S = 1.0 / 3.0
 """ArduCopter checks three times a second, so FS_GCS_TIMEOUT is detected up to a third of a second late."""
 DISABLED = 0
-ACTIONS: Mapping[int, NavMode] = MappingProxyType({4: NavMode.LAND, 5: NavMode.LAND, 7: NavMode.HOLD})
+ACTIONS: Mapping[int, NavMode] = {4: NavMode.LAND, 5: NavMode.LAND, 7: NavMode.HOLD}
 """FS_GCS_ENABLE -> the mode; all other values return. 7 is BRAKE.
 
 SmartRTL (3, 4), which the stub does not have, falls back to RTL and LAND, as ArduCopter's without a recorded path."""
@@ -33,13 +31,6 @@ CONTINUE_LANDING, CONTINUE_PILOT_CONTROL = 1 << 3, 1 << 4
 """Bits of FS_OPTIONS."""
 BY_PILOT = frozenset({NavMode.STABILIZED, NavMode.ALTITUDE, NavMode.POSITION, NavMode.HOLD})
 """Modes that ArduCopter does not consider autonomous, including BRAKE."""
-
-
-class StationEvent(Enum):
-    """The changes that a check detects."""
-
-    LOST = "lost"
-    REGAINED = "regained"
 
 
 class StationFailsafe:
@@ -57,17 +48,15 @@ class StationFailsafe:
         if system_id == self._parameters["SYSID_MYGCS"]:
             self._heard_s = time_s
 
-    def check(self, time_s: float) -> StationEvent | None:
-        """Return the change since the last check; None if no check is due or the failsafe is off."""
+    def check(self, time_s: float) -> bool | None:
+        """Return whether it is lost, if that has changed; None if no check is due or the failsafe is off."""
         if time_s < self._checked_s + CHECK_PERIOD_S or self._parameters["FS_GCS_ENABLE"] == DISABLED:
             return None
         self._checked_s = time_s
         if self._heard_s is None:
             return None
         before, self._lost = self._lost, time_s - self._heard_s > self._parameters["FS_GCS_TIMEOUT"]
-        if self._lost is before:
-            return None
-        return StationEvent.LOST if self._lost else StationEvent.REGAINED
+        return None if self._lost is before else self._lost
 
     def reaction(self, mode: NavMode) -> NavMode | None:
         """Return the mode that an armed vehicle in the air changes to from `mode`; None if it flies on."""
@@ -86,49 +75,91 @@ LANDING_PAUSE_S = 4.0
 """LAND_WITH_DELAY_MS: the landing of a failsafe begins with a hover."""
 PREVENTS_ARMING = frozenset({NavMode.HOLD, NavMode.LAND, NavMode.RETURN})
 
+MODES = {
+    NavMode.STABILIZED: 0, NavMode.ALTITUDE: 2, NavMode.OFFBOARD: 4, NavMode.POSITION: 5, NavMode.RETURN: 6,
+    NavMode.LAND: 9, NavMode.HOLD: 17,
+}  # fmt: skip
+"""STABILIZE, ALT_HOLD, GUIDED, LOITER, RTL, LAND, BRAKE."""
+
+_EXTENDED_STATUS = (MessageId.SYS_STATUS, MessageId.GPS_RAW_INT)
+_POSITION = (MessageId.GLOBAL_POSITION_INT, MessageId.LOCAL_POSITION_NED)
+_ATTITUDE = (MessageId.ATTITUDE,)
+_BATTERY = (MessageId.BATTERY_STATUS,)
+
+DEFAULTS: Mapping[str, Value] = {
+    "ARMING_CHECK": 1, "DISARM_DELAY": 10, "FENCE_ACTION": 1, "FENCE_ALT_MAX": 100.0, "FENCE_ENABLE": 0,
+    "FENCE_RADIUS": 300.0, "FENCE_TYPE": 7, "FRAME_CLASS": 1, "FS_CRASH_CHECK": 1, "FS_EKF_ACTION": 1,
+    "FS_EKF_THRESH": 0.8, "FS_GCS_ENABLE": 0, "FS_GCS_TIMEOUT": 5.0, "FS_OPTIONS": 16, "FS_THR_ENABLE": 1,
+    "GUID_OPTIONS": 0, "GUID_TIMEOUT": 3.0, "LAND_SPEED": 50.0, "MOT_SPOOL_TIME": 0.5, "PSC_JERK_XY": 5.0,
+    "RTL_ALT": 1500.0, "SIM_OPOS_LAT": 47.397742, "SYSID_MYGCS": 255, "SYSID_THISMAV": 1, "TKOFF_SLEW_TIME": 2.0,
+    "WPNAV_ACCEL": 250.0, "WPNAV_RADIUS": 200.0, "WPNAV_SPEED": 500.0, "WPNAV_SPEED_DN": 150.0,
+    "WPNAV_SPEED_UP": 250.0,
+}  # fmt: skip
+"""They are in centimetres although the names do not show it. GUID_TIMEOUT ends velocities, not positions."""
+
+
+def _limits(values: Mapping[str, Value]) -> FlightLimits:
+    return FlightLimits(
+        cruise_m_s=values["WPNAV_SPEED"] / 100.0,
+        climb_m_s=values["WPNAV_SPEED_UP"] / 100.0,
+        sink_m_s=values["WPNAV_SPEED_DN"] / 100.0,
+        land_m_s=values["LAND_SPEED"] / 100.0,
+        crawl_m_s=values["LAND_SPEED"] / 100.0,
+        take_off_m_s=values["WPNAV_SPEED_UP"] / 100.0,
+        take_off_ramp_s=values["TKOFF_SLEW_TIME"],
+        take_off_height_m=0.0,  # a take-off states its altitude
+        spool_up_s=values["MOT_SPOOL_TIME"],
+        return_rise_m=values["RTL_ALT"] / 100.0,
+        altitude_margin_m=values["WPNAV_RADIUS"] / 100.0,
+    )
+
+
+def _estimator(state: EstimatorState) -> Fields:
+    """Return the fields of EKF_STATUS_REPORT; its "variances" are the square roots of its test ratios."""
+    return state.flags, *state.shares_of_gates, 0.0, 0.0
+
+
+def _truth(motion: TrueMotion) -> Fields:
+    """Return the fields of SIM_STATE: beside place and velocity, those of a level vehicle."""
+    latitude, longitude, altitude_mm = motion.place
+    place = (float(latitude), float(longitude), altitude_mm / 1e3)
+    return *LEVEL, *(0.0,) * 9, *place, 0.0, 0.0, *motion.velocity_ned_m_s, latitude, longitude
+
 
 class ArduCopter(Autopilot):
     """One vehicle: commands in, motion and status out."""
 
+    DIALECT = Dialect(
+        autopilot=3,
+        system_id_parameter="SYSID_THISMAV",
+        firmware_version=4 << 24 | 7 << 16 | 0 << 8 | 0,
+        # Mission and command items as integers, local setpoints, MAVLink 2, fences, parameters as numbers.
+        capabilities=1 | 2 | 4 | 8 | 128 | 8192 | 16384 | 131072,
+        refused=Result.FAILED,
+        modes={mode: (number, float(number), 0.0) for mode, number in MODES.items()},
+        rates_hz={MessageId.HEARTBEAT: 1.0},
+        estimator_message=193,
+        estimator=_estimator,
+        truth_message=108,
+        truth=_truth,
+        streams={
+            0: (*_EXTENDED_STATUS, *_POSITION, *_ATTITUDE, *_BATTERY),
+            **{2: _EXTENDED_STATUS, 6: _POSITION, 10: _ATTITUDE, 12: _BATTERY},
+        },
+        take_off_from_home=True,
+    )
+    TABLE = ParameterTable(DEFAULTS, _limits)
+    BOOT_MODE = NavMode.STABILIZED
     ARMED_TEXT = "Arming motors"
     DISARMED_TEXT = "Disarming motors"
-    TAKE_OFF_TEXT = LANDING_TEXT = LAND_TEXT = MODE_REFUSED_TEXT = None
 
-    def __init__(
-        self,
-        plant: Plant,
-        start_m: Triple = (0.0, 0.0, 0.0),
-        *,
-        parameters: Parameters | None = None,
-        battery: Battery = FULL_BATTERY,
-        positioning: Positioning = GPS_POSITIONING,
-    ) -> None:
-        """Boot on the ground at `start_m`, disarmed, in STABILIZE; the limits of horizontal motion are read once."""
-        parameters = parameters or Parameters(ARDUCOPTER_TABLE)
-        shape = ShapeLimits(
-            parameters["WPNAV_SPEED"] * CM, parameters["WPNAV_ACCEL"] * CM, float(parameters["PSC_JERK_XY"])
-        )
-        self._feeds = plant.feedforward > 0.0
-        self._station = StationFailsafe(parameters)
-        super().__init__(
-            plant,
-            start_m,
-            parameters=parameters,
-            battery=battery,
-            positioning=positioning,
-            mode=NavMode.STABILIZED,
-            shape=shape,
-        )
+    @cached_property
+    def _station(self) -> StationFailsafe:
+        return StationFailsafe(self.parameters)
 
-    @property
-    def conditions(self) -> Conditions:
-        """The conditions of the flight modes: GUIDED needs no setpoints, and all modes need only a local position."""
-        return Conditions(estimator_ready=self.estimator_ready, setpoints_flow=True)
-
-    @property
-    def armable(self) -> bool:
-        """Whether the pre-arm checks pass, independent of the mode, which is checked on arming."""
-        return self.estimator_ready
+    def _shape(self) -> ShapeLimits:
+        speed, acceleration = self.parameters["WPNAV_SPEED"] * CM, self.parameters["WPNAV_ACCEL"] * CM
+        return ShapeLimits(speed, acceleration, float(self.parameters["PSC_JERK_XY"]))
 
     def take_off(self, altitude_m: float | None = None) -> CommandResult:
         """Take off to a mission altitude, only if armed in GUIDED on the ground; there is no default altitude."""
@@ -149,10 +180,10 @@ class ArduCopter(Autopilot):
 
     def _watch_station(self) -> None:
         """React to a silent ground station; the mode persists when its heartbeats return."""
-        event = self._station.check(self.time_s)
-        if event is StationEvent.REGAINED:
+        lost = self._station.check(self.time_s)
+        if lost is False:
             self._say("GCS Failsafe Cleared", Severity.WARNING)
-        if event is not StationEvent.LOST:
+        if not lost:
             return
         if self.armed and self.landed:
             self._say("GCS Failsafe - Disarming", Severity.WARNING)
@@ -184,13 +215,6 @@ class ArduCopter(Autopilot):
             return "PreArm: Need Position Estimate"
         return "Arm: mode not armable" if self.mode in PREVENTS_ARMING else None
 
-    def _flown(self) -> NavMode:
-        return self._intention.mode
-
-    def _fence_action(self) -> int:
-        """Do nothing: ArduCopter's fence has other parameters and is not simulated."""
-        return 0
-
     def _on_mode_change(self) -> None:
         """Drop the setpoints: GUIDED begins by holding the position."""
         self._pending.clear()
@@ -205,3 +229,6 @@ class ArduCopter(Autopilot):
         if flown and self.mode in (NavMode.LAND, NavMode.RETURN):
             return 0.0
         return self.parameters["DISARM_DELAY"] or inf
+
+
+AUTOPILOT = ArduCopter
