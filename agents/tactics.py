@@ -2,9 +2,11 @@
 
 from enum import Enum
 from math import hypot
+from typing import TYPE_CHECKING
 
-from agents.settings.sections import DecisionSettings
-from estimation.state import TargetEstimate, Vector
+if TYPE_CHECKING:  # they import what the command line, which lists verbs, would wait for
+    from agents.settings.sections import DecisionSettings
+    from estimation.state import TargetEstimate, Vector
 
 
 class Tactic(Enum):
@@ -97,7 +99,7 @@ def diagram() -> str:
     return "\n".join(lines)
 
 
-def decides_to_encircle(target: TargetEstimate, position_m: Vector, thresholds: DecisionSettings) -> bool:
+def decides_to_encircle(target: "TargetEstimate", position_m: "Vector", thresholds: "DecisionSettings") -> bool:
     """Return whether a vehicle at (2,) engages: important enough, not too dangerous, near enough (paper, section 5)."""
     distance_m = hypot(*(target.mean[:2] - position_m).tolist())
     return (
@@ -107,7 +109,7 @@ def decides_to_encircle(target: TargetEstimate, position_m: Vector, thresholds: 
     )
 
 
-def reasons(target: TargetEstimate, position_m: Vector, thresholds: DecisionSettings) -> str:
+def reasons(target: "TargetEstimate", position_m: "Vector", thresholds: "DecisionSettings") -> str:
     """Return the values of that decision with their thresholds, as text."""
     distance_m = hypot(*(target.mean[:2] - position_m).tolist())
     return (

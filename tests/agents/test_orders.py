@@ -8,17 +8,18 @@ from hypothesis import strategies as st
 
 from agents.core import VehicleCore
 from agents.notes import Notes
-from agents.orders import CUT, CUTTING, NUMBERS_KEPT, STARTS, Orders, Reshaping, final, obeyed
+from agents.orders import NUMBERS_KEPT, Orders, Reshaping, final, obeyed
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
 from agents.team.codec import decode, encode
-from agents.team.messages import DID_LIMIT, CommandAnswer, MemberState, OperatorCommand, Verb
+from agents.team.messages import DID_LIMIT, CommandAnswer, MemberState, OperatorCommand
+from agents.team.verbs import VERBS, Verb
 from estimation.state import Telemetry
 
 HOVER_S = 5.0
-VERBS: tuple[Verb, ...] = ("start", "hold", "resume", "land", "rtl", "abort", "kill", "formation")
+CUTTING, CUT = VERBS["kill"].did, VERBS["kill"].done
 Maker = Callable[..., AgentConfig]
 
 
@@ -63,7 +64,7 @@ def test_on_the_ground_a_vehicle_that_lacks_nothing_is_started_once() -> None:
     for verb in ("hold", "resume", "land", "rtl", "abort"):
         assert vehicle.told(verb) == "refused: it waits on the ground for its start"
     assert (vehicle.tactic, vehicle.orders.starts) == (Tactic.STANDBY, False)
-    assert (vehicle.told("start", number=90), vehicle.told("start", number=90)) == (STARTS, STARTS)
+    assert (vehicle.told("start", number=90), vehicle.told("start", number=90)) == ("takes off", "takes off")
     assert vehicle.orders.starts
     assert vehicle.told("start") == "had taken off already"
     assert vehicle.told("hold") == "holds"
@@ -106,7 +107,7 @@ def test_a_vehicle_in_pilot_override_reports_the_pilot_and_the_next_step(verb: V
     assert vehicle.tactic is Tactic.PILOT_OVERRIDE
 
 
-@given(tactic=st.sampled_from(Tactic), verb=st.sampled_from(VERBS))
+@given(tactic=st.sampled_from(Tactic), verb=st.sampled_from(tuple(VERBS)))
 def test_whatever_the_tactic_every_command_is_answered_and_obeyed_or_refused(tactic: Tactic, verb: Verb) -> None:
     vehicle = Vehicle(tactic)
     did = vehicle.told(verb)

@@ -7,15 +7,6 @@ import { age, vehicleNames } from "./units.js";
 
 const REQUESTS_MAX = 20;
 const PILOT = "pilot override";
-/** The verbs of the page in the order of their buttons; `isHeld`: the button must be held. */
-const VERBS = [
-  { verb: "hold", label: "Hold" },
-  { verb: "resume", label: "Resume" },
-  { verb: "rtl", label: "Return", isHeld: true },
-  { verb: "land", label: "Land", isHeld: true },
-  { verb: "abort", label: "Abort" },
-  { verb: "kill", label: "Kill…" },
-];
 
 export class Commands {
   /** @param {Selection} selection @param {function(Object): boolean} send passes a request to the station */
@@ -24,8 +15,8 @@ export class Commands {
     this.send = send;
     this.team = null;
     this.requests = new Map();
-    this.kill = new KillPrompt((target, word) => this.#request("kill", target, { confirmation: word }));
-    this.pilot = new PilotPrompt((target, overrides) => this.#request("resume", target, { overrides_pilot: overrides }));
+    this.kill = new KillPrompt();
+    this.pilot = new PilotPrompt();
     selection.changed(() => this.#showTarget());
     byId("select-all").addEventListener("click", () => selection.clear());
     ignoreKeyRepeat(document);
@@ -33,7 +24,7 @@ export class Commands {
 
   /** Show the commands that the operator of a mission may give. */
   start(mission) {
-    const offered = VERBS.filter(({ verb }) => mission.operator.may.includes(verb));
+    const offered = mission.verbs.filter(({ verb }) => mission.operator.may.includes(verb));
     const names = offered.map(({ verb }) => verb).join();
     if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((entry) => this.#button(entry)));
     this.offered = names;
@@ -63,11 +54,12 @@ export class Commands {
     }
   }
 
-  #button({ verb, label, isHeld }) {
-    const name = element("span", { class: "verb" }, label);
-    const button = element("button", { type: "button", "data-verb": verb, class: isHeld ? "held" : "" }, name);
-    if (isHeld) actWhenHeld(button, () => this.#request(verb, this.#target(), {}));
-    else button.addEventListener("click", () => this.#press(verb));
+  #button(entry) {
+    const isHeld = entry.confirmation === "all";
+    const name = element("span", { class: "verb" }, `${entry.label}${entry.confirmation === "word" ? "…" : ""}`);
+    const button = element("button", { type: "button", "data-verb": entry.verb, class: isHeld ? "held" : "" }, name);
+    if (isHeld) actWhenHeld(button, () => this.#request(entry, this.#target(), {}));
+    else button.addEventListener("click", () => this.#press(entry));
     button.append(element("span", { class: "whom" }));
     return button;
   }
@@ -77,12 +69,13 @@ export class Commands {
     return { vehicles, all, isAll: isEmpty };
   }
 
-  #press(verb) {
+  #press(entry) {
     const target = this.#target();
-    const flown = verb === "resume" ? this.#flownByPilots(target.vehicles) : [];
-    if (verb === "kill") this.kill.ask(target);
-    else if (flown.length) this.pilot.ask(target, flown);
-    else this.#request(verb, target, {});
+    const send = (whom, confirmations) => this.#request(entry, whom, confirmations);
+    const flown = entry.confirmation === "pilots" ? this.#flownByPilots(target.vehicles) : [];
+    if (entry.confirmation === "word") this.kill.ask(target, entry.verb, (word) => send(target, { confirmation: word }));
+    else if (flown.length) this.pilot.ask(target, flown, (whom, overrides) => send(whom, { overrides_pilot: overrides }));
+    else send(target, {});
   }
 
   #flownByPilots(vehicle_ids) {
@@ -90,11 +83,11 @@ export class Commands {
     return vehicles.filter((each) => each.tactic === PILOT && vehicle_ids.includes(each.vehicle_id)).map((each) => each.vehicle_id);
   }
 
-  #request(verb, target, confirmations) {
+  #request({ verb, label }, target, confirmations) {
     const vehicles = target.isAll ? null : target.vehicles;
     const id = requestName();
     const isSent = this.send({ kind: "command", request: id, verb, vehicles, ...confirmations });
-    const request = { verb, target, isSent, isLost: false, answers: new Map(), item: element("li", { "data-request": id }) };
+    const request = { label, target, isSent, isLost: false, answers: new Map(), item: element("li", { "data-request": id }) };
     request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
     this.requests.set(id, request);
     byId("answers").prepend(request.item);
@@ -111,8 +104,7 @@ export class Commands {
   }
 
   #showRequest(request) {
-    const { label } = VERBS.find(({ verb }) => verb === request.verb);
-    const title = `${request.sentAt} ${label.replace("…", "")}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
+    const title = `${request.sentAt} ${request.label}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
     const answers = [...request.answers.values()].map(answerRow);
     request.item.replaceChildren(element("strong", {}, title), element("ul", {}, ...answers, ...openRow(request)));
   }

@@ -3,26 +3,24 @@
 import { byId, setText } from "./dom.js";
 import { vehicleNames } from "./units.js";
 
-const WORD = "kill";
-
 /** Requires a word, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
 export class KillPrompt {
-  /** @param {function(Object, string)} send called with the target and the word */
-  constructor(send) {
+  constructor() {
     this.dialog = byId("kill");
     this.input = byId("kill-word");
     this.button = byId("kill-send");
     this.typed = "";
-    this.dialog.querySelector("form").addEventListener("submit", (event) => this.#submit(event, send));
+    this.dialog.querySelector("form").addEventListener("submit", (event) => this.#submit(event));
     byId("kill-cancel").addEventListener("click", () => this.dialog.close());
     for (const way of ["paste", "drop"]) this.input.addEventListener(way, (event) => this.#refuse(event));
     this.input.addEventListener("keydown", (event) => event.repeat && event.preventDefault());
     this.input.addEventListener("input", () => this.#check());
   }
 
-  /** @param {{vehicles: number[], all: number[]}} target */
-  ask(target) {
-    this.target = target;
+  /** @param {{vehicles: number[], all: number[]}} target @param {string} word @param {function(string)} send called with the word */
+  ask(target, word, send) {
+    this.word = word;
+    this.send = send;
     this.#reset("");
     setText(byId("kill-title"), `Cut the motors of ${vehicleNames(target.vehicles, target.all)}`);
     this.dialog.showModal();
@@ -31,13 +29,13 @@ export class KillPrompt {
 
   #refuse(event) {
     event.preventDefault();
-    this.#reset(`Type ${WORD} letter by letter.`);
+    this.#reset(`Type ${this.word} letter by letter.`);
   }
 
   #check() {
-    if (this.input.value.length > this.typed.length + 1) this.#reset(`Type ${WORD} letter by letter.`);
+    if (this.input.value.length > this.typed.length + 1) this.#reset(`Type ${this.word} letter by letter.`);
     this.typed = this.input.value;
-    this.button.disabled = this.typed !== WORD;
+    this.button.disabled = this.typed !== this.word;
   }
 
   #reset(message) {
@@ -46,28 +44,32 @@ export class KillPrompt {
     setText(byId("kill-message"), message);
   }
 
-  #submit(event, send) {
+  #submit(event) {
     event.preventDefault();
-    if (this.typed !== WORD) return;
+    if (this.typed !== this.word) return;
     this.dialog.close();
-    send(this.target, this.typed);
+    this.send(this.typed);
     this.typed = "";
   }
 }
 
 /** Requires a decision whether vehicles are taken back from their pilots. */
 export class PilotPrompt {
-  /** @param {function(Object, boolean)} send called with a target, and whether it overrides pilots */
-  constructor(send) {
+  constructor() {
     this.dialog = byId("pilot");
     byId("pilot-leave").addEventListener("click", () => this.dialog.close());
-    byId("pilot-others").addEventListener("click", () => this.#answer(send, this.others, false));
-    byId("pilot-take").addEventListener("click", () => this.#answer(send, this.target, true));
+    byId("pilot-others").addEventListener("click", () => this.#answer(this.others, false));
+    byId("pilot-take").addEventListener("click", () => this.#answer(this.target, true));
   }
 
-  /** @param {{vehicles: number[], all: number[]}} target @param {number[]} flown by their pilots */
-  ask(target, flown) {
+  /**
+   * @param {{vehicles: number[], all: number[]}} target
+   * @param {number[]} flown by their pilots
+   * @param {function(Object, boolean)} send called with a target, and whether it overrides pilots
+   */
+  ask(target, flown, send) {
     this.target = target;
+    this.send = send;
     this.others = { ...target, isAll: false, vehicles: target.vehicles.filter((id) => !flown.includes(id)) };
     const are = flown.length === 1 ? "is flown by its pilot" : "are flown by their pilots";
     const names = vehicleNames(flown, target.all);
@@ -79,8 +81,8 @@ export class PilotPrompt {
     byId("pilot-leave").focus();
   }
 
-  #answer(send, target, overrides) {
+  #answer(target, overrides) {
     this.dialog.close();
-    send(target, overrides);
+    this.send(target, overrides);
   }
 }

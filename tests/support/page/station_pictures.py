@@ -4,7 +4,7 @@ import math
 
 from msgspec.structs import replace
 
-from agents.team.messages import Verb
+from agents.team.verbs import Verb
 from gcs.station.picture import (
     EventPicture,
     FlightPicture,
