@@ -27,7 +27,8 @@ class VerbRow:
 
     Without a `key` it is not on the keyboard; `button` is its place on the page, 0 for none. `event` is its effect on
     the tactic, None if it has another effect. `did` answers it, and `already` in tactics that its event does not
-    change. `done` is a second answer, after `did`, once the effect is confirmed.
+    change. `done` is a second answer, after `did`, once the effect is confirmed. A verb that `needs_mission` depends on
+    the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name.
     """
 
     name: Verb
@@ -42,9 +43,7 @@ class VerbRow:
     does: str = ""
     help: str = ""
     needs_mission: bool = False
-    """Whether it depends on the content of the mission file, which must then be as at the start of the flight."""
     is_dangerous: bool = False
-    """Whether vehicles fall: it is not among an operator's verbs unless it is granted by name."""
 
 
 _ON_MISSION = dict.fromkeys((Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE), "was on its mission already")

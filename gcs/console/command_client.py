@@ -136,7 +136,20 @@ class CommandClient:
         async with self._joined(vehicles):
             if VERBS[verb].needs_mission:
                 self._missions.require_version(verb)
-            return await self._send_until_answered(verb, vehicles, vehicle, shape, on_answer)
+            number = next(self._numbers) % 2**32
+            sent = self._sent[number] = _Sent(monotonic(), on_answer)
+            end_s = sent.first_s + (_DONE_TIMEOUT_S if VERBS[verb].done else _ANSWER_TIMEOUT_S)
+            latest_s = 0.0
+            try:
+                while monotonic() < end_s and not all(sent.is_done(verb, each) for each in vehicles):
+                    if monotonic() - latest_s >= _REPEAT_S:
+                        latest_s = monotonic()
+                        origin = self._identity.participant.name
+                        send_command(self._bus, OperatorCommand(self._team_s, verb, vehicle, origin, number, shape))
+                    await asyncio.sleep(_POLL_S)
+            finally:
+                del self._sent[number]
+            return {each: sent.answers.get(each) for each in vehicles}
 
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
@@ -185,29 +198,6 @@ class CommandClient:
         self._missions.require_same()
         rest_s = self._met_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
         await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
-
-    async def _send_until_answered(
-        self,
-        verb: Verb,
-        vehicles: Collection[int],
-        vehicle: int | None,
-        shape: Shape | None,
-        on_answer: OnAnswer,
-    ) -> dict[int, CommandResult | None]:
-        number = next(self._numbers) % 2**32
-        sent = self._sent[number] = _Sent(monotonic(), on_answer)
-        end_s = sent.first_s + (_DONE_TIMEOUT_S if VERBS[verb].done else _ANSWER_TIMEOUT_S)
-        latest_s = 0.0
-        try:
-            while monotonic() < end_s and not all(sent.is_done(verb, each) for each in vehicles):
-                if monotonic() - latest_s >= _REPEAT_S:
-                    latest_s = monotonic()
-                    origin = self._identity.participant.name
-                    send_command(self._bus, OperatorCommand(self._team_s, verb, vehicle, origin, number, shape))
-                await asyncio.sleep(_POLL_S)
-        finally:
-            del self._sent[number]
-        return {each: sent.answers.get(each) for each in vehicles}
 
     @property
     def difference(self) -> str:

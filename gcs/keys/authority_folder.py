@@ -92,9 +92,8 @@ class AuthorityFolder:
 def _verbs(role: Role, may: tuple[Verb, ...] | None) -> tuple[Verb, ...]:
     if role != "operator":
         return ()
-    if may is None:
-        return tuple(row.name for row in VERBS.values() if not row.is_dangerous)
-    return tuple(dict.fromkeys(may))
+    by_default = (row.name for row in VERBS.values() if not row.is_dangerous)
+    return tuple(dict.fromkeys(by_default if may is None else may))
 
 
 def _require_name(role: Role, name: str) -> None:

@@ -12,7 +12,7 @@ import msgspec
 
 from agents.safety.failsafe import Condition
 from agents.safety.fence import Fence
-from agents.team.verbs import VERBS, Confirmation, Verb
+from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
 from gcs.mission.geometry import nearest_other
@@ -44,21 +44,6 @@ class OperatorRights(msgspec.Struct, frozen=True):
     may: tuple[Verb, ...] = ()
 
 
-class VerbPicture(msgspec.Struct, frozen=True):
-    """A verb of the page, its name on its button, and what confirms it (`agents/team/verbs.py`)."""
-
-    verb: Verb
-    label: str
-    confirmation: Confirmation
-
-
-_BUTTONS = tuple(
-    VerbPicture(row.name, row.label.capitalize(), row.confirmation)
-    for row in sorted(VERBS.values(), key=lambda row: row.button)
-    if row.button
-)
-
-
 class TilesPicture(msgspec.Struct, frozen=True):
     """The map tiles that the station serves at `tiles/Z/X/Y`: their levels, and their attribution as plain text."""
 
@@ -70,8 +55,7 @@ class TilesPicture(msgspec.Struct, frozen=True):
 class MissionPicture(_Picture, frozen=True, tag="mission"):
     """The constant part of a flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
 
-    `x_bearing_deg` is the bearing of the x axis, clockwise from north. `tiles` is None without map tiles. `verbs` are
-    the page's in the order of their buttons, also those that the operator may not send.
+    `x_bearing_deg` is the bearing of the x axis, clockwise from north. `tiles` is None without map tiles.
     """
 
     mission: str
@@ -89,7 +73,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     vehicles: tuple[PlannedVehicle, ...]
     operator: OperatorRights = OperatorRights()
     tiles: TilesPicture | None = None
-    verbs: tuple[VerbPicture, ...] = _BUTTONS
+    verbs: tuple[VerbRow, ...] = tuple(VERBS.values())
 
 
 class VehiclePicture(msgspec.Struct, frozen=True):

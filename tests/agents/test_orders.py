@@ -1,6 +1,7 @@
 """Operators' commands: each acts once and is answered every time, and whatever is said, an abort ends on the ground."""
 
 from collections.abc import Callable
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -107,7 +108,7 @@ def test_a_vehicle_in_pilot_override_reports_the_pilot_and_the_next_step(verb: V
     assert vehicle.tactic is Tactic.PILOT_OVERRIDE
 
 
-@given(tactic=st.sampled_from(Tactic), verb=st.sampled_from(tuple(VERBS)))
+@given(tactic=st.sampled_from(Tactic), verb=st.sampled_from(get_args(Verb)))
 def test_whatever_the_tactic_every_command_is_answered_and_obeyed_or_refused(tactic: Tactic, verb: Verb) -> None:
     vehicle = Vehicle(tactic)
     did = vehicle.told(verb)
@@ -116,6 +117,11 @@ def test_whatever_the_tactic_every_command_is_answered_and_obeyed_or_refused(tac
     assert decode(encode(answer)) == answer
     if not obeyed(did):
         assert vehicle.tactic is tactic
+
+
+def test_no_two_verbs_share_a_key_or_a_place_on_the_page() -> None:
+    places = [place for row in VERBS.values() for place in (row.key, row.button) if place]
+    assert len(set(places)) == len(places)
 
 
 def reshaping(shape: Shape | None, told_s: float = 1.0, number: int = 7) -> OperatorCommand:

@@ -123,18 +123,18 @@ class KeyBindings:
         """Return the question that confirms a command, None if it needs none."""
         of_pilots = [each for each in self._vehicles if each in piloted and command.vehicle in (None, each)]
         whom = _named(self._vehicles if command.vehicle is None else [command.vehicle])
-        row, answered_s = VERBS[command.verb], now_s + ANSWERED_WITHIN_S
+        row = VERBS[command.verb]
         match row.confirmation:
             case "word":
                 text = f"type {row.name} and Enter to {row.does} {whom}: "
                 return _Question(command, text, f"{row.name}\n", now_s + TYPED_WITHIN_S)
             case "all" if command.vehicle is None:
-                return _Question(command, f"{row.does} {whom}? {_CANCELS}", "y", answered_s)
+                text = f"{row.does} {whom}"
             case "pilots" if of_pilots:
-                text = f"take {_named(of_pilots)} from the pilot? {_CANCELS}"
-                return _Question(command, text, "y", answered_s)
+                text = f"take {_named(of_pilots)} from the pilot"
             case _:
                 return None
+        return _Question(command, f"{text}? {_CANCELS}", "y", now_s + ANSWERED_WITHIN_S)
 
     def _selection(self, now_s: float) -> str:
         """Return the digits of the vehicle that the next command is for, empty for all."""

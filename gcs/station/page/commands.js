@@ -15,8 +15,8 @@ export class Commands {
     this.send = send;
     this.team = null;
     this.requests = new Map();
-    this.kill = new KillPrompt();
-    this.pilot = new PilotPrompt();
+    this.kill = new KillPrompt((verb, target, word) => this.#request(verb, target, { confirmation: word }));
+    this.pilot = new PilotPrompt((verb, target, overrides) => this.#request(verb, target, { overrides_pilot: overrides }));
     selection.changed(() => this.#showTarget());
     byId("select-all").addEventListener("click", () => selection.clear());
     ignoreKeyRepeat(document);
@@ -24,9 +24,10 @@ export class Commands {
 
   /** Show the commands that the operator of a mission may give. */
   start(mission) {
-    const offered = mission.verbs.filter(({ verb }) => mission.operator.may.includes(verb));
-    const names = offered.map(({ verb }) => verb).join();
-    if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((entry) => this.#button(entry)));
+    const offered = mission.verbs.filter(({ name, button }) => button && mission.operator.may.includes(name));
+    const names = offered.map(({ name }) => name).join();
+    offered.sort((first, second) => first.button - second.button);
+    if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((verb) => this.#button(verb)));
     this.offered = names;
     byId("commands").hidden = mission.source === "log";
     byId("read-only").hidden = offered.length > 0;
@@ -54,12 +55,12 @@ export class Commands {
     }
   }
 
-  #button(entry) {
-    const isHeld = entry.confirmation === "all";
-    const name = element("span", { class: "verb" }, `${entry.label}${entry.confirmation === "word" ? "…" : ""}`);
-    const button = element("button", { type: "button", "data-verb": entry.verb, class: isHeld ? "held" : "" }, name);
-    if (isHeld) actWhenHeld(button, () => this.#request(entry, this.#target(), {}));
-    else button.addEventListener("click", () => this.#press(entry));
+  #button(verb) {
+    const isHeld = verb.confirmation === "all";
+    const name = element("span", { class: "verb" }, `${title(verb)}${verb.confirmation === "word" ? "…" : ""}`);
+    const button = element("button", { type: "button", "data-verb": verb.name, class: isHeld ? "held" : "" }, name);
+    if (isHeld) actWhenHeld(button, () => this.#request(verb, this.#target(), {}));
+    else button.addEventListener("click", () => this.#press(verb));
     button.append(element("span", { class: "whom" }));
     return button;
   }
@@ -69,13 +70,12 @@ export class Commands {
     return { vehicles, all, isAll: isEmpty };
   }
 
-  #press(entry) {
+  #press(verb) {
     const target = this.#target();
-    const send = (whom, confirmations) => this.#request(entry, whom, confirmations);
-    const flown = entry.confirmation === "pilots" ? this.#flownByPilots(target.vehicles) : [];
-    if (entry.confirmation === "word") this.kill.ask(target, entry.verb, (word) => send(target, { confirmation: word }));
-    else if (flown.length) this.pilot.ask(target, flown, (whom, overrides) => send(whom, { overrides_pilot: overrides }));
-    else send(target, {});
+    const flown = verb.confirmation === "pilots" ? this.#flownByPilots(target.vehicles) : [];
+    if (verb.confirmation === "word") this.kill.ask(verb, target);
+    else if (flown.length) this.pilot.ask(verb, target, flown);
+    else this.#request(verb, target, {});
   }
 
   #flownByPilots(vehicle_ids) {
@@ -83,11 +83,11 @@ export class Commands {
     return vehicles.filter((each) => each.tactic === PILOT && vehicle_ids.includes(each.vehicle_id)).map((each) => each.vehicle_id);
   }
 
-  #request({ verb, label }, target, confirmations) {
+  #request(verb, target, confirmations) {
     const vehicles = target.isAll ? null : target.vehicles;
     const id = requestName();
-    const isSent = this.send({ kind: "command", request: id, verb, vehicles, ...confirmations });
-    const request = { label, target, isSent, isLost: false, answers: new Map(), item: element("li", { "data-request": id }) };
+    const isSent = this.send({ kind: "command", request: id, verb: verb.name, vehicles, ...confirmations });
+    const request = { verb, target, isSent, isLost: false, answers: new Map(), item: element("li", { "data-request": id }) };
     request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
     this.requests.set(id, request);
     byId("answers").prepend(request.item);
@@ -104,9 +104,9 @@ export class Commands {
   }
 
   #showRequest(request) {
-    const title = `${request.sentAt} ${request.label}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
+    const head = `${request.sentAt} ${title(request.verb)}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
     const answers = [...request.answers.values()].map(answerRow);
-    request.item.replaceChildren(element("strong", {}, title), element("ul", {}, ...answers, ...openRow(request)));
+    request.item.replaceChildren(element("strong", {}, head), element("ul", {}, ...answers, ...openRow(request)));
   }
 
   #showTarget() {
@@ -120,6 +120,8 @@ export class Commands {
     }
   }
 }
+
+const title = ({ label }) => `${label[0].toUpperCase()}${label.slice(1)}`;
 
 function shortNames(vehicles, all) {
   return vehicles.length === all.length ? `all ${all.length}` : vehicles.join(", ");

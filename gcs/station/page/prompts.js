@@ -3,24 +3,25 @@
 import { byId, setText } from "./dom.js";
 import { vehicleNames } from "./units.js";
 
-/** Requires a word, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
+/** Requires the verb's name, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
 export class KillPrompt {
-  constructor() {
+  /** @param {function(Object, Object, string)} send called with the verb, the target and the word */
+  constructor(send) {
     this.dialog = byId("kill");
     this.input = byId("kill-word");
     this.button = byId("kill-send");
     this.typed = "";
-    this.dialog.querySelector("form").addEventListener("submit", (event) => this.#submit(event));
+    this.dialog.querySelector("form").addEventListener("submit", (event) => this.#submit(event, send));
     byId("kill-cancel").addEventListener("click", () => this.dialog.close());
     for (const way of ["paste", "drop"]) this.input.addEventListener(way, (event) => this.#refuse(event));
     this.input.addEventListener("keydown", (event) => event.repeat && event.preventDefault());
     this.input.addEventListener("input", () => this.#check());
   }
 
-  /** @param {{vehicles: number[], all: number[]}} target @param {string} word @param {function(string)} send called with the word */
-  ask(target, word, send) {
-    this.word = word;
-    this.send = send;
+  /** @param {{vehicles: number[], all: number[]}} target */
+  ask(verb, target) {
+    this.verb = verb;
+    this.target = target;
     this.#reset("");
     setText(byId("kill-title"), `Cut the motors of ${vehicleNames(target.vehicles, target.all)}`);
     this.dialog.showModal();
@@ -29,13 +30,13 @@ export class KillPrompt {
 
   #refuse(event) {
     event.preventDefault();
-    this.#reset(`Type ${this.word} letter by letter.`);
+    this.#reset(`Type ${this.verb.name} letter by letter.`);
   }
 
   #check() {
-    if (this.input.value.length > this.typed.length + 1) this.#reset(`Type ${this.word} letter by letter.`);
+    if (this.input.value.length > this.typed.length + 1) this.#reset(`Type ${this.verb.name} letter by letter.`);
     this.typed = this.input.value;
-    this.button.disabled = this.typed !== this.word;
+    this.button.disabled = this.typed !== this.verb.name;
   }
 
   #reset(message) {
@@ -44,32 +45,29 @@ export class KillPrompt {
     setText(byId("kill-message"), message);
   }
 
-  #submit(event) {
+  #submit(event, send) {
     event.preventDefault();
-    if (this.typed !== this.word) return;
+    if (this.typed !== this.verb.name) return;
     this.dialog.close();
-    this.send(this.typed);
+    send(this.verb, this.target, this.typed);
     this.typed = "";
   }
 }
 
 /** Requires a decision whether vehicles are taken back from their pilots. */
 export class PilotPrompt {
-  constructor() {
+  /** @param {function(Object, Object, boolean)} send called with the verb, a target, and whether it overrides pilots */
+  constructor(send) {
     this.dialog = byId("pilot");
     byId("pilot-leave").addEventListener("click", () => this.dialog.close());
-    byId("pilot-others").addEventListener("click", () => this.#answer(this.others, false));
-    byId("pilot-take").addEventListener("click", () => this.#answer(this.target, true));
+    byId("pilot-others").addEventListener("click", () => this.#answer(send, this.others, false));
+    byId("pilot-take").addEventListener("click", () => this.#answer(send, this.target, true));
   }
 
-  /**
-   * @param {{vehicles: number[], all: number[]}} target
-   * @param {number[]} flown by their pilots
-   * @param {function(Object, boolean)} send called with a target, and whether it overrides pilots
-   */
-  ask(target, flown, send) {
+  /** @param {{vehicles: number[], all: number[]}} target @param {number[]} flown by their pilots */
+  ask(verb, target, flown) {
+    this.verb = verb;
     this.target = target;
-    this.send = send;
     this.others = { ...target, isAll: false, vehicles: target.vehicles.filter((id) => !flown.includes(id)) };
     const are = flown.length === 1 ? "is flown by its pilot" : "are flown by their pilots";
     const names = vehicleNames(flown, target.all);
@@ -81,8 +79,8 @@ export class PilotPrompt {
     byId("pilot-leave").focus();
   }
 
-  #answer(target, overrides) {
+  #answer(send, target, overrides) {
     this.dialog.close();
-    this.send(target, overrides);
+    send(this.verb, target, overrides);
   }
 }
