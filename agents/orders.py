@@ -5,44 +5,19 @@ Operators repeat a command until it is answered. Repeats, which have the same nu
 
 from collections import OrderedDict
 from collections.abc import Collection
-from typing import Literal
 
 import msgspec
 
 from agents.notes import CommandOutcome, Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand, Verb
+from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand
 from agents.team.text import printable
+from agents.team.verbs import VERBS, Verb, VerbRow
 
-CUTTING, CUT = "cuts the motors", "motors cut"
-STARTS = "takes off"
 REFUSED = "refused: "
 NUMBERS_KEPT = 64
 """The number of commands kept to recognise repeats, which are sent for two seconds at most."""
-
-_Steering = Literal["hold", "resume", "land", "rtl"]
-_EVENTS: dict[_Steering, Event] = {
-    "hold": Event.HOLD,
-    "resume": Event.RESUME,
-    "land": Event.LAND,
-    "rtl": Event.RETURN,
-}
-_DOES: dict[_Steering, str] = {
-    "hold": "holds",
-    "resume": "resumes its mission",
-    "land": "lands",
-    "rtl": "returns and lands",
-}
-_NOTHING_NEW: dict[tuple[_Steering, Tactic], str] = {
-    ("hold", Tactic.HOLD): "was holding already",
-    ("resume", Tactic.STANDBY): "was waiting for the start already",
-    ("resume", Tactic.FORMATION): "was on its mission already",
-    ("resume", Tactic.ENCIRCLE): "was on its mission already",
-    ("resume", Tactic.EXCITE): "was on its mission already",
-    ("land", Tactic.LAND): "was landing already",
-    ("rtl", Tactic.RETURN_AND_LAND): "was returning to land already",
-}
 _WHY_NOT = {
     Tactic.RETURN_AND_LAND: "it is returning to land",
     Tactic.LAND: "it is landing",
@@ -96,7 +71,7 @@ class Orders:
             return None
         event = None
         if command.number not in self._done:
-            if command.verb == "resume" and resume_refused:
+            if resume_refused and VERBS[command.verb].event is Event.RESUME:
                 did = f"{REFUSED}{resume_refused}"[:DID_LIMIT]
             else:
                 did, event = self._carry_out(command, tactic, now_s)
@@ -119,7 +94,7 @@ class Orders:
 
     def on_killed(self, refusal: str, now_s: float) -> None:
         """Take the outcome of a kill as the vehicle reports it: why it failed, empty if it did not."""
-        did = f"{REFUSED}{refusal}"[:DID_LIMIT] if refusal else CUT
+        did = f"{REFUSED}{refusal}"[:DID_LIMIT] if refusal else VERBS["kill"].done
         for command in self._kills:
             self._remember(command, did, now_s)
             self._unanswered[command.number] = None
@@ -135,38 +110,39 @@ class Orders:
         return CommandAnswer(self._vehicle_id, now_s, command.number, did, command.verb, command.origin)
 
     def _carry_out(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
+        row = VERBS[command.verb]
         match command.verb:
             case "kill":
                 self._kills.append(command)
                 self._abort = None
-                return CUTTING, Event.LAND
+                return row.did, row.event
             case "start":
-                return self._start(), None
+                return self._start(row), None
             case _ if self.lacks is not None:
                 return f"{REFUSED}it waits on the ground for its start", None
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s)
             case "formation":
                 return self._reshape(command, tactic), None
-            case verb:
-                return self._steer(verb, tactic)
+            case _:
+                return self._steer(row, tactic)
 
-    def _start(self) -> str:
+    def _start(self, row: VerbRow) -> str:
         if self.lacks is None:
             return "did not wait for its start" if not self.starts else "had taken off already"
         if self.lacks:
             return f"{REFUSED}{self.lacks}"[:DID_LIMIT]
         self.starts, self.lacks = True, None
-        return STARTS
+        return row.did
 
     def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
         """Hover at once and land later; a second abort during the hover lands at once."""
         if self._abort is not None or tactic is Tactic.LAND:
-            return self._steer("land", tactic)
+            return self._steer(VERBS["land"], tactic)
         if tactic is Tactic.PILOT_OVERRIDE:
             return f"{REFUSED}{_WHY_NOT[tactic]}", None
         self._abort = (now_s + self._hover_s, origin)
-        did, event = self._steer("hold", tactic)
+        did, event = self._steer(VERBS["hold"], tactic)
         return f"{did}, lands in {self._hover_s:g} s unless resumed", event
 
     def _reshape(self, command: OperatorCommand, tactic: Tactic) -> str:
@@ -179,13 +155,12 @@ class Orders:
         place = "takes its place" if tactic is Tactic.FORMATION else "will take its place, once in formation,"
         return f"{place} in the shape '{shape}'"
 
-    def _steer(self, verb: _Steering, tactic: Tactic) -> tuple[str, Event | None]:
-        event = _EVENTS[verb]
-        if next_tactic(tactic, event) is tactic:
-            return _NOTHING_NEW.get((verb, tactic)) or f"{REFUSED}{_why_not(tactic)}", None
-        if verb != "hold":
+    def _steer(self, row: VerbRow, tactic: Tactic) -> tuple[str, Event | None]:
+        if row.event is None or next_tactic(tactic, row.event) is tactic:
+            return row.already.get(tactic) or f"{REFUSED}{_why_not(tactic)}", None
+        if row.event is not Event.HOLD:
             self._abort = None  # the operator has decided what comes after the hover
-        return _DOES[verb], event
+        return row.did, row.event
 
     def _remember(self, command: OperatorCommand, did: str, now_s: float) -> None:
         did = printable(did)  # it may hold text from the autopilot
@@ -203,7 +178,7 @@ def obeyed(did: str) -> bool:
 
 def final(verb: Verb, did: str) -> bool:
     """Return whether an answer is the last one: a kill is answered when it begins and when it is done."""
-    return verb != "kill" or did != CUTTING
+    return not VERBS[verb].done or did != VERBS[verb].did
 
 
 def _why_not(tactic: Tactic) -> str:

@@ -2,9 +2,11 @@
 
 from enum import Enum
 from math import hypot
+from typing import TYPE_CHECKING
 
-from agents.settings.sections import DecisionSettings
-from estimation.state import TargetEstimate, Vector
+if TYPE_CHECKING:  # they import what the command line, which lists verbs, would wait for
+    from agents.settings.sections import DecisionSettings
+    from estimation.state import TargetEstimate, Vector
 
 
 class Tactic(Enum):
@@ -36,52 +38,23 @@ class Event(Enum):
     PILOT_TOOK_OVER = "pilot took over"
 
 
-TRANSITIONS: dict[tuple[Tactic, Event], Tactic] = {
-    (Tactic.STANDBY, Event.START): Tactic.FORMATION,
-    (Tactic.STANDBY, Event.HOLD): Tactic.HOLD,
-    (Tactic.STANDBY, Event.LAND): Tactic.LAND,
-    (Tactic.FORMATION, Event.ENGAGE): Tactic.ENCIRCLE,
-    (Tactic.FORMATION, Event.HOLD): Tactic.HOLD,
-    (Tactic.FORMATION, Event.LAND): Tactic.LAND,
-    (Tactic.ENCIRCLE, Event.HOLD): Tactic.HOLD,
-    (Tactic.ENCIRCLE, Event.LAND): Tactic.LAND,
-    (Tactic.FORMATION, Event.STEP_ASIDE): Tactic.ASIDE,
-    (Tactic.ENCIRCLE, Event.STEP_ASIDE): Tactic.ASIDE,
-    (Tactic.ASIDE, Event.HOLD): Tactic.HOLD,
-    (Tactic.ASIDE, Event.RESUME): Tactic.FORMATION,
-    (Tactic.ASIDE, Event.LAND): Tactic.LAND,
-    (Tactic.HOLD, Event.RESUME): Tactic.FORMATION,
-    (Tactic.HOLD, Event.LAND): Tactic.LAND,
-    (Tactic.STANDBY, Event.END): Tactic.RETURN_AND_LAND,
-    (Tactic.FORMATION, Event.END): Tactic.RETURN_AND_LAND,
-    (Tactic.ENCIRCLE, Event.END): Tactic.RETURN_AND_LAND,
-    (Tactic.HOLD, Event.END): Tactic.RETURN_AND_LAND,
-    (Tactic.ASIDE, Event.END): Tactic.RETURN_AND_LAND,
-    (Tactic.STANDBY, Event.RETURN): Tactic.RETURN_AND_LAND,
-    (Tactic.FORMATION, Event.RETURN): Tactic.RETURN_AND_LAND,
-    (Tactic.ENCIRCLE, Event.RETURN): Tactic.RETURN_AND_LAND,
-    (Tactic.ASIDE, Event.RETURN): Tactic.RETURN_AND_LAND,
-    (Tactic.HOLD, Event.RETURN): Tactic.RETURN_AND_LAND,
-    (Tactic.RETURN_AND_LAND, Event.HOLD): Tactic.HOLD,
-    (Tactic.RETURN_AND_LAND, Event.LAND): Tactic.LAND,
-    (Tactic.RETURN_AND_LAND, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
-    (Tactic.STANDBY, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
-    (Tactic.FORMATION, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
-    (Tactic.ENCIRCLE, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
-    (Tactic.ASIDE, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
-    (Tactic.HOLD, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
-    (Tactic.PILOT_OVERRIDE, Event.RESUME): Tactic.FORMATION,
+_ON_PLAN = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE)
+_ROWS: tuple[tuple[Event, Tactic, tuple[Tactic, ...]], ...] = (
+    (Event.START, Tactic.FORMATION, (Tactic.STANDBY,)),
+    (Event.ENGAGE, Tactic.ENCIRCLE, (Tactic.FORMATION,)),
+    (Event.STEP_ASIDE, Tactic.ASIDE, (Tactic.FORMATION, Tactic.ENCIRCLE)),
+    (Event.STEP_ASIDE, Tactic.HOLD, (Tactic.EXCITE,)),
+    (Event.HOLD, Tactic.HOLD, (*_ON_PLAN, Tactic.RETURN_AND_LAND)),
+    (Event.RESUME, Tactic.FORMATION, (Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)),
     # An identification flight: this event replaces start and resume.
-    (Tactic.STANDBY, Event.EXCITE): Tactic.EXCITE,
-    (Tactic.HOLD, Event.EXCITE): Tactic.EXCITE,
-    (Tactic.PILOT_OVERRIDE, Event.EXCITE): Tactic.EXCITE,
-    (Tactic.EXCITE, Event.HOLD): Tactic.HOLD,
-    (Tactic.EXCITE, Event.STEP_ASIDE): Tactic.HOLD,
-    (Tactic.EXCITE, Event.LAND): Tactic.LAND,
-    (Tactic.EXCITE, Event.END): Tactic.RETURN_AND_LAND,
-    (Tactic.EXCITE, Event.RETURN): Tactic.RETURN_AND_LAND,
-    (Tactic.EXCITE, Event.PILOT_TOOK_OVER): Tactic.PILOT_OVERRIDE,
-}
+    (Event.EXCITE, Tactic.EXCITE, (Tactic.STANDBY, Tactic.HOLD, Tactic.PILOT_OVERRIDE)),
+    (Event.END, Tactic.RETURN_AND_LAND, (*_ON_PLAN, Tactic.HOLD)),
+    (Event.RETURN, Tactic.RETURN_AND_LAND, (*_ON_PLAN, Tactic.HOLD)),
+    (Event.LAND, Tactic.LAND, (*_ON_PLAN, Tactic.HOLD, Tactic.RETURN_AND_LAND)),
+    (Event.PILOT_TOOK_OVER, Tactic.PILOT_OVERRIDE, (*_ON_PLAN, Tactic.HOLD, Tactic.RETURN_AND_LAND)),
+)
+"""What each event changes: the tactic after it, and the tactics in which it has this effect."""
+TRANSITIONS = {(before, event): after for event, after, tactics in _ROWS for before in tactics}
 
 
 def next_tactic(tactic: Tactic, event: Event) -> Tactic:
@@ -97,7 +70,7 @@ def diagram() -> str:
     return "\n".join(lines)
 
 
-def decides_to_encircle(target: TargetEstimate, position_m: Vector, thresholds: DecisionSettings) -> bool:
+def decides_to_encircle(target: "TargetEstimate", position_m: "Vector", thresholds: "DecisionSettings") -> bool:
     """Return whether a vehicle at (2,) engages: important enough, not too dangerous, near enough (paper, section 5)."""
     distance_m = hypot(*(target.mean[:2] - position_m).tolist())
     return (
@@ -107,7 +80,7 @@ def decides_to_encircle(target: TargetEstimate, position_m: Vector, thresholds: 
     )
 
 
-def reasons(target: TargetEstimate, position_m: Vector, thresholds: DecisionSettings) -> str:
+def reasons(target: "TargetEstimate", position_m: "Vector", thresholds: "DecisionSettings") -> str:
     """Return the values of that decision with their thresholds, as text."""
     distance_m = hypot(*(target.mean[:2] - position_m).tolist())
     return (

@@ -3,10 +3,12 @@
 import re
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 import cordon
+from agents.team.verbs import VERBS, CommandVerb
 from gcs.errors import Exit
 from tests.support.docs import GENERATED, renewed
 from tests.support.equations import NUMBER, docstrings, implementations
@@ -90,6 +92,15 @@ def test_python_in_documents_runs(
                 exec(compile(piece, f"{document.name}, piece {number}", "exec"), names)
                 ran.add(document.stem)
     assert ran >= {"python", "logs"}
+
+
+def test_every_verb_and_its_key_are_documented(subtests: pytest.Subtests) -> None:
+    rows = [
+        line.split("|")[1:3] for line in (DOCS / "flying.md").read_text(encoding="utf-8").splitlines() if "|" in line
+    ]
+    for verb in get_args(CommandVerb):
+        with subtests.test(verb=verb):
+            assert [key.strip()[:1] for key, name in rows if name.strip().startswith(f"`{verb}")] == [VERBS[verb].key]
 
 
 def test_every_exit_code_is_documented() -> None:

@@ -5,13 +5,14 @@ Text with control characters is refused there.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 
 from agents.drops import NO_DROPS, Drops
 from agents.settings.shapes import Shape
 from agents.team.text import PRINTABLE
+from agents.team.verbs import Verb
 
 VehicleId = Annotated[int, msgspec.Meta(ge=1, le=254)]
 TimeS = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
@@ -29,7 +30,6 @@ _Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
 LINK_SILENT_S = 0.8
 """Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
-Verb = Literal["start", "hold", "resume", "land", "rtl", "abort", "kill", "formation"]
 Metres2 = tuple[_Metres, _Metres]
 
 

@@ -3,21 +3,19 @@
 import asyncio
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, get_args
 
 from cyclopts import Parameter
 
+from agents.settings.shapes import Shape
+from agents.team.verbs import VERBS, CommandVerb, Verb, VerbRow
 from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chosen_vehicle
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
-    from agents.team.messages import Verb as Granted
     from gcs.console.command_client import CommandResult
     from gcs.keys.identity import Identity
     from gcs.mission.mission import Mission
-
-Verb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
-Shape = Literal["line", "column", "wedge", "free"]
 
 
 @Parameter(name="*")
@@ -36,16 +34,15 @@ _DEFAULTS = CommandOptions()
 
 
 def command(
-    verb: Verb,
+    verb: CommandVerb,
     shape: Annotated[Shape | None, Parameter(help="The formation's new shape.")] = None,
     /,
     *,
     options: CommandOptions = _DEFAULTS,
 ) -> Exit:
-    """Command a running team: hold, resume, land, return, abort, kill or change formation. Shows each vehicle's answer.
+    """Command a running team: {labels}. Shows each vehicle's answer.
 
-    abort: hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort. kill: cut the motors;
-    the vehicles fall. formation: change the shape of the formation.
+    {helps}
 
     Example: cordon command formation wedge --mission mixed-team
     """
@@ -58,7 +55,8 @@ def command(
     vehicles = mission.ids if vehicle is None else (chosen_vehicle(mission, vehicle, "--vehicle").id,)
     if faults := list(_shape_faults(mission, verb, shape, vehicle)):
         raise InputError(faults)
-    if verb == "kill" and not options.yes and not confirmed(_kill_question(vehicles, mission)):
+    row = VERBS[verb]
+    if row.confirmation == "word" and not options.yes and not confirmed(_question(row, vehicles, mission)):
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
     try:
@@ -73,7 +71,14 @@ def command(
     return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
 
 
-def granted_operator(mission: "Mission", verb: "Granted", name: str | None) -> "Identity":
+_ROWS = [VERBS[verb] for verb in get_args(CommandVerb)]
+command.__doc__ = (command.__doc__ or "").format(
+    labels=f"{', '.join(row.label for row in _ROWS[:-1])} or {_ROWS[-1].label}",
+    helps=" ".join(f"{row.name}: {row.help}." for row in _ROWS if row.help),
+)
+
+
+def granted_operator(mission: "Mission", verb: Verb, name: str | None) -> "Identity":
     """Return the operator whose keys are on this computer; raises VehicleRefusedError if they do not grant the verb."""
     from agents.ports import VehicleRefusedError
     from gcs.keys.team_keys import team_keys
@@ -114,6 +119,6 @@ def _shape_faults(mission: "Mission", verb: Verb, shape: Shape | None, vehicle: 
         yield f"--vehicle: formation commands the whole team: leave this option out (given: {vehicle})"
 
 
-def _kill_question(vehicles: Sequence[int], mission: "Mission") -> str:
+def _question(row: VerbRow, vehicles: Sequence[int], mission: "Mission") -> str:
     named = f"vehicle {vehicles[0]}" if len(vehicles) == 1 else f"vehicles {', '.join(map(str, vehicles))}"
-    return f"Cut the motors of {named} of {mission.mission.name}? In flight they fall."
+    return f"{row.does.capitalize()} {named} of {mission.mission.name}? In flight they fall."

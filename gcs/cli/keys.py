@@ -13,8 +13,8 @@ from gcs.cli.options import MissionName, chosen_vehicle, loaded_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
-    from agents.team.messages import Verb
     from agents.team.participant import Role
+    from agents.team.verbs import Verb
     from gcs.keys.holder import Holder
 
 Folder = Annotated[Path, Parameter(name="--keys", help="The folder of the keys.")]
@@ -133,7 +133,7 @@ def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...
 
 
 def _verbs(may: str | None) -> "tuple[Verb, ...] | None":
-    from gcs.keys.holder import VERBS
+    from agents.team.verbs import VERBS
 
     if may is None:
         return None

@@ -15,8 +15,9 @@ import msgspec
 from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal, Verb
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
+from agents.team.verbs import VERBS, Verb
 from gcs.console.team_bus import guest_bus, send_command
 from gcs.console.team_missions import TeamMissions
 from gcs.keys.identity import Identity
@@ -27,8 +28,8 @@ _RECEIVED_TIMEOUT_S = 3.0
 _ALL_RECEIVED_TIMEOUT_S = 0.5
 """Wait for the other vehicles after the first message from one: a dead vehicle must not delay a command."""
 _ANSWER_TIMEOUT_S = 4.0
-_KILL_TIMEOUT_S = 12.0
-"""A heartbeat (1 Hz) confirms that a vehicle is disarmed, and the agent repeats a kill that was not confirmed."""
+_DONE_TIMEOUT_S = 12.0
+"""For a second answer: a heartbeat (1 Hz) confirms that a vehicle is disarmed, and an agent repeats a failed kill."""
 _POLL_S = 0.005
 _REPEAT_S = 0.1
 _SIGHTING_PERIOD_S = 0.5
@@ -133,8 +134,22 @@ class CommandClient:
         Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission.
         """
         async with self._joined(vehicles):
-            self._missions.require_version(verb)
-            return await self._send_until_answered(verb, vehicles, vehicle, shape, on_answer)
+            if VERBS[verb].needs_mission:
+                self._missions.require_version(verb)
+            number = next(self._numbers) % 2**32
+            sent = self._sent[number] = _Sent(monotonic(), on_answer)
+            end_s = sent.first_s + (_DONE_TIMEOUT_S if VERBS[verb].done else _ANSWER_TIMEOUT_S)
+            latest_s = 0.0
+            try:
+                while monotonic() < end_s and not all(sent.is_done(verb, each) for each in vehicles):
+                    if monotonic() - latest_s >= _REPEAT_S:
+                        latest_s = monotonic()
+                        origin = self._identity.participant.name
+                        send_command(self._bus, OperatorCommand(self._team_s, verb, vehicle, origin, number, shape))
+                    await asyncio.sleep(_POLL_S)
+            finally:
+                del self._sent[number]
+            return {each: sent.answers.get(each) for each in vehicles}
 
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
@@ -183,29 +198,6 @@ class CommandClient:
         self._missions.require_same()
         rest_s = self._met_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
         await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
-
-    async def _send_until_answered(
-        self,
-        verb: Verb,
-        vehicles: Collection[int],
-        vehicle: int | None,
-        shape: Shape | None,
-        on_answer: OnAnswer,
-    ) -> dict[int, CommandResult | None]:
-        number = next(self._numbers) % 2**32
-        sent = self._sent[number] = _Sent(monotonic(), on_answer)
-        end_s = sent.first_s + (_KILL_TIMEOUT_S if verb == "kill" else _ANSWER_TIMEOUT_S)
-        latest_s = 0.0
-        try:
-            while monotonic() < end_s and not all(sent.is_done(verb, each) for each in vehicles):
-                if monotonic() - latest_s >= _REPEAT_S:
-                    latest_s = monotonic()
-                    origin = self._identity.participant.name
-                    send_command(self._bus, OperatorCommand(self._team_s, verb, vehicle, origin, number, shape))
-                await asyncio.sleep(_POLL_S)
-        finally:
-            del self._sent[number]
-        return {each: sent.answers.get(each) for each in vehicles}
 
     @property
     def difference(self) -> str:

@@ -4,9 +4,6 @@ from agents.ports import VehicleRefusedError
 from agents.team.messages import BusMessage, MissionIdentity, StartProposal
 from gcs.mission.mission import Mission
 
-ENDS_FLIGHT = frozenset({"hold", "land", "rtl", "abort", "kill"})
-"""Verbs that may be sent although the mission file has changed since the start: they do not depend on its content."""
-
 
 class TeamMissions:
     """The missions that the vehicles on the bus report."""
@@ -47,8 +44,8 @@ class TeamMissions:
         return f"the team flies another version of the mission {self._mission.mission.name!r}"
 
     def require_version(self, verb: str) -> None:
-        """Raise VehicleRefusedError if a command or sighting depends on the mission's content, and that differs."""
-        if self.difference and verb not in ENDS_FLIGHT:
+        """Raise VehicleRefusedError if the mission's content, on which a command or sighting depends, differs."""
+        if self.difference:
             raise VehicleRefusedError(
                 f"{verb}: {self.difference}",
                 "give by --mission the file as it was at the start of the flight, with the same --set",

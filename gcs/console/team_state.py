@@ -9,6 +9,7 @@ from agents.drops import NO_DROPS, Drops
 from agents.orders import REFUSED
 from agents.safety.fence import Fence
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
+from agents.team.verbs import VERBS
 from gcs.console.advice import Severity, severity
 from gcs.mission.geometry import Place, nearest_other
 
@@ -151,7 +152,7 @@ class TeamState:
             key: tuple[object, ...] = (message.number,)
             receiver = "all vehicles" if message.vehicle is None else f"vehicle {message.vehicle}"
             text = f"command from {message.origin} to {receiver}: {message.verb}"
-            event = TeamEvent(None, text, "warning" if message.verb == "kill" else "information")
+            event = TeamEvent(None, text, "warning" if VERBS[message.verb].is_dangerous else "information")
         else:
             key = (message.number, message.sender, message.did)
             how_grave: Severity = "warning" if message.did.startswith(REFUSED) else "information"

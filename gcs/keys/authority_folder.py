@@ -6,11 +6,11 @@ from time import time
 
 import msgspec
 
-from agents.team.messages import Verb
 from agents.team.participant import Role, is_name
+from agents.team.verbs import VERBS, Verb
 from gcs.errors import InputError
 from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
-from gcs.keys.holder import UNLESS_NAMED, Holder
+from gcs.keys.holder import Holder
 from gcs.keys.key_folder import CERTIFICATE_FILE, PRIVATE_KEY_FILE, KeyFolder
 from gcs.keys.private_files import make_folder, read, read_private, write
 from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
@@ -92,7 +92,8 @@ class AuthorityFolder:
 def _verbs(role: Role, may: tuple[Verb, ...] | None) -> tuple[Verb, ...]:
     if role != "operator":
         return ()
-    return UNLESS_NAMED if may is None else tuple(dict.fromkeys(may))
+    by_default = (row.name for row in VERBS.values() if not row.is_dangerous)
+    return tuple(dict.fromkeys(by_default if may is None else may))
 
 
 def _require_name(role: Role, name: str) -> None:

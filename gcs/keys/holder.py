@@ -1,17 +1,11 @@
 """The holders of keys: their roles, names, and what each role may send on the bus."""
 
-from typing import get_args
-
 import msgspec
 
 from agents.shell.bus.bus_security import Grant
-from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC, Verb
+from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
-
-VERBS: tuple[Verb, ...] = get_args(Verb)
-UNLESS_NAMED: tuple[Verb, ...] = tuple(verb for verb in VERBS if verb != "kill")
-"""The default verbs of an operator: without kill, which makes vehicles fall and has to be granted by name."""
-
+from agents.team.verbs import Verb
 
 _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted(PEER_TOPICS | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
 """What a router forwards: it checks each sender against its certificate."""

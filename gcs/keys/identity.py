@@ -5,9 +5,8 @@ from getpass import getuser
 from socket import gethostname
 
 from agents.shell.bus.bus_security import BusSecurity
-from agents.team.messages import Verb
 from agents.team.participant import Participant, name_from
-from gcs.keys.holder import VERBS
+from agents.team.verbs import VERBS, Verb
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +18,7 @@ class Identity:
 
     participant: Participant
     security: BusSecurity | None = None
-    may: tuple[Verb, ...] = VERBS
+    may: tuple[Verb, ...] = tuple(VERBS)
 
 
 @dataclass(frozen=True, slots=True)

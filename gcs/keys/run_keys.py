@@ -14,7 +14,8 @@ from time import time
 
 from agents.ports import VehicleRefusedError
 from agents.team.participant import Role
-from gcs.keys.holder import VERBS, Holder
+from agents.team.verbs import VERBS
+from gcs.keys.holder import Holder
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.private_files import make_folder
@@ -107,7 +108,7 @@ class RunKeys:
     def _holders(self, expires_s: float) -> Iterator[Holder]:
         first, *others = self.ids
         yield Holder("vehicle", str(first), expires_s, speaks_for=tuple(others))
-        yield Holder("operator", user_name(), expires_s, VERBS)
+        yield Holder("operator", user_name(), expires_s, tuple(VERBS))
         yield Holder("sensor", user_name(), expires_s)
         yield Holder("observer", user_name(), expires_s)
 

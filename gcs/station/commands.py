@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from agents.orders import final
 from agents.ports import VehicleRefusedError
 from agents.tactics import Tactic
+from agents.team.verbs import VERBS
 from gcs.console.command_client import CommandClient, CommandResult
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
@@ -19,9 +20,6 @@ from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights
 
-KILL_WORD = "kill"
-NOT_FROM_PAGES = frozenset({"start", "formation"})
-"""Verbs that need input which a page does not send: the ready vehicles, or a shape."""
 NO_ANSWER = "no answer"
 UNDER_WAY_MAX = 16
 _REFUSED = "refused: "
@@ -73,7 +71,7 @@ class Commands:
         """The operator's name and permitted commands."""
         if self._client is None or self._identity is None:
             return OperatorRights()
-        may = tuple(verb for verb in self._identity.may if verb not in NOT_FROM_PAGES)
+        may = tuple(verb for verb in self._identity.may if VERBS[verb].button)
         return OperatorRights(self._identity.participant.name, may)
 
     async def run(self, on_rights: Callable[[OperatorRights], None]) -> None:
@@ -120,9 +118,10 @@ class Commands:
             yield f"{UNDER_WAY_MAX} commands are in progress: try again"
         if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
             yield f"select vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
-        if request.verb == "kill" and request.confirmation != KILL_WORD:
-            yield f"kill needs the word {KILL_WORD} as confirmation"
-        if request.verb == "resume" and not request.overrides_pilot and (piloted := self._piloted(request)):
+        confirmation = VERBS[request.verb].confirmation
+        if confirmation == "word" and request.confirmation != request.verb:
+            yield f"{request.verb} needs the word {request.verb} as confirmation"
+        if confirmation == "pilots" and not request.overrides_pilot and (piloted := self._piloted(request)):
             yield f"a pilot flies {_named(piloted)}: confirm to take over"
 
     def _piloted(self, request: CommandRequest) -> list[int]:

@@ -12,7 +12,7 @@ import msgspec
 
 from agents.safety.failsafe import Condition
 from agents.safety.fence import Fence
-from agents.team.messages import Verb
+from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
 from gcs.mission.geometry import nearest_other
@@ -73,6 +73,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     vehicles: tuple[PlannedVehicle, ...]
     operator: OperatorRights = OperatorRights()
     tiles: TilesPicture | None = None
+    verbs: tuple[VerbRow, ...] = tuple(VERBS.values())
 
 
 class VehiclePicture(msgspec.Struct, frozen=True):

@@ -18,7 +18,8 @@ from tempfile import TemporaryDirectory
 from agents.core import VehicleCore
 from agents.inputs import Message
 from agents.team.codec import Admission, encode
-from agents.team.messages import MemberState, Verb
+from agents.team.messages import MemberState
+from agents.team.verbs import Verb
 from gcs.console.command_client import CommandClient
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission

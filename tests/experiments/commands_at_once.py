@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from agents.ports import VehicleRefusedError
-from agents.team.messages import Verb
+from agents.team.verbs import Verb
 from cordon.lockstep import LockstepClient
 from gcs.console.command_client import CommandClient
 from gcs.errors import InputError

@@ -22,8 +22,9 @@ from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.tactics import Event
 from agents.team.external_positions import ExternalPosition
-from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb
+from agents.team.messages import BusMessage, OperatorCommand, StartProposal
 from agents.team.perception import Perception
+from agents.team.verbs import Verb
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Sighting, Telemetry
 from tests.conftest import CONFIG

@@ -20,8 +20,9 @@ from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.team.codec import decode
 from agents.team.external_positions import ExternalPosition
-from agents.team.messages import BusMessage, OperatorCommand, Verb
+from agents.team.messages import BusMessage, OperatorCommand
 from agents.team.perception import Perception
+from agents.team.verbs import Verb
 from estimation.frames import Triple
 from estimation.state import Telemetry
 from gcs.autopilots import px4

@@ -7,11 +7,11 @@ of each sender, and the last few of messages that do not supersede each other.
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
-from typing import get_args
 
 from agents.drops import DropCounter, Drops, Reason
-from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, MemberState, Verb
+from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, MemberState
 from agents.team.participant import SENSOR_TOPICS, is_name
+from agents.team.verbs import VERBS
 
 PAYLOAD_LIMIT_BYTES = 4096
 KEY_LENGTH = 128
@@ -25,7 +25,6 @@ _NEW_GUESTS_HZ = 20.0
 _BURST_S = 0.5
 """The burst of a sender: what its rate allows in this time."""
 _BURST_MIN = 10.0
-_VERBS = frozenset(get_args(Verb))
 
 Read = Callable[[], bytes]
 
@@ -179,7 +178,7 @@ class Mailbox:
         """Return the box of an operator or a sensor, or the reason why a key has none."""
         parts = key.split("/", 3) if len(key) <= KEY_LENGTH else []
         match parts:
-            case [topic, verb, name] if topic == OPERATOR_TOPIC and verb in _VERBS and is_name(name):
+            case [topic, verb, name] if topic == OPERATOR_TOPIC and verb in VERBS and is_name(name):
                 return self._operators.box(name, now_s) or Reason.TOO_MANY
             case [topic, name] if topic in SENSOR_TOPICS and is_name(name):
                 return self._sensors.box(f"{topic}/{name}", now_s) or Reason.TOO_MANY

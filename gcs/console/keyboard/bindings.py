@@ -3,19 +3,16 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from agents.team.messages import Verb
+from agents.team.verbs import VERBS, Verb, VerbRow
 
-VERB_OF_KEY: dict[str, Verb] = {"h": "hold", "r": "resume", "l": "land", "t": "rtl", "a": "abort", "k": "kill"}
-AT_ONCE = ("hold", "abort")
-"""Emergency verbs: they need no confirmation, and interrupt that of another verb."""
-KILL_WORD = "kill\n"
 ANSWERED_WITHIN_S, TYPED_WITHIN_S = 3.0, 10.0
 TYPED_GAP_S = 0.02
-"""Keys that follow each other faster are taken as pasted text: only hold and abort act on them."""
+"""Keys that follow each other faster are taken as pasted text: only emergency verbs act on them."""
 DIGITS_WITHIN_S, SELECTED_FOR_S = 1.5, 10.0
 NOTICE_S = 3.0
 ESCAPE = "\x1b"
-_KEYS = "h hold · r resume · l land · t return · a abort · k kill"
+_ROW_OF_KEY = {row.key: row for row in VERBS.values() if row.key}
+_KEYS = " · ".join(f"{key} {row.label}" for key, row in _ROW_OF_KEY.items())
 _TOO_FAST = ": keys too fast, taken as pasted text"
 _CANCELS = f"y within {ANSWERED_WITHIN_S:g} s; any other key cancels"
 
@@ -61,17 +58,18 @@ class KeyBindings:
         by_hand = self._pressed_s is None or now_s - self._pressed_s >= TYPED_GAP_S
         self._pressed_s = now_s
         question, self._question = self._open_question(now_s), None
-        verb = VERB_OF_KEY.get(key)
-        if question is not None and verb not in AT_ONCE:
+        row = _ROW_OF_KEY.get(key)
+        at_once = row is not None and row.confirmation == "at once"
+        if question is not None and not at_once:
             return self._answered(question, key, now_s, by_hand)
         if key.isdecimal():
             self._select(key, now_s)
         elif key == ESCAPE:
             self._digits = ""
-        elif verb is not None and (by_hand or verb in AT_ONCE):
-            return self._asked(verb, now_s, piloted)
-        elif verb is not None:
-            self._note(f"{verb} is ignored{_TOO_FAST}", now_s)
+        elif row is not None and (by_hand or at_once):
+            return self._asked(row, now_s, piloted)
+        elif row is not None:
+            self._note(f"{row.name} is ignored{_TOO_FAST}", now_s)
         return None
 
     def ignore_paste(self, now_s: float) -> None:
@@ -108,13 +106,13 @@ class KeyBindings:
         self._digits = ""
         return question.command
 
-    def _asked(self, verb: Verb, now_s: float, piloted: Collection[int]) -> KeyedCommand | None:
+    def _asked(self, row: VerbRow, now_s: float, piloted: Collection[int]) -> KeyedCommand | None:
         """Return the command of a verb, or ask for its confirmation."""
         selection = self._selection(now_s)
         if selection and int(selection) not in self._vehicles:
             self._note(f"there is no vehicle {selection}", now_s)
             return None
-        command = KeyedCommand(verb, int(selection) if selection else None)
+        command = KeyedCommand(row.name, int(selection) if selection else None)
         self._question = self._question_about(command, now_s, piloted)
         if self._question is not None:
             return None
@@ -125,20 +123,18 @@ class KeyBindings:
         """Return the question that confirms a command, None if it needs none."""
         of_pilots = [each for each in self._vehicles if each in piloted and command.vehicle in (None, each)]
         whom = _named(self._vehicles if command.vehicle is None else [command.vehicle])
-        answered_s = now_s + ANSWERED_WITHIN_S
-        match command.verb:
-            case "kill":
-                text = f"type kill and Enter to cut the motors of {whom}: "
-                return _Question(command, text, KILL_WORD, now_s + TYPED_WITHIN_S)
-            case "land" if command.vehicle is None:
-                return _Question(command, f"land {whom}? {_CANCELS}", "y", answered_s)
-            case "rtl" if command.vehicle is None:
-                return _Question(command, f"return and land {whom}? {_CANCELS}", "y", answered_s)
-            case "resume" if of_pilots:
-                text = f"take {_named(of_pilots)} from the pilot? {_CANCELS}"
-                return _Question(command, text, "y", answered_s)
+        row = VERBS[command.verb]
+        match row.confirmation:
+            case "word":
+                text = f"type {row.name} and Enter to {row.does} {whom}: "
+                return _Question(command, text, f"{row.name}\n", now_s + TYPED_WITHIN_S)
+            case "all" if command.vehicle is None:
+                text = f"{row.does} {whom}"
+            case "pilots" if of_pilots:
+                text = f"take {_named(of_pilots)} from the pilot"
             case _:
                 return None
+        return _Question(command, f"{text}? {_CANCELS}", "y", now_s + ANSWERED_WITHIN_S)
 
     def _selection(self, now_s: float) -> str:
         """Return the digits of the vehicle that the next command is for, empty for all."""

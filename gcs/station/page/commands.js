@@ -7,15 +7,6 @@ import { age, vehicleNames } from "./units.js";
 
 const REQUESTS_MAX = 20;
 const PILOT = "pilot override";
-/** The verbs of the page in the order of their buttons; `isHeld`: the button must be held. */
-const VERBS = [
-  { verb: "hold", label: "Hold" },
-  { verb: "resume", label: "Resume" },
-  { verb: "rtl", label: "Return", isHeld: true },
-  { verb: "land", label: "Land", isHeld: true },
-  { verb: "abort", label: "Abort" },
-  { verb: "kill", label: "Kill…" },
-];
 
 export class Commands {
   /** @param {Selection} selection @param {function(Object): boolean} send passes a request to the station */
@@ -24,8 +15,8 @@ export class Commands {
     this.send = send;
     this.team = null;
     this.requests = new Map();
-    this.kill = new KillPrompt((target, word) => this.#request("kill", target, { confirmation: word }));
-    this.pilot = new PilotPrompt((target, overrides) => this.#request("resume", target, { overrides_pilot: overrides }));
+    this.kill = new KillPrompt((verb, target, word) => this.#request(verb, target, { confirmation: word }));
+    this.pilot = new PilotPrompt((verb, target, overrides) => this.#request(verb, target, { overrides_pilot: overrides }));
     selection.changed(() => this.#showTarget());
     byId("select-all").addEventListener("click", () => selection.clear());
     ignoreKeyRepeat(document);
@@ -33,9 +24,10 @@ export class Commands {
 
   /** Show the commands that the operator of a mission may give. */
   start(mission) {
-    const offered = VERBS.filter(({ verb }) => mission.operator.may.includes(verb));
-    const names = offered.map(({ verb }) => verb).join();
-    if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((entry) => this.#button(entry)));
+    const offered = mission.verbs.filter(({ name, button }) => button && mission.operator.may.includes(name));
+    const names = offered.map(({ name }) => name).join();
+    offered.sort((first, second) => first.button - second.button);
+    if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((verb) => this.#button(verb)));
     this.offered = names;
     byId("commands").hidden = mission.source === "log";
     byId("read-only").hidden = offered.length > 0;
@@ -63,9 +55,10 @@ export class Commands {
     }
   }
 
-  #button({ verb, label, isHeld }) {
-    const name = element("span", { class: "verb" }, label);
-    const button = element("button", { type: "button", "data-verb": verb, class: isHeld ? "held" : "" }, name);
+  #button(verb) {
+    const isHeld = verb.confirmation === "all";
+    const name = element("span", { class: "verb" }, `${title(verb)}${verb.confirmation === "word" ? "…" : ""}`);
+    const button = element("button", { type: "button", "data-verb": verb.name, class: isHeld ? "held" : "" }, name);
     if (isHeld) actWhenHeld(button, () => this.#request(verb, this.#target(), {}));
     else button.addEventListener("click", () => this.#press(verb));
     button.append(element("span", { class: "whom" }));
@@ -79,9 +72,9 @@ export class Commands {
 
   #press(verb) {
     const target = this.#target();
-    const flown = verb === "resume" ? this.#flownByPilots(target.vehicles) : [];
-    if (verb === "kill") this.kill.ask(target);
-    else if (flown.length) this.pilot.ask(target, flown);
+    const flown = verb.confirmation === "pilots" ? this.#flownByPilots(target.vehicles) : [];
+    if (verb.confirmation === "word") this.kill.ask(verb, target);
+    else if (flown.length) this.pilot.ask(verb, target, flown);
     else this.#request(verb, target, {});
   }
 
@@ -93,7 +86,7 @@ export class Commands {
   #request(verb, target, confirmations) {
     const vehicles = target.isAll ? null : target.vehicles;
     const id = requestName();
-    const isSent = this.send({ kind: "command", request: id, verb, vehicles, ...confirmations });
+    const isSent = this.send({ kind: "command", request: id, verb: verb.name, vehicles, ...confirmations });
     const request = { verb, target, isSent, isLost: false, answers: new Map(), item: element("li", { "data-request": id }) };
     request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
     this.requests.set(id, request);
@@ -111,10 +104,9 @@ export class Commands {
   }
 
   #showRequest(request) {
-    const { label } = VERBS.find(({ verb }) => verb === request.verb);
-    const title = `${request.sentAt} ${label.replace("…", "")}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
+    const head = `${request.sentAt} ${title(request.verb)}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
     const answers = [...request.answers.values()].map(answerRow);
-    request.item.replaceChildren(element("strong", {}, title), element("ul", {}, ...answers, ...openRow(request)));
+    request.item.replaceChildren(element("strong", {}, head), element("ul", {}, ...answers, ...openRow(request)));
   }
 
   #showTarget() {
@@ -128,6 +120,8 @@ export class Commands {
     }
   }
 }
+
+const title = ({ label }) => `${label[0].toUpperCase()}${label.slice(1)}`;
 
 function shortNames(vehicles, all) {
   return vehicles.length === all.length ? `all ${all.length}` : vehicles.join(", ");

@@ -3,11 +3,9 @@
 import { byId, setText } from "./dom.js";
 import { vehicleNames } from "./units.js";
 
-const WORD = "kill";
-
-/** Requires a word, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
+/** Requires the verb's name, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
 export class KillPrompt {
-  /** @param {function(Object, string)} send called with the target and the word */
+  /** @param {function(Object, Object, string)} send called with the verb, the target and the word */
   constructor(send) {
     this.dialog = byId("kill");
     this.input = byId("kill-word");
@@ -21,7 +19,8 @@ export class KillPrompt {
   }
 
   /** @param {{vehicles: number[], all: number[]}} target */
-  ask(target) {
+  ask(verb, target) {
+    this.verb = verb;
     this.target = target;
     this.#reset("");
     setText(byId("kill-title"), `Cut the motors of ${vehicleNames(target.vehicles, target.all)}`);
@@ -31,13 +30,13 @@ export class KillPrompt {
 
   #refuse(event) {
     event.preventDefault();
-    this.#reset(`Type ${WORD} letter by letter.`);
+    this.#reset(`Type ${this.verb.name} letter by letter.`);
   }
 
   #check() {
-    if (this.input.value.length > this.typed.length + 1) this.#reset(`Type ${WORD} letter by letter.`);
+    if (this.input.value.length > this.typed.length + 1) this.#reset(`Type ${this.verb.name} letter by letter.`);
     this.typed = this.input.value;
-    this.button.disabled = this.typed !== WORD;
+    this.button.disabled = this.typed !== this.verb.name;
   }
 
   #reset(message) {
@@ -48,16 +47,16 @@ export class KillPrompt {
 
   #submit(event, send) {
     event.preventDefault();
-    if (this.typed !== WORD) return;
+    if (this.typed !== this.verb.name) return;
     this.dialog.close();
-    send(this.target, this.typed);
+    send(this.verb, this.target, this.typed);
     this.typed = "";
   }
 }
 
 /** Requires a decision whether vehicles are taken back from their pilots. */
 export class PilotPrompt {
-  /** @param {function(Object, boolean)} send called with a target, and whether it overrides pilots */
+  /** @param {function(Object, Object, boolean)} send called with the verb, a target, and whether it overrides pilots */
   constructor(send) {
     this.dialog = byId("pilot");
     byId("pilot-leave").addEventListener("click", () => this.dialog.close());
@@ -66,7 +65,8 @@ export class PilotPrompt {
   }
 
   /** @param {{vehicles: number[], all: number[]}} target @param {number[]} flown by their pilots */
-  ask(target, flown) {
+  ask(verb, target, flown) {
+    this.verb = verb;
     this.target = target;
     this.others = { ...target, isAll: false, vehicles: target.vehicles.filter((id) => !flown.includes(id)) };
     const are = flown.length === 1 ? "is flown by its pilot" : "are flown by their pilots";
@@ -81,6 +81,6 @@ export class PilotPrompt {
 
   #answer(send, target, overrides) {
     this.dialog.close();
-    send(target, overrides);
+    send(this.verb, target, overrides);
   }
 }

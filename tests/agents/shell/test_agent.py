@@ -13,14 +13,8 @@ from agents.shell.life import Phase
 from agents.shell.outcome import Ending, Outcome
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
-from agents.team.messages import (
-    REPORT_TOPIC,
-    CommandAnswer,
-    OperatorCommand,
-    StartProposal,
-    VehicleReport,
-    Verb,
-)
+from agents.team.messages import REPORT_TOPIC, CommandAnswer, OperatorCommand, StartProposal, VehicleReport
+from agents.team.verbs import Verb
 from tests.support.fake_flight import ALONE, PAIR, FakeFlight
 from tests.support.simulated_loop import run_simulated
 

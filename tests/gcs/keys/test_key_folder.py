@@ -10,6 +10,7 @@ import pytest
 
 from agents.shell.bus.bus_security import BusSecurity
 from agents.team.participant import Role
+from agents.team.verbs import VERBS
 from gcs.cli import main
 from gcs.errors import Exit, InputError
 from gcs.keys.authority_folder import AuthorityFolder
@@ -45,7 +46,7 @@ def granted(keys: AuthorityFolder, common_name: str) -> set[str]:
 def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
     own = {"member/3", "start/3", "answer/3", "@report/3", "alive/3"}
     assert granted(keys, "vehicle-3") == own
-    steering = {"start", "hold", "resume", "land", "rtl", "abort", "formation"}
+    steering = set(VERBS) - {"kill"}
     assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering} | {"operator/anna"}
     assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob", "operator/bob"}
     assert granted(keys, "sensor-mast") == {"perception/mast", "position/mast"}

@@ -19,15 +19,9 @@ from websockets.asyncio.client import ClientConnection
 from agents.shell.bus.zenoh_bus import single_bus
 from agents.shell.bus.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import (
-    BusMessage,
-    CommandAnswer,
-    MemberState,
-    OperatorCommand,
-    StartProposal,
-    Verb,
-)
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal
 from agents.team.participant import vehicle
+from agents.team.verbs import Verb
 from gcs.mission.mission import Mission
 from gcs.station.access import Access
 from gcs.station.broadcast import Broadcast, Published

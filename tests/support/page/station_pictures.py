@@ -4,7 +4,7 @@ import math
 
 from msgspec.structs import replace
 
-from agents.team.messages import Verb
+from agents.team.verbs import VERBS, Verb
 from gcs.station.picture import (
     EventPicture,
     FlightPicture,
@@ -17,12 +17,11 @@ from gcs.station.picture import (
 )
 from gcs.style import COLOURS
 
-ALL_VERBS: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "kill", "formation")
 FENCE_M = ((-20.0, -35.0), (75.0, -35.0), (75.0, 35.0), (-20.0, 35.0))
 RADIUS_MIN_M, SPACING_M, SPEED_M_S = 10.0, 6.0, 0.5
 
 
-def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = ALL_VERBS) -> MissionPicture:
+def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = tuple(VERBS)) -> MissionPicture:
     """Return a mission of this many vehicles, whose ring has room for all, and an operator who may command."""
     radius_m = max(RADIUS_MIN_M, SPACING_M * vehicles / (2.0 * math.pi))
     return MissionPicture(

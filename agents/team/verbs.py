@@ -1,0 +1,67 @@
+"""The operators' verbs: one row for each, which vehicles, keyboard, command line, page and keys read.
+
+What a verb does besides its event is in `agents/orders.py`. This module imports nothing heavy, as `cordon --help` does.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from agents.tactics import Event, Tactic
+
+CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
+"""The verbs of `cordon command`."""
+Verb = Literal["start", CommandVerb]
+Confirmation = Literal["none", "at once", "pilots", "all", "word"]
+"""What confirms a command from the keyboard or the page.
+
+"at once" is "none" in an emergency: it also acts among pasted keys, and instead of a command that waits for its
+confirmation. "pilots": `y`, or a dialog, if it takes vehicles back from their pilots. "all": `y` if it is for all
+vehicles; on the page its button is held down. "word": the verb is typed.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class VerbRow:
+    """A verb: `label` names it for people, `does` begins the question before it is sent, `help` is a sentence about it.
+
+    Without a `key` it is not on the keyboard; `button` is its place on the page, 0 for none. `event` is its effect on
+    the tactic, None if it has another effect. `did` answers it, and `already` in tactics that its event does not
+    change. `done` is a second answer, after `did`, once the effect is confirmed. A verb that `needs_mission` depends on
+    the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name.
+    """
+
+    name: Verb
+    label: str
+    key: str = ""
+    button: int = 0
+    confirmation: Confirmation = "none"
+    event: Event | None = None
+    did: str = ""
+    already: Mapping[Tactic, str] = field(default_factory=dict)
+    done: str = ""
+    does: str = ""
+    help: str = ""
+    needs_mission: bool = False
+    is_dangerous: bool = False
+
+
+_ON_MISSION = dict.fromkeys((Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE), "was on its mission already")
+_RESUMED = {Tactic.STANDBY: "was waiting for the start already", **_ON_MISSION}
+_RETURNS = {Tactic.RETURN_AND_LAND: "was returning to land already"}
+_ABORTS = "hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort"
+_CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
+_ROWS = (
+    VerbRow("start", "start", did="takes off", needs_mission=True),
+    VerbRow("hold", "hold", "h", 1, "at once", Event.HOLD, "holds", {Tactic.HOLD: "was holding already"}),
+    VerbRow("resume", "resume", "r", 2, "pilots", Event.RESUME, "resumes its mission", _RESUMED, needs_mission=True),
+    VerbRow("land", "land", "l", 4, "all", Event.LAND, "lands", {Tactic.LAND: "was landing already"}, does="land"),
+    VerbRow("rtl", "return", "t", 3, "all", Event.RETURN, "returns and lands", _RETURNS, does="return and land"),
+    VerbRow("abort", "abort", "a", 5, "at once", help=_ABORTS),
+    VerbRow(
+        "kill", "kill", "k", 6, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
+    ),
+    VerbRow("formation", "change formation", help="change the shape of the formation", needs_mission=True),
+)
+VERBS: Mapping[Verb, VerbRow] = {row.name: row for row in _ROWS}
+"""The verbs by their names, in the order of lists."""
