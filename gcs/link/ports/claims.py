@@ -17,7 +17,7 @@ from secrets import token_hex
 from urllib.parse import urlsplit
 
 from agents.ports import VehicleRefusedError
-from gcs.link.ports.holders import abstract_sockets, described, port_holder, process_holding
+from gcs.link.ports.holders import abstract_sockets, described, port_holder
 from gcs.link.ports.urls import require_usable
 from gcs.mission.mission import Mission, MissionVehicle
 
@@ -69,8 +69,8 @@ class Claims:
         """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already."""
         for port in ports:
             if not self.take(f"{_FED}{port}"):
-                inode = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}", "")
-                yield f"udp port {port} receives the vehicle of another run,{process_holding(inode)}"
+                holder = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}")
+                yield f"udp port {port} receives the vehicle of another run,{described(holder)}"
 
 
 @contextmanager

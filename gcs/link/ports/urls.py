@@ -8,11 +8,12 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 
+from serial.tools.list_ports import comports
+
 from agents.ports import VehicleRefusedError
 from gcs.link.ports.holders import port_holder
 
 CONNECT_TIMEOUT_S = 3.0
-SERIAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "tty.usb*")
 
 
 def require_usable(url: str) -> None:
@@ -88,7 +89,7 @@ def _require_device(url: str, name: str, _baud: int) -> None:
         return  # Windows ports (COM3) cannot be checked without opening them
     device = Path(name)
     if not device.exists():
-        there = [str(path) for pattern in SERIAL_NAMES for path in sorted(Path("/dev").glob(pattern))]
+        there = sorted(port.device for port in comports())
         known = f"available: {', '.join(there)}" if there else "no serial device is connected"
         raise VehicleRefusedError(
             f"{url}: the serial device {name} does not exist; {known}",
