@@ -50,7 +50,7 @@ class VehicleCore:
 
     def __init__(self, config: AgentConfig, planner: PlannerFactory | None = None) -> None:
         self._config = config
-        clocks = ClockWatch(config.failsafe.clock_step_s)
+        clocks = ClockWatch()
         self._notes = Notes()
         self._team = Team(Credibility(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)

@@ -50,11 +50,10 @@ class FormationSettings(FormationSection, FormationTuning):
 class EncirclementSection(Settings):
     """`[encirclement]`: radius and angular rate of the ring, and the limits of speed and acceleration in its LMPC.
     Vehicles that join the ring or change their spacing fly up to `spacing_speed_max_m_s` faster or slower than the ring
-    (none: half its speed, or 1 m/s if that is more), never backwards, within `spacing_acceleration_max_m_s2` and
-    `spacing_jerk_max_m_s3`. If limits conflict, `speed_max_m_s` and `acceleration_max_m_s2` take precedence. The yaw on
-    the ring is along x ("fixed"), or towards the "target". Vehicles fly at their `altitude_m` ("layers"), or follow the
-    altitude of the "target" at up to `climb_max_m_s`: the lowest `altitude_offset_m` above it, the others higher by the
-    differences of their `altitude_m`.
+    (none: half its speed, or 1 m/s if that is more), never backwards. If limits conflict, `speed_max_m_s` and
+    `acceleration_max_m_s2` take precedence. The yaw on the ring is along x ("fixed"), or towards the "target". Vehicles
+    fly at their `altitude_m` ("layers"), or follow the altitude of the "target" at up to `climb_max_m_s`: the lowest
+    `altitude_offset_m` above it, the others higher by the differences of their `altitude_m`.
     """
 
     radius_m: float = Field(gt=0.0, le=1000.0)
@@ -66,17 +65,10 @@ class EncirclementSection(Settings):
     speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0)
     acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0)
     spacing_speed_max_m_s: float | None = Field(None, gt=0.0, le=20.0)
-    spacing_acceleration_max_m_s2: float = Field(0.3, gt=0.0, le=20.0)
-    spacing_jerk_max_m_s3: float = Field(0.5, gt=0.0, le=100.0)
 
 
 class EncirclementSettings(EncirclementSection, EncirclementTuning):
     """All settings of the encirclement: `[encirclement]` and `[tuning.encirclement]`."""
-
-    @property
-    def transition_acceleration_m_s2(self) -> float:
-        """The acceleration of a transition."""
-        return min(self.spacing_acceleration_max_m_s2, self.acceleration_max_m_s2)
 
     @property
     def transition_speed_m_s(self) -> float:

@@ -196,9 +196,6 @@ class FailsafeTuning(Settings):
     separation_s: float = tuned(0.3, "Three ticks at 10 Hz: a single late message is not enough.", ge=0.0, le=60.0)
     plan_s: float = tuned(1.0, "Ten ticks at 10 Hz: a single failure at a bound is not enough.", ge=0.0, le=60.0)
     late_s: float = tuned(2.0, "Longer than the start of another program on the same computer.", ge=0.0, le=60.0)
-    clock_step_s: float = tuned(
-        0.5, "Above the jitter of messages, below the offset that invalidates peers' plans.", ge=0.1, le=10.0
-    )
     doubt_m: float = tuned(
         1.0,
         "Tolerated difference between a peer's positions and the integral of its velocities. Sound peers differ by up "
