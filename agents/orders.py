@@ -182,7 +182,8 @@ class Orders:
     def _steer(self, verb: _Steering, tactic: Tactic) -> tuple[str, Event | None]:
         event = _EVENTS[verb]
         if next_tactic(tactic, event) is tactic:
-            return _NOTHING_NEW.get((verb, tactic)) or f"{REFUSED}{_why_not(tactic)}", None
+            why_not = _WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")
+            return _NOTHING_NEW.get((verb, tactic)) or f"{REFUSED}{why_not}", None
         if verb != "hold":
             self._abort = None  # the operator has decided what comes after the hover
         return _DOES[verb], event
@@ -204,7 +205,3 @@ def obeyed(did: str) -> bool:
 def final(verb: Verb, did: str) -> bool:
     """Return whether an answer is the last one: a kill is answered when it begins and when it is done."""
     return verb != "kill" or did != CUTTING
-
-
-def _why_not(tactic: Tactic) -> str:
-    return _WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")

@@ -104,11 +104,8 @@ def _peer_message(message: PeerMessage) -> str:
 
 def _command(command: OperatorCommand) -> str:
     receiver = "all vehicles" if command.vehicle is None else f"vehicle {command.vehicle}"
-    return f"{command.origin} to {receiver}: {_verb(command)} (command {command.number})"
-
-
-def _verb(command: OperatorCommand) -> str:
-    return command.verb if command.shape is None else f"{command.verb} {command.shape}"
+    verb = command.verb if command.shape is None else f"{command.verb} {command.shape}"
+    return f"{command.origin} to {receiver}: {verb} (command {command.number})"
 
 
 def _autopilot(item: Autopilot, _: Time) -> str:

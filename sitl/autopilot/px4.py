@@ -80,7 +80,7 @@ class Autopilot:
     ) -> None:
         """Boot on the ground at `start_m`, disarmed, in `mode`; `shape` limits the horizontal motion."""
         self.parameters = parameters or Parameters()
-        self.airframe = Airframe(plant, start_m, shape=shape)
+        self.airframe = Airframe(plant, start_m, shape)
         self.battery_fraction = battery.fraction
         self.armed = False
         self.landed = True

@@ -6,6 +6,8 @@ from typing import Any
 
 import psutil
 
+from agents.team.text import printable
+
 _COMMAND_LENGTH = 160
 
 
@@ -35,8 +37,7 @@ def described(process_id: int | None) -> str:
         program, *arguments = psutil.Process(process_id).cmdline()
     except (psutil.Error, ValueError):  # another user's, it has ended, or it is a thread of the kernel
         return f" by process {process_id}"
-    text = " ".join((Path(program).name, *arguments)).strip()
-    command = "".join(letter if letter.isprintable() else "?" for letter in text)
+    command = printable(" ".join((Path(program).name, *arguments)).strip())
     return f" by process {process_id} ({command[:_COMMAND_LENGTH]})"
 
 
