@@ -1,5 +1,6 @@
-"""The process of this computer that holds a socket, where the system reports it: Linux, processes of the same user."""
+"""Whether a port is free, and the process that holds it, where Linux reports it: processes of the same user."""
 
+import ipaddress
 import socket
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,19 @@ import psutil
 from agents.team.text import printable
 
 _COMMAND_LENGTH = 160
+
+
+def bind_fault(kind: socket.SocketKind, host: str, port: int) -> OSError | None:
+    """Return why this computer cannot receive at a UDP or TCP port; raises ValueError unless the host is numeric."""
+    family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
+    with socket.socket(family, kind) as attempt:
+        if kind is socket.SOCK_STREAM:  # ignore connections in TIME_WAIT
+            attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            attempt.bind((host, port))
+        except OSError as error:
+            return error
+    return None
 
 
 def port_holder(kind: socket.SocketKind, port: int) -> str:
