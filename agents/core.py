@@ -67,7 +67,7 @@ class VehicleCore:
 
     def __init__(self, config: AgentConfig, planner: PlannerFactory | None = None) -> None:
         self._config = config
-        clocks = ClockWatch(config.failsafe.clock_step_s)
+        clocks = ClockWatch()
         self._notes = Notes()
         self._team = Team(Credibility(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
@@ -123,7 +123,7 @@ class VehicleCore:
         situation = self._estimate(now_s)
         if situation is None:
             return self._output(now_s)
-        faults = self._detect_faults(situation)
+        faults = self._fault_detector.detect(situation, self._tactic, self._failsafe.active, self._time_scale)
         task = self._decide(situation, faults)
         plan = self._plan(task)
         guarded = self._guard_aim(task, plan)
@@ -145,10 +145,6 @@ class VehicleCore:
             self._team.watch(self._neighbours.near(situation, self._team.members()), now_s + NEAR_FOR_S)
             self._broadcast.often = self._neighbours.meets(situation, self._team.near())
         return situation
-
-    def _detect_faults(self, situation: Situation) -> Faults:
-        """Detect which conditions of the failsafe table are present."""
-        return self._fault_detector.detect(situation, self._tactic, self._failsafe.active, self._time_scale)
 
     def _decide(self, situation: Situation, faults: Faults) -> Task:
         """Decide on the tactic, first by the faults, then by the mission; and on the altitude layer."""

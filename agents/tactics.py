@@ -62,14 +62,6 @@ def next_tactic(tactic: Tactic, event: Event) -> Tactic:
     return TRANSITIONS.get((tactic, event), tactic)
 
 
-def diagram() -> str:
-    """Return the table as a Mermaid state diagram."""
-    lines = ["stateDiagram-v2", f"    [*] --> {Tactic.STANDBY.value}"]
-    lines += [f"    {before.value} --> {after.value}: {event.value}" for (before, event), after in TRANSITIONS.items()]
-    lines.append(f"    {Tactic.LAND.value} --> [*]")
-    return "\n".join(lines)
-
-
 def decides_to_encircle(target: "TargetEstimate", position_m: "Vector", thresholds: "DecisionSettings") -> bool:
     """Return whether a vehicle at (2,) engages: important enough, not too dangerous, near enough (paper, section 5)."""
     distance_m = hypot(*(target.mean[:2] - position_m).tolist())

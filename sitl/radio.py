@@ -60,13 +60,10 @@ class Air:
     def __init__(self, bytes_s: float | None) -> None:
         self._bytes_s = inf if bytes_s is None else bytes_s
         self._free_s = -inf
-        self.busy_s = 0.0
 
     def take(self, length: int, now_s: float) -> float:
         """Send this many bytes after all sent before; return when the last one has left [s]."""
-        takes_s = length / self._bytes_s
-        self.busy_s += takes_s
-        self._free_s = max(self._free_s, now_s) + takes_s
+        self._free_s = max(self._free_s, now_s) + length / self._bytes_s
         return self._free_s
 
 

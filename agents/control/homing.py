@@ -62,7 +62,7 @@ class Homing:
             self._rising = False
         goal = self._from_m if self._rising else self._goal
         aim = towards(goal, situation.acting_motion[POSITION], self._lead_m)
-        return Plan(aim - self._compensation(situation), aim, np.zeros(2))
+        return Plan(aim - situation.compensation / self._config.plant.a0_per_s2, aim, np.zeros(2))
 
     def may_land(self, situation: Situation, peers: Iterable[MemberState], time_scale: float) -> bool:
         """Return whether the vehicle has arrived and the airspace below is free, or its time limit is over.
@@ -108,9 +108,6 @@ class Homing:
         """The lead of the aim at which the plant flies at the speed limit: a1/a0 times that speed."""
         axes = (self._config.plant.x, self._config.plant.y)
         return self._config.formation.speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
-
-    def _compensation(self, situation: Situation) -> Vector:
-        return situation.compensation / self._config.plant.a0_per_s2
 
 
 def assembled(

@@ -11,7 +11,13 @@ from math import copysign, inf
 from typing import Final
 
 from agents.ring.feasibility import Orbit
-from agents.ring.transition import ShapedCoordinate, braked_rate, transition_of, transition_rate_rad_s
+from agents.ring.transition import (
+    JERK_MAX_M_S3,
+    ShapedCoordinate,
+    braked_rate,
+    transition_of,
+    transition_rate_rad_s,
+)
 from agents.settings.sections import EncirclementSettings
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
@@ -132,10 +138,10 @@ class RingReference:
         """
         settings, gentle_m_s2 = self._settings, self._transition.acceleration_m_s2
         if too_fast_m_s == 0.0:
-            return gentle_m_s2, settings.spacing_jerk_max_m_s3
+            return gentle_m_s2, JERK_MAX_M_S3
         braking_m_s2 = min(too_fast_m_s**2 / (2.0 * _BRAKED_WITHIN_M), settings.acceleration_max_m_s2)
         more_m_s2 = max(0.0, braking_m_s2 - gentle_m_s2)
-        return gentle_m_s2 + more_m_s2, settings.spacing_jerk_max_m_s3 + more_m_s2 / step_s
+        return gentle_m_s2 + more_m_s2, JERK_MAX_M_S3 + more_m_s2 / step_s
 
 
 def _beyond(rate: float, wanted: float) -> float:

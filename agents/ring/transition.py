@@ -41,6 +41,7 @@ class ShapedCoordinate:
         return ShapedCoordinate(value + share * off, rate + share * (self.rate - rate), self.acceleration)
 
 
+ACCELERATION_MAX_M_S2, JERK_MAX_M_S3 = 0.3, 0.5
 SLOWEST_SHARE = 0.2
 """The smallest angular rate of a vehicle that waits for others, as a share of the ring's rate."""
 TRACKED_SHARE = 0.98
@@ -59,7 +60,8 @@ class Transition(msgspec.Struct, frozen=True):
 
 def transition_of(settings: EncirclementSettings) -> Transition:
     """Return the transition of the settings."""
-    return Transition(settings.transition_speed_m_s, settings.transition_acceleration_m_s2, settings.spacing_gain_per_s)
+    acceleration_m_s2 = min(ACCELERATION_MAX_M_S2, settings.acceleration_max_m_s2)
+    return Transition(settings.transition_speed_m_s, acceleration_m_s2, settings.spacing_gain_per_s)
 
 
 def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, transition: Transition) -> float:

@@ -265,7 +265,7 @@ TABLE = (
     ),
     Row(
         Condition.CLOCK_STEPPED,
-        "the time stamps of all messages of a peer have shifted by more than `tuning.failsafe.clock_step_s`",
+        "the time stamps of all messages of a peer have shifted by more than half a second",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -273,7 +273,7 @@ TABLE = (
     ),
     Row(
         Condition.CLOCK_DRIFTED,
-        "the time stamps of a peer have drifted by more than `tuning.failsafe.clock_step_s` since its first messages",
+        "the time stamps of a peer have drifted by more than half a second since its first messages",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,

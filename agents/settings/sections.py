@@ -71,17 +71,10 @@ class EncirclementSection(Settings):
         le=20.0,
         description="speed relative to the ring while spacings change; none: half the ring's, at least 1 m/s",
     )
-    spacing_acceleration_max_m_s2: float = Field(0.3, gt=0.0, le=20.0, description="acceleration while spacings change")
-    spacing_jerk_max_m_s3: float = Field(0.5, gt=0.0, le=100.0, description="jerk while spacings change")
 
 
 class EncirclementSettings(EncirclementSection, EncirclementTuning):
     """All settings of the encirclement: `[encirclement]` and `[tuning.encirclement]`."""
-
-    @property
-    def transition_acceleration_m_s2(self) -> float:
-        """The acceleration of a transition."""
-        return min(self.spacing_acceleration_max_m_s2, self.acceleration_max_m_s2)
 
     @property
     def transition_speed_m_s(self) -> float:

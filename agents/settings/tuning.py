@@ -318,13 +318,6 @@ class FailsafeTuning(Settings):
         ge=0.0,
         le=60.0,
     )
-    clock_step_s: float = tuned(
-        0.5,
-        "*peer's clock stepped*, *drifted*: shift of its time stamps",
-        "Above the jitter of messages, below the offset that invalidates peers' plans.",
-        ge=0.1,
-        le=10.0,
-    )
     doubt_m: float = tuned(
         1.0,
         "*peer doubtful*: distance of a position from where its velocities lead",

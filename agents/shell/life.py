@@ -255,21 +255,6 @@ def next_phase(phase: Phase, event: LifeEvent) -> Transition:
     return TRANSITIONS.get((phase, event), (phase, ()))
 
 
-def diagram() -> str:
-    """Return the table as a Mermaid state diagram: one arrow from a phase to another, with all its events."""
-    arrows: dict[tuple[Phase, Phase], list[str]] = {}
-    for (before, event), (after, _) in TRANSITIONS.items():
-        arrows.setdefault((before, after), []).append(event.value)
-    lines = ["stateDiagram-v2", f"    [*] --> {_identifier(Phase.GROUND)}"]
-    lines += [f"    {_identifier(phase)}: {phase.value}" for phase in Phase]
-    lines += [
-        f"    {_identifier(before)} --> {_identifier(after)}: {', '.join(events)}"
-        for (before, after), events in arrows.items()
-    ]
-    lines.append(f"    {_identifier(Phase.ENDED)} --> [*]")
-    return "\n".join(lines)
-
-
 def pilot_took_over(status: VehicleStatus) -> bool:
     """Return whether the flight mode is one that the agent did not request, or the vehicle has disarmed.
 
@@ -284,7 +269,3 @@ def resumed(phase: Phase, tactic: Tactic) -> bool:
     if phase is Phase.PILOT_OVERRIDE:
         return tactic not in (Tactic.PILOT_OVERRIDE, Tactic.LAND)
     return phase is Phase.RETURNING and tactic in (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE)
-
-
-def _identifier(phase: Phase) -> str:
-    return phase.name.lower()

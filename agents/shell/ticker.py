@@ -32,11 +32,10 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class TickerStatistics:
-    """The statistics of a ticker: ticks delivered, deadlines missed, lateness in mission seconds."""
+    """The statistics of a ticker: ticks delivered, deadlines missed, largest lateness in mission seconds."""
 
     ticks: int = 0
     missed: int = 0
-    late_mean_s: float = 0.0
     late_max_s: float = 0.0
 
 
@@ -61,14 +60,12 @@ class Ticker:
         self._next_index = 0
         self._ticks = 0
         self._missed = 0
-        self._late_sum_s = 0.0
         self._late_max_s = 0.0
 
     @property
     def statistics(self) -> TickerStatistics:
         """The statistics so far."""
-        mean_s = self._late_sum_s / self._ticks if self._ticks else 0.0
-        return TickerStatistics(self._ticks, self._missed, mean_s, self._late_max_s)
+        return TickerStatistics(self._ticks, self._missed, self._late_max_s)
 
     def __aiter__(self) -> "Ticker":
         """Return the ticker, which never ends by itself."""
@@ -97,6 +94,5 @@ class Ticker:
     def _count(self, tick: Tick) -> Tick:
         self._ticks += 1
         self._missed += tick.skipped
-        self._late_sum_s += tick.late_s
         self._late_max_s = max(self._late_max_s, tick.late_s)
         return tick

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+STEP_S = 0.5
+"""A larger deviation from the usual age is a step [wall s]: above jitter, below what makes peers' plans invalid."""
 HEARD_WITHIN_S = 1.0
 """A peer without messages for this long is silent, not one with a stepped clock."""
 _FOLLOWING = 0.1
@@ -22,9 +24,7 @@ class Step:
 class ClockWatch:
     """Compares the age of each peer's messages with their usual age."""
 
-    def __init__(self, limit_s: float) -> None:
-        """Take the largest accepted deviation from the usual age [wall s]."""
-        self._limit_s = limit_s
+    def __init__(self) -> None:
         self._usual_s: dict[int, float] = {}
         self._reference_s: dict[int, tuple[float, float]] = {}
         self.off: dict[int, Step] = {}
@@ -33,7 +33,7 @@ class ClockWatch:
         """Take the age [wall s] of a peer's message on arrival, whether it was accepted or not."""
         usual_s = self._usual_s.setdefault(sender, age_s)
         ahead_s = usual_s - age_s
-        if abs(ahead_s) <= self._limit_s:
+        if abs(ahead_s) <= STEP_S:
             self._usual_s[sender] = usual_s - _FOLLOWING * ahead_s
             if self.off:
                 self.off.pop(sender, None)
@@ -52,7 +52,7 @@ class ClockWatch:
             settled_s, first_s = self._reference_s.get(sender, (now_s + _SETTLING_S, usual_s))
             if now_s <= settled_s:
                 self._reference_s[sender] = settled_s, usual_s
-            elif abs(first_s - usual_s) > self._limit_s:
+            elif abs(first_s - usual_s) > STEP_S:
                 drifted_s[sender] = first_s - usual_s
         return drifted_s
 

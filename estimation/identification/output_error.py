@@ -181,9 +181,9 @@ def _levelled(errors: Sequence[Vector]) -> Vector:
     return _PLAIN / max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 1e-9)
 
 
-def start_of(excerpts: Sequence[Excerpt], model: Model, share: float = 1.0) -> Vector:
+def start_of(excerpts: Sequence[Excerpt], model: Model) -> Vector:
     """Return the start of the fit: the best of a coarse grid of plants, by axis, with full feed-forward."""
-    problem, nominal = _Problem(excerpts, replace(model, lag=False), share), [1.0] * model.feedforward
+    problem, nominal = _Problem(excerpts, replace(model, lag=False), 1.0), [1.0] * model.feedforward
     white = (np.array([1.0]), np.array([1.0]))
     best: Vector = np.zeros(5)
     least = [np.inf] * 3
@@ -235,7 +235,8 @@ class _Problem:
     def _bases(self, response: Response, whitening: Vector) -> dict[int, Vector]:
         """Return an orthonormal basis of the whitened linear regressors for each length of excerpts."""
         counts = {position_m.shape[0] for _, position_m, _ in self._rows}
-        free = whitened(whitening, _regressors(response, max(counts)))
+        grid = grid_s(max(counts))
+        free = whitened(whitening, np.column_stack((np.ones(len(grid)), response.free(grid))))
         return {count: np.linalg.qr(free[: count + 1 - whitening.size])[0] for count in counts}
 
     def solved(self, start: Vector, filters: tuple[Vector, Vector]) -> Vector:
@@ -288,7 +289,3 @@ def _at_least(covariance: Vector, jacobian: Vector) -> Vector:
     widened = covariance * np.outer(scale, scale)
     np.fill_diagonal(widened, np.where(expected > 4.0 * found, expected, found))
     return np.asarray(widened, dtype=np.float64)
-
-
-def _regressors(response: Response, count: int) -> Vector:
-    return np.column_stack((np.ones(count), response.free(grid_s(count))))

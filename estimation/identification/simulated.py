@@ -85,10 +85,7 @@ def fit_percent(flights: Sequence[Simulated]) -> float:
     """
     parts = [(flight, slice(*edges)) for flight in flights for edges in pairwise(flight.edges)]
     errors = np.concatenate([flight.error_m[part] for flight, part in parts])
-    motion = np.concatenate([_centred(flight.measured_m[part]) for flight, part in parts])
+    positions = [flight.measured_m[part] for flight, part in parts]
+    motion = np.concatenate([each - each.mean() for each in positions])
     moved = float(np.sqrt(np.mean(motion**2)))
     return 100.0 * (1.0 - float(np.sqrt(np.mean(errors**2))) / max(moved, 1e-9))
-
-
-def _centred(values: Vector) -> Vector:
-    return np.asarray(values - values.mean(), dtype=np.float64)

@@ -29,7 +29,7 @@ class Questions:
         if not self.asks:
             self._missing.append(f"{option}: missing, and there is no terminal to ask on ({question})")
             return parse(proposal)
-        return self._asked(option, f"{question} [{proposal}] ", proposal, parse)
+        return self._asked(option, question, proposal, parse)
 
     def require_all(self) -> None:
         """Raise InputError with all options that are missing."""
@@ -38,15 +38,16 @@ class Questions:
 
     @staticmethod
     def _asked(option: str, question: str, proposal: str, parse: Callable[[str], T]) -> T:
+        from rich.prompt import Prompt
+        from rich.text import Text
+
         from gcs.console.terminal import STDERR, print_line
 
         while True:
-            STDERR.print(question, markup=False, highlight=False, soft_wrap=True, end="")
-            line = sys.stdin.readline()
-            if not line:
-                raise InputError([f"{option}: the input ended; nothing was written"])
             try:
-                return parse(line.strip() or proposal)
+                return parse(Prompt.ask(Text(question), console=STDERR, default=proposal).strip())
+            except EOFError as error:
+                raise InputError([f"{option}: the input ended; nothing was written"]) from error
             except ValueError as error:
                 print_line(f"{option}: {error}", "yellow")
 

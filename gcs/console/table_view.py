@@ -152,7 +152,7 @@ class TableView(Generic[RowT]):
         if not shown.closed:
             last = [Text(shown.message, style="yellow"), shown.hint]
             below = [*_alerts(shown.rows), *below, *filter(None, last)]
-        room = height - _HEADER_LINES - 1 - sum(_lines(text, width) for text in below)
+        room = height - _HEADER_LINES - 1 - sum(-(-text.cell_len // width) or 1 for text in below)
         rows = _most_urgent(shown.rows, max(room, _ROWS_MIN))
         if len(rows) < len(shown.rows):
             below.insert(0, Text(f"and {len(shown.rows) - len(rows)} more vehicles", style="dim"))
@@ -239,7 +239,3 @@ def _most_urgent(rows: Sequence[RowT], count: int) -> Sequence[RowT]:
     ranked = sorted(range(len(rows)), key=lambda i: (_GRAVEST_FIRST.index(severity(rows[i].alert)), i))
     # One line less, for the number of omitted rows.
     return rows if len(rows) <= count else [rows[i] for i in sorted(ranked[: count - 1])]
-
-
-def _lines(text: Text, width: int) -> int:
-    return -(-text.cell_len // width) or 1

@@ -152,10 +152,6 @@ def the_subject(roles: Roles) -> tuple[int, ...]:
     return (roles.subject,)
 
 
-def _peer_silent(roles: Roles) -> Expectation:
-    return by_table(Condition.PEER_SILENT, lambda roles: roles.others)(roles)
-
-
 def _flooded(roles: Roles) -> Expectation:
     others = by_table(Condition.BUS_FLOODED, lambda roles: roles.others, found_within_s=FLOODED_S)
     return others(roles)
@@ -195,7 +191,7 @@ DRILLS: tuple[Drill, ...] = (
     Drill(
         "one vehicle not heard",
         f"the others: {_reaction(Condition.PEER_SILENT)}",
-        _peer_silent,
+        by_table(Condition.PEER_SILENT, lambda roles: roles.others),
     ),
     Drill(
         "nobody hears anybody",

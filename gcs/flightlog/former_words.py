@@ -1,4 +1,4 @@
-"""The texts of earlier versions in logs, and the present ones.
+"""The texts of cordon 0.1 in logs, of format 1, and the present ones.
 
 A log holds names of tactics, events and conditions, and notes, as text in records and in the messages between vehicles.
 The reader replaces earlier texts, so that these logs replay bit for bit.
@@ -22,21 +22,11 @@ FORMER_WORDS: Mapping[str, str] = {
     ") m, was moved by ": ") m was moved by ",
     "lands, nobody resumed it": "lands, no resume was received",
     "fly on, and say so": "fly on and report",
-    ": over, left by resume": ": cleared; resume continues the mission",
     ": over": ": cleared",
     "all sightings put it elsewhere": "all sightings disagree with the estimate",
     "the autopilot's position is elsewhere now": "the autopilot's position jumped",
     "too fast to be kept up with": "faster than the vehicles can follow",
     "ring as the mission asks for it": "ring as in the mission",
-    "all operators have left it": "all operators have left the bus",
-    " m from where its setpoints lead": " m from its predicted position",
-    " s of flight left, the way takes ": " s of flight left, the flight home takes ",
-    "reports a velocity that is ": "reports a velocity change of ",
-    " m/s off within ": " m/s within ",
-    "reports a place ": "reports a position ",
-    " m from where its states lead": " m from the one predicted from its states",
-    "reports an altitude that is ": "reports an altitude ",
-    " m off what it can climb": " m beyond its climb limit",
 }
 FORMER_TOPICS: Mapping[str, str] = {"patience": "time_scale"}
 """Names of topics of format 1, and the present ones."""

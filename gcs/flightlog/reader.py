@@ -13,7 +13,7 @@ import msgspec
 from mcap.records import Channel, Schema
 
 from agents.inputs import Message as BusInput
-from agents.team.codec import decode, refusal
+from agents.team.codec import decode
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain
 from gcs.flightlog.container import Container, Entry, LogError, Message, NoContainerError
@@ -106,13 +106,12 @@ class FlightLog:
     def messages(self, record: LogRecord) -> list[BusInput]:
         """Return the inputs from the bus in a record; raises LogError where a message is lost.
 
-        In logs before format 3 a record may hold a message that was not admitted: then there is none.
+        In logs before format 3 a record may hold a message that cannot be decoded: then there is none.
         """
         if record.kind is FormerMessage:
             former = record.read(FormerMessage)
             message = _decoded(former.payload)
-            dropped = message is None or (former.key and refusal(former.key, message) is not None)
-            return [] if message is None or dropped else [BusInput(former.now_s, message)]
+            return [] if message is None else [BusInput(former.now_s, message)]
         taken = record.read(Taken)
         lost = [place for place in taken.places if place not in self.carried]
         if lost:

@@ -92,11 +92,10 @@ class Taken(msgspec.Struct, frozen=True):
 
 
 class FormerMessage(msgspec.Struct, frozen=True):
-    """A message that the core received, in logs before format 3: its time and its key; the oldest have no key."""
+    """A message that the core received, and when, in logs before format 3."""
 
     now_s: float
     payload: bytes
-    key: str = ""
 
 
 class LocalCommand(msgspec.Struct, frozen=True):

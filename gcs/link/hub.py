@@ -171,7 +171,9 @@ class MavsdkHub:
         """Open a connection, and connect MAVSDK to its relay."""
         with self._making:
             if self._mavsdk is None:
-                self._mavsdk = _ground_station()
+                self._mavsdk = mavsdk.Mavsdk(
+                    mavsdk.Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+                )
         try:
             relay = Relay(url, self._relay_thread, self._link_s)
             try:
@@ -208,10 +210,6 @@ def _redirect_log() -> None:
 def _log(_level: object, message: str, _file: str | None, _line: int) -> bool:
     LOG.debug("%s", message)
     return True
-
-
-def _ground_station() -> Any:
-    return mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 
 
 def _not_received(

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agents.team.messages import MissionIdentity
+from agents.team.text import printable
 from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
 from estimation.profile.profile import ProfileError
 from estimation.profile.shelf import ProfileShelf
@@ -38,7 +39,7 @@ _OF_ONE_COMPUTER = {"url", "true_scale", "sensor"}
 
 def identified(mission: Mission) -> Mission:
     """Return a mission with its identity; an excitation flight made from it keeps the identity."""
-    return replace(mission, identity=MissionIdentity(_printable(mission.mission.name), _digest(mission)))
+    return replace(mission, identity=MissionIdentity(printable(mission.mission.name), _digest(mission)))
 
 
 def _digest(mission: Mission) -> str:
@@ -55,10 +56,6 @@ def _digest(mission: Mission) -> str:
         "plants": [repr(plant) for plant in profiles],
     }
     return sha256(dumps(whole, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _printable(name: str) -> str:
-    return "".join(letter if letter.isprintable() else "?" for letter in name)
 
 
 _BUNDLED = Path(__file__).parent / "missions"

@@ -95,7 +95,6 @@ async def _nothing() -> None:
 
 async def gather_facts(
     mission: Mission,
-    heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
     beside: Callable[[], Awaitable[None]] = _nothing,
 ) -> tuple[VehicleFacts, ...]:
     """Query all vehicles of a mission at once; times are wall seconds. Unreachable vehicles are included.
@@ -109,7 +108,7 @@ async def gather_facts(
     connections = {url: _Connection(hub, url, pace, streaming) for url, pace in paces.items()}
     try:
         queries = (
-            _facts(connections[vehicle.section.url], mission, vehicle, keys.get(vehicle.system_id), heartbeat_timeout_s)
+            _facts(connections[vehicle.section.url], mission, vehicle, keys.get(vehicle.system_id))
             for vehicle in mission.vehicles
         )
         return tuple(await asyncio.gather(*queries))
@@ -176,12 +175,11 @@ async def _facts(
     mission: Mission,
     vehicle: MissionVehicle,
     signing_key: bytes | None,
-    timeout_s: float,
 ) -> VehicleFacts:
     hub, pace = connection.hub, connection.pace
     url, system_id, frame = vehicle.section.url, vehicle.system_id, mission.mission_frame()
     try:
-        system = await hub.find(url, system_id, timeout_s, signing_key=signing_key)
+        system = await hub.find(url, system_id, HEARTBEAT_TIMEOUT_S, signing_key=signing_key)
     except VehicleRefusedError as refusal:
         await connection.came_bytes_s()
         await connection.streaming.over()

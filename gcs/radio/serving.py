@@ -104,8 +104,9 @@ def counts_table(emulations: Sequence[Emulation], duration_s: float) -> Table:
     return table
 
 
-def radio_spec(text: str, option: str = "--radio") -> RadioSpec:
-    """Parse the option; raises InputError with every fault."""
+def radio_spec(text: str) -> RadioSpec:
+    """Parse `--radio`; raises InputError with every fault."""
+    option = "--radio"
     content: dict[str, object] = {}
     faults: list[str] = []
     for part in text.split(","):

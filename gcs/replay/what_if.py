@@ -150,7 +150,7 @@ class Feed:
 
     def __init__(self, config: AgentConfig) -> None:
         self._vehicle_id = config.vehicle_id
-        self._inbox = Inbox(config.vehicle_id, config.slots, ClockWatch(config.failsafe.clock_step_s))
+        self._inbox = Inbox(config.vehicle_id, config.slots, ClockWatch())
         self._time_scale = 1.0
         self.start_s: float | None = None
 

@@ -25,6 +25,7 @@ from starlette.websockets import WebSocketClose
 from gcs.errors import InputError
 from gcs.keys import private_files
 from gcs.viewer.address import Address
+from gcs.viewer.origin_gate import is_permitted
 
 TOKEN_CHARACTERS_MIN = 16
 _TOKEN_MAX_BYTES = 1024
@@ -57,7 +58,7 @@ class Access:
     def origin(self) -> str:
         """The origin of the page at its own address."""
         host = f"[{self.address.host}]" if ":" in self.address.host else self.address.host
-        return f"{self._scheme}://{host}:{self.address.port}"
+        return f"{self.scheme}://{host}:{self.address.port}"
 
     @property
     def url(self) -> str:
@@ -75,7 +76,8 @@ class Access:
         return hashlib.sha256(f"cordon station {self.token}".encode()).hexdigest()
 
     @property
-    def _scheme(self) -> str:
+    def scheme(self) -> str:
+        """The scheme of its URLs."""
         return "http" if self.tls is None else "https"
 
     def is_token(self, given: bytes) -> bool:
@@ -93,10 +95,6 @@ class Access:
             return name in own
         computer = socket.gethostname().lower()
         return name in own | {computer, f"{computer}.local"} or _is_number(name)
-
-    def is_own_origin(self, origins: list[str], host: str) -> bool:
-        """Return whether a request comes from the page itself, or from no web page."""
-        return not origins or origins == [f"{self._scheme}://{host}"]
 
     def has_entered(self, headers: Headers) -> bool:
         """Return whether a request has the cookie."""
@@ -169,7 +167,7 @@ class Gate:
         answer: ASGIApp
         if not self._access.is_named(hosts):
             answer = _refusal("wrong address: open the one that `cordon station` printed", is_page)
-        elif not self._access.is_own_origin(origins, hosts[0]):
+        elif not is_permitted(origins, {f"{self._access.scheme}://{hosts[0]}"}):
             answer = _refusal("refused: another web page must not read this one", is_page)
         elif is_page and scope["path"].startswith(_ENTER_PATH):
             answer = await self._enter(Request(scope, receive))

@@ -9,7 +9,7 @@ a certificate that only the gate accepts and browsers refuse.
 import asyncio
 import ssl
 import threading
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 
@@ -22,11 +22,14 @@ _PIECE_BYTES = 65536
 _REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
 
-def is_permitted(head: bytes, origins: Collection[str]) -> bool:
-    """Return whether a request comes from a program other than a browser, or from a page of these origins."""
-    lines = head.decode("latin-1").split("\r\n")[1:]
-    said = [value.strip() for name, _, value in (line.partition(":") for line in lines) if name.lower() == "origin"]
+def is_permitted(said: Sequence[str], origins: Collection[str]) -> bool:
+    """Return whether the `Origin` headers of a request are none, as of a program, or a page's of these origins."""
     return not said or (len(said) == 1 and said[0].lower() in {origin.lower() for origin in origins})
+
+
+def _said(head: bytes) -> list[str]:
+    lines = head.decode("latin-1").split("\r\n")[1:]
+    return [value.strip() for name, _, value in (line.partition(":") for line in lines) if name.lower() == "origin"]
 
 
 class OriginGate:
@@ -76,7 +79,7 @@ class OriginGate:
         try:
             with suppress(OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
                 head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_TIMEOUT_S)
-                if self._connections > CONNECTIONS_MAX or not is_permitted(head, self._origins):
+                if self._connections > CONNECTIONS_MAX or not is_permitted(_said(head), self._origins):
                     writer.write(_REFUSED)
                     await writer.drain()
                 else:

@@ -172,12 +172,9 @@ class Scene:
                 vehicle.decision = record
                 for note in record.notes:
                     self._log_note(vehicle_id, note, time_ns)
-                if self._is_due(record.time_s):
+                if self._shown_s is None or not 0.0 <= record.time_s - self._shown_s < PERIOD_S - _EARLY_S:
                     self._shown_s = record.time_s
                     self._show(time_ns)
-
-    def _is_due(self, now_s: float) -> bool:
-        return self._shown_s is None or not 0.0 <= now_s - self._shown_s < PERIOD_S - _EARLY_S
 
     def _log_note(self, vehicle_id: int, note: Note, time_ns: int) -> None:
         message = f"{note.text} ({note.because})" if note.because else note.text

@@ -44,9 +44,7 @@ class Target:
 class Airframe:
     """The moving body. It stands on the ground until it has a target above."""
 
-    def __init__(
-        self, plant: Plant, start_m: Triple, heading_rad: float = 0.0, shape: ShapeLimits | None = None
-    ) -> None:
+    def __init__(self, plant: Plant, start_m: Triple, shape: ShapeLimits | None = None) -> None:
         """Stand at `start_m`, which is on the ground; without a `shape` the motion is the linear plant's."""
         self._plant = plant
         self._step = exact_step(plant, STEP_S)
@@ -56,7 +54,7 @@ class Airframe:
         self._altitude_m = start_m[2]
         self._climb_m_s = 0.0
         self._acceleration_m_s2 = (0.0, 0.0)
-        self.heading_rad = heading_rad
+        self.heading_rad = 0.0
         self.heading_rate_rad_s = 0.0
 
     @property

@@ -8,8 +8,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from agents.settings.sections import DecisionSettings
-from agents.tactics import TRANSITIONS, Event, Tactic, decides_to_encircle, diagram, mixing_share, next_tactic
+from agents.tactics import TRANSITIONS, Event, Tactic, decides_to_encircle, mixing_share, next_tactic
 from estimation.state import TargetEstimate
+from tests.support.diagrams import tactic_diagram
 from tests.support.estimates import target_spread
 
 # One line for each tactic, one letter for each event in the order below; '.' changes nothing.
@@ -60,7 +61,7 @@ def test_every_event_in_every_tactic(tactic: Tactic) -> None:
 
 
 def test_the_diagram_shows_every_transition_and_no_other() -> None:
-    first, *arrows = [line.strip() for line in diagram().splitlines()]
+    first, *arrows = [line.strip() for line in tactic_diagram().splitlines()]
     assert first == "stateDiagram-v2"
     shown = [f"{before.value} --> {after.value}: {event.value}" for (before, event), after in TRANSITIONS.items()]
     assert sorted(arrows) == sorted(["[*] --> standby", "land --> [*]", *shown])

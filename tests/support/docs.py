@@ -8,8 +8,6 @@ from dataclasses import replace
 from inspect import getsource
 
 from agents.safety.failsafe import BY_ITSELF, RESUME, TABLE, Reaction, Row
-from agents.shell import life
-from agents.tactics import diagram
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
@@ -18,6 +16,7 @@ from gcs.mission.sections import TUNED, TUNING
 from gcs.sweep.columns import FLOCKING, RUN, TEAM, VEHICLE, Column
 from tests.structure import PACKAGES
 from tests.support.command_tables import command_list, command_sections, common_arguments
+from tests.support.diagrams import life_diagram, tactic_diagram
 from tests.support.equations import equation_table
 from tests.support.key_tables import identified_keys, mission_keys, profile_keys, tuning_keys
 from tests.support.log_fields import field_tables
@@ -48,14 +47,9 @@ def folder_table() -> str:
     return "\n".join(rows)
 
 
-def tactic_diagram() -> str:
-    """Return the tactic machine as a Mermaid block."""
-    return f"```mermaid\n{diagram()}\n```"
-
-
-def life_diagram() -> str:
-    """Return the life of an agent as a Mermaid block."""
-    return f"```mermaid\n{life.diagram()}\n```"
+def _mermaid(diagram: Callable[[], str]) -> Callable[[], str]:
+    """Return a diagram as a Mermaid block."""
+    return lambda: f"```mermaid\n{diagram()}\n```"
 
 
 def failsafe_table() -> str:
@@ -111,7 +105,7 @@ def exit_codes() -> str:
 
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "commands.md": {"list": command_list, "common": common_arguments, "commands": command_sections},
-    "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
+    "design.md": {"folders": folder_table, "tactics": _mermaid(tactic_diagram), "life": _mermaid(life_diagram)},
     "json.md": {"result": result_keys, "outputs": output_keys, "exits": exit_codes},
     "log-fields.md": {"fields": field_tables},
     "mission-keys.md": {"keys": mission_keys, "profile": profile_keys},

@@ -8,4 +8,4 @@ from agents.team.team import Team
 
 
 def a_team() -> Team:
-    return Team(Credibility(Limits(SafetySettings(), FailsafeSettings().doubt_m), ClockWatch(0.5), POSITION_ALERTS))
+    return Team(Credibility(Limits(SafetySettings(), FailsafeSettings().doubt_m), ClockWatch(), POSITION_ALERTS))

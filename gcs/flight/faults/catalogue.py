@@ -96,11 +96,6 @@ def _push_outwards(scene: Scene) -> VehicleFaults:
     return VehicleFaults(push_m_s2=(push_m_s2 * away_x, push_m_s2 * away_y))
 
 
-def _exhaust(scene: Scene) -> VehicleFaults:
-    """Make it report less flight time than its reserve."""
-    return VehicleFaults(endurance_s=max(scene.mission.failsafe.reserve_s, 1.0))
-
-
 def _lie_m(scene: Scene) -> tuple[float, float]:
     """Return the offset of the subject's falsified position: nearer to the others, but outside their separation."""
     away_x, away_y = _from_the_others(scene)
@@ -122,10 +117,6 @@ def _impersonate(scene: Scene) -> TeamFaults:
     return TeamFaults(impostors=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
 
 
-def _foreign_mode(scene: Scene) -> Injection:
-    return Injection(vehicles={scene.subject: VehicleInjection(selects_hold=True)})
-
-
 def _drain(fraction: Callable[[Mission], float]) -> Callable[[Scene], Injection]:
     """Return a fault that leaves a share of the subject's battery."""
     return lambda scene: Injection(vehicles={scene.subject: VehicleInjection(battery_fraction=fraction(scene.mission))})
@@ -145,12 +136,12 @@ FAULTS: tuple[Fault, ...] = (
     Fault("estimator degraded", _of_subject(lambda _: VehicleFaults(estimator_ratio=RATIO_DEGRADED))),
     Fault("estimator failing", _of_subject(lambda _: VehicleFaults(estimator_ratio=RATIO_FAILING))),
     Fault("not following", _of_subject(_push_outwards)),
-    Fault("foreign mode", _foreign_mode),
+    Fault("foreign mode", lambda scene: Injection(vehicles={scene.subject: VehicleInjection(selects_hold=True)})),
     Fault("target lost", _of_team(lambda _: TeamFaults(blind=True)), of_team=True),
     Fault("link cut", _of_subject(lambda _: VehicleFaults(link_cut=True))),
     Fault("battery low", _drain(lambda m: (m.failsafe.battery_low + m.failsafe.battery_critical) / 2.0)),
     Fault("battery critical", _drain(lambda m: m.failsafe.battery_critical * 0.8)),
-    Fault("no way home", _of_subject(_exhaust)),
+    Fault("no way home", _of_subject(lambda s: VehicleFaults(endurance_s=max(s.mission.failsafe.reserve_s, 1.0)))),
     Fault("killed agent", lambda _: Injection(signal=SIGKILL), of_team=True),
     Fault("frozen agent", lambda _: Injection(signal=SIGSTOP), of_team=True),
     Fault("frozen interpreter", _of_team(lambda _: TeamFaults(hang="interpreter")), of_team=True),

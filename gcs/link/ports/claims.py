@@ -7,7 +7,6 @@ ports and endpoints are checked.
 """
 
 import errno
-import ipaddress
 import socket
 import sys
 from collections.abc import Collection, Iterator, Sequence
@@ -17,7 +16,7 @@ from secrets import token_hex
 from urllib.parse import urlsplit
 
 from agents.ports import VehicleRefusedError
-from gcs.link.ports.holders import abstract_sockets, described, port_holder, process_holding
+from gcs.link.ports.holders import abstract_sockets, bind_fault, described, port_holder
 from gcs.link.ports.urls import require_usable
 from gcs.mission.mission import Mission, MissionVehicle
 
@@ -26,19 +25,8 @@ _FED = "cordon/fed/udp/"
 _LISTENING = ("udpin", "tcpin")
 
 
-class Claims:
+class Claims(ExitStack):
     """The claims of this process, to be used as a context manager: they end with it, or with the process."""
-
-    def __init__(self) -> None:
-        self._held = ExitStack()
-
-    def __enter__(self) -> "Claims":
-        """Begin; nothing is claimed yet."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Release all claims."""
-        self._held.close()
 
     def take(self, name: str) -> bool:
         """Claim a name; return whether it was free, always true on systems without abstract names."""
@@ -52,7 +40,7 @@ class Claims:
             if error.errno == errno.EADDRINUSE:
                 return False
             raise
-        self._held.callback(claim.close)
+        self.callback(claim.close)
         return True
 
     def take_team(self, mission: Mission) -> Iterator[str]:
@@ -69,8 +57,8 @@ class Claims:
         """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already."""
         for port in ports:
             if not self.take(f"{_FED}{port}"):
-                inode = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}", "")
-                yield f"udp port {port} receives the vehicle of another run,{process_holding(inode)}"
+                holder = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}")
+                yield f"udp port {port} receives the vehicle of another run,{described(holder)}"
 
 
 @contextmanager
@@ -125,19 +113,7 @@ def _endpoint_faults(vehicle: MissionVehicle) -> Iterator[str]:
     protocol, _, place = vehicle.section.endpoint.partition("/")
     host, _, port = place.rpartition(":")
     kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM
-    if _is_taken(kind, host.strip("[]"), int(port)):
-        yield f"endpoint {vehicle.section.endpoint} is in use{port_holder(kind, int(port))}"
-
-
-def _is_taken(kind: socket.SocketKind, host: str, port: int) -> bool:
-    """Return whether a port of this computer is in use; Zenoh itself checks names and other addresses."""
-    with suppress(ValueError):
-        family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
-        with socket.socket(family, kind) as attempt:
-            if kind is socket.SOCK_STREAM:
-                attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                attempt.bind((host, port))
-            except OSError as error:
-                return error.errno == errno.EADDRINUSE
-    return False
+    with suppress(ValueError):  # Zenoh itself checks names and other addresses
+        fault = bind_fault(kind, host.strip("[]"), int(port))
+        if fault is not None and fault.errno == errno.EADDRINUSE:
+            yield f"endpoint {vehicle.section.endpoint} is in use{port_holder(kind, int(port))}"

@@ -1,18 +1,18 @@
 """Checks of vehicle urls before MAVSDK uses them: MAVSDK's own errors are unspecific or missing."""
 
 import errno
-import ipaddress
 import os
 import socket
 import stat
 from collections.abc import Callable
 from pathlib import Path
 
+from serial.tools.list_ports import comports
+
 from agents.ports import VehicleRefusedError
-from gcs.link.ports.holders import port_holder
+from gcs.link.ports.holders import bind_fault, port_holder
 
 CONNECT_TIMEOUT_S = 3.0
-SERIAL_NAMES = ("ttyACM*", "ttyUSB*", "ttyAMA*", "tty.usb*")
 
 
 def require_usable(url: str) -> None:
@@ -38,25 +38,19 @@ def _require_free_tcp(url: str, host: str, port: int) -> None:
 
 def _require_free(url: str, host: str, port: int, kind: socket.SocketKind) -> None:
     try:
-        family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
+        fault = bind_fault(kind, host, port)
     except ValueError as error:
         raise VehicleRefusedError(
             f"{url}: {host} is not a numeric address of this machine",
             "use 0.0.0.0 to listen on all networks, or 127.0.0.1 for this machine only",
         ) from error
-    protocol = "udp" if kind is socket.SOCK_DGRAM else "tcp"
-    with socket.socket(family, kind) as attempt:
-        if protocol == "tcp":  # ignore connections in TIME_WAIT
-            attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            attempt.bind((host, port))
-        except OSError as error:
-            in_use = error.errno == errno.EADDRINUSE
-            raise VehicleRefusedError(
-                f"{protocol} port {port} of {url} "
-                + (f"is in use{port_holder(kind, port)}" if in_use else f"is not available: {error.strerror}"),
-                "end the other ground station or agent on this port" if in_use else "check the url",
-            ) from error
+    if fault is not None:
+        in_use = fault.errno == errno.EADDRINUSE
+        raise VehicleRefusedError(
+            f"{'udp' if kind is socket.SOCK_DGRAM else 'tcp'} port {port} of {url} "
+            + (f"is in use{port_holder(kind, port)}" if in_use else f"is not available: {fault.strerror}"),
+            "end the other ground station or agent on this port" if in_use else "check the url",
+        ) from fault
 
 
 def _require_known_host(url: str, host: str, port: int) -> None:
@@ -88,7 +82,7 @@ def _require_device(url: str, name: str, _baud: int) -> None:
         return  # Windows ports (COM3) cannot be checked without opening them
     device = Path(name)
     if not device.exists():
-        there = [str(path) for pattern in SERIAL_NAMES for path in sorted(Path("/dev").glob(pattern))]
+        there = sorted(port.device for port in comports())
         known = f"available: {', '.join(there)}" if there else "no serial device is connected"
         raise VehicleRefusedError(
             f"{url}: the serial device {name} does not exist; {known}",

@@ -40,7 +40,7 @@ class Pace:
         self.capacity_bytes_s = capacity_bytes_s
         self.is_bound = automatic or limits_setpoints or capacity_bytes_s is not None
         """Whether frames wait in the transmit queue."""
-        self.vehicles, self.signed, self._automatic = vehicles, signed, automatic
+        self.vehicles, self.signed = vehicles, signed
         self._positions_hz = positions_hz
         self._rungs = ladder(full) if automatic else (full,)
         self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)

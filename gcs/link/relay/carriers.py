@@ -6,12 +6,12 @@ thread uses a carrier.
 
 import os
 import socket
-import termios
 import time
-import tty
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import Protocol
+
+import serial
 
 from gcs.link.relay.gate import Address
 
@@ -23,7 +23,6 @@ BACKLOG_MAX = 4096
 """Most bytes that wait for a blocked stream; frames beyond are dropped whole."""
 CALLERS_MAX = 4
 CALL_PERIOD_S = 1.0
-BAUD_NAMES = {int(name[1:]): name for name in dir(termios) if name[0] == "B" and name[1:].isdecimal()}
 
 Received = tuple[bytes, Address]
 
@@ -241,26 +240,14 @@ def _tcp_client(host: str, port: int) -> _Called:
 
 def _serial(device: str, baud: int) -> _Called:
     def call() -> Stream:
-        descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
-            _set_up(descriptor, baud)
-        except (OSError, termios.error) as error:
-            os.close(descriptor)
-            raise OSError(f"{error.args[-1]}") from error
-        return Stream(descriptor, lambda: os.close(descriptor))
+            # With an inter_byte_timeout a read without data raises, and no bytes mean the end of the stream.
+            port = serial.Serial(device, baud, timeout=0.0, write_timeout=0.0, inter_byte_timeout=0.0)
+        except ValueError as error:
+            raise OSError(f"{baud} is not a rate of a serial device") from error
+        return Stream(port.fileno(), port.close)
 
     return _Called((device, baud), call)
-
-
-def _set_up(descriptor: int, baud: int) -> None:
-    """Set a serial device to raw bytes, 8 data bits, no parity, one stop bit, no flow control."""
-    if baud not in BAUD_NAMES:
-        raise OSError(f"{baud} is not a rate of a serial device")
-    tty.setraw(descriptor)
-    attributes = termios.tcgetattr(descriptor)
-    attributes[2] = attributes[2] & ~(termios.CSTOPB | termios.CRTSCTS) | termios.CLOCAL | termios.CREAD
-    attributes[4] = attributes[5] = getattr(termios, BAUD_NAMES[baud])
-    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
 def connected(connection: socket.socket) -> Stream:

@@ -1,9 +1,13 @@
 """MAVLink frames as bytes: their limits, sender and kind of message.
 
-MAVSDK decodes messages and checks their checksum; this module reads only headers.
+MAVSDK decodes messages and checks their checksum; this module reads only headers. pymavlink, which decodes each
+message, takes 9.5 us for a frame in a datagram instead of 2.0 us, and 7.4 us instead of 1.2 us in a stream read by
+4 KB. It also cannot sign a frame whose message its dialect does not know.
 """
 
 from typing import NamedTuple
+
+from fastcrc.crc16 import mcrf4xx
 
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 _MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
@@ -25,7 +29,6 @@ _TARGET_AT = {SETPOINT: 50, 11: 4, 75: 30, 76: 30}
 RADIO_STATUS, _BUFFER_FREE_AT = 109, 6
 RADIO_SYSTEM, RADIO_COMPONENT = 51, 68
 """The ids of SiK radios."""
-CRC_START, CRC_POLYNOMIAL_REVERSED = 0xFFFF, 0x8408
 HEARTBEAT_CRC_EXTRA, TIMESYNC_CRC_EXTRA, RADIO_STATUS_CRC_EXTRA = 50, 34, 185
 
 
@@ -118,17 +121,8 @@ def _frame(sender: Header, sequence: int, payload: bytes, crc_extra: int) -> byt
     """Return a MAVLink 2 frame, without the zeros at the end of its payload, whose first byte stays."""
     payload = payload[:1] + payload[1:].rstrip(b"\0")
     head = bytes((len(payload), 0, 0, sequence % 256, *sender, 0, 0))
-    crc = CRC_START
-    for byte in (*head, *payload, crc_extra):
-        crc = crc_step(crc ^ byte)
-    return _MAGIC_V2 + head + payload + crc.to_bytes(CHECKSUM_LENGTH, "little")
-
-
-def crc_step(state: int) -> int:
-    """Return MAVLink's CRC-16/MCRF4XX register after eight bits, which are in its lower half already."""
-    for _ in range(8):
-        state = state >> 1 ^ (CRC_POLYNOMIAL_REVERSED if state & 1 else 0)
-    return state
+    checksum = mcrf4xx(bytes((*head, *payload, crc_extra)))
+    return _MAGIC_V2 + head + payload + checksum.to_bytes(CHECKSUM_LENGTH, "little")
 
 
 class FrameStream:

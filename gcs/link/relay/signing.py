@@ -9,7 +9,9 @@ import time
 from collections.abc import Callable
 from enum import Enum
 
-from gcs.link.relay.frames import CHECKSUM_LENGTH, HEAD_V2, MAGIC_V2, SIGNED_FLAG, crc_step, header, is_signed
+from fastcrc.crc16 import mcrf4xx
+
+from gcs.link.relay.frames import CHECKSUM_LENGTH, HEAD_V2, MAGIC_V2, SIGNED_FLAG, header, is_signed
 
 KEY_LENGTH = 32
 LINK_ID = 0
@@ -90,19 +92,11 @@ class Signing:
         return hashlib.sha256(self._key + data).digest()[:DIGEST_LENGTH]
 
 
-def _flag_in_checksum() -> tuple[int, ...]:
-    """Return by payload length how the checksum changes with the flag of a signed frame.
+_FLAG_IN_CHECKSUM = tuple(
+    mcrf4xx(bytes((SIGNED_FLAG,)) + bytes(HEAD_V2 - 3 + length + CRC_EXTRA_LENGTH), 0) for length in range(256)
+)
+"""By payload length how the checksum changes with the flag of a signed frame.
 
-    The checksum is linear: the change is the CRC, begun at 0, of the changed bits and of a zero for each later byte.
-    So the CRC_EXTRA byte of each message is not needed.
-    """
-    change = crc_step(SIGNED_FLAG)
-    for _ in range(HEAD_V2 - 3 + CRC_EXTRA_LENGTH):
-        change = crc_step(change)
-    changes = [change]
-    for _ in range(255):
-        changes.append(crc_step(changes[-1]))
-    return tuple(changes)
-
-
-_FLAG_IN_CHECKSUM = _flag_in_checksum()
+The checksum is linear: the change is the CRC, begun at 0, of the changed bit and of a zero for each later byte. So the
+CRC_EXTRA byte of each message is not needed.
+"""

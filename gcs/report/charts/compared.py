@@ -8,7 +8,6 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.result import FlightResult
-from gcs.metrics.ring_motion import RingMotion
 from gcs.mission.mission import Mission
 from gcs.report.charts.chart import logarithmic, over_time
 from gcs.report.charts.panels import Sheet, mark_empty, mark_vehicle, title
@@ -90,11 +89,9 @@ def draw_compared_error(axes: "Axes", flights: Sequence[ComparedFlight], name: s
 def _error(sheet: Sheet, name: str) -> Vector:
     if name == "lyapunov":
         return lyapunov_rad2(sheet.motion)
-    return _largest(sheet.motion.radius_m - sheet.ring.radius_m if name == "radius" else _spacing_deg(sheet.motion))
-
-
-def _spacing_deg(motion: RingMotion) -> Vector:
-    return np.degrees(motion.lead_rad - motion.desired_spacing_rad)
+    if name == "radius":
+        return _largest(sheet.motion.radius_m - sheet.ring.radius_m)
+    return _largest(np.degrees(sheet.motion.lead_rad - sheet.motion.desired_spacing_rad))
 
 
 def _largest(error: Vector) -> Vector:

@@ -17,10 +17,6 @@ def _none() -> Vector:
     return np.empty(0)
 
 
-def _no_pairs() -> Vector:
-    return np.empty((0, 2))
-
-
 def _no_names() -> Names:
     return np.empty(0, dtype="<U16")
 
@@ -82,7 +78,7 @@ class VehicleEvidence:
     telemetry: Reception = field(default_factory=lambda: Reception(np.empty(0), np.empty(0)))
     peers: dict[int, Reception] = field(default_factory=dict)
     dropped: str = ""
-    battery: Vector = field(default_factory=_no_pairs)
+    battery: Vector = field(default_factory=lambda: np.empty((0, 2)))
     samples: Vector = field(default_factory=lambda: np.empty((0, 3)))
     round_trip_s: Vector = field(default_factory=_none)
 

@@ -3,8 +3,9 @@
 import pytest
 
 from agents.ports import FlightMode, VehicleStatus
-from agents.shell.life import TRANSITIONS, Action, LifeEvent, Phase, diagram, next_phase, pilot_took_over, resumed
+from agents.shell.life import TRANSITIONS, Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
 from agents.tactics import Tactic
+from tests.support.diagrams import life_diagram
 
 E, A = LifeEvent, Action
 
@@ -178,7 +179,7 @@ def test_the_end_is_the_end() -> None:
 
 def test_the_diagram_shows_every_transition_and_no_other() -> None:
     shown: set[tuple[str, str, str]] = set()
-    for line in diagram().splitlines()[1:]:
+    for line in life_diagram().splitlines()[1:]:
         before, arrow, rest = line.strip().partition(" --> ")
         if arrow and "[*]" not in line:
             after, _, events = rest.partition(": ")

@@ -4,11 +4,9 @@ import pytest
 
 from agents.team.clock_watch import ClockWatch
 
-LIMIT_S = 0.5
-
 
 def watched(age_s: float = 0.05, until_s: int = 10) -> ClockWatch:
-    watch = ClockWatch(LIMIT_S)
+    watch = ClockWatch()
     for tick in range(until_s * 10):
         watch.hear(1, age_s + 0.02 * (tick % 3), tick / 10.0)
     return watch
@@ -59,7 +57,7 @@ def test_a_peer_without_messages_is_silent_and_its_clock_not_stepped(time_scale:
 
 
 def test_a_slow_drift_adds_up_and_is_found_past_the_limit() -> None:
-    watch = ClockWatch(0.5)
+    watch = ClockWatch()
     for tenth in range(1, 2000):  # 4 ms a second: no step, and 0.5 s after 125 s
         watch.hear(7, 0.05 - 0.0004 * tenth, tenth * 0.1)
         drifted_s = watch.drifted(tenth * 0.1)
@@ -70,7 +68,7 @@ def test_a_slow_drift_adds_up_and_is_found_past_the_limit() -> None:
 
 
 def test_a_network_that_varies_is_no_drift() -> None:
-    watch = ClockWatch(0.5)
+    watch = ClockWatch()
     for tenth in range(2000):
         watch.hear(7, 0.3 if tenth % 3 else 0.0, tenth * 0.1)
         assert not watch.drifted(tenth * 0.1)

@@ -124,10 +124,10 @@ def test_ctrl_c_at_a_question_writes_nothing(tmp_path: Path) -> None:
         os.chdir(tmp_path)
         os.execv(sys.executable, [sys.executable, "-m", "gcs", "new", "my.toml", "--vehicles", "5"])
     said = b""
-    while b"[stub]" not in said:
+    while b"(stub)" not in said:
         said += os.read(terminal, 4096)
     os.write(terminal, b"udp\n")
-    while b"[px4]" not in said:
+    while b"(px4)" not in said:
         said += os.read(terminal, 4096)
     os.write(terminal, b"\x03")
     assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 3
