@@ -157,7 +157,8 @@ class Orders:
 
     def _steer(self, row: VerbRow, tactic: Tactic) -> tuple[str, Event | None]:
         if row.event is None or next_tactic(tactic, row.event) is tactic:
-            return row.already.get(tactic) or f"{REFUSED}{_why_not(tactic)}", None
+            why_not = _WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")
+            return row.already.get(tactic) or f"{REFUSED}{why_not}", None
         if row.event is not Event.HOLD:
             self._abort = None  # the operator has decided what comes after the hover
         return row.did, row.event
@@ -179,7 +180,3 @@ def obeyed(did: str) -> bool:
 def final(verb: Verb, did: str) -> bool:
     """Return whether an answer is the last one: a kill is answered when it begins and when it is done."""
     return not VERBS[verb].done or did != VERBS[verb].did
-
-
-def _why_not(tactic: Tactic) -> str:
-    return _WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")
