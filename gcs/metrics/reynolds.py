@@ -5,38 +5,21 @@ measurement: such a vehicle has no metric and is not counted in those of the oth
 """
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from rich.table import Table
 from rich.text import Text
 
 from estimation.state import Vector
+from gcs.metrics.catalogue import FLOCKING, PHASES
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.result import FlockingResult, ReynoldsResult
-
-# In the order of `FlockingResult`: label, label of a narrow column, format.
-_FIGURES = (
-    ("nearest other, min [m]", "nearest\nmin [m]", ".2f"),
-    ("nearest other, mean [m]", "nearest\nmean [m]", ".2f"),
-    ("velocity mismatch rms [m/s]", "mismatch\nrms [m/s]", ".3f"),
-    ("order parameter, mean", "order\nmean", ".3f"),
-    ("distance from centroid, mean [m]", "centroid\nmean [m]", ".2f"),
-    ("distance from centroid, max [m]", "centroid\nmax [m]", ".2f"),
-)
-FLOCKING_LABELS = tuple(label for label, _, _ in _FIGURES)
-FLOCKING_FORMS = tuple(form for _, _, form in _FIGURES)
-
-
-def flocking_cells(figures: FlockingResult) -> tuple[str, ...]:
-    """Return the metrics of a phase as text, a dash for None."""
-    numbers = zip(astuple(figures), FLOCKING_FORMS, strict=True)
-    return tuple("–" if value is None else format(value, form) for value, form in numbers)
 
 
 def phases(result: ReynoldsResult) -> tuple[tuple[str, FlockingResult], ...]:
     """Return the phases of a flight that have any figure, with their names."""
-    named = (("formation", result.formation), ("ring", result.ring), ("flight", result.flight))
+    named = ((name, getattr(result, name)) for name in PHASES)
     return tuple((name, figures) for name, figures in named if figures != FlockingResult())
 
 
@@ -47,10 +30,10 @@ def reynolds_grid(result: ReynoldsResult) -> Table | None:
         return None
     table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
     table.add_column(Text("Reynolds'\nrules"), no_wrap=True)
-    for _, name, _ in _FIGURES:
-        table.add_column(Text(name), justify="right", no_wrap=True)
+    for metric in FLOCKING:
+        table.add_column(Text(metric.narrow), justify="right", no_wrap=True)
     for name, figures in measured:
-        table.add_row(Text(name), *map(Text, flocking_cells(figures)))
+        table.add_row(Text(name), *(Text(metric.text(figures)) for metric in FLOCKING))
     return table
 
 

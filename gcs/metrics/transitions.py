@@ -7,7 +7,8 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.result import RingReference, TransitionResult
+from gcs.metrics.references import RingReference
+from gcs.metrics.result import TransitionResult
 from gcs.metrics.ring_motion import RingMotion, off_ring
 
 _TOGETHER_S = 3.0

@@ -4,7 +4,6 @@ import ast
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from inspect import getdoc, getsource
 
 from agents.safety.failsafe import TABLE, Reaction, Row
@@ -16,7 +15,7 @@ from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
 from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.sections import TUNED, TUNING
-from gcs.sweep.columns import RUN, TEAM, VEHICLE, Column
+from gcs.sweep.columns import RUN, TEAM, Column, vehicle_columns
 from tests.structure import PACKAGES
 from tests.support.command_tables import command_list, command_sections
 from tests.support.equations import equation_table
@@ -82,9 +81,8 @@ def channel_list() -> str:
 
 def sweep_columns() -> str:
     """Return the columns of a sweep's table as Markdown."""
-    single = [replace(each, name=f"vehicle_ID.{each.name}") for each in VEHICLE]
     head = ["| column | type | holds |", "|---|---|---|"]
-    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *TEAM, *single)])
+    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *TEAM, *vehicle_columns("ID"))])
 
 
 def result_keys() -> str:

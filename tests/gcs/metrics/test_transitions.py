@@ -7,7 +7,8 @@ import pytest
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.result import RingReference, TransitionResult
+from gcs.metrics.references import RingReference
+from gcs.metrics.result import TransitionResult
 from gcs.metrics.ring_motion import ring_motion
 from gcs.metrics.transitions import transitions
 
