@@ -14,7 +14,6 @@ from gcs.metrics.result import EstimateResult, FlightResult, reference_line, win
 from gcs.metrics.reynolds import reynolds_grid
 
 VERDICT_SIGNS = {True: ("✓", "bold green"), False: ("✗", "bold red"), None: ("–", "dim")}
-(_MEAN_RATE,) = (metric for metric in VEHICLE if metric.name == "angular_rate_mean_rad_s")
 
 
 def summary(result: FlightResult) -> RenderableType:
@@ -66,7 +65,7 @@ def _verdict_table(result: FlightResult) -> Table:
 def _told(metric: Metric, judged: Judged, values: Sequence[float]) -> str:
     """Return the worst value in words; of values that are no errors, their range."""
     if judged.desired:
-        return _range(judged.noun, metric, values)
+        return _range(judged.noun, values, metric.form.removeprefix("+"), metric.spaced_unit)
     worst = metric.amount(min(values) if metric.worst == "min" else max(values))
     return " ".join(filter(None, (judged.subject, judged.noun, worst, judged.kind)))
 
@@ -78,9 +77,9 @@ def _settled(result: FlightResult) -> str:
     return "did not settle" if settling_time_s is None else f"settled after {settling_time_s:.1f} s"
 
 
-def _range(noun: str, metric: Metric, values: Sequence[float]) -> str:
-    low, high = metric.amount(min(values)), metric.amount(max(values))
-    return f"{noun} {low}" if low == high else f"{noun}s {low.removesuffix(metric.spaced_unit)} to {high}"
+def _range(noun: str, values: Sequence[float], form: str, unit: str) -> str:
+    low, high = format(min(values), form), format(max(values), form)
+    return f"{noun} {low}{unit}" if low == high else f"{noun}s {low} to {high}{unit}"
 
 
 def _worst(sentence: str, values: Sequence[float | None]) -> str:
@@ -107,7 +106,7 @@ def _estimate_line(estimate: EstimateResult) -> Text:
     rates_rad_s = [v.angular_rate_mean_rad_s for v in estimate.vehicles if v.angular_rate_mean_rad_s is not None]
     parts = [
         _worst("radius error {} m rms", [v.radius_error_rms_m for v in estimate.vehicles]),
-        _range("rate", _MEAN_RATE, rates_rad_s) if rates_rad_s else "",
+        _range("rate", rates_rad_s, ".4f", " rad/s") if rates_rad_s else "",
         "" if spacing is None else f"spacing error {spacing:.2f}° rms",
         _worst("closest approach {} m", [estimate.closest_approach_m]),
         _worst("estimated positions {} m rms off", [v.estimate_error_rms_m for v in estimate.vehicles]),
