@@ -7,18 +7,18 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.table_view import TACTIC_STYLES
-from gcs.metrics.catalogue import VEHICLE, VERDICTS, Judged, Metric, evidence
+from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Judged, Metric, evidence
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import EstimateResult, FlightResult, reference_line, window_line
-from gcs.metrics.reynolds import reynolds_grid
+from gcs.metrics.reynolds import ReynoldsResult, phases
 
 VERDICT_SIGNS = {True: ("✓", "bold green"), False: ("✗", "bold red"), None: ("–", "dim")}
 
 
 def summary(result: FlightResult) -> RenderableType:
     """Return a flight's result for a terminal: how it ended, verdicts with measurements, a table of the vehicles."""
-    flocking = reynolds_grid(result.reynolds)
+    flocking = _reynolds_grid(result.reynolds)
     return Group(
         *(() if result.ended is None else (_ending(result.ended),)),
         _headline(result),
@@ -97,6 +97,20 @@ def _vehicle_table(result: FlightResult) -> Table:
     for vehicle in result.vehicles:
         tactic = Text(vehicle.tactic, style=TACTIC_STYLES.get(vehicle.tactic, ""))
         table.add_row(Text(str(vehicle.id), style="bold"), tactic, *(Text(metric.text(vehicle)) for metric in shown))
+    return table
+
+
+def _reynolds_grid(result: ReynoldsResult) -> Table | None:
+    """Return the metrics as a table of at most 80 columns, None for a single vehicle."""
+    measured = phases(result)
+    if not measured:
+        return None
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    table.add_column(Text("Reynolds'\nrules"), no_wrap=True)
+    for metric in FLOCKING:
+        table.add_column(Text(metric.narrow), justify="right", no_wrap=True)
+    for name, figures in measured:
+        table.add_row(Text(name), *(Text(metric.text(figures)) for metric in FLOCKING))
     return table
 
 

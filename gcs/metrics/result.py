@@ -14,41 +14,10 @@ from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.json_output import json_output
 from gcs.metrics.record import FlightEvent, LoopStatistics
+from gcs.metrics.reynolds import ReynoldsResult
+from gcs.metrics.ring import RingResult
+from gcs.metrics.transitions import TransitionResult
 from gcs.metrics.vehicles import EstimatedVehicleResult, VehicleResult
-
-
-@dataclass(frozen=True, slots=True)
-class RingResult:
-    """The ring as a whole: time from the last engagement to settling, and the spacings between neighbours.
-
-    `unsettled_at_s` is when a ring that had settled left its limits for the last time, None if it never did after the
-    last engagement; `first_settled_at_s` is when it had settled first, None without that.
-    """
-
-    settling_time_s: float | None = None
-    spacing_error_rms_deg: float | None = None
-    spacing_error_max_deg: float | None = None
-    first_settled_at_s: float | None = None
-    unsettled_at_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class TransitionResult:
-    """The transition after an engagement, until the ring has settled or the next engagement.
-
-    Motion is relative to the target: the highest speed on the ring, the lowest speed along it in its direction
-    (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the even one,
-    `spacing_monotonic` whether V (18) never increased from 5 s on.
-    """
-
-    begins_at_s: float
-    members: int
-    settling_time_s: float | None = None
-    speed_max_m_s: float | None = None
-    forwards_min_m_s: float | None = None
-    acceleration_max_m_s2: float | None = None
-    spacing_overshoot_deg: float | None = None
-    spacing_monotonic: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,32 +30,6 @@ class EstimateResult:
     vehicles: tuple[EstimatedVehicleResult, ...]
     ring: RingResult
     closest_approach_m: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class FlockingResult:
-    """Reynolds' rules over a phase of the flight, None where fewer than two vehicles were measured.
-
-    Separation is the distance to the nearest other vehicle; the alignment's error is the velocity relative to the
-    team's mean, its order the length of the mean direction of flight (1 when all fly in one direction, 0 when the
-    directions cancel out); cohesion is the distance to the team's centroid. All are horizontal.
-    """
-
-    separation_min_m: float | None = None
-    separation_mean_m: float | None = None
-    alignment_error_rms_m_s: float | None = None
-    alignment_order_mean: float | None = None
-    cohesion_mean_m: float | None = None
-    cohesion_max_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ReynoldsResult:
-    """Reynolds' rules in formation (30 s to the first engagement), in the ring's window, and over the whole flight."""
-
-    formation: FlockingResult = FlockingResult()
-    ring: FlockingResult = FlockingResult()
-    flight: FlockingResult = FlockingResult()
 
 
 @dataclass(frozen=True, slots=True)

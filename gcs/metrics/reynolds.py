@@ -8,33 +8,42 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
 from estimation.state import Vector
-from gcs.metrics.catalogue import FLOCKING, PHASES
+from gcs.metrics.catalogue import PHASES
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.result import FlockingResult, ReynoldsResult
+
+
+@dataclass(frozen=True, slots=True)
+class FlockingResult:
+    """Reynolds' rules over a phase of the flight, None where fewer than two vehicles were measured.
+
+    Separation is the distance to the nearest other vehicle; the alignment's error is the velocity relative to the
+    team's mean, its order the length of the mean direction of flight (1 when all fly in one direction, 0 when the
+    directions cancel out); cohesion is the distance to the team's centroid. All are horizontal.
+    """
+
+    separation_min_m: float | None = None
+    separation_mean_m: float | None = None
+    alignment_error_rms_m_s: float | None = None
+    alignment_order_mean: float | None = None
+    cohesion_mean_m: float | None = None
+    cohesion_max_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReynoldsResult:
+    """Reynolds' rules in formation (30 s to the first engagement), in the ring's window, and over the whole flight."""
+
+    formation: FlockingResult = FlockingResult()
+    ring: FlockingResult = FlockingResult()
+    flight: FlockingResult = FlockingResult()
 
 
 def phases(result: ReynoldsResult) -> tuple[tuple[str, FlockingResult], ...]:
     """Return the phases of a flight that have any figure, with their names."""
     named = ((name, getattr(result, name)) for name in PHASES)
     return tuple((name, figures) for name, figures in named if figures != FlockingResult())
-
-
-def reynolds_grid(result: ReynoldsResult) -> Table | None:
-    """Return the metrics as a table of at most 80 columns, None for a single vehicle."""
-    measured = phases(result)
-    if not measured:
-        return None
-    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
-    table.add_column(Text("Reynolds'\nrules"), no_wrap=True)
-    for metric in FLOCKING:
-        table.add_column(Text(metric.narrow), justify="right", no_wrap=True)
-    for name, figures in measured:
-        table.add_row(Text(name), *(Text(metric.text(figures)) for metric in FLOCKING))
-    return table
 
 
 # Below this speed a vehicle's direction of flight is noise.

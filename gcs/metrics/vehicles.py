@@ -9,13 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.state import Vector
-from gcs.metrics.record import FlightRecord, Mask
+from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
 from gcs.metrics.references import FormationReference, RingReference
 from gcs.metrics.ring_motion import RingMotion, flies, measured
 
 FORMATION_START_S = 30.0
-# Rounding errors of times on the record's grid are smaller than this.
-TIME_GRAIN_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,20 +155,3 @@ def _mean_rate_rad_s(time_s: Vector, bearing_rad: Vector, rate_rad_s: Vector) ->
     turned_rad = np.concatenate(([0.0], np.cumsum(steps_rad)))
     unwrapped_rad = turned_rad + np.unwrap(bearing_rad - turned_rad)
     return float((unwrapped_rad[-1] - unwrapped_rad[0]) / (time_s[-1] - time_s[0]))
-
-
-def rms(errors: Vector) -> float | None:
-    """Return the root mean square of the errors that are known, None without one."""
-    known = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else None
-
-
-def largest(errors: Vector) -> float | None:
-    """Return the largest absolute value of the errors that are known, None without one."""
-    known = errors[np.isfinite(errors)]
-    return float(np.abs(known).max()) if known.size else None
-
-
-def grid_time(time_s: float) -> float:
-    """Round away the accumulated error of time steps."""
-    return round(time_s, 6)

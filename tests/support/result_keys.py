@@ -5,7 +5,10 @@ from dataclasses import fields
 from gcs.metrics.catalogue import VERDICTS
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import EngagementResult
-from gcs.metrics.result import FlightResult, LoopResult, ReynoldsResult, RingResult, TransitionResult
+from gcs.metrics.result import FlightResult, LoopResult
+from gcs.metrics.reynolds import ReynoldsResult
+from gcs.metrics.ring import RingResult
+from gcs.metrics.transitions import TransitionResult
 from gcs.metrics.vehicles import VehicleResult
 
 _PARTS = {

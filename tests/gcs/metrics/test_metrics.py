@@ -12,10 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.state import Vector
-from gcs.metrics.metrics import SETTLED_FOR_S, evaluate
+from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
 from gcs.metrics.references import FormationReference, RingReference, VerdictTolerances
-from gcs.metrics.result import FlightResult, FlockingResult, ReynoldsResult, RingResult, window_line
+from gcs.metrics.result import FlightResult, window_line
+from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
+from gcs.metrics.ring import SETTLED_FOR_S, RingResult
 from gcs.metrics.ring_motion import ring_motion
 from gcs.metrics.vehicles import engagement_times_s
 from tests.support.report_evidence import TOLERANCES

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.metrics import evaluate
-from gcs.metrics.result import EstimateResult, RingResult
+from gcs.metrics.result import EstimateResult
+from gcs.metrics.ring import RingResult
 from gcs.metrics.vehicles import EstimatedVehicleResult
 from gcs.report.charts.chart import chart
 from gcs.report.charts.metrics import running_rms
