@@ -10,8 +10,9 @@ import numpy as np
 
 from cordon.channels import VehicleChannels
 from gcs.errors import InputError
+from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import evaluated, formation_reference, ring_reference
+from gcs.metrics.references import formation_reference, ring_reference
 from gcs.metrics.result import FlightResult
 from gcs.mission.mission import Mission
 

@@ -213,7 +213,7 @@ def _logs(paths: Sequence[Path]) -> "list[FlightLog]":
 
 
 def _result(flight: "LoggedFlight") -> "FlightResult":
-    from gcs.metrics.references import evaluated
+    from gcs.metrics.metrics import evaluated
 
     return evaluated(flight.mission, flight.evidence.record)
 

@@ -262,8 +262,6 @@ def _over(given: Sequence[str], plan: "SweepPlan") -> tuple[str, ...]:
 
 def _metrics(given: Sequence[str], columns: "Sequence[Column]", rows: "Sequence[Row]") -> "tuple[Column, ...]":
     """Return the columns to draw, by default those of the main metrics that have a value; raises InputError."""
-    from gcs.sweep.figure import USUAL
-
     numbers = {each.name: each for each in columns if each.kind is not str}
     faults = []
     for name in given:
@@ -271,7 +269,8 @@ def _metrics(given: Sequence[str], columns: "Sequence[Column]", rows: "Sequence[
             near = difflib.get_close_matches(name, numbers, n=3)
             hint = f"did you mean {', '.join(near)}?" if near else "docs/sweeps.md lists them"
             faults.append(f"--metric {name}: the table has no numeric column of this name; {hint}")
-    known = [name for name in given or USUAL if any(name in row for row in rows)]
+    wanted = given or [name for name, each in numbers.items() if each.drawn]
+    known = [name for name in wanted if any(name in row for row in rows)]
     if not known and not faults:
         faults = ["no finished run has a value of these metrics; nothing to draw"]
     if faults:

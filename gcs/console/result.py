@@ -3,8 +3,8 @@
 from gcs.console.summary import summary
 from gcs.console.terminal import STDERR
 from gcs.errors import Exit
+from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import evaluated
 from gcs.metrics.result import FlightResult
 from gcs.mission.mission import Mission
 

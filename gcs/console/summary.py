@@ -2,40 +2,23 @@
 
 from collections.abc import Sequence
 
-from rich.console import Group, JustifyMethod, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.table_view import TACTIC_STYLES, number
+from gcs.console.table_view import TACTIC_STYLES
+from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Judged, Metric, evidence
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import engaged_line
-from gcs.metrics.result import (
-    EstimatedVehicleResult,
-    EstimateResult,
-    FlightResult,
-    VehicleResult,
-    reference_line,
-    window_line,
-)
-from gcs.metrics.reynolds import reynolds_grid
+from gcs.metrics.result import EstimateResult, FlightResult, reference_line, window_line
+from gcs.metrics.reynolds import ReynoldsResult, phases
 
 VERDICT_SIGNS = {True: ("✓", "bold green"), False: ("✗", "bold red"), None: ("–", "dim")}
-VEHICLE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
-    ("", "right"),
-    ("final\ntactic", "left"),
-    ("engaged\n[s]", "right"),
-    ("radius\nrms [m]", "right"),
-    ("radius\nmax [m]", "right"),
-    ("mean rate\n[rad/s]", "right"),
-    ("rate rms\n[rad/s]", "right"),
-    ("speed rms\n[m/s]", "right"),
-    ("spacing\nrms [m]", "right"),
-)
 
 
 def summary(result: FlightResult) -> RenderableType:
     """Return a flight's result for a terminal: how it ended, verdicts with measurements, a table of the vehicles."""
-    flocking = reynolds_grid(result.reynolds)
+    flocking = _reynolds_grid(result.reynolds)
     return Group(
         *(() if result.ended is None else (_ending(result.ended),)),
         _headline(result),
@@ -68,46 +51,35 @@ def _headline(result: FlightResult) -> Text:
 
 
 def _verdict_table(result: FlightResult) -> Table:
-    meanings = {
-        "C1": ("radius", _worst("error {} m rms", [v.radius_error_rms_m for v in result.vehicles])),
-        "C2": ("angular rate", _rates("mean", result.vehicles)),
-        "C3": ("spacing", _spacing(result)),
-        "formation": ("", _formation(result)),
-        "separation": ("", _worst("closest approach {} m", [result.closest_approach_m])),
-        "engaged": ("", engaged_line(result.engagement)),
-    }
+    held = result.verdicts.named()
+    beside = {"C3": _settled(result), "engaged": engaged_line(result.engagement)}
     table = Table.grid(padding=(0, 2))
-    for name, holds in result.verdicts.named().items():
-        sign, style = VERDICT_SIGNS[holds]
-        meaning, evidence = meanings[name]
-        table.add_row(Text(sign, style=style), Text(f"{name} {meaning}".strip()), Text(evidence, style="dim"))
+    for verdict in VERDICTS:
+        sign, style = VERDICT_SIGNS[held[verdict.name]]
+        measured = ", ".join(_told(*each) for each in evidence(verdict.name, result))
+        told = "; ".join(filter(None, (measured, beside.get(verdict.name))))
+        table.add_row(Text(sign, style=style), Text(verdict.title), Text(told, style="dim"))
     return table
 
 
-def _rates(noun: str, vehicles: Sequence[VehicleResult | EstimatedVehicleResult]) -> str:
-    means = [v.angular_rate_mean_rad_s for v in vehicles if v.angular_rate_mean_rad_s is not None]
-    if not means:
+def _told(metric: Metric, judged: Judged, values: Sequence[float]) -> str:
+    """Return the worst value in words; of values that are no errors, their range."""
+    if judged.desired:
+        return _range(judged.noun, values, metric.form.removeprefix("+"), metric.spaced_unit)
+    worst = metric.amount(min(values) if metric.worst == "min" else max(values))
+    return " ".join(filter(None, (judged.subject, judged.noun, worst, judged.kind)))
+
+
+def _settled(result: FlightResult) -> str:
+    if result.window_s is None:
         return ""
-    low, high = f"{min(means):.4f}", f"{max(means):.4f}"
-    return f"{noun} {low} rad/s" if low == high else f"{noun}s {low} to {high} rad/s"
+    settling_time_s = result.ring.settling_time_s
+    return "did not settle" if settling_time_s is None else f"settled after {settling_time_s:.1f} s"
 
 
-def _spacing(result: FlightResult) -> str:
-    ring = result.ring
-    parts = []
-    if ring.spacing_error_rms_deg is not None and ring.spacing_error_max_deg is not None:
-        parts.append(f"error {ring.spacing_error_rms_deg:.2f}° rms, {ring.spacing_error_max_deg:.2f}° max")
-    if ring.settling_time_s is not None:
-        parts.append(f"settled after {ring.settling_time_s:.1f} s")
-    elif result.window_s is not None:
-        parts.append("did not settle")
-    return "; ".join(parts)
-
-
-def _formation(result: FlightResult) -> str:
-    speed = _worst("speed error {} m/s rms", [v.formation_speed_error_rms_m_s for v in result.vehicles])
-    spacing = _worst("spacing error {} m rms", [v.formation_spacing_error_rms_m for v in result.vehicles])
-    return ", ".join(filter(None, [speed, spacing]))
+def _range(noun: str, values: Sequence[float], form: str, unit: str) -> str:
+    low, high = format(min(values), form), format(max(values), form)
+    return f"{noun} {low}{unit}" if low == high else f"{noun}s {low} to {high}{unit}"
 
 
 def _worst(sentence: str, values: Sequence[float | None]) -> str:
@@ -117,33 +89,38 @@ def _worst(sentence: str, values: Sequence[float | None]) -> str:
 
 def _vehicle_table(result: FlightResult) -> Table:
     table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
-    for name, justify in VEHICLE_COLUMNS:
-        table.add_column(Text(name), justify=justify, no_wrap=True)
+    shown = [metric for metric in VEHICLE if metric.label]
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(Text("final\ntactic"), no_wrap=True)
+    for metric in shown:
+        table.add_column(Text(metric.narrow), justify="right", no_wrap=True)
     for vehicle in result.vehicles:
-        table.add_row(*_vehicle_cells(vehicle))
+        tactic = Text(vehicle.tactic, style=TACTIC_STYLES.get(vehicle.tactic, ""))
+        table.add_row(Text(str(vehicle.id), style="bold"), tactic, *(Text(metric.text(vehicle)) for metric in shown))
     return table
 
 
-def _vehicle_cells(vehicle: VehicleResult) -> tuple[Text, ...]:
-    return (
-        Text(str(vehicle.id), style="bold"),
-        Text(vehicle.tactic, style=TACTIC_STYLES.get(vehicle.tactic, "")),
-        Text(number(vehicle.engaged_at_s, ".1f")),
-        Text(number(vehicle.radius_error_rms_m, ".3f")),
-        Text(number(vehicle.radius_error_max_m, ".3f")),
-        Text(number(vehicle.angular_rate_mean_rad_s, "+.4f")),
-        Text(number(vehicle.angular_rate_error_rms_rad_s, ".4f")),
-        Text(number(vehicle.formation_speed_error_rms_m_s, ".3f")),
-        Text(number(vehicle.formation_spacing_error_rms_m, ".3f")),
-    )
+def _reynolds_grid(result: ReynoldsResult) -> Table | None:
+    """Return the metrics as a table of at most 80 columns, None for a single vehicle."""
+    measured = phases(result)
+    if not measured:
+        return None
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    table.add_column(Text("Reynolds'\nrules"), no_wrap=True)
+    for metric in FLOCKING:
+        table.add_column(Text(metric.narrow), justify="right", no_wrap=True)
+    for name, figures in measured:
+        table.add_row(Text(name), *(Text(metric.text(figures)) for metric in FLOCKING))
+    return table
 
 
 def _estimate_line(estimate: EstimateResult) -> Text:
     """Return the worst figures from the vehicles' estimates, beside those from the true positions."""
     spacing = estimate.ring.spacing_error_rms_deg
+    rates_rad_s = [v.angular_rate_mean_rad_s for v in estimate.vehicles if v.angular_rate_mean_rad_s is not None]
     parts = [
         _worst("radius error {} m rms", [v.radius_error_rms_m for v in estimate.vehicles]),
-        _rates("rate", estimate.vehicles),
+        _range("rate", rates_rad_s, ".4f", " rad/s") if rates_rad_s else "",
         "" if spacing is None else f"spacing error {spacing:.2f}° rms",
         _worst("closest approach {} m", [estimate.closest_approach_m]),
         _worst("estimated positions {} m rms off", [v.estimate_error_rms_m for v in estimate.vehicles]),

@@ -14,6 +14,8 @@ from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 
 Mask = NDArray[np.bool_]
+# Rounding errors of times on the record's grid are smaller than this.
+TIME_GRAIN_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,3 +140,20 @@ def in_order(events: Iterable[FlightEvent], start_s: float = 0.0) -> tuple[Fligh
     """Return events by time since the mission's start at `start_s` [ms], then by vehicle, else in given order."""
     since = (replace(event, time_s=round(event.time_s - start_s, 3)) for event in events)
     return tuple(sorted(since, key=lambda event: (event.time_s, event.vehicle)))
+
+
+def rms(errors: Vector) -> float | None:
+    """Return the root mean square of the errors that are known, None without one."""
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else None
+
+
+def largest(errors: Vector) -> float | None:
+    """Return the largest absolute value of the errors that are known, None without one."""
+    known = errors[np.isfinite(errors)]
+    return float(np.abs(known).max()) if known.size else None
+
+
+def grid_time(time_s: float) -> float:
+    """Round away the accumulated error of time steps."""
+    return round(time_s, 6)

@@ -1,16 +1,57 @@
-"""The references of a mission, and the tolerances of its verdicts; a flight of the mission judged by them."""
+"""The references of a mission, from which its flights may deviate by the tolerances of the verdicts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+
+from pydantic import Field
 
 from gcs.metrics.engagement import EngagementReference
-from gcs.metrics.metrics import evaluate
-from gcs.metrics.record import FlightRecord
-from gcs.metrics.result import FlightResult, FormationReference, RingReference, VerdictTolerances
-from gcs.mission.mission import Mission
+from gcs.mission.mission import Mission, VerdictSection
 
 
-def evaluated(mission: Mission, record: FlightRecord) -> FlightResult:
-    """Return the metrics and verdicts of a flight of the mission."""
-    references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
-    return evaluate(record, *references, engagement_reference(mission))
+@dataclass(frozen=True, slots=True)
+class RingReference:
+    """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
+
+    Raises ValueError when the radius is not positive or a number is not finite.
+    """
+
+    radius_m: float
+    angular_rate_rad_s: float
+
+    def __post_init__(self) -> None:
+        """Validate the numbers."""
+        if not (isfinite(self.radius_m) and self.radius_m > 0.0):
+            raise ValueError(f"ring radius_m = {self.radius_m}: it must be positive")
+        if not isfinite(self.angular_rate_rad_s):
+            raise ValueError(f"ring angular_rate_rad_s = {self.angular_rate_rad_s} is not finite")
+
+
+@dataclass(frozen=True, slots=True)
+class FormationReference:
+    """The desired formation, travelling along +x of the mission frame.
+
+    `slots_m` maps vehicle ids to their slots (x, y) in line order: each spacing is measured to the previous vehicle.
+    Raises ValueError when a number is not finite.
+    """
+
+    speed_m_s: float
+    slots_m: Mapping[int, tuple[float, float]]
+
+    def __post_init__(self) -> None:
+        """Validate the numbers."""
+        if not isfinite(self.speed_m_s):
+            raise ValueError(f"formation speed_m_s = {self.speed_m_s} is not finite")
+        for vehicle_id, slot in self.slots_m.items():
+            if not all(map(isfinite, slot)):
+                raise ValueError(f"formation slot of vehicle {vehicle_id} = {slot} is not finite")
+
+
+class VerdictTolerances(VerdictSection):
+    """The tolerances of the verdicts: the mission's, and the required separation. A metric equal to its own holds."""
+
+    separation_m: float = Field(gt=0.0)
 
 
 def ring_reference(mission: Mission) -> RingReference:
@@ -42,12 +83,4 @@ def engagement_reference(mission: Mission) -> EngagementReference:
 
 def verdict_tolerances(mission: Mission) -> VerdictTolerances:
     """Return the tolerances of the mission's verdicts."""
-    verdicts = mission.verdicts
-    return VerdictTolerances(
-        radius_error_rms_m=verdicts.radius_error_rms_m,
-        angular_rate_error_rad_s=verdicts.angular_rate_error_rad_s,
-        spacing_error_rms_deg=verdicts.spacing_error_rms_deg,
-        formation_speed_error_rms_m_s=verdicts.formation_speed_error_rms_m_s,
-        formation_spacing_error_rms_m=verdicts.formation_spacing_error_rms_m,
-        separation_m=mission.safety.separation_m,
-    )
+    return VerdictTolerances(**mission.verdicts.model_dump(), separation_m=mission.safety.separation_m)

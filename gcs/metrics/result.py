@@ -1,143 +1,23 @@
-"""References, tolerances, results and verdicts of a flight.
+"""The result of a flight.
 
 `FlightResult.to_json` is the `--json` output of sim, fly and report. A metric that does not apply is None
 (null), never 0 and never NaN.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
-from math import isfinite
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
+from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.json_output import json_output
 from gcs.metrics.record import FlightEvent, LoopStatistics
-
-
-@dataclass(frozen=True, slots=True)
-class RingReference:
-    """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
-
-    Raises ValueError when the radius is not positive or a number is not finite.
-    """
-
-    radius_m: float
-    angular_rate_rad_s: float
-
-    def __post_init__(self) -> None:
-        """Validate the numbers."""
-        if not (isfinite(self.radius_m) and self.radius_m > 0.0):
-            raise ValueError(f"ring radius_m = {self.radius_m}: it must be positive")
-        if not isfinite(self.angular_rate_rad_s):
-            raise ValueError(f"ring angular_rate_rad_s = {self.angular_rate_rad_s} is not finite")
-
-
-@dataclass(frozen=True, slots=True)
-class FormationReference:
-    """The desired formation, travelling along +x of the mission frame.
-
-    `slots_m` maps vehicle ids to their slots (x, y) in line order: each spacing is measured to the previous vehicle.
-    Raises ValueError when a number is not finite.
-    """
-
-    speed_m_s: float
-    slots_m: Mapping[int, tuple[float, float]]
-
-    def __post_init__(self) -> None:
-        """Validate the numbers."""
-        if not isfinite(self.speed_m_s):
-            raise ValueError(f"formation speed_m_s = {self.speed_m_s} is not finite")
-        for vehicle_id, slot in self.slots_m.items():
-            if not all(map(isfinite, slot)):
-                raise ValueError(f"formation slot of vehicle {vehicle_id} = {slot} is not finite")
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictTolerances:
-    """The tolerances of the verdicts; a metric equal to its tolerance holds.
-
-    Raises ValueError when one is negative or not finite.
-    """
-
-    radius_error_rms_m: float
-    angular_rate_error_rad_s: float
-    spacing_error_rms_deg: float
-    formation_speed_error_rms_m_s: float
-    formation_spacing_error_rms_m: float
-    separation_m: float
-
-    def __post_init__(self) -> None:
-        """Validate the numbers."""
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not (isfinite(value) and value >= 0.0):
-                raise ValueError(f"tolerance {item.name} = {value}: it must not be negative")
-
-
-@dataclass(frozen=True, slots=True)
-class VehicleResult:
-    """One vehicle's metrics; `tactic` is the last one received, `unknown` without any."""
-
-    id: int
-    engaged_at_s: float | None
-    tactic: str
-    radius_error_rms_m: float | None = None
-    radius_error_max_m: float | None = None
-    angular_rate_mean_rad_s: float | None = None
-    angular_rate_error_rms_rad_s: float | None = None
-    formation_speed_error_rms_m_s: float | None = None
-    formation_spacing_error_rms_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RingResult:
-    """The ring as a whole: time from the last engagement to settling, and the spacings between neighbours.
-
-    `unsettled_at_s` is when a ring that had settled left its limits for the last time, None if it never did after the
-    last engagement; `first_settled_at_s` is when it had settled first, None without that.
-    """
-
-    settling_time_s: float | None = None
-    spacing_error_rms_deg: float | None = None
-    spacing_error_max_deg: float | None = None
-    first_settled_at_s: float | None = None
-    unsettled_at_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class TransitionResult:
-    """The transition after an engagement, until the ring has settled or the next engagement.
-
-    Motion is relative to the target: the highest speed on the ring, the lowest speed along it in its direction
-    (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the even one,
-    `spacing_monotonic` whether V (18) never increased from 5 s on.
-    """
-
-    begins_at_s: float
-    members: int
-    settling_time_s: float | None = None
-    speed_max_m_s: float | None = None
-    forwards_min_m_s: float | None = None
-    acceleration_max_m_s2: float | None = None
-    spacing_overshoot_deg: float | None = None
-    spacing_monotonic: bool | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatedVehicleResult:
-    """One vehicle's ring metrics by its own estimates of itself and of the target, over the window of the ring metrics.
-
-    `estimate_error_*` are the horizontal distances of the estimate of its own position from the truth.
-    """
-
-    id: int
-    radius_error_rms_m: float | None = None
-    radius_error_max_m: float | None = None
-    angular_rate_mean_rad_s: float | None = None
-    estimate_error_rms_m: float | None = None
-    estimate_error_max_m: float | None = None
+from gcs.metrics.reynolds import ReynoldsResult
+from gcs.metrics.ring import RingResult
+from gcs.metrics.transitions import TransitionResult
+from gcs.metrics.vehicles import EstimatedVehicleResult, VehicleResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,32 +30,6 @@ class EstimateResult:
     vehicles: tuple[EstimatedVehicleResult, ...]
     ring: RingResult
     closest_approach_m: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class FlockingResult:
-    """Reynolds' rules over a phase of the flight, None where fewer than two vehicles were measured.
-
-    Separation is the distance to the nearest other vehicle; the alignment's error is the velocity relative to the
-    team's mean, its order the length of the mean direction of flight (1 when all fly in one direction, 0 when the
-    directions cancel out); cohesion is the distance to the team's centroid. All are horizontal.
-    """
-
-    separation_min_m: float | None = None
-    separation_mean_m: float | None = None
-    alignment_error_rms_m_s: float | None = None
-    alignment_order_mean: float | None = None
-    cohesion_mean_m: float | None = None
-    cohesion_max_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ReynoldsResult:
-    """Reynolds' rules in formation (30 s to the first engagement), in the ring's window, and over the whole flight."""
-
-    formation: FlockingResult = FlockingResult()
-    ring: FlockingResult = FlockingResult()
-    flight: FlockingResult = FlockingResult()
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,32 +47,6 @@ class LoopResult:
         """Condense the statistics of a loop; the percentiles are None where no tick was timed."""
         p50_us, p99_us = np.percentile(loop.tick_us, (50, 99)).tolist() if loop.tick_us.size else (None, None)
         return cls(loop.rate_hz, loop.ticks, loop.missed, p50_us, p99_us)
-
-
-@dataclass(frozen=True, slots=True)
-class Verdicts:
-    """The paper's conditions C1 (radius), C2 (angular rate), C3 (spacing), the formation, separation, and engagement.
-
-    `engaged` is whether all that were to engage the target did. True holds, False does not, None does not apply.
-    """
-
-    c1: bool | None
-    c2: bool | None
-    c3: bool | None
-    formation: bool | None
-    separation: bool | None
-    engaged: bool | None = None
-
-    def named(self) -> dict[str, bool | None]:
-        """Return the verdicts under the names the paper and the JSON output use."""
-        return {
-            "C1": self.c1,
-            "C2": self.c2,
-            "C3": self.c3,
-            "formation": self.formation,
-            "separation": self.separation,
-            "engaged": self.engaged,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,35 +140,6 @@ def reference_line(result: FlightResult) -> str:
         return "metrics and verdicts from the simulators' ground truth"
     missing = f" ({result.truth_missing})" if result.truth_missing else ""
     return f"metrics and verdicts from the vehicles' estimates of themselves and of the target{missing}"
-
-
-def judge(
-    vehicles: Iterable[VehicleResult],
-    ring: RingResult,
-    closest_approach_m: float | None,
-    reference: RingReference,
-    tolerances: VerdictTolerances,
-) -> Verdicts:
-    """Return whether the metrics keep the tolerances: C1, C2 and C3 in a finite flight - (8), (9), (10)."""
-    vehicles = tuple(vehicles)
-    rate_errors = [
-        None if v.angular_rate_mean_rad_s is None else v.angular_rate_mean_rad_s - reference.angular_rate_rad_s
-        for v in vehicles
-    ]
-    speed = _all_within((v.formation_speed_error_rms_m_s for v in vehicles), tolerances.formation_speed_error_rms_m_s)
-    spacing = _all_within((v.formation_spacing_error_rms_m for v in vehicles), tolerances.formation_spacing_error_rms_m)
-    return Verdicts(
-        c1=_all_within((v.radius_error_rms_m for v in vehicles), tolerances.radius_error_rms_m),
-        c2=_all_within(rate_errors, tolerances.angular_rate_error_rad_s),
-        c3=_all_within([ring.spacing_error_rms_deg], tolerances.spacing_error_rms_deg),
-        formation=None if speed is None else speed and spacing is not False,
-        separation=None if closest_approach_m is None else closest_approach_m >= tolerances.separation_m,
-    )
-
-
-def _all_within(errors: Iterable[float | None], tolerance: float) -> bool | None:
-    known = [abs(error) for error in errors if error is not None]
-    return max(known) <= tolerance if known else None
 
 
 SHORT_S = 60.0

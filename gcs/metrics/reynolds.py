@@ -5,53 +5,45 @@ measurement: such a vehicle has no metric and is not counted in those of the oth
 """
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
 from estimation.state import Vector
+from gcs.metrics.catalogue import PHASES
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.result import FlockingResult, ReynoldsResult
-
-# In the order of `FlockingResult`: label, label of a narrow column, format.
-_FIGURES = (
-    ("nearest other, min [m]", "nearest\nmin [m]", ".2f"),
-    ("nearest other, mean [m]", "nearest\nmean [m]", ".2f"),
-    ("velocity mismatch rms [m/s]", "mismatch\nrms [m/s]", ".3f"),
-    ("order parameter, mean", "order\nmean", ".3f"),
-    ("distance from centroid, mean [m]", "centroid\nmean [m]", ".2f"),
-    ("distance from centroid, max [m]", "centroid\nmax [m]", ".2f"),
-)
-FLOCKING_LABELS = tuple(label for label, _, _ in _FIGURES)
-FLOCKING_FORMS = tuple(form for _, _, form in _FIGURES)
 
 
-def flocking_cells(figures: FlockingResult) -> tuple[str, ...]:
-    """Return the metrics of a phase as text, a dash for None."""
-    numbers = zip(astuple(figures), FLOCKING_FORMS, strict=True)
-    return tuple("–" if value is None else format(value, form) for value, form in numbers)
+@dataclass(frozen=True, slots=True)
+class FlockingResult:
+    """Reynolds' rules over a phase of the flight, None where fewer than two vehicles were measured.
+
+    Separation is the distance to the nearest other vehicle; the alignment's error is the velocity relative to the
+    team's mean, its order the length of the mean direction of flight (1 when all fly in one direction, 0 when the
+    directions cancel out); cohesion is the distance to the team's centroid. All are horizontal.
+    """
+
+    separation_min_m: float | None = None
+    separation_mean_m: float | None = None
+    alignment_error_rms_m_s: float | None = None
+    alignment_order_mean: float | None = None
+    cohesion_mean_m: float | None = None
+    cohesion_max_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReynoldsResult:
+    """Reynolds' rules in formation (30 s to the first engagement), in the ring's window, and over the whole flight."""
+
+    formation: FlockingResult = FlockingResult()
+    ring: FlockingResult = FlockingResult()
+    flight: FlockingResult = FlockingResult()
 
 
 def phases(result: ReynoldsResult) -> tuple[tuple[str, FlockingResult], ...]:
     """Return the phases of a flight that have any figure, with their names."""
-    named = (("formation", result.formation), ("ring", result.ring), ("flight", result.flight))
+    named = ((name, getattr(result, name)) for name in PHASES)
     return tuple((name, figures) for name, figures in named if figures != FlockingResult())
-
-
-def reynolds_grid(result: ReynoldsResult) -> Table | None:
-    """Return the metrics as a table of at most 80 columns, None for a single vehicle."""
-    measured = phases(result)
-    if not measured:
-        return None
-    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
-    table.add_column(Text("Reynolds'\nrules"), no_wrap=True)
-    for _, name, _ in _FIGURES:
-        table.add_column(Text(name), justify="right", no_wrap=True)
-    for name, figures in measured:
-        table.add_row(Text(name), *map(Text, flocking_cells(figures)))
-    return table
 
 
 # Below this speed a vehicle's direction of flight is noise.

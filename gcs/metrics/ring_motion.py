@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.result import RingReference
+from gcs.metrics.references import RingReference
 
 SETTLED_RADIUS_FRACTION = 0.05
 SETTLED_SPACING_RAD = np.radians(5.0)

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.result import RingReference, TransitionResult
+from gcs.metrics.references import RingReference
 from gcs.metrics.ring_motion import RingMotion, off_ring
 
 _TOGETHER_S = 3.0
@@ -17,6 +17,25 @@ _ACCELERATION_SPAN_S = 0.4
 _MONOTONIC_AFTER_S = 5.0
 _STILL_RAD = np.radians(0.25)
 """V counts as at rest while each spacing is within this on average."""
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionResult:
+    """The transition after an engagement, until the ring has settled or the next engagement.
+
+    Motion is relative to the target: the highest speed on the ring, the lowest speed along it in its direction
+    (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the even one,
+    `spacing_monotonic` whether V (18) never increased from 5 s on.
+    """
+
+    begins_at_s: float
+    members: int
+    settling_time_s: float | None = None
+    speed_max_m_s: float | None = None
+    forwards_min_m_s: float | None = None
+    acceleration_max_m_s2: float | None = None
+    spacing_overshoot_deg: float | None = None
+    spacing_monotonic: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,11 @@
 """Comparison of flights: what differed in their missions, every metric with its spread, the verdicts, and charts."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from json import dumps
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from rich.table import Table as TerminalTable
@@ -13,9 +13,9 @@ from rich.text import Text
 
 from estimation.input_file import toml_content
 from gcs.console.summary import VERDICT_SIGNS
-from gcs.console.table_view import number
-from gcs.metrics.result import FlightResult, ReynoldsResult, VehicleResult
-from gcs.metrics.reynolds import FLOCKING_FORMS, FLOCKING_LABELS
+from gcs.metrics.catalogue import FLIGHT, FLOCKING, PHASES, VEHICLE, Metric
+from gcs.metrics.result import FlightResult
+from gcs.metrics.vehicles import VehicleResult
 from gcs.mission.mission import Mission
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
 from gcs.report.charts.chart import WIDTH_IN, Chart, chart
@@ -88,9 +88,6 @@ def _flat(place: str, value: object) -> Iterator[tuple[str, object]]:
         yield place, value
 
 
-Better = Literal["less", "more", "neither"]
-
-
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """A metric of every flight as text, the largest less the smallest, and the names of the best, empty without one."""
@@ -101,83 +98,46 @@ class Comparison:
     best: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Metric:
-    label: str
-    form: str
-    better: Better
-    of: Callable[[FlightResult], float | None]
-
-
-def _of_phase(phase: str, figure: int) -> Callable[[FlightResult], float | None]:
-    return lambda result: astuple(getattr(result.reynolds, phase))[figure]
-
-
-def _of_vehicle(vehicle_id: int, of: Callable[[VehicleResult], float | None]) -> Callable[[FlightResult], float | None]:
-    return lambda result: next((of(vehicle) for vehicle in result.vehicles if vehicle.id == vehicle_id), None)
-
-
-_TEAM = (
-    _Metric("duration [s]", ".1f", "neither", lambda r: r.duration_s),
-    _Metric("settling time [s]", ".1f", "less", lambda r: r.ring.settling_time_s),
-    _Metric("spacing error rms [°]", ".2f", "less", lambda r: r.ring.spacing_error_rms_deg),
-    _Metric("spacing error max [°]", ".2f", "less", lambda r: r.ring.spacing_error_max_deg),
-    _Metric("closest approach [m]", ".3f", "more", lambda r: r.closest_approach_m),
-    _Metric("setpoints moved by the guard", ".0f", "neither", lambda r: r.guard_interventions),
-    _Metric("missed ticks", ".0f", "less", lambda r: r.loop.missed),
-    _Metric("computing time, median [µs]", ".0f", "less", lambda r: r.loop.tick_p50_us),
-    _Metric("computing time, 99 % [µs]", ".0f", "less", lambda r: r.loop.tick_p99_us),
-    _Metric("real-time factor", ".2f", "neither", lambda r: r.realtime_factor),
-)
-# Which value is better depends on the mission: a wide ring is not worse than a narrow one.
-_REYNOLDS = tuple(
-    _Metric(f"{phase.name}: {label}", form, "neither", _of_phase(phase.name, index))
-    for phase in fields(ReynoldsResult)
-    for index, (label, form) in enumerate(zip(FLOCKING_LABELS, FLOCKING_FORMS, strict=True))
-)
-_VEHICLE: tuple[tuple[str, str, Better, Callable[[VehicleResult], float | None]], ...] = (
-    ("engaged [s]", ".1f", "neither", lambda v: v.engaged_at_s),
-    ("radius error rms [m]", ".3f", "less", lambda v: v.radius_error_rms_m),
-    ("radius error max [m]", ".3f", "less", lambda v: v.radius_error_max_m),
-    ("mean rate [rad/s]", "+.4f", "neither", lambda v: v.angular_rate_mean_rad_s),
-    ("rate error rms [rad/s]", ".4f", "less", lambda v: v.angular_rate_error_rms_rad_s),
-    ("formation speed error rms [m/s]", ".3f", "less", lambda v: v.formation_speed_error_rms_m_s),
-    ("formation spacing error rms [m]", ".3f", "less", lambda v: v.formation_spacing_error_rms_m),
-)
-
-
 def comparisons(flights: Sequence[ComparedFlight]) -> tuple[Comparison, ...]:
     """Return every metric that at least one flight has; the best are named where the rounded values differ."""
-    vehicles = (vehicle.id for flight in flights for vehicle in flight.result.vehicles)
-    of_vehicles = (
-        _Metric(f"vehicle {vehicle_id}: {label}", form, better, _of_vehicle(vehicle_id, of))
-        for vehicle_id in dict.fromkeys(vehicles)
-        for label, form, better, of in _VEHICLE
+    results = [flight.result for flight in flights]
+    ids = dict.fromkeys(vehicle.id for result in results for vehicle in result.vehicles)
+    parts: list[tuple[str, Sequence[Metric], Sequence[object]]] = [
+        ("", FLIGHT, results),
+        *((f"{phase}: ", FLOCKING, [getattr(result.reynolds, phase) for result in results]) for phase in PHASES),
+        *((f"vehicle {i}: ", VEHICLE, [_vehicle(result, i) for result in results]) for i in ids),
+    ]
+    names = [flight.name for flight in flights]
+    compared = (
+        _compared(f"{whose}{metric.heading}", metric, dict(zip(names, of, strict=True)))
+        for whose, metrics, of in parts
+        for metric in metrics
+        if metric.label
     )
-    compared = (_compared(metric, flights) for metric in (*_TEAM, *_REYNOLDS, *of_vehicles))
     return tuple(each for each in compared if each is not None)
 
 
-def _compared(metric: _Metric, flights: Sequence[ComparedFlight]) -> Comparison | None:
-    shown = tuple(number(metric.of(flight.result), metric.form) for flight in flights)
+def _vehicle(result: FlightResult, vehicle_id: int) -> VehicleResult | None:
+    return next((vehicle for vehicle in result.vehicles if vehicle.id == vehicle_id), None)
+
+
+def _compared(label: str, metric: Metric, parts: Mapping[str, object]) -> Comparison | None:
+    """Return a metric of these parts of the flights, by the flights' names; None if no flight has it."""
+    shown = {name: metric.text(part) for name, part in parts.items()}
     # Computed from the rounded values, so that the table is consistent.
-    known = {
-        flight.name: float(text)
-        for flight, text in zip(flights, shown, strict=True)
-        if metric.of(flight.result) is not None
-    }
+    known = {name: float(text) for name, text in shown.items() if metric.of(parts[name]) is not None}
     if not known:
         return None
     least, most = min(known.values()), max(known.values())
+    spread, best = f"{most - least:{metric.form.removeprefix('+')}}", ""
     if len(known) == 1:
-        return Comparison(metric.label, shown, "–", "")
-    if least == most:
-        return Comparison(metric.label, shown, "0", "")
-    spread = f"{most - least:{metric.form.removeprefix('+')}}"
-    if metric.better == "neither":
-        return Comparison(metric.label, shown, spread, "")
-    wanted = least if metric.better == "less" else most
-    return Comparison(metric.label, shown, spread, ", ".join(name for name, value in known.items() if value == wanted))
+        spread = "–"
+    elif least == most:
+        spread = "0"
+    elif metric.worst is not None and metric.ranked:
+        wanted = least if metric.worst == "max" else most
+        best = ", ".join(name for name, value in known.items() if value == wanted)
+    return Comparison(label, tuple(shown.values()), spread, best)
 
 
 def differences(flights: Sequence[ComparedFlight]) -> tuple[Difference, ...]:

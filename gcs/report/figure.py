@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.result import FlightResult, FormationReference, RingReference
+from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.result import FlightResult
 from gcs.metrics.ring_motion import ring_motion
 from gcs.report.charts.panels import (
     Sheet,

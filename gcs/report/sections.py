@@ -391,5 +391,5 @@ def _power(flight: Flight) -> Section:
 
 
 def _metrics(flight: Flight) -> Section:
-    both = (tables.vehicle_table(flight.result), tables.ring_table(flight.result))
+    both = (tables.vehicle_table(flight.result), tables.team_table(flight.result))
     return Section("metrics", "Metrics", tables=both)

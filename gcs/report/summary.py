@@ -2,8 +2,9 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
+from gcs.metrics.catalogue import VERDICTS, evidence
 from gcs.metrics.ending import named
 from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import FlightResult, reference_line, window_line
@@ -23,61 +24,23 @@ _SOURCES = {
 
 def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ...]:
     """Return the verdicts in the paper's order, each with its measured and its allowed values."""
-    holds, allowed, ring = result.verdicts, criteria.tolerances, result.ring
-    rates = [
-        None if v.angular_rate_mean_rad_s is None else v.angular_rate_mean_rad_s - criteria.ring.angular_rate_rad_s
-        for v in result.vehicles
-    ]
-    worst = {name: _worst(getattr(v, name) for v in result.vehicles) for name in _JUDGED}
-    speed, spacing = worst["formation_speed_error_rms_m_s"], worst["formation_spacing_error_rms_m"]
-    rows = (
-        ("C1", "radius", holds.c1, [("", worst["radius_error_rms_m"], allowed.radius_error_rms_m, ".3f", " m", "rms")]),
-        (
-            "C2",
-            "angular velocity",
-            holds.c2,
-            [("", _worst(rates), allowed.angular_rate_error_rad_s, ".4f", " rad/s", "mean error")],
-        ),
-        (
-            "C3",
-            "spacing",
-            holds.c3,
-            [("", ring.spacing_error_rms_deg, allowed.spacing_error_rms_deg, ".2f", "°", "rms")],
-        ),
-        (
-            "formation",
-            "speed and spacing",
-            holds.formation,
-            [
-                ("speed ", speed, allowed.formation_speed_error_rms_m_s, ".3f", " m/s", "rms"),
-                ("spacing ", spacing, allowed.formation_spacing_error_rms_m, ".3f", " m", "rms"),
-            ],
-        ),
-    )
-    entries = [VerdictEntry(name, meaning, held, _evidence(measured)) for name, meaning, held, measured in rows]
-    return (*entries, *_of_team(result, allowed.separation_m))
-
-
-def _of_team(result: FlightResult, separation_m: float) -> tuple[VerdictEntry, ...]:
-    """Return the verdicts that are no condition of the paper's."""
-    holds, closest = result.verdicts, result.closest_approach_m
-    apart = () if closest is None else ((f"{closest:.3f} m", f"at least {separation_m:g} m"),)
-    engaged = engaged_line(result.engagement)
-    return (
-        VerdictEntry("separation", "closest approach", holds.separation, apart),
-        VerdictEntry("engaged", "vehicles that were to", holds.engaged, ((engaged, ""),) if engaged else ()),
-    )
-
-
-_JUDGED = ("radius_error_rms_m", "formation_speed_error_rms_m_s", "formation_spacing_error_rms_m")
-
-
-def _evidence(measured: Sequence[tuple[str, float | None, float, str, str, str]]) -> tuple[tuple[str, str], ...]:
+    held = result.verdicts.named()
     return tuple(
-        (f"{what}{value:{form}}{unit} {kind}", f"at most {tolerance:g}{unit}")
-        for what, value, tolerance, form, unit, kind in measured
-        if value is not None
+        VerdictEntry(each.name, each.subject, held[each.name], tuple(_measured(each.name, result, criteria)))
+        for each in VERDICTS
     )
+
+
+def _measured(verdict: str, result: FlightResult, criteria: Criteria) -> Iterator[tuple[str, str]]:
+    """Return what a verdict judges, each with the tolerance."""
+    for metric, judged, values in evidence(verdict, result):
+        if judged.tolerance:
+            worst = metric.amount(metric.farthest(values, criteria.ring))
+            limit = "at least" if metric.worst == "min" else "at most"
+            allowed = f"{limit} {getattr(criteria.tolerances, judged.tolerance):g}{metric.spaced_unit}"
+            yield " ".join(filter(None, (judged.subject, worst, judged.kind))), allowed
+    if verdict == "engaged" and (engaged := engaged_line(result.engagement)):
+        yield engaged, ""
 
 
 def headline(result: FlightResult) -> str:

@@ -6,9 +6,10 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.console.table_view import number
+from gcs.metrics.catalogue import FLIGHT, FLOCKING, VEHICLE
 from gcs.metrics.record import FlightEvent
 from gcs.metrics.result import FlightResult
-from gcs.metrics.reynolds import FLOCKING_LABELS, flocking_cells, phases
+from gcs.metrics.reynolds import phases
 from gcs.report.charts.onboard import intervals_ms
 from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError, consistency
 from gcs.report.evidence.flight import FlightEvidence, Reception, VehicleEvidence
@@ -20,51 +21,22 @@ _FOLDED_ROWS = 12
 
 def vehicle_table(result: FlightResult) -> Table:
     """Return the metrics of every vehicle."""
-    columns = (
-        "vehicle",
-        "final tactic",
-        "engaged [s]",
-        "radius error rms [m]",
-        "max [m]",
-        "mean rate [rad/s]",
-        "rate error rms [rad/s]",
-        "formation speed error rms [m/s]",
-        "formation spacing error rms [m]",
-    )
-    rows = [
-        (
-            str(v.id),
-            v.tactic,
-            number(v.engaged_at_s, ".1f"),
-            number(v.radius_error_rms_m, ".3f"),
-            number(v.radius_error_max_m, ".3f"),
-            number(v.angular_rate_mean_rad_s, "+.4f"),
-            number(v.angular_rate_error_rms_rad_s, ".4f"),
-            number(v.formation_speed_error_rms_m_s, ".3f"),
-            number(v.formation_spacing_error_rms_m, ".3f"),
-        )
-        for v in result.vehicles
-    ]
-    return Table("Metrics of every vehicle", columns, tuple(rows), words=2)
+    shown = [metric for metric in VEHICLE if metric.label]
+    columns = ("vehicle", "final tactic", *(metric.heading for metric in shown))
+    rows = tuple((str(v.id), v.tactic, *(metric.text(v) for metric in shown)) for v in result.vehicles)
+    return Table("Metrics of every vehicle", columns, rows, words=2)
 
 
-def ring_table(result: FlightResult) -> Table:
+def team_table(result: FlightResult) -> Table:
     """Return the metrics of the team."""
-    ring, loop = result.ring, result.loop
     rows = (
-        ("settling time after the last engagement [s]", number(ring.settling_time_s, ".1f")),
-        ("spacing error rms [°]", number(ring.spacing_error_rms_deg, ".2f")),
-        ("spacing error max [°]", number(ring.spacing_error_max_deg, ".2f")),
+        *((metric.heading, metric.text(result)) for metric in FLIGHT if metric.label),
         (
             "window of the ring metrics [s]",
             "–" if result.window_s is None else "{:g} to {:g}".format(*result.window_s),
         ),
-        ("closest approach [m]", number(result.closest_approach_m, ".3f")),
-        ("setpoints moved by the guard", number(result.guard_interventions, "d")),
-        ("ticks, missed ticks", f"{loop.ticks}, {loop.missed}"),
-        ("mission time [s]", number(result.duration_s, ".1f")),
+        ("ticks", str(result.loop.ticks)),
         ("wall time [s]", number(result.wall_time_s, ".1f")),
-        ("mission time per wall time", number(result.realtime_factor, ".2f")),
     )
     return Table("Metrics of the team", ("metric", "value"), rows)
 
@@ -78,8 +50,8 @@ def event_table(events: Sequence[FlightEvent]) -> Table:
 
 def reynolds_table(result: FlightResult) -> Table:
     """Return Reynolds' flocking metrics in formation, on the ring, and over the whole flight."""
-    rows = tuple((name, *flocking_cells(figures)) for name, figures in phases(result.reynolds))
-    return Table("Flocking metrics", ("phase", *FLOCKING_LABELS), rows)
+    rows = tuple((name, *(each.text(figures) for each in FLOCKING)) for name, figures in phases(result.reynolds))
+    return Table("Flocking metrics", ("phase", *(each.heading for each in FLOCKING)), rows)
 
 
 def decay_table(periods: Sequence[Decay]) -> Table:

@@ -16,18 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-USUAL = (
-    "holds",
-    "ring.settling_time_s",
-    "vehicles.radius_error_rms_m.worst",
-    "vehicles.angular_rate_error_rms_rad_s.worst",
-    "ring.spacing_error_rms_deg",
-    "closest_approach_m",
-    "vehicles.formation_speed_error_rms_m_s.worst",
-    "vehicles.formation_spacing_error_rms_m.worst",
-    "guard_interventions",
-)
-"""The metrics that are drawn by default."""
 _ACROSS = 3
 _PANEL_IN = (4.2, 2.9)
 _CELLS_WITH_TEXT = 120

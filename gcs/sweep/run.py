@@ -6,7 +6,7 @@ from gcs.console.result import verdict_of
 from gcs.errors import Exit, InputError
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.run import versions
-from gcs.metrics.references import evaluated
+from gcs.metrics.metrics import evaluated
 from gcs.mission.file import parse_mission
 from gcs.sweep.columns import Row, result_row
 from gcs.sweep.plan import Task

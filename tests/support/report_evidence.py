@@ -7,11 +7,19 @@ import numpy as np
 from estimation.state import Vector
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
-from gcs.metrics.result import FlightResult, FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.references import FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.result import FlightResult
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
 
-TOLERANCES = VerdictTolerances(0.2, 0.002, 2.0, 0.05, 0.25, 3.0)
+TOLERANCES = VerdictTolerances(
+    radius_error_rms_m=0.2,
+    angular_rate_error_rad_s=0.002,
+    spacing_error_rms_deg=2.0,
+    formation_speed_error_rms_m_s=0.05,
+    formation_spacing_error_rms_m=0.25,
+    separation_m=3.0,
+)
 SPACING_M, OWN_SIGMA_M, TARGET_SIGMA_M = 4.0, 0.04, 0.1
 
 

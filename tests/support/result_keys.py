@@ -1,25 +1,35 @@
 """The keys of what commands print with `--json`, in their order."""
 
+from dataclasses import fields
+
+from gcs.metrics.catalogue import VERDICTS
+from gcs.metrics.ending import FlightEnding
+from gcs.metrics.engagement import EngagementResult
+from gcs.metrics.result import FlightResult, LoopResult
+from gcs.metrics.reynolds import ReynoldsResult
+from gcs.metrics.ring import RingResult
+from gcs.metrics.transitions import TransitionResult
+from gcs.metrics.vehicles import VehicleResult
+
+_PARTS = {
+    "ended": FlightEnding,
+    "vehicles": VehicleResult,
+    "ring": RingResult,
+    "transitions": TransitionResult,
+    "reynolds": ReynoldsResult,
+    "engagement": EngagementResult,
+    "loop": LoopResult,
+}
+
+
+def _keys(part: type) -> list[str]:
+    return [each.name for each in fields(part)]
+
+
 RESULT_KEYS = {
-    "": (
-        "format mission ended seed source reference duration_s window_s vehicles ring transitions reynolds "
-        "closest_approach_m guard_interventions guard_causes loop verdicts wall_time_s realtime_factor events estimate "
-        "truth_missing engagement faults kinds"
-    ),
-    "ended": "how reason vehicles",
-    "vehicles": (
-        "id engaged_at_s tactic radius_error_rms_m radius_error_max_m angular_rate_mean_rad_s "
-        "angular_rate_error_rms_rad_s formation_speed_error_rms_m_s formation_spacing_error_rms_m"
-    ),
-    "ring": "settling_time_s spacing_error_rms_deg spacing_error_max_deg first_settled_at_s unsettled_at_s",
-    "transitions": (
-        "begins_at_s members settling_time_s speed_max_m_s forwards_min_m_s acceleration_max_m_s2 "
-        "spacing_overshoot_deg spacing_monotonic"
-    ),
-    "reynolds": "formation ring flight",
-    "engagement": "to_engage engaged",
-    "loop": "rate_hz ticks missed tick_p50_us tick_p99_us",
-    "verdicts": "C1 C2 C3 formation separation engaged",
+    "": " ".join(dict.fromkeys(["format", "mission", "ended", *_keys(FlightResult)])),
+    **{name: " ".join(_keys(part)) for name, part in _PARTS.items()},
+    "verdicts": " ".join(each.name for each in VERDICTS),
 }
 """The result of a flight, of sim, fly and report: the whole, and its parts by name."""
 OUTPUT_KEYS = {

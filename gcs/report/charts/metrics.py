@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.state import Vector
-from gcs.metrics.metrics import formation_errors
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.reynolds import Flocking
+from gcs.metrics.vehicles import formation_errors
 from gcs.report.charts.chart import levels, logarithmic, over_time
 from gcs.report.charts.panels import Sheet, mark_empty, title
 from gcs.report.evidence.criteria import Criteria

@@ -10,7 +10,8 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, VehicleTrack
-from gcs.metrics.result import FlightResult, FormationReference, RingReference
+from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.result import FlightResult
 from gcs.metrics.ring_motion import RingMotion
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
 

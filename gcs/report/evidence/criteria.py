@@ -3,8 +3,15 @@
 from dataclasses import dataclass, field
 
 from gcs.metrics.engagement import EngagementReference
-from gcs.metrics.references import engagement_reference, formation_reference, ring_reference, verdict_tolerances
-from gcs.metrics.result import FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.references import (
+    FormationReference,
+    RingReference,
+    VerdictTolerances,
+    engagement_reference,
+    formation_reference,
+    ring_reference,
+    verdict_tolerances,
+)
 from gcs.mission.mission import Mission
 
 

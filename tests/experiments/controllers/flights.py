@@ -17,11 +17,12 @@ from agents.situation.task import Task
 from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.flight.simulated import fly_simulated
-from gcs.metrics.metrics import engagement_times_s, evaluate
+from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import formation_reference, ring_reference, verdict_tolerances
 from gcs.metrics.result import FlightResult
 from gcs.metrics.ring_motion import RingMotion, ring_motion
+from gcs.metrics.vehicles import engagement_times_s
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.vehicle.imperfections import Imperfections

@@ -14,17 +14,11 @@ from rich.text import Text
 from agents.safety.failsafe import Condition
 from gcs.console.live import LiveRow, LiveView, flight_title, live_table, plain_line
 from gcs.console.summary import summary
-from gcs.metrics.result import (
-    EstimatedVehicleResult,
-    EstimateResult,
-    FlightResult,
-    FlockingResult,
-    LoopResult,
-    ReynoldsResult,
-    RingResult,
-    VehicleResult,
-    Verdicts,
-)
+from gcs.metrics.catalogue import Verdicts
+from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
+from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
+from gcs.metrics.ring import RingResult
+from gcs.metrics.vehicles import EstimatedVehicleResult, VehicleResult
 
 ROWS = (
     LiveRow(

@@ -12,19 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation.state import Vector
-from gcs.metrics.metrics import SETTLED_FOR_S, engagement_times_s, evaluate
+from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
-from gcs.metrics.result import (
-    FlightResult,
-    FlockingResult,
-    FormationReference,
-    ReynoldsResult,
-    RingReference,
-    RingResult,
-    VerdictTolerances,
-    window_line,
-)
+from gcs.metrics.references import FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.result import FlightResult, window_line
+from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
+from gcs.metrics.ring import SETTLED_FOR_S, RingResult
 from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.vehicles import engagement_times_s
+from tests.support.report_evidence import TOLERANCES
 from tests.support.result_keys import RESULT_KEYS
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -32,7 +28,6 @@ pytestmark = pytest.mark.filterwarnings("error")
 RING = RingReference(radius_m=10.0, angular_rate_rad_s=0.05)
 SLOTS = {1: (0.0, 5.0), 2: (0.0, 0.0), 3: (0.0, -5.0)}
 FORMATION = FormationReference(speed_m_s=0.2, slots_m=SLOTS)
-TOLERANCES = VerdictTolerances(0.2, 0.002, 2.0, 0.05, 0.25, 3.0)
 TIME_S = np.arange(6001) / 10.0
 TARGET_M = np.array([35.0, -5.0]) + TIME_S[:, None] * np.array([0.1, -0.03])
 TARGET_M_S = np.tile([0.1, -0.03], (TIME_S.size, 1))
@@ -538,12 +533,12 @@ def test_faulty_references_are_refused(subtests: pytest.Subtests) -> None:
         lambda: RingReference(10.0, float("nan")),
         lambda: FormationReference(float("inf"), {}),
         lambda: FormationReference(0.2, {1: (0.0, float("nan"))}),
-        lambda: replace(TOLERANCES, separation_m=-1.0),
+        lambda: VerdictTolerances(separation_m=-1.0),
     )
     for faulty in rows:
         with subtests.test(faulty=faulty):
             assert callable(faulty)
-            with pytest.raises(ValueError, match=r"must|not finite"):
+            with pytest.raises(ValueError, match=r"must|not finite|greater than 0"):
                 faulty()
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.result import RingReference, TransitionResult
+from gcs.metrics.references import RingReference
 from gcs.metrics.ring_motion import ring_motion
-from gcs.metrics.transitions import transitions
+from gcs.metrics.transitions import TransitionResult, transitions
 
 TIME_S = np.arange(0.0, 80.0, 0.1)
 RING = RingReference(10.0, 0.05)

@@ -15,8 +15,9 @@ from gcs.console.summary import summary as terminal_summary
 from gcs.errors import Exit
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import RunEnd, VehicleEnd
+from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import FlightEnding, How
-from gcs.metrics.result import FlightResult, Verdicts
+from gcs.metrics.result import FlightResult
 from gcs.report.evidence.reading import read_flight
 from gcs.report.flight_page import report_html
 from gcs.report.summary import headline

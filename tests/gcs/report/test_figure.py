@@ -15,9 +15,11 @@ from matplotlib.patches import Circle
 
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.result import FlightResult, FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.result import FlightResult
 from gcs.report import figure as figure_module
 from gcs.report.figure import COLOURS, save_figure
+from tests.support.report_evidence import TOLERANCES
 
 pytestmark = pytest.mark.slow
 
@@ -43,8 +45,7 @@ def flight(count: int, engaging: int) -> tuple[FlightRecord, FlightResult, Forma
     loop = LoopStatistics(10.0, 0, 0)
     flown = FlightRecord("case2", 0, "simulation", "truth", TIME_S, TARGET_M, TARGET_M_S, tuple(tracks), loop, 6.0)
     formation = FormationReference(0.2, slots)
-    tolerances = VerdictTolerances(0.2, 0.002, 2.0, 0.05, 0.25, 3.0)
-    return flown, evaluate(flown, RING, formation, tolerances), formation
+    return flown, evaluate(flown, RING, formation, TOLERANCES), formation
 
 
 @pytest.fixture
@@ -156,10 +157,9 @@ def test_vehicles_and_targets_not_heard_are_drawn_around(tmp_path: Path, recwarn
     silent = np.full_like(TARGET_M, np.nan)
     unheard = replace(flown.vehicles[0], position_m=silent, velocity_m_s=silent, tactic=np.full(TIME_S.size, "unknown"))
     mute = replace(flown, vehicles=(unheard, *flown.vehicles[1:]))
-    tolerances = VerdictTolerances(0.2, 0.002, 2.0, 0.05, 0.25, 3.0)
-    save_figure(mute, evaluate(mute, RING, formation, tolerances), RING, tmp_path / "mute.png")
+    save_figure(mute, evaluate(mute, RING, formation, TOLERANCES), RING, tmp_path / "mute.png")
     blind = replace(flown, target_position_m=silent, target_velocity_m_s=silent)
-    save_figure(blind, evaluate(blind, RING, formation, tolerances), RING, tmp_path / "blind.png")
+    save_figure(blind, evaluate(blind, RING, formation, TOLERANCES), RING, tmp_path / "blind.png")
     assert not recwarn.list
 
 

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.metrics import evaluate
-from gcs.metrics.result import EstimatedVehicleResult, EstimateResult, RingResult, Verdicts
+from gcs.metrics.result import EstimateResult
+from gcs.metrics.ring import RingResult
+from gcs.metrics.vehicles import EstimatedVehicleResult
 from gcs.report.charts.chart import chart
 from gcs.report.charts.metrics import running_rms
 from gcs.report.charts.onboard import draw_yaws
@@ -90,7 +93,9 @@ def ten_minutes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
     """
     path = tmp_path_factory.mktemp("report") / "flight.html"
     evidence, _, asked = flown(3, mission=NASTY)
-    strict = replace(asked, tolerances=replace(TOLERANCES, separation_m=100.0, radius_error_rms_m=0.001))
+    strict = replace(
+        asked, tolerances=TOLERANCES.model_copy(update={"separation_m": 100.0, "radius_error_rms_m": 0.001})
+    )
     began_s = time.process_time()
     result = evaluate(evidence.record, strict.ring, strict.formation, strict.tolerances)
     write_report(evidence, result, strict, nasty_flight(NASTY), path)

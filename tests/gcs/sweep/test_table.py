@@ -12,7 +12,7 @@ import pytest
 
 from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
-from gcs.metrics.references import evaluated
+from gcs.metrics.metrics import evaluated
 from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
 from gcs.sweep.columns import TEAM, Row, columns, result_row
