@@ -5,17 +5,17 @@ Operators repeat a command until it is answered. Repeats, which have the same nu
 
 from collections import OrderedDict
 from collections.abc import Collection
+from typing import NamedTuple
 
 import msgspec
 
 from agents.notes import CommandOutcome, Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand
+from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand, Outcome
 from agents.team.text import printable
-from agents.team.verbs import VERBS, Verb, VerbRow
+from agents.team.verbs import VERBS, VerbRow
 
-REFUSED = "refused: "
 NUMBERS_KEPT = 64
 """The number of commands kept to recognise repeats, which are sent for two seconds at most."""
 _WHY_NOT = {
@@ -23,6 +23,13 @@ _WHY_NOT = {
     Tactic.LAND: "it is landing",
     Tactic.PILOT_OVERRIDE: "a pilot has the vehicle: resume takes it back, kill cuts its motors",
 }
+
+
+class _Answer(NamedTuple):
+    """What the vehicle did, as text and as an outcome."""
+
+    did: str
+    outcome: Outcome = "obeyed"
 
 
 class Reshaping(msgspec.Struct, frozen=True, order=True):
@@ -49,7 +56,7 @@ class Orders:
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
         """Whether an operator has started the vehicle."""
-        self._done: OrderedDict[int, tuple[OperatorCommand, str]] = OrderedDict()
+        self._done: OrderedDict[int, tuple[OperatorCommand, _Answer]] = OrderedDict()
         self._unanswered: dict[int, None] = {}
         self._abort: tuple[float, str] | None = None
         self._kills: list[OperatorCommand] = []
@@ -72,10 +79,10 @@ class Orders:
         event = None
         if command.number not in self._done:
             if resume_refused and VERBS[command.verb].event is Event.RESUME:
-                did = f"{REFUSED}{resume_refused}"[:DID_LIMIT]
+                answer = _refused(resume_refused)
             else:
-                did, event = self._carry_out(command, tactic, now_s)
-            self._remember(command, did, now_s)
+                answer, event = self._carry_out(command, tactic, now_s)
+            self._remember(command, answer, now_s)
         self._unanswered[command.number] = None
         return event
 
@@ -94,9 +101,9 @@ class Orders:
 
     def on_killed(self, refusal: str, now_s: float) -> None:
         """Take the outcome of a kill as the vehicle reports it: why it failed, empty if it did not."""
-        did = f"{REFUSED}{refusal}"[:DID_LIMIT] if refusal else VERBS["kill"].done
+        answer = _refused(refusal) if refusal else _Answer(VERBS["kill"].done)
         for command in self._kills:
-            self._remember(command, did, now_s)
+            self._remember(command, answer, now_s)
             self._unanswered[command.number] = None
         self._kills.clear()
 
@@ -106,20 +113,21 @@ class Orders:
         self._unanswered.clear()
         return answers
 
-    def _answer(self, command: OperatorCommand, did: str, now_s: float) -> CommandAnswer:
-        return CommandAnswer(self._vehicle_id, now_s, command.number, did, command.verb, command.origin)
+    def _answer(self, command: OperatorCommand, answer: _Answer, now_s: float) -> CommandAnswer:
+        verb, origin = command.verb, command.origin
+        return CommandAnswer(self._vehicle_id, now_s, command.number, answer.did, verb, origin, answer.outcome)
 
-    def _carry_out(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
+    def _carry_out(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> tuple[_Answer, Event | None]:
         row = VERBS[command.verb]
         match command.verb:
             case "kill":
                 self._kills.append(command)
                 self._abort = None
-                return row.did, row.event
+                return _Answer(row.did, "begun"), row.event
             case "start":
                 return self._start(row), None
             case _ if self.lacks is not None:
-                return f"{REFUSED}it waits on the ground for its start", None
+                return _refused("it waits on the ground for its start"), None
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s)
             case "formation":
@@ -127,56 +135,52 @@ class Orders:
             case _:
                 return self._steer(row, tactic)
 
-    def _start(self, row: VerbRow) -> str:
+    def _start(self, row: VerbRow) -> _Answer:
         if self.lacks is None:
-            return "did not wait for its start" if not self.starts else "had taken off already"
+            return _Answer("did not wait for its start" if not self.starts else "had taken off already")
         if self.lacks:
-            return f"{REFUSED}{self.lacks}"[:DID_LIMIT]
+            return _refused(self.lacks)
         self.starts, self.lacks = True, None
-        return row.did
+        return _Answer(row.did)
 
-    def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[str, Event | None]:
+    def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[_Answer, Event | None]:
         """Hover at once and land later; a second abort during the hover lands at once."""
         if self._abort is not None or tactic is Tactic.LAND:
             return self._steer(VERBS["land"], tactic)
         if tactic is Tactic.PILOT_OVERRIDE:
-            return f"{REFUSED}{_WHY_NOT[tactic]}", None
+            return _refused(_WHY_NOT[tactic]), None
         self._abort = (now_s + self._hover_s, origin)
-        did, event = self._steer(VERBS["hold"], tactic)
-        return f"{did}, lands in {self._hover_s:g} s unless resumed", event
+        answer, event = self._steer(VERBS["hold"], tactic)
+        return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s unless resumed"), event
 
-    def _reshape(self, command: OperatorCommand, tactic: Tactic) -> str:
+    def _reshape(self, command: OperatorCommand, tactic: Tactic) -> _Answer:
         """Change the shape of the formation; a vehicle in another tactic takes its place once it is back."""
         shape = command.shape
         if shape is None or shape not in self._shapes:
             known = ", ".join(self._shapes) or "none"
-            return f"{REFUSED}the mission's formation cannot be '{shape}' (shapes: {known})"
+            return _refused(f"the mission's formation cannot be '{shape}' (shapes: {known})")
         self.reshaping = Reshaping(command.time_s, shape)
         place = "takes its place" if tactic is Tactic.FORMATION else "will take its place, once in formation,"
-        return f"{place} in the shape '{shape}'"
+        return _Answer(f"{place} in the shape '{shape}'")
 
-    def _steer(self, row: VerbRow, tactic: Tactic) -> tuple[str, Event | None]:
+    def _steer(self, row: VerbRow, tactic: Tactic) -> tuple[_Answer, Event | None]:
         if row.event is None or next_tactic(tactic, row.event) is tactic:
-            why_not = _WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")
-            return row.already.get(tactic) or f"{REFUSED}{why_not}", None
+            if tactic in row.already:
+                return _Answer(row.already[tactic]), None
+            return _refused(_WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")), None
         if row.event is not Event.HOLD:
             self._abort = None  # the operator has decided what comes after the hover
-        return row.did, row.event
+        return _Answer(row.did), row.event
 
-    def _remember(self, command: OperatorCommand, did: str, now_s: float) -> None:
-        did = printable(did)  # it may hold text from the autopilot
-        self._done[command.number] = command, did
+    def _remember(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
+        answer = answer._replace(did=printable(answer.did))  # it may hold text from the autopilot
+        self._done[command.number] = command, answer
         while len(self._done) > NUMBERS_KEPT:
             forgotten, _ = self._done.popitem(last=False)
             self._unanswered.pop(forgotten, None)
-        self._notes.add(now_s, CommandOutcome(command.verb, command.origin, did, not obeyed(did)))
+        is_refused = answer.outcome == "refused"
+        self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
 
 
-def obeyed(did: str) -> bool:
-    """Return whether an answer reports that the command was carried out, now or before."""
-    return not did.startswith(REFUSED)
-
-
-def final(verb: Verb, did: str) -> bool:
-    """Return whether an answer is the last one: a kill is answered when it begins and when it is done."""
-    return not VERBS[verb].done or did != VERBS[verb].did
+def _refused(why: str) -> _Answer:
+    return _Answer(f"refused: {why}"[:DID_LIMIT], "refused")

@@ -5,7 +5,7 @@ Text with control characters is refused there.
 """
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -31,6 +31,7 @@ DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
 LINK_SILENT_S = 0.8
 """Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
 Metres2 = tuple[_Metres, _Metres]
+Outcome = Literal["begun", "obeyed", "refused"]
 
 
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
@@ -137,8 +138,8 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
 class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     """A vehicle's answer to an operator's command, and its time; verb and origin of the command are for observers.
 
-    Observers receive from vehicles only: operators connect to vehicles, not to each other. Earlier versions send
-    neither.
+    Observers receive from vehicles only: operators connect to vehicles, not to each other. `did` is for people. A
+    command that has `begun` is answered again once it is `obeyed` or `refused`. Earlier versions send `did` only.
     """
 
     sender: VehicleId
@@ -147,6 +148,17 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     did: Annotated[str, msgspec.Meta(max_length=DID_LIMIT, pattern=PRINTABLE)]
     verb: Verb | None = None
     origin: _Name = ""
+    outcome: Outcome | None = None
+
+    @property
+    def is_obeyed(self) -> bool:
+        """Whether the vehicle carries out the command, or did so before."""
+        return self.outcome in ("begun", "obeyed")
+
+    @property
+    def is_final(self) -> bool:
+        """Whether no other answer follows."""
+        return self.outcome != "begun"
 
 
 class TargetReport(msgspec.Struct, frozen=True, array_like=True):

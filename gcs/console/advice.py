@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 
 from agents.notes import AlertChange, CommandOutcome
 from agents.safety.failsafe import TABLE, Condition, Reaction
+from agents.team.verbs import VERBS
 
 Severity = Literal["information", "warning", "alarm"]
 
@@ -49,6 +50,7 @@ _ADVICE = {
 LATE_SHARE = 0.01
 """More late ticks than this share are reported."""
 _OF_ALERT = {condition.value: sentence for condition, sentence in _ADVICE.items()}
+_DANGEROUS = frozenset(name for name, row in VERBS.items() if row.is_dangerous)
 _OTHER = "watch it; hold or land it if in doubt"
 _WARNINGS = frozenset(row.condition.value for row in TABLE if row.reactions == (Reaction.DEGRADE,))
 
@@ -85,10 +87,10 @@ def event_severity(event: Happened) -> Severity:
     """Return the severity of an event.
 
     An alert has the severity of its condition. The end of an alert is information, and so are all other events but a
-    kill and a refusal, which are warnings.
+    dangerous command and a refusal, which are warnings.
     """
     if event.command is not None:
-        return "warning" if event.command.is_refused or event.command.verb == "kill" else "information"
+        return "warning" if event.command.is_refused or event.command.verb in _DANGEROUS else "information"
     if event.alert is not None:
         return "information" if event.alert.is_over else severity(event.alert.condition)
     return "warning" if event.kind == "failsafe" else "information"

@@ -12,7 +12,6 @@ from time import monotonic
 
 import msgspec
 
-from agents.orders import final, obeyed
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal
@@ -43,11 +42,9 @@ class CommandResult:
 
     did: str
     after_s: float
-
-    @property
-    def obeyed(self) -> bool:
-        """Whether the vehicle carries out the command."""
-        return obeyed(self.did)
+    obeyed: bool
+    """Whether the vehicle carries out the command."""
+    is_final: bool
 
 
 OnAnswer = Callable[[int, CommandResult], None]
@@ -62,15 +59,15 @@ class _Sent:
     on_answer: OnAnswer
     answers: dict[int, CommandResult] = field(default_factory=dict)
 
-    def is_done(self, verb: Verb, vehicle: int) -> bool:
+    def is_done(self, vehicle: int) -> bool:
         """Return whether a vehicle has sent its final answer."""
-        return vehicle in self.answers and final(verb, self.answers[vehicle].did)
+        return vehicle in self.answers and self.answers[vehicle].is_final
 
     def receive(self, message: CommandAnswer) -> None:
         """Store an answer; answers are repeated on the bus."""
         before = self.answers.get(message.sender)
         if before is None or before.did != message.did:
-            answer = CommandResult(message.did, monotonic() - self.first_s)
+            answer = CommandResult(message.did, monotonic() - self.first_s, message.is_obeyed, message.is_final)
             self.answers[message.sender] = answer
             self.on_answer(message.sender, answer)
 
@@ -141,7 +138,7 @@ class CommandClient:
             end_s = sent.first_s + (_DONE_TIMEOUT_S if VERBS[verb].done else _ANSWER_TIMEOUT_S)
             latest_s = 0.0
             try:
-                while monotonic() < end_s and not all(sent.is_done(verb, each) for each in vehicles):
+                while monotonic() < end_s and not all(sent.is_done(each) for each in vehicles):
                     if monotonic() - latest_s >= _REPEAT_S:
                         latest_s = monotonic()
                         origin = self._identity.participant.name

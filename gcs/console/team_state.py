@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from math import hypot
 
 from agents.drops import NO_DROPS, Drops
-from agents.orders import REFUSED
 from agents.safety.fence import Fence
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
 from agents.team.verbs import VERBS
@@ -155,7 +154,7 @@ class TeamState:
             event = TeamEvent(None, text, "warning" if VERBS[message.verb].is_dangerous else "information")
         else:
             key = (message.number, message.sender, message.did)
-            how_grave: Severity = "warning" if message.did.startswith(REFUSED) else "information"
+            how_grave: Severity = "warning" if message.outcome == "refused" else "information"
             answered = f"{message.verb} by {message.origin}" if message.verb else "answers"
             event = TeamEvent(message.sender, f"{answered}: {message.did}", how_grave)
         if key not in self._known:

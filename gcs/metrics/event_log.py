@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 
 from agents.notes import AlertChange, CommandOutcome, Note
-from agents.orders import obeyed
 from agents.outputs import CoreStatus
 from agents.team.messages import CommandAnswer, MemberState
 from gcs.metrics.record import FlightEvent
@@ -62,7 +61,7 @@ class EventLog:
         key = (answer.sender, answer.number, answer.did)
         if key not in self._answered:
             self._answered.add(key)
-            outcome = CommandOutcome(answer.verb or "", answer.origin, answer.did, not obeyed(answer.did))
+            outcome = CommandOutcome(answer.verb or "", answer.origin, answer.did, answer.outcome == "refused")
             text = f"answers: {answer.did}"
             self.events.append(FlightEvent(answer.time_s, answer.sender, "command", text, command=outcome))
 

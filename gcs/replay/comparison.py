@@ -53,6 +53,8 @@ def differences(recorded: Decision, replayed: Decision, same: Same) -> list[Fiel
         if isinstance(sent["message"], dict) and sent["message"].get("verb", "") is None:
             for answer in (sent, again):  # earlier versions' answers did not name the command
                 _remove_command(answer)
+        if isinstance(sent["message"], dict) and sent["message"].get("outcome", "") is None and sent != again:
+            again["message"]["outcome"] = None  # nor its outcome
     for note, again in zip(one["notes"], other["notes"], strict=False):
         if all(note[name] is None for name in _VALUES):  # earlier versions recorded the text of a note only
             again.update(dict.fromkeys(_VALUES))

@@ -9,7 +9,6 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from agents.orders import final
 from agents.ports import VehicleRefusedError
 from agents.tactics import Tactic
 from agents.team.verbs import VERBS
@@ -145,11 +144,11 @@ class Commands:
         verb = taken.request.verb
 
         def answered(sender: int, result: CommandResult) -> None:
-            taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=final(verb, result.did))
+            taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=result.is_final)
 
         results = await client.command(verb, asked, vehicle, None, answered)
         for vehicle_id, result in results.items():
-            if result is None or not final(verb, result.did):
+            if result is None or not result.is_final:
                 did = NO_ANSWER if result is None else f"{result.did}: not confirmed"
                 taken.answer(vehicle_id, did, is_obeyed=False, is_final=True)
                 text = f"{verb} from the page: {did}"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from agents.core import VehicleCore
 from agents.inputs import Command, Message
 from agents.notes import Notes
-from agents.orders import NUMBERS_KEPT, Orders, Reshaping, final, obeyed
+from agents.orders import NUMBERS_KEPT, Orders, Reshaping
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
 from agents.settings.shapes import Shape
@@ -42,6 +42,7 @@ class Vehicle:
         self._apply(self.orders.take(command, self.tactic, self.now_s))
         answers = self.orders.answers(self.now_s)
         assert len(answers) <= 1
+        self.outcome = answers[0].outcome if answers else None
         return answers[0].did if answers else ""
 
     def tick(self, now_s: float) -> None:
@@ -99,7 +100,7 @@ def test_what_is_done_and_answered(before: Tactic, verb: Verb, did: str, after: 
 def test_a_vehicle_in_pilot_override_reports_the_pilot_and_the_next_step(verb: Verb) -> None:
     vehicle = Vehicle(Tactic.PILOT_OVERRIDE)
     did = vehicle.told(verb)
-    assert not obeyed(did)
+    assert vehicle.outcome == "refused"
     assert "a pilot" in did
     assert "resume takes it back" in did
     assert "lands in" not in did
@@ -111,9 +112,11 @@ def test_whatever_the_tactic_every_command_is_answered_and_obeyed_or_refused(tac
     vehicle = Vehicle(tactic)
     did = vehicle.told(verb)
     assert 0 < len(did) <= DID_LIMIT
-    answer = CommandAnswer(2, 0.0, 1, did)
+    answer = CommandAnswer(2, 0.0, 1, did, verb, "pat", vehicle.outcome)
     assert decode(encode(answer)) == answer
-    if not obeyed(did):
+    assert answer.is_obeyed is not did.startswith("refused: ")
+    assert answer.is_final is (verb != "kill")
+    if not answer.is_obeyed:
         assert vehicle.tactic is tactic
 
 
@@ -138,8 +141,9 @@ def reshaping(shape: Shape | None, told_s: float = 1.0, number: int = 7) -> Oper
 def test_a_change_of_formation_is_taken_or_refused(shape: Shape | None, tactic: Tactic, did: str) -> None:
     orders = Vehicle().orders
     assert orders.take(reshaping(shape), tactic, 1.0) is None
-    assert [answer.did for answer in orders.answers(1.0)] == [did]
-    assert orders.reshaping == (Reshaping(1.0, "wedge") if obeyed(did) else None)
+    (answer,) = orders.answers(1.0)
+    assert answer.did == did
+    assert orders.reshaping == (Reshaping(1.0, "wedge") if answer.is_obeyed else None)
 
 
 def test_repeats_act_once_and_are_answered_again() -> None:
@@ -231,10 +235,10 @@ def test_whatever_follows_an_abort_but_a_resume_or_return_it_is_landing_in_time(
 def test_a_kill_is_answered_when_it_begins_and_when_it_is_done() -> None:
     vehicle = Vehicle()
     did = vehicle.told("kill", number=7)
-    assert (did, final("kill", did), vehicle.orders.kills) == (CUTTING, False, True)
+    assert (did, vehicle.outcome, vehicle.orders.kills) == (CUTTING, "begun", True)
     vehicle.orders.on_killed("", 0.4)
     assert not vehicle.orders.kills
-    assert [(a.number, a.did) for a in vehicle.orders.answers(0.5)] == [(7, CUT)]
+    assert [(a.number, a.did, a.outcome) for a in vehicle.orders.answers(0.5)] == [(7, CUT, "obeyed")]
     assert vehicle.told("kill", number=7) == CUT, "a repeat kills nobody again"
     assert not vehicle.orders.kills
     assert vehicle.told("kill", number=8) == CUTTING
@@ -247,7 +251,7 @@ def test_all_operators_of_a_kill_receive_why_it_failed() -> None:
     vehicle.orders.on_killed("vehicle 2 did not even acknowledge it", 9.0)
     answers = vehicle.orders.answers(9.0)
     assert {a.number: a.did for a in answers} == dict.fromkeys((7, 8), "refused: vehicle 2 did not even acknowledge it")
-    assert not any(obeyed(a.did) for a in answers)
+    assert {a.outcome for a in answers} == {"refused"}
 
 
 def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
@@ -273,7 +277,9 @@ def test_a_core_answers_in_its_next_tick_even_without_telemetry(make_config: Mak
     core.take(Message(1.0, OperatorCommand(1.0, "kill", 2, "pat@here", 7)))
     assert core.orders.kills
     output = core.tick(1.1)
-    assert [decode(each.payload) for each in output.messages] == [CommandAnswer(2, 1.1, 7, CUTTING, "kill", "pat@here")]
+    assert [decode(each.payload) for each in output.messages] == [
+        CommandAnswer(2, 1.1, 7, CUTTING, "kill", "pat@here", "begun")
+    ]
     assert ("command", f"kill by pat@here: {CUTTING}") in [(note.kind, note.text) for note in output.status.notes]
     assert core.tick(1.2).messages == ()
 

@@ -80,7 +80,7 @@ MEMBER = MemberState(2, 10.0, "formation", (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (
 ON_RING = structs.replace(MEMBER, tactic="encircle", angle=ANGLE, sightings=(TARGET,))
 MUSTER = StartProposal(2, 10.0, 12.0)
 COMMAND = OperatorCommand(12.5, "resume", 2, "pat", 7)
-ANSWER = CommandAnswer(2, 12.6, 7, "resumed")
+ANSWER = CommandAnswer(2, 12.6, 7, "resumed", "resume", "pat", "obeyed")
 SEEN = TargetReport((35.0, -5.0), (0.1, 0.0), (0.1, 0.0, 0.1), 0.5)
 REPORT = VehicleReport(
     2, 12.7, "offboard", True, True, 0.1, 1.5, 0.8, 600.0, 3, 12, "good", 10.0, 200.0, "", SEEN, "no fix", 0.1

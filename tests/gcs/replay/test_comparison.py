@@ -17,5 +17,6 @@ def test_what_an_earlier_answer_did_not_tell_is_no_difference() -> None:
     assert differences(recorded, answered("holds", "hold", "pat"), identical) == []
     (different,) = differences(recorded, answered("lands", "hold", "pat"), identical)
     assert (different.recorded, different.replayed) == ("holds", "lands")
+    assert differences(answered("holds", "hold", "pat"), answered("holds", "hold", "pat", "obeyed"), identical) == []
     (different,) = differences(answered("holds", "hold", "kim"), answered("holds", "hold", "pat"), identical)
     assert different.field.endswith("origin")

@@ -325,7 +325,7 @@ def test_events_are_numbered_and_dated() -> None:
     page.team(1.0)
     page.pictures.receive(OperatorCommand(START_S + 4.0, "hold", None, "anna", 1), 2.0)
     page.hears(2.0, report(1, START_S + 4.0, mode="hold"))
-    page.pictures.receive(CommandAnswer(1, START_S + 4.0, 1, "refused: a pilot has it"), 2.0)
+    page.pictures.receive(CommandAnswer(1, START_S + 4.0, 1, "refused: a pilot has it", outcome="refused"), 2.0)
     page.team(2.0)
     assert [each.number for each in page.events] == [1, 2, 3, 4]
     told = [(each.text, each.vehicle_id, each.severity, each.time_s, each.wall_s) for each in page.events[1:]]

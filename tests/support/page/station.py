@@ -148,7 +148,8 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
         if isinstance(message, OperatorCommand) and message.vehicle in (None, vehicle_id):
             team.received.append((vehicle_id, message))
             if vehicle_id not in team.silent:
-                bus.publish("answer", encode(CommandAnswer(vehicle_id, time.time(), message.number, "holds")))
+                answer = CommandAnswer(vehicle_id, time.time(), message.number, "holds", outcome="obeyed")
+                bus.publish("answer", encode(answer))
 
     async def send() -> None:
         while True:
