@@ -1,10 +1,12 @@
 """`VehicleCore`: the estimation, decision and control of one vehicle, without clock, sockets or asyncio.
 
-External events are passed to the `on_...` methods, the time is an argument of `tick`, and all outputs are in what
-`tick` returns. The same object therefore flies over MAVLink, in the simulation, and again from a log.
+Everything that it hears goes through `take`, the time is an argument of `tick`, and all outputs are in what `tick`
+returns. The same object therefore flies over MAVLink, in the simulation, and again from a log.
 """
 
+from collections.abc import Callable
 from math import inf
+from typing import Any
 
 from mypy_extensions import mypyc_attr
 
@@ -15,10 +17,25 @@ from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, PlannerFactory
 from agents.control.planner import planner_of
 from agents.drops import NO_DROPS, Drops, Reason
-from agents.notes import Notes
+from agents.inputs import (
+    Autopilot,
+    Bus,
+    Command,
+    Computer,
+    Ground,
+    Heard,
+    Killed,
+    LateTicks,
+    Message,
+    Presence,
+    Start,
+    TacticEvent,
+    TimeScale,
+)
+from agents.notes import Notes, ResumeRefusal, ShapeChange, TacticChange
 from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
-from agents.ports import Connection, Setpoint, VehicleStatus
+from agents.ports import Connection, Setpoint
 from agents.safety.descent import Descent
 from agents.safety.failsafe import POSITION_ALERTS, Condition
 from agents.safety.failsafe_monitor import FailsafeMonitor
@@ -44,7 +61,7 @@ from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)  # TapedCore
+@mypyc_attr(allow_interpreted_subclasses=True)  # RecordedCore
 class VehicleCore:
     """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 
@@ -80,6 +97,23 @@ class VehicleCore:
         self._bus_drops = NO_DROPS
         self._now_s = 0.0
         self._time_scale = 1.0
+        self._takes: dict[type, Callable[[Any], None]] = {
+            TimeScale: self._take_time_scale,
+            Start: self._take_start,
+            TacticEvent: self._take_event,
+            Autopilot: self._take_autopilot,
+            LateTicks: self._take_late_ticks,
+            Bus: self._take_bus,
+            Drops: self._take_drops,
+            Computer: self._take_computer,
+            Ground: self._take_ground,
+            Telemetry: self._take_telemetry,
+            Sighting: self._take_sighting,
+            Message: self._take_message,
+            Command: self._take_command,
+            Killed: self._take_killed,
+            Presence: self._take_presence,
+        }
 
     # The tick
 
@@ -119,8 +153,8 @@ class VehicleCore:
     def _decide(self, situation: Situation, faults: Faults) -> Task:
         """Decide on the tactic, first by the faults, then by the mission; and on the altitude layer."""
         event = self._failsafe.react(situation.now_s, faults, self._tactic)
-        for text in self._failsafe.news():
-            self._notes.add(situation.now_s, "failsafe", text)
+        for change in self._failsafe.news():
+            self._notes.add(situation.now_s, change)
         if event is not None:
             self._change(event, descent=Descent(self.alert))
         self._follow_mission(situation)
@@ -131,7 +165,7 @@ class VehicleCore:
         """Plan the aim of the tactic, within the slew limit."""
         plan, situation = self._planner.plan(task), task.situation
         if plan.ring is not None and plan.ring.news is not None:
-            self._notes.add(situation.now_s, "ring", plan.ring.news)
+            self._notes.add(situation.now_s, plan.ring.news)
         self._estimator.follow_ring(0.0 if plan.ring is None else plan.ring.rate_rad_s, situation.polar)
         return self._slew_limit.bounded(task.tactic, plan)
 
@@ -141,7 +175,7 @@ class VehicleCore:
         has_effect = task.tactic not in (Tactic.LAND, Tactic.PILOT_OVERRIDE)
         guarded = self._kept_apart(situation, aim_m) if has_effect else Guarded(aim_m)
         if (news := self._interventions.news(situation.now_s, aim_m, guarded)) is not None:
-            self._notes.add(situation.now_s, "guard", *news)
+            self._notes.add(situation.now_s, *news)
         self._fault_detector.unsolved = plan.qp is QpStatus.FALLBACK or guarded.status is GuardStatus.BRAKED
         return guarded
 
@@ -226,13 +260,13 @@ class VehicleCore:
     def _change(self, event: Event, because: str = "", descent: Descent | None = None) -> None:
         """Change the tactic by the table, unless a failsafe refuses to resume; `descent` is why the vehicle lands."""
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
-            self._notes.add(self._now_s, "failsafe", f"resume refused: {reason}")
+            self._notes.add(self._now_s, ResumeRefusal(reason))
             return
         excites = self._config.excitation is not None and event in (Event.START, Event.RESUME)
         after = next_tactic(self._tactic, Event.EXCITE if excites else event)
         if after is self._tactic:
             return
-        self._notes.add(self._now_s, "tactic", f"{self._tactic.value} -> {after.value}: {event.value}", because)
+        self._notes.add(self._now_s, TacticChange(self._tactic.value, after.value, event.value), because)
         self._tactic = after
         self.descent = (self.descent or descent) if after in (Tactic.RETURN_AND_LAND, Tactic.LAND) else None
         if event is Event.RESUME:
@@ -276,64 +310,58 @@ class VehicleCore:
         own = self._inbox.dropped.drops
         return own if self._bus_drops is NO_DROPS else own.plus(self._bus_drops)
 
-    def set_time_scale(self, factor: float) -> None:
-        """Set mission seconds per wall second: timeouts of links, which take wall time, are multiplied by it."""
-        self._time_scale = factor
-        self._failsafe.set_time_scale(factor)
+    def take(self, item: Heard) -> None:
+        """Take what is heard between two ticks."""
+        self._takes[type(item)](item)
 
-    def start(self, at_s: float) -> None:
-        """Begin the mission at `at_s`, the zero of the formation's clock."""
-        self._start_s = at_s
-        self._planner.start(at_s)
+    def _take_time_scale(self, item: TimeScale) -> None:
+        self._time_scale = item.factor
+        self._failsafe.set_time_scale(item.factor)
 
-    def on_event(self, event: Event) -> None:
-        """Take an event of the operator or the shell."""
-        self._change(event)
+    def _take_start(self, item: Start) -> None:
+        self._start_s = item.at_s
+        self._planner.start(item.at_s)
 
-    def on_vehicle(self, status: VehicleStatus) -> None:
-        """Take the autopilot's status."""
-        self._fault_detector.vehicle.status = status
-        self._estimator.follow_link(status.round_trip_s)
-        if status.lost is not Connection.NONE:
+    def _take_event(self, item: TacticEvent) -> None:
+        self._change(item.event)
+
+    def _take_autopilot(self, item: Autopilot) -> None:
+        self._fault_detector.vehicle.status = item.status
+        self._estimator.follow_link(item.status.round_trip_s)
+        if item.status.lost is not Connection.NONE:
             self._name_override()
 
-    def on_loop(self, late_ticks: int) -> None:
-        """Take the number of ticks that were skipped before the next one."""
-        self._fault_detector.late_ticks = late_ticks
+    def _take_late_ticks(self, item: LateTicks) -> None:
+        self._fault_detector.late_ticks = item.count
 
-    def on_bus(self, alive: bool, operated: bool = False) -> None:
-        """Take whether the session of the bus works, and whether an operator is on the bus."""
-        self._fault_detector.bus_alive, self._fault_detector.operated = alive, operated
+    def _take_bus(self, item: Bus) -> None:
+        self._fault_detector.bus_alive, self._fault_detector.operated = item.alive, item.operated
 
-    def on_computer(self, short_of: str) -> None:
-        """Take the resource that this computer is short of, empty if none."""
-        self._fault_detector.computer_short_of = short_of
+    def _take_drops(self, drops: Drops) -> None:
+        self._bus_drops = self._fault_detector.bus_drops = drops
 
-    def on_telemetry(self, telemetry: Telemetry) -> None:
-        """Take a sample of the vehicle's own motion."""
+    def _take_computer(self, item: Computer) -> None:
+        self._fault_detector.computer_short_of = item.short_of
+
+    def _take_ground(self, item: Ground) -> None:
+        self.orders.lacks = item.lacks
+
+    def _take_telemetry(self, telemetry: Telemetry) -> None:
         self._estimator.measure(telemetry)
 
-    def on_sighting(self, sighting: Sighting) -> None:
+    def _take_sighting(self, sighting: Sighting) -> None:
         """Take a sighting. The newest one of the vehicle's own sensor is sent to the peers with its state, when due."""
         if sighting.sensor_id == self._config.vehicle_id:
             sighting = self._estimator.shared(sighting)
         if self._own_sensor.accepts(sighting):
             self._sightings.append(sighting)
 
-    def on_ground(self, lacks: str) -> None:
-        """Take that the vehicle waits for its start, and what forbids the start, empty if nothing does."""
-        self.orders.lacks = lacks
+    def _take_message(self, item: Message) -> None:
+        """Take a message; one from outside the team, too old or from the future is counted and dropped.
 
-    def on_drops(self, drops: Drops) -> None:
-        """Take the counts of messages that the bus has dropped so far."""
-        self._bus_drops = self._fault_detector.bus_drops = drops
-
-    def on_message(self, message: BusMessage, now_s: float) -> None:
-        """Take a message from the bus; one from outside the team, too old or from the future is counted and dropped.
-
-        Places on the ring and sightings are parts of their senders' states; in older logs they are separate messages.
         The shell handles start proposals.
         """
+        message, now_s = item.message, item.now_s
         if isinstance(message, MemberState) and self._team.waits(message):
             return
         if not self._inbox.accepts(message, now_s, self._time_scale):
@@ -351,18 +379,15 @@ class VehicleCore:
             case CommandAnswer():
                 self._answers.append(message)
 
-    def on_command(self, command: OperatorCommand, now_s: float) -> None:
-        """Take a command of an operator at this computer: it acts at once, and the next tick answers it."""
-        self._command(command, now_s)
+    def _take_command(self, item: Command) -> None:
+        self._command(item.command, item.now_s)
 
-    def on_killed(self, refusal: str, now_s: float) -> None:
-        """Take the outcome of cutting the motors: why it failed, empty if it did not."""
-        self.orders.on_killed(refusal, now_s)
+    def _take_killed(self, item: Killed) -> None:
+        self.orders.on_killed(item.refusal, item.now_s)
 
-    def on_presence(self, vehicle_id: int, present: bool) -> None:
-        """Take that a peer has joined or left the bus."""
-        if not present:
-            self._team.forget(vehicle_id)
+    def _take_presence(self, item: Presence) -> None:
+        if not item.present:
+            self._team.forget(item.vehicle_id)
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
@@ -391,4 +416,4 @@ class VehicleCore:
         if wanted.shape != self._config.shape:
             self._config = self._config.reshaped(wanted.shape)
             self._planner.reshape(self._config)
-            self._notes.add(self._now_s, "command", f"the formation's shape is '{wanted.shape}'")
+            self._notes.add(self._now_s, ShapeChange(wanted.shape))

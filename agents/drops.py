@@ -1,8 +1,9 @@
 """How many messages were dropped on receipt, by reason."""
 
 from collections import Counter
+from collections.abc import Callable
 from enum import Enum
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 
@@ -35,6 +36,8 @@ class Drops(msgspec.Struct, frozen=True, omit_defaults=True):
     messages that the bus could not send.
     """
 
+    topic: ClassVar = "drops"
+    lasts: ClassVar = True
     unknown_key: _Count = 0
     not_a_member: _Count = 0
     own_id: _Count = 0
@@ -67,6 +70,10 @@ class Drops(msgspec.Struct, frozen=True, omit_defaults=True):
         """Return the reasons with their counts, such as "too many 7, malformed 1"; empty if there are none."""
         counts = msgspec.structs.asdict(self)
         return ", ".join(f"{reason.replace('_', ' ')} {count}" for reason, count in counts.items() if count)
+
+    def describe(self, _time: Callable[[float], str]) -> str:
+        """Return them as an input of a core, as text."""
+        return f"bus: messages dropped since the start: {self.text() or 'none'}"
 
 
 NO_DROPS = Drops()

@@ -1,19 +1,124 @@
-"""The event log of one vehicle: its notes are collected here and drained once a tick."""
+"""The events of one vehicle, and their text: it is made here, for people, and nothing reads it.
 
-from typing import Literal
+An event is noted with its values. Notes are collected here and drained once a tick.
+"""
+
+from typing import ClassVar, Literal
 
 import msgspec
 
 Kind = Literal["tactic", "command", "failsafe", "guard", "ring"]
 
 
+class TacticChange(msgspec.Struct, frozen=True):
+    """A change of tactic, and the event that caused it."""
+
+    kind: ClassVar[Kind] = "tactic"
+    before: str
+    after: str
+    event: str
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return f"{self.before} -> {self.after}: {self.event}"
+
+
+class AlertChange(msgspec.Struct, frozen=True):
+    """A condition of the failsafe table begins, reaches a graver reaction, or is over."""
+
+    kind: ClassVar[Kind] = "failsafe"
+    condition: str
+    detail: str = ""
+    reaction: str = ""
+    is_over: bool = False
+    waits_for_resume: bool = False
+    """The condition is over, and the vehicle stays in its reaction until a resume."""
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        if self.is_over:
+            return f"{self.condition}: cleared" + ("; resume continues the mission" if self.waits_for_resume else "")
+        return f"{self.condition}: {self.detail}: {self.reaction}"
+
+
+class ResumeRefusal(msgspec.Struct, frozen=True):
+    """A resume that was refused, and why."""
+
+    kind: ClassVar[Kind] = "failsafe"
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return f"resume refused: {self.reason}"
+
+
+class CommandOutcome(msgspec.Struct, frozen=True):
+    """The outcome of an operator's command."""
+
+    kind: ClassVar[Kind] = "command"
+    verb: str
+    origin: str
+    did: str
+    is_refused: bool = False
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return f"{self.verb} by {self.origin}: {self.did}"
+
+
+class ShapeChange(msgspec.Struct, frozen=True):
+    """The formation takes another shape."""
+
+    kind: ClassVar[Kind] = "command"
+    shape: str
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return f"the formation's shape is '{self.shape}'"
+
+
+class RingChange(msgspec.Struct, frozen=True):
+    """How the flown ring differs from the mission's from now on, and why; empty if it does not."""
+
+    kind: ClassVar[Kind] = "ring"
+    differs: str
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return self.differs or "ring as in the mission"
+
+
+class GuardAction(msgspec.Struct, frozen=True):
+    """The guard moves a planned aim, because of these causes."""
+
+    kind: ClassVar[Kind] = "guard"
+    causes: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return ", ".join(self.causes)
+
+
+Event = TacticChange | AlertChange | ResumeRefusal | CommandOutcome | ShapeChange | RingChange | GuardAction
+
+
 class Note(msgspec.Struct, frozen=True):
-    """One event: time, kind, text, and the numbers behind it."""
+    """One event: time, kind, text, the numbers behind it, and its values, which older logs lack."""
 
     time_s: float
     kind: Kind
     text: str
     because: str = ""
+    tactic: TacticChange | None = None
+    alert: AlertChange | None = None
+    command: CommandOutcome | None = None
 
 
 class Notes:
@@ -22,9 +127,18 @@ class Notes:
     def __init__(self) -> None:
         self._notes: list[Note] = []
 
-    def add(self, time_s: float, kind: Kind, text: str, because: str = "") -> None:
-        """Append a note."""
-        self._notes.append(Note(time_s, kind, text, because))
+    def add(self, time_s: float, event: Event, because: str = "") -> None:
+        """Append a note of an event."""
+        note = Note(
+            time_s,
+            event.kind,
+            event.text,
+            because,
+            event if isinstance(event, TacticChange) else None,
+            event if isinstance(event, AlertChange) else None,
+            event if isinstance(event, CommandOutcome) else None,
+        )
+        self._notes.append(note)
 
     def drained(self) -> tuple[Note, ...]:
         """Return and remove the notes since the last call."""

@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from agents.notes import Notes
+from agents.notes import CommandOutcome, Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
 from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand, Verb
@@ -113,7 +113,7 @@ class Orders:
             self._abort = None
         elif now_s >= lands_s:
             self._abort = None
-            self._notes.add(now_s, "command", f"abort by {origin}: lands, no resume was received")
+            self._notes.add(now_s, CommandOutcome("abort", origin, "lands, no resume was received"))
             return Event.LAND
         return None
 
@@ -193,7 +193,7 @@ class Orders:
         while len(self._done) > NUMBERS_KEPT:
             forgotten, _ = self._done.popitem(last=False)
             self._unanswered.pop(forgotten, None)
-        self._notes.add(now_s, "command", f"{command.verb} by {command.origin}: {did}")
+        self._notes.add(now_s, CommandOutcome(command.verb, command.origin, did, not obeyed(did)))
 
 
 def obeyed(did: str) -> bool:

@@ -36,7 +36,7 @@ class Flight:
 
     @cached_property
     def metrics(self) -> FlightResult:
-        """Metrics and verdicts, as printed by `cordon sim --json` and `cordon report --json` (docs/flying.md).
+        """Metrics and verdicts, as printed by `cordon sim --json` and `cordon report --json` (docs/json.md).
 
         A metric that does not apply is None. `metrics.to_dict()` returns plain data.
         """

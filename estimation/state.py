@@ -3,7 +3,9 @@
 Everything is in the mission frame (x, y right-handed with z up), SI units and radians.
 """
 
+from collections.abc import Callable, Sequence
 from math import isfinite, sqrt
+from typing import ClassVar, Protocol
 
 import msgspec
 import numpy as np
@@ -28,12 +30,19 @@ class Telemetry(msgspec.Struct, frozen=True):
     Raises ValueError when a number is not finite: NaN is refused here.
     """
 
+    topic: ClassVar = "telemetry"
+    lasts: ClassVar = False
     time_s: float
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
 
     def __post_init__(self) -> None:
         _require_finite("telemetry", self.time_s, *self.position_m, *self.velocity_m_s)
+
+    def describe(self, time: Callable[[float], str]) -> str:
+        """Return it as text; `time` formats a time on the vehicle's clock."""
+        motion = f"position {place_text(self.position_m, 3)} m, velocity {place_text(self.velocity_m_s, 3)} m/s"
+        return f"telemetry at {time(self.time_s)}: {motion}"
 
 
 class Sighting(msgspec.Struct, frozen=True):
@@ -46,6 +55,8 @@ class Sighting(msgspec.Struct, frozen=True):
     frame's error has no positive correlation time.
     """
 
+    topic: ClassVar = "sighting"
+    lasts: ClassVar = False
     time_s: float
     sensor_id: int
     position_m: tuple[float, float]
@@ -72,6 +83,10 @@ class Sighting(msgspec.Struct, frozen=True):
             _require_finite("sighting", self.frame_sigma_m, self.frame_correlation_s)
             if self.frame_sigma_m < 0.0 or self.frame_correlation_s <= 0.0:
                 raise ValueError(f"frame error {self.frame_sigma_m} m, {self.frame_correlation_s} s of a sighting")
+
+    def describe(self, time: Callable[[float], str]) -> str:
+        """Return it as text; `time` formats a time on the vehicle's clock."""
+        return f"own sighting at {time(self.time_s)}: {target_text(self)}"
 
 
 AxisSpread = tuple[float, float, float, float, float, float]
@@ -132,6 +147,49 @@ class TargetEstimate(msgspec.Struct, frozen=True):
     def position_sigma_m(self) -> float:
         """The standard deviation of the position, in the worse direction of the axes."""
         return sqrt(max(self.position_variance_m2))
+
+
+class SightedTarget(Protocol):
+    """What a sighting and its message to peers have in common."""
+
+    @property
+    def position_m(self) -> tuple[float, float]:
+        """The target's position."""
+
+    @property
+    def covariance_m2(self) -> tuple[float, float, float]:
+        """Its covariance (xx, xy, yy)."""
+
+    @property
+    def importance(self) -> float:
+        """The target's importance in [0, 1]."""
+
+    @property
+    def threat(self) -> float:
+        """The target's threat in [0, 1]."""
+
+    @property
+    def altitude_m(self) -> float | None:
+        """The target's altitude, None if not measured."""
+
+    @property
+    def altitude_sigma_m(self) -> float:
+        """The standard deviation of the altitude."""
+
+
+def target_text(sighted: SightedTarget) -> str:
+    """Return a sighted target as text."""
+    xx, _, yy = sighted.covariance_m2
+    sigma_m = max(xx, yy, 0.0) ** 0.5
+    worth = f"importance {sighted.importance:.3f}, threat {sighted.threat:.3f}"
+    known = sighted.altitude_m is not None
+    height = f"altitude {sighted.altitude_m:.3f} m (σ {sighted.altitude_sigma_m:.2f} m), " if known else ""
+    return f"target at {place_text(sighted.position_m, 3)} m (σ {sigma_m:.2f} m), {height}{worth}"
+
+
+def place_text(values: Sequence[float], digits: int = 2) -> str:
+    """Return coordinates as text, (x, y)."""
+    return f"({', '.join(f'{round(value, digits) + 0.0:.{digits}f}' for value in values)})"
 
 
 def _require_finite(what: str, *values: float) -> None:

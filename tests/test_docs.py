@@ -36,8 +36,12 @@ def test_docstrings_cite_equations_that_the_paper_has() -> None:
 
 
 def test_units_of_log_fields_follow_from_their_names() -> None:
-    rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in field_tables().splitlines()]
-    units = {(row[0], row[1]): row[3] for row in rows if len(row) == 4}
+    units = {
+        (topic, name): unit or ""
+        for topic, _, fields in (channel.partition("`") for channel in field_tables().split("### `")[1:])
+        for names, unit in re.findall(r"^- (`.+?`): .*?(?: \[([^ ]+?)\])?$", fields, re.MULTILINE)
+        for name in re.findall(r"`(.+?)`", names)
+    }
     assert units["/vehicle/N/telemetry", "velocity_m_s"] == "m/s"
     assert units["/vehicle/N/sighting", "covariance_m2"] == "m²"
     assert units["/vehicle/N/decision", "polar.angular_rate_rad_s"] == "rad/s"
@@ -89,6 +93,6 @@ def test_python_in_documents_runs(
 
 
 def test_every_exit_code_is_documented() -> None:
-    flying = (DOCS / "flying.md").read_text(encoding="utf-8")
-    documented = {int(code) for code in re.findall(r"^\| (\d) \|", flying, flags=re.MULTILINE)}
+    page = (DOCS / "json.md").read_text(encoding="utf-8").partition("## Exit codes")[2]
+    documented = {int(code) for code in re.findall(r"^\| (\d) \|", page, flags=re.MULTILINE)}
     assert documented == {code.value for code in Exit}

@@ -19,6 +19,7 @@ FLIGHT = """
 import hashlib, sys
 from agents.control import encirclement
 from estimation.filters import own
+from gcs.flight.simulated import INPUTS
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.file import load_mission
 from sitl.simulation.simulation import NetworkModel, simulate
@@ -29,6 +30,7 @@ for name, duration_s in (("crossing", 30.0), ("case2-wander", 60.0), ("mixed-tea
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     flown = simulate(
         simulated_vehicles(mission, 0), network, rate_hz=mission.mission.rate_hz, duration_s=duration_s, seed=0,
+        inputs=INPUTS,
         observe=lambda *_: None, progress=lambda _: None,
     )
     print(name, hashlib.sha256(flown.motion.tobytes()).hexdigest())

@@ -1,7 +1,7 @@
 """The active set of a small quadratic programme. Its optimum is the starting point of OSQP.
 
 From a cold start OSQP takes hundreds of iterations where several bounds on states are active, whatever the scaling
-(docs/control.md). With the active set known, the optimum solves a few linear equations.
+(docs/notes/control.md). With the active set known, the optimum solves a few linear equations.
 
 The dual of  min x' P x / 2 + q' x,  G x <= b  is  min y' K y / 2 + d' y,  y >= 0,  with  K = G P^-1 G'  and the slack
 d = b + G P^-1 q  of the bounds at the unbounded optimum. It is solved by Lawson and Hanson's algorithm for non-negative

@@ -1,6 +1,6 @@
 """Polar coordinates about the target, and the feedback linearisation that makes them double integrators.
 
-They describe the motion relative to the target, and so include the target's velocity (docs/paper.md).
+They describe the motion relative to the target, and so include the target's velocity (docs/notes/paper.md).
 """
 
 from math import cos, sin

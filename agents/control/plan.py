@@ -7,6 +7,7 @@ import msgspec
 
 from agents.control.encirclement import Approach
 from agents.control.lmpc import QpStatus
+from agents.notes import RingChange
 from agents.ring.place import RingPlace
 from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
@@ -32,7 +33,7 @@ class RingReport(msgspec.Struct, frozen=True):
     joined: bool
     place: RingPlace | None = None
     approach: Approach | None = None
-    news: str | None = None
+    news: RingChange | None = None
     reference: ShapedCoordinate | None = None
 
 

@@ -5,6 +5,7 @@ from math import atan2, copysign, cos, hypot, sin, tau
 
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.plan import Plan, RingReport
+from agents.notes import RingChange
 from agents.ring.detour import Obstacle, bend_m
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.headway import headway_rate_rad_s, leads
@@ -101,7 +102,7 @@ class RingFlight:
         sigma_m = situation.position_sigma_m
         return self._joining.unheard_m(unsure_m(self._safety.uncertainty_sigmas, sigma_m, sigma_m))
 
-    def _orbit(self, now_s: float, target_m_s: float) -> tuple[Orbit, str | None]:
+    def _orbit(self, now_s: float, target_m_s: float) -> tuple[Orbit, RingChange | None]:
         """Return the ring that all members fly now, and what has changed about it.
 
         A vehicle that waits outside adopts it at once.
@@ -109,7 +110,7 @@ class RingFlight:
         changed = self._feasibility.find(target_m_s, self._team.ring.shares(), now_s, joined=self._joining.joined)
         orbit = self._feasibility.orbit
         self._joining.ring_m = orbit.radius_m
-        return orbit, None if changed is None else changed or "ring as in the mission"
+        return orbit, None if changed is None else RingChange(changed)
 
     def _task(
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float

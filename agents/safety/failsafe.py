@@ -103,9 +103,8 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        "the autopilot's position jumps: for the profile's `own_filter.gate_timeout_s` it differs by a metre or more "
-        "from the one that its last sample and velocity predict. The filter restarts; the condition lasts until "
-        "`tuning.failsafe.settle_s` after",
+        "for the profile's `own_filter.gate_timeout_s` the autopilot's position differs by a metre or more from the "
+        "predicted one; lasts until `tuning.failsafe.settle_s` after the filter's restart",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -173,7 +172,7 @@ TABLE = (
     ),
     Row(
         Condition.TILTED,
-        "the autopilot's attitude is tilted by `tuning.failsafe.tilt_max_deg` or more: strong wind, or a failing motor",
+        "the attitude is tilted by `tuning.failsafe.tilt_max_deg` or more: strong wind, or a failing motor",
         "failsafe.tilt_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -218,8 +217,8 @@ TABLE = (
     ),
     Row(
         Condition.TARGET_JUMPED,
-        "on the ring, and all sightings have disagreed with the estimate for `tuning.target_filter.gate_timeout_s`: "
-        "the filter restarts; it lasts until `tuning.failsafe.settle_s` after the last restart",
+        "on the ring, and all sightings have disagreed with the estimate for `tuning.target_filter.gate_timeout_s`; "
+        "lasts until `tuning.failsafe.settle_s` after the filter's restart",
         "",
         _GRADUALLY,
         RESUME,
@@ -258,8 +257,7 @@ TABLE = (
     ),
     Row(
         Condition.BUS_FLOODED,
-        "the bus refuses more than `tuning.failsafe.flood_per_s` messages a second before it decodes them, because of "
-        "their key, sender, length or rate",
+        "the bus refuses more than `tuning.failsafe.flood_per_s` messages a second: wrong key, sender, length or rate",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -323,7 +321,7 @@ TABLE = (
     Row(
         Condition.PEER_DOUBTFUL,
         "three states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
-        "them; it lasts until 5 s after the last one. Vehicles keep clear of all reported positions",
+        "them; lasts until 5 s after the last one",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -331,7 +329,7 @@ TABLE = (
     Row(
         Condition.SIGHTINGS_CONTRADICT,
         "three sightings of a peer or an external source are farther from the own sensor's than their covariances "
-        "allow: they are not used while the own sensor sees the target; it lasts until 5 s after the last one",
+        "allow; lasts until 5 s after the last one",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,

@@ -4,6 +4,7 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from agents.notes import AlertChange
 from agents.safety.failsafe import TABLE, Condition, Reaction, Row, chosen, grace_s
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
@@ -75,7 +76,7 @@ class FailsafeMonitor:
         self._escalation_s = config.failsafe.escalation_s
         self._time_scale = 1.0
         self._alerts: dict[Condition, _Alert] = {}
-        self._news: list[str] = []
+        self._news: list[AlertChange] = []
 
     def set_time_scale(self, factor: float) -> None:
         """Set mission seconds per wall second, for grace times in wall time."""
@@ -124,8 +125,8 @@ class FailsafeMonitor:
         for condition in [c for c, alert in self._alerts.items() if not alert.binds]:
             del self._alerts[condition]
 
-    def news(self) -> list[str]:
-        """Return the changes since the last call, as text for the notes."""
+    def news(self) -> list[AlertChange]:
+        """Return the changes since the last call."""
         if not self._news:
             return []
         news, self._news = self._news, []
@@ -152,12 +153,12 @@ class FailsafeMonitor:
 
     def _tell(self, condition: Condition) -> None:
         alert = self._alerts[condition]
-        self._news.append(f"{condition.value}: {alert.detail}: {alert.reaction.value}")
+        self._news.append(AlertChange(condition.value, alert.detail, alert.reaction.value))
 
     def _end(self, condition: Condition) -> None:
         alert = self._alerts[condition]
         alert.present = False
-        self._news.append(f"{condition.value}: cleared" + ("; resume continues the mission" if alert.sticky else ""))
+        self._news.append(AlertChange(condition.value, is_over=True, waits_for_resume=alert.sticky))
         if not alert.sticky:
             del self._alerts[condition]
 

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from agents.notes import GuardAction
 from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
 from agents.safety.fence import Fence
 from agents.settings.config import AgentConfig
@@ -307,13 +308,13 @@ class Interventions:
     def __init__(self) -> None:
         self._last_s = -inf
 
-    def news(self, now_s: float, aim_m: Vector, guarded: Guarded) -> tuple[str, str] | None:
-        """Return the causes, and the change of the planned aim (2,), as text; None if there is nothing new."""
+    def news(self, now_s: float, aim_m: Vector, guarded: Guarded) -> tuple[GuardAction, str] | None:
+        """Return the action, and the change of the planned aim (2,) as text; None if there is nothing new."""
         if not guarded.causes:
             return None
         quiet_s, self._last_s = now_s - self._last_s, now_s
         if quiet_s <= QUIET_S:
             return None
         (x, y), moved_m = aim_m.tolist(), hypot(*(guarded.aim_m - aim_m).tolist())
-        causes = ", ".join(cause.words for cause in guarded.causes)
-        return causes, f"the planned aim ({x:.2f}, {y:.2f}) m was moved by {moved_m:.2f} m"
+        action = GuardAction(tuple([cause.words for cause in guarded.causes]))
+        return action, f"the planned aim ({x:.2f}, {y:.2f}) m was moved by {moved_m:.2f} m"

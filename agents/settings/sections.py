@@ -26,21 +26,22 @@ Fence = Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX)
 
 
 class FormationSection(Settings):
-    """`[formation]`: spacing between neighbours, the leader and its speed along x. The `shape` is a "line" abreast, a
-    "column" or a "wedge" behind the leader, or "free": every vehicle's `slot_m`, the default if vehicles have one.
-    `cordon command formation` changes it in flight. The mission's line begins at `start_m`, by default the leader's
-    start. A vehicle keeps station on its "predecessor", the next one towards the leader, or on the mission's "line"
-    itself. The yaw is along x ("fixed"), or along the "path" flown.
-    """
+    """`[formation]`: the formation. `cordon command formation` changes its shape in flight."""
 
-    spacing_m: float = Field(gt=0.0, le=1000.0)
-    speed_m_s: float = Field(ge=0.0, le=20.0)
-    leader: int = Field(ge=1, le=254)
-    start_m: Annotated[tuple[float, float], BeforeValidator(pair)] | None = None
-    shape: Shape | None = None
-    station: Literal["predecessor", "line"] = "predecessor"
-    yaw: Literal["fixed", "path"] = "fixed"
-    speed_max_m_s: float = Field(2.0, gt=0.0, le=20.0)
+    spacing_m: float = Field(gt=0.0, le=1000.0, description="distance between neighbours")
+    speed_m_s: float = Field(ge=0.0, le=20.0, description="speed along x")
+    leader: int = Field(ge=1, le=254, description="id of the vehicle that follows the mission line")
+    start_m: Annotated[tuple[float, float], BeforeValidator(pair)] | None = Field(
+        None, description="start of the mission line; none: the leader's start"
+    )
+    shape: Shape | None = Field(
+        None, description="shape, behind the leader; none: `free` if vehicles have a `slot_m`, else `line`"
+    )
+    station: Literal["predecessor", "line"] = Field(
+        "predecessor", description="keep station on the next vehicle towards the leader, or on the mission line"
+    )
+    yaw: Literal["fixed", "path"] = Field("fixed", description="along x, or along the path flown")
+    speed_max_m_s: float = Field(2.0, gt=0.0, le=20.0, description="speed of a vehicle that catches up")
 
 
 class FormationSettings(FormationSection, FormationTuning):
@@ -48,26 +49,30 @@ class FormationSettings(FormationSection, FormationTuning):
 
 
 class EncirclementSection(Settings):
-    """`[encirclement]`: radius and angular rate of the ring, and the limits of speed and acceleration in its LMPC.
-    Vehicles that join the ring or change their spacing fly up to `spacing_speed_max_m_s` faster or slower than the ring
-    (none: half its speed, or 1 m/s if that is more), never backwards, within `spacing_acceleration_max_m_s2` and
-    `spacing_jerk_max_m_s3`. If limits conflict, `speed_max_m_s` and `acceleration_max_m_s2` take precedence. The yaw on
-    the ring is along x ("fixed"), or towards the "target". Vehicles fly at their `altitude_m` ("layers"), or follow the
-    altitude of the "target" at up to `climb_max_m_s`: the lowest `altitude_offset_m` above it, the others higher by the
-    differences of their `altitude_m`.
+    """`[encirclement]`: the ring. `speed_max_m_s` and `acceleration_max_m_s2` take precedence over the limits of
+    spacings.
     """
 
-    radius_m: float = Field(gt=0.0, le=1000.0)
-    angular_rate_rad_s: float = Field(ge=-2.0, le=2.0)
-    yaw: Literal["fixed", "target"] = "fixed"
-    altitude: Literal["layers", "target"] = "layers"
-    altitude_offset_m: float | None = Field(None, ge=-200.0, le=200.0)
-    climb_max_m_s: float = Field(1.0, ge=0.5, le=5.0)
-    speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0)
-    acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0)
-    spacing_speed_max_m_s: float | None = Field(None, gt=0.0, le=20.0)
-    spacing_acceleration_max_m_s2: float = Field(0.3, gt=0.0, le=20.0)
-    spacing_jerk_max_m_s3: float = Field(0.5, gt=0.0, le=100.0)
+    radius_m: float = Field(gt=0.0, le=1000.0, description="radius of the ring")
+    angular_rate_rad_s: float = Field(ge=-2.0, le=2.0, description="rate on the ring; positive is counter-clockwise")
+    yaw: Literal["fixed", "target"] = Field("fixed", description="along x, or towards the target")
+    altitude: Literal["layers", "target"] = Field(
+        "layers", description="`layers`: each at its `altitude_m`; `target`: follow the target's altitude"
+    )
+    altitude_offset_m: float | None = Field(
+        None, ge=-200.0, le=200.0, description="height of the lowest vehicle above the target"
+    )
+    climb_max_m_s: float = Field(1.0, ge=0.5, le=5.0, description="climb rate that follows the target")
+    speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0, description="limit of the LMPC")
+    acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0, description="limit of the LMPC")
+    spacing_speed_max_m_s: float | None = Field(
+        None,
+        gt=0.0,
+        le=20.0,
+        description="speed relative to the ring while spacings change; none: half the ring's, at least 1 m/s",
+    )
+    spacing_acceleration_max_m_s2: float = Field(0.3, gt=0.0, le=20.0, description="acceleration while spacings change")
+    spacing_jerk_max_m_s3: float = Field(0.5, gt=0.0, le=100.0, description="jerk while spacings change")
 
 
 class EncirclementSettings(EncirclementSection, EncirclementTuning):
@@ -89,34 +94,33 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
 class DecisionSettings(Settings):
     """When a vehicle leaves the formation for the ring (paper, section 5). A vehicle may override each threshold."""
 
-    importance_min: float = Field(0.6, ge=0.0, le=1.0)
-    threat_max: float = Field(0.5, ge=0.0, le=1.0)
-    distance_max_m: float = Field(12.0, gt=0.0, le=10000.0)
+    importance_min: float = Field(0.6, ge=0.0, le=1.0, description="least importance of the target")
+    threat_max: float = Field(0.5, ge=0.0, le=1.0, description="largest threat of the target")
+    distance_max_m: float = Field(12.0, gt=0.0, le=10000.0, description="largest distance of the target")
 
 
 class SafetySection(Settings):
-    """`[safety]`: limits that apply to every tactic. The guard moves setpoints so that vehicles keep `separation_m`
-    from each other, unless one flies `vertical_separation_m` above the other, and `keep_out_m` from the target (0:
-    none); stay inside `fence_m`, a polygon of corners in the mission frame, and between the two altitudes (a vehicle
-    may have its own); and stay below the speed. For `lost_avoided_s` the guard avoids the last position of a silent
-    vehicle. `yaw_rate_max_deg_s` limits the yaw rate. Without telemetry for `telemetry_timeout_s` a vehicle holds.
-    After an abort it hovers for `abort_hover_s` before it lands. `guard = false` switches the guard off, for
-    simulations.
-    """
+    """`[safety]`: limits that the guard keeps in every tactic (docs/safety.md)."""
 
-    guard: bool = True
-    separation_m: float = Field(1.0, gt=0.0, le=100.0)
-    vertical_separation_m: float = Field(2.0, gt=0.0, le=100.0)
-    keep_out_m: float = Field(0.0, ge=0.0, le=1000.0)
-    fence_m: Fence = ()
-    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
-    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
-    speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0)
-    acceleration_max_m_s2: float = Field(4.0, gt=0.0, le=20.0)
-    yaw_rate_max_deg_s: float = Field(45.0, gt=0.0, le=360.0)
-    lost_avoided_s: float = Field(60.0, ge=0.0, le=3600.0)
-    telemetry_timeout_s: float = Field(1.0, gt=0.0, le=30.0)
-    abort_hover_s: float = Field(5.0, ge=0.0, le=60.0)
+    guard: bool = Field(True, description="false switches the guard off, for simulations")
+    separation_m: float = Field(1.0, gt=0.0, le=100.0, description="least distance between vehicles")
+    vertical_separation_m: float = Field(
+        2.0, gt=0.0, le=100.0, description="height difference beyond which vehicles do not evade"
+    )
+    keep_out_m: float = Field(0.0, ge=0.0, le=1000.0, description="least distance to the target; 0: none")
+    fence_m: Fence = Field((), description="corners of the fence, x and y each; empty: none")
+    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="least altitude above the origin")
+    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="largest altitude above the origin")
+    speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0, description="largest speed")
+    acceleration_max_m_s2: float = Field(4.0, gt=0.0, le=20.0, description="largest acceleration of an evasion")
+    yaw_rate_max_deg_s: float = Field(45.0, gt=0.0, le=360.0, description="largest yaw rate")
+    lost_avoided_s: float = Field(
+        60.0, ge=0.0, le=3600.0, description="how long the place of a silent vehicle is avoided"
+    )
+    telemetry_timeout_s: float = Field(
+        1.0, gt=0.0, le=30.0, description="time without telemetry until the vehicle holds"
+    )
+    abort_hover_s: float = Field(5.0, ge=0.0, le=60.0, description="time from an abort to the landing")
 
 
 class SafetySettings(SafetySection, SafetyTuning):
@@ -130,23 +134,21 @@ class SafetySettings(SafetySection, SafetyTuning):
 
 
 class FailsafeSection(Settings):
-    """`[failsafe]`: thresholds and times of the failsafe table (safety.md). A condition that lasts for `escalation_s`
-    after a reaction leads to the next one. `battery_low` and `battery_critical` are fractions of a full battery.
-    `bus_lost_s`, `peers_silent_s` and `peer_silent_s` are how long the bus, all peers or one of them may be silent. A
-    vehicle returns while it can still land at its start with `reserve_s` of flight time left. `no_operator` is the
-    reaction once the last operator has left the bus for `no_operator_s`, for example with the laptop: "go_on", "hold"
-    or "return" (docs/onboard.md).
-    """
+    """`[failsafe]`: thresholds and times of the failsafe table (docs/safety.md)."""
 
-    escalation_s: float = Field(30.0, ge=1.0, le=3600.0)
-    battery_low: float = Field(0.2, ge=0.0, lt=1.0)
-    battery_critical: float = Field(0.1, ge=0.0, lt=1.0)
-    reserve_s: float = Field(30.0, ge=0.0, le=3600.0)
-    bus_lost_s: float = Field(2.0, ge=0.0, le=600.0)
-    peers_silent_s: float = Field(3.0, ge=1.0, le=600.0)
-    peer_silent_s: float = Field(2.0, ge=1.0, le=600.0)
-    no_operator: Literal["go_on", "hold", "return"] = "go_on"
-    no_operator_s: float = Field(10.0, ge=1.0, le=3600.0)
+    escalation_s: float = Field(
+        30.0, ge=1.0, le=3600.0, description="time until the next reaction, while the condition lasts"
+    )
+    battery_low: float = Field(0.2, ge=0.0, lt=1.0, description="share of the battery left: return and land")
+    battery_critical: float = Field(0.1, ge=0.0, lt=1.0, description="share of the battery left: land")
+    reserve_s: float = Field(30.0, ge=0.0, le=3600.0, description="flight time left after the way home")
+    bus_lost_s: float = Field(2.0, ge=0.0, le=600.0, description="grace time of *bus lost*")
+    peers_silent_s: float = Field(3.0, ge=1.0, le=600.0, description="grace time of *all peers silent*")
+    peer_silent_s: float = Field(2.0, ge=1.0, le=600.0, description="grace time of *peer silent* and *leader lost*")
+    no_operator: Literal["go_on", "hold", "return"] = Field(
+        "go_on", description="reaction when the last operator has left the bus"
+    )
+    no_operator_s: float = Field(10.0, ge=1.0, le=3600.0, description="grace time of *no operator on the bus*")
 
 
 class FailsafeSettings(FailsafeSection, FailsafeTuning):
@@ -161,16 +163,15 @@ def _ids(value: object) -> object:
 
 
 class ChoreographySettings(Settings):
-    """Take-off and landing. Each vehicle has its own layer of height, `layer_m` apart (0: no layers): above the highest
-    `altitude_m`, in line order from take-off until all are in their slots, in landing order on the way home. `landing`
-    is "in_place" or "return", to `start_m`. Vehicles that are not in `landing_order` land last, in line order.
-    """
+    """Take-off and landing (docs/flying.md)."""
 
-    layer_m: float = Field(0.0, ge=0.0, le=50.0)
-    landing: Literal["in_place", "return"] = "in_place"
+    layer_m: float = Field(
+        0.0, ge=0.0, le=50.0, description="height between the layers of take-off and landing; 0: no layers"
+    )
+    landing: Literal["in_place", "return"] = Field("in_place", description="land in place, or at `start_m`")
     landing_order: Annotated[
         tuple[Annotated[int, Field(ge=1, le=254)], ...], Field(max_length=254), BeforeValidator(_ids)
-    ] = ()
+    ] = Field((), description="ids; others land last, in line order")
 
     def in_landing_order(self, ids: tuple[int, ...]) -> tuple[int, ...]:
         """Return the vehicles, given in line order, in the order in which they land."""
@@ -179,23 +180,26 @@ class ChoreographySettings(Settings):
 
 
 class ExcitationSettings(Settings):
-    """The excitation flight of `cordon excite`: steps between random levels, then swept sines, on x, on y and on both.
-    It stays in a box of `half_width_m` to all four sides of its centre, which is `offset_m` from the vehicle's start,
-    and below `speed_max_m_s`, also if the plant's parameters differ by the fraction `plant_doubt` from the profile's.
-    With the profile's plant it stays below `acceleration_max_m_s2`. A level lasts from `level_shortest_s` to
-    `level_longest_s`. The vehicle rests for `rest_s` before each part.
+    """The excitation flight of `cordon excite`: steps, then swept sines, on x, on y and on both
+    (docs/identification.md).
     """
 
-    offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = (12.0, 0.0)
-    half_width_m: float = Field(5.0, ge=1.0, le=100.0)
-    speed_max_m_s: float = Field(2.0, ge=0.1, le=20.0)
-    acceleration_max_m_s2: float = Field(2.3, ge=0.1, le=20.0)
-    plant_doubt: float = Field(0.3, ge=0.0, le=0.6)
-    steps_s: float = Field(30.0, ge=5.0, le=600.0)
-    level_shortest_s: float = Field(1.5, ge=0.5, le=60.0)
-    level_longest_s: float = Field(6.0, ge=0.5, le=60.0)
-    sweep_s: float = Field(30.0, ge=5.0, le=600.0)
-    sweep_from_hz: float = Field(0.05, ge=0.01, le=5.0)
-    sweep_to_hz: float = Field(0.5, ge=0.01, le=5.0)
-    rest_s: float = Field(4.0, ge=1.0, le=60.0)
-    seed: int = Field(0, ge=0)
+    offset_m: Annotated[tuple[float, float], BeforeValidator(pair)] = Field(
+        (12.0, 0.0), description="centre of the box from the start, x and y"
+    )
+    half_width_m: float = Field(5.0, ge=1.0, le=100.0, description="from the centre to each side of the box")
+    speed_max_m_s: float = Field(
+        2.0, ge=0.1, le=20.0, description="largest speed, also of a plant that is off by `plant_doubt`"
+    )
+    acceleration_max_m_s2: float = Field(
+        2.3, ge=0.1, le=20.0, description="largest acceleration, with the profile's plant"
+    )
+    plant_doubt: float = Field(0.3, ge=0.0, le=0.6, description="assumed error of a0 and a1, as a share")
+    steps_s: float = Field(30.0, ge=5.0, le=600.0, description="duration of each part with steps")
+    level_shortest_s: float = Field(1.5, ge=0.5, le=60.0, description="shortest level of the steps")
+    level_longest_s: float = Field(6.0, ge=0.5, le=60.0, description="longest level of the steps")
+    sweep_s: float = Field(30.0, ge=5.0, le=600.0, description="duration of each swept sine")
+    sweep_from_hz: float = Field(0.05, ge=0.01, le=5.0, description="first frequency of the sweep")
+    sweep_to_hz: float = Field(0.5, ge=0.01, le=5.0, description="last frequency of the sweep")
+    rest_s: float = Field(4.0, ge=1.0, le=60.0, description="rest before each part")
+    seed: int = Field(0, ge=0, description="seed of the levels")

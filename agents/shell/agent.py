@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+from agents.inputs import Autopilot, Command, Computer, Ground, Killed, Message, Presence, Start, TacticEvent, TimeScale
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
@@ -52,7 +53,7 @@ class OutsideSensors:
             return
         seen = parts.perception.take(payload, parts.clock.now_s(), max(parts.clock.time_scale, 1.0))
         if seen is not None:
-            parts.core.on_sighting(seen)
+            parts.core.take(seen)
 
 
 ARMED_HEARD_AFTER_S = 2.5
@@ -127,7 +128,7 @@ class Agent:
     def wait_on_ground(self, lacks: str) -> None:
         """Wait for an operator's start, and report it; `lacks` is what forbids the start, empty if nothing does."""
         lacks = printable(lacks or self._start_agreement.refusal)[:LACKS_LIMIT]
-        self._core.on_ground(lacks)
+        self._core.take(Ground(lacks))
         self._reporter.wait(lacks)
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
@@ -135,7 +136,7 @@ class Agent:
 
         An exception that is not a refusal is raised once the vehicle is on the ground.
         """
-        self._core.set_time_scale(max(self._clock.time_scale, 1.0))
+        self._core.take(TimeScale(max(self._clock.time_scale, 1.0)))
         self._duration_s, self._stop = duration_s, stop
         self._reporter.wait(None)
         self._start_agreement.bound(duration_s)
@@ -154,16 +155,16 @@ class Agent:
 
     def obey(self, command: OperatorCommand) -> None:
         """Take a command of an operator at this computer."""
-        self._core.on_command(command, self._clock.now_s())
+        self._core.take(Command(self._clock.now_s(), command))
         self._act_on_orders()
 
     def see(self, sighting: Sighting) -> None:
         """Take a sighting from outside the team."""
-        self._core.on_sighting(sighting)
+        self._core.take(sighting)
 
     def note_computer(self, short_of: str) -> None:
         """Take the resource that this computer is short of, empty if none."""
-        self._core.on_computer(short_of)
+        self._core.take(Computer(short_of))
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
@@ -196,10 +197,10 @@ class Agent:
         self._reporter.sense()
         self._loop.position_m = telemetry.position_m[:2]
         if self._flew:
-            self._core.on_telemetry(telemetry)
+            self._core.take(telemetry)
 
     def _hear(self, message: BusMessage) -> None:
-        self._core.on_message(message, self._clock.now_s())
+        self._core.take(Message(self._clock.now_s(), message))
         if isinstance(message, OperatorCommand):
             self._act_on_orders()
         self._start_agreement.receive(message)
@@ -216,7 +217,7 @@ class Agent:
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
         self._start_agreement.note_presence(vehicle_id, present)
-        self._core.on_presence(vehicle_id, present)
+        self._core.take(Presence(vehicle_id, present))
 
     # Activities: each returns the event of its end.
 
@@ -327,26 +328,26 @@ class Agent:
         start_s = self._start_agreement.start_s
         assert start_s is not None
         self._loop.sensor = self._parts.make_sensor(start_s)
-        self._core.start(start_s)
+        self._core.take(Start(start_s))
         self._reporter.start_mission(start_s, self._duration_s)
         self._activities.start(Kind.START, lambda: self._fly_duration(start_s))
 
     def _hold(self) -> None:
-        self._core.on_event(Event.HOLD)
+        self._core.take(TacticEvent(Event.HOLD))
         self._activities.start(Kind.HOLD, self._come_to_rest)
 
     def _end_mission(self) -> None:
         self._activities.cancel(Kind.START, Kind.HOLD)
         if self._ended_s is None:
             self._ended_s = self._clock.now_s()
-        self._core.on_event(Event.END)
+        self._core.take(TacticEvent(Event.END))
 
     def _hand_over(self) -> None:
         status = self._link.status
         self._link.hand_over()
         self._activities.cancel(Kind.CALL)
-        self._core.on_vehicle(status)  # it may hold the reason
-        self._core.on_event(Event.PILOT_TOOK_OVER)
+        self._core.take(Autopilot(status))  # it may hold the reason
+        self._core.take(TacticEvent(Event.PILOT_TOOK_OVER))
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
         elif pilot_took_over(status):
@@ -363,7 +364,7 @@ class Agent:
     def _prepare_landing(self) -> None:
         self._flew = True
         self._activities.start(Kind.TICKS, self._tick_in_landing)
-        self._core.on_event(Event.LAND)
+        self._core.take(TacticEvent(Event.LAND))
 
     def _stop_offboard(self) -> None:
         self._activities.start(Kind.CALL, self._call_stop_offboard, LifeEvent.OFFBOARD_KEPT)
@@ -421,7 +422,7 @@ class Agent:
     # Helpers.
 
     def _answer_kill(self, refusal: str) -> None:
-        self._core.on_killed(refusal, self._clock.now_s())
+        self._core.take(Killed(self._clock.now_s(), refusal))
         self._loop.tick_only()
 
     def _armed(self) -> LifeEvent:

@@ -2,6 +2,7 @@
 
 from time import perf_counter
 
+from agents.inputs import Autopilot, Bus, LateTicks
 from agents.outputs import TickOutput
 from agents.ports import TargetSensor
 from agents.shell.outcome import LoopReport
@@ -48,15 +49,15 @@ class ControlLoop:
     def tick_control(self, late_ticks: int) -> bool:
         """Tick the core and send its setpoint, if any; return whether there was one."""
         core, link = self._parts.core, self._parts.link
-        core.on_vehicle(link.status)
-        core.on_loop(late_ticks)
-        core.on_bus(self._parts.bus.alive, self._parts.bus.operated)
-        core.on_drops(self._parts.bus.drops)
+        core.take(Autopilot(link.status))
+        core.take(LateTicks(late_ticks))
+        core.take(Bus(self._parts.bus.alive, self._parts.bus.operated))
+        core.take(self._parts.bus.drops)
         now_s = self._parts.clock.now_s()
         sighting = self.sensor.sight(now_s, self.position_m) if self.sensor else None
         began = perf_counter()
         if sighting is not None:
-            core.on_sighting(sighting)
+            core.take(sighting)
         output = core.tick(now_s)
         tick_us = (perf_counter() - began) * 1e6
         if output.setpoint is not None:

@@ -47,29 +47,26 @@ class IdentifiedLog(Settings):
 
 
 class Identification(Settings):
-    """`[identified]`: how the plant of a profile was identified.
+    """`[identified]`: how the plant of a profile was identified, as written by `cordon identify`."""
 
-    `method` is the method and its version, `date` the ISO date, `setpoints` the assumed input between two logged
-    setpoints, `vehicle` the system id. `fit_x_percent` and `fit_y_percent` are the validation fits: 100 (1 - rms error
-    / rms motion) on a part of the flight that was not fitted. `delay_spread_s` is the variation of the delay (rms),
-    None in files of earlier versions. `covariance` is (5, 5) or, with feed-forward, (6, 6) in the order of
-    `covariance_of`.
-    """
-
-    method: str
-    date: Annotated[str, BeforeValidator(_iso), Field(pattern=_DATE)]
-    vehicle: int = Field(ge=0, le=255)
-    autopilot: str
-    firmware: str
-    logs: Annotated[tuple[IdentifiedLog, ...], BeforeValidator(_tuples), Field(min_length=1)]
-    setpoints: str
-    duration_s: float = Field(gt=0.0)
-    fit_x_percent: float = Field(le=100.0)
-    fit_y_percent: float = Field(le=100.0)
-    delay_spread_s: float | None = Field(None, ge=0.0, le=10.0)
-    verdict: Annotated[PlantGrade, BeforeValidator(_verdict)]
-    reasons: Annotated[tuple[str, ...], BeforeValidator(_tuples)] = ()
-    covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)]
+    method: str = Field(description="method and its version")
+    date: Annotated[str, BeforeValidator(_iso), Field(pattern=_DATE)] = Field(description="ISO date")
+    vehicle: int = Field(ge=0, le=255, description="MAVLink system id")
+    autopilot: str = Field(description="autopilot of the log")
+    firmware: str = Field(description="its version")
+    logs: Annotated[tuple[IdentifiedLog, ...], BeforeValidator(_tuples), Field(min_length=1)] = Field(
+        description="name and SHA-256 of each log"
+    )
+    setpoints: str = Field(description="assumed input between two logged setpoints")
+    duration_s: float = Field(gt=0.0, description="data used")
+    fit_x_percent: float = Field(le=100.0, description="validation fit: 100 (1 - rms error / rms motion)")
+    fit_y_percent: float = Field(le=100.0, description="the same along y")
+    delay_spread_s: float | None = Field(None, ge=0.0, le=10.0, description="variation of the delay, rms")
+    verdict: Annotated[PlantGrade, BeforeValidator(_verdict)] = Field(description="whether to fly with the plant")
+    reasons: Annotated[tuple[str, ...], BeforeValidator(_tuples)] = Field((), description="reasons for the verdict")
+    covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_tuples)] = Field(
+        description="covariance of a0 and a1 of x, a0 and a1 of y, the delay, and the feed-forward if there is one"
+    )
 
     @property
     def feeds(self) -> bool:

@@ -23,32 +23,35 @@ class ProfileError(Exception):
 class AxisSection(Settings):
     """The plant of one horizontal axis, x'' = a0 (X_d - x) - a1 x'. Both parameters are positive."""
 
-    a0_per_s2: float = Field(le=100.0)
-    a1_per_s: float = Field(le=100.0)
+    a0_per_s2: float = Field(le=100.0, description="stiffness, positive")
+    a1_per_s: float = Field(le=100.0, description="damping, positive")
 
 
 class LimitsSection(Settings):
-    """`[limits]`: the autopilot's limits of speed and acceleration, none if unknown. A mission whose ring or line needs
-    more is refused.
-    """
+    """`[limits]`: the autopilot's limits. A mission whose ring or line needs more is refused."""
 
-    speed_max_m_s: float | None = Field(None, gt=0.0, le=100.0)
-    acceleration_max_m_s2: float | None = Field(None, gt=0.0, le=100.0)
+    speed_max_m_s: float | None = Field(None, gt=0.0, le=100.0, description="largest speed; none: unknown")
+    acceleration_max_m_s2: float | None = Field(
+        None, gt=0.0, le=100.0, description="largest acceleration; none: unknown"
+    )
 
 
 class ProfileFile(Settings):
-    """The autopilot of the profile, none for any; the `delay_s` between a setpoint and its effect; and the feed-forward
-    gain of a setpoint's velocity, 0 for setpoints without velocity.
-    """
+    """The plant x'' = a0 (X_d - x) - a1 x' of a vehicle, with delay and feed-forward."""
 
-    autopilot: Autopilot | None = None
-    delay_s: float = Field(0.0, ge=0.0, le=1.0)
-    feedforward: float = Field(0.0, ge=0.0, le=FEEDFORWARD_MAX)
-    x: AxisSection
-    y: AxisSection
-    own_filter: OwnFilterSettings = OwnFilterSettings()
-    limits: LimitsSection = LimitsSection()
-    identified: Identification | None = None
+    autopilot: Autopilot | None = Field(None, description="autopilot that the profile is for; none: any")
+    delay_s: float = Field(0.0, ge=0.0, le=1.0, description="time between a setpoint and its effect")
+    feedforward: float = Field(
+        0.0,
+        ge=0.0,
+        le=FEEDFORWARD_MAX,
+        description="share of a setpoint's velocity that the vehicle follows; 0: setpoints are positions only",
+    )
+    x: AxisSection = Field(description="plant along x")
+    y: AxisSection = Field(description="plant along y")
+    own_filter: OwnFilterSettings = Field(OwnFilterSettings(), description="filter of the vehicle's own state")
+    limits: LimitsSection = Field(LimitsSection(), description="limits of the autopilot")
+    identified: Identification | None = Field(None, description="how the plant was identified")
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,9 @@
 The vehicle's own reaction is in that table (`agents/safety/failsafe.py`). Sentences name commands by their verbs.
 """
 
-from typing import Literal
+from typing import Literal, Protocol
 
-from agents.orders import REFUSED
+from agents.notes import AlertChange, CommandOutcome
 from agents.safety.failsafe import TABLE, Condition, Reaction
 
 Severity = Literal["information", "warning", "alarm"]
@@ -65,32 +65,33 @@ def severity(alert: str) -> Severity:
     return "warning" if alert in _WARNINGS else "alarm"
 
 
-def event_severity(kind: str, text: str) -> Severity:
-    """Return the severity of a flight event, by its kind and text (`gcs.metrics.record.FlightEvent`).
+class Happened(Protocol):
+    """A note of a vehicle or an event of a flight (`agents.notes.Note`, `gcs.metrics.record.FlightEvent`)."""
+
+    @property
+    def kind(self) -> str:
+        """Its kind."""
+
+    @property
+    def alert(self) -> AlertChange | None:
+        """The alert that begins or ends with it."""
+
+    @property
+    def command(self) -> CommandOutcome | None:
+        """The command whose outcome it is."""
+
+
+def event_severity(event: Happened) -> Severity:
+    """Return the severity of an event.
 
     An alert has the severity of its condition. The end of an alert is information, and so are all other events but a
     kill and a refusal, which are warnings.
     """
-    if kind == "command":
-        return "warning" if text.startswith("kill ") or REFUSED in text else "information"
-    if kind != "failsafe":
-        return "information"
-    alert, is_over = _alert_of(text)
-    if alert in _OF_ALERT:
-        return "information" if is_over else severity(alert)
-    return "information" if alert == "alert cleared" else "warning"
-
-
-def begun_alert(kind: str, text: str) -> str:
-    """Return the alert that begins with an event of a flight, empty for any other event."""
-    alert, is_over = _alert_of(text)
-    return alert if kind == "failsafe" and alert in _OF_ALERT and not is_over else ""
-
-
-def _alert_of(text: str) -> tuple[str, bool]:
-    """Return the alert that a failsafe's event names, and whether the event is its end."""
-    alert, _, then = text.removeprefix("alert: ").partition(": ")
-    return alert, then.startswith("cleared")
+    if event.command is not None:
+        return "warning" if event.command.is_refused or event.command.verb == "kill" else "information"
+    if event.alert is not None:
+        return "information" if event.alert.is_over else severity(event.alert.condition)
+    return "warning" if event.kind == "failsafe" else "information"
 
 
 def late_ticks(missed: int, ticks: int, *, below_speed: float | None) -> str:

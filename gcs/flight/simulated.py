@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
+from agents.inputs import Message, Presence, Start
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
@@ -18,7 +19,7 @@ from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
-from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
+from sitl.simulation.simulation import Inputs, NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
 from sitl.simulation.vehicle_model import Absence, TelemetryNoise, VehicleModel
 from sitl.vehicle.imperfections import Imperfections
 from sitl.vehicle.plant_step import StepFunction
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from gcs.flightlog.simulation import SimulationRecording
 
 
+INPUTS = Inputs(Message, Presence)
+"""Of the agents' cores, for the simulation."""
 OnTick = Callable[[int, int, TickOutput], None]
 _COMES_DOWN = (Tactic.RETURN_AND_LAND, Tactic.LAND)
 
@@ -65,7 +68,14 @@ def fly_simulated(
     vehicles = simulated_vehicles(mission, seed, new_core, imperfections=imperfections, steps=steps)
     began_s = perf_counter()
     flight = simulate(
-        vehicles, network, rate_hz=rate_hz, duration_s=duration_s, seed=seed, observe=observe, progress=progress
+        vehicles,
+        network,
+        rate_hz=rate_hz,
+        duration_s=duration_s,
+        seed=seed,
+        inputs=INPUTS,
+        observe=observe,
+        progress=progress,
     )
     wall_time_s = perf_counter() - began_s
     if recording is not None:
@@ -89,7 +99,7 @@ class _Observed:
             self.tactics[tick:, vehicle] = status.tactic.value
         self.guard.note(status.guarded)
         if status.notes:
-            self.events += [FlightEvent(note.time_s, status.vehicle_id, note.kind, note.text) for note in status.notes]
+            self.events += [FlightEvent.of(status.vehicle_id, note) for note in status.notes]
 
     def endings(self, vehicle_ids: Sequence[int]) -> tuple[VehicleEnding, ...]:
         """Return how the flights ended: in the air at the end of the simulation, or earlier by a failsafe landing."""
@@ -143,7 +153,7 @@ def _simulated_vehicle(
 
     def started() -> VehicleCore:
         core = new_core(config)
-        core.start(0.0)
+        core.take(Start(0.0))
         return core
 
     simulation = mission.simulation

@@ -68,14 +68,13 @@ class Watch:
         for event in self._team.journal.new_events():
             self._note_alert(event)
             line = event_line(event, self._team.start_s)
-            self._team.view.print_line(line, event_severity(event.kind, event.text))
+            self._team.view.print_line(line, event_severity(event))
 
     def _note_alert(self, event: FlightEvent) -> None:
         """Store which conditions are cleared: a vehicle keeps such a condition as its alert until it resumes."""
-        if event.kind == "failsafe" and event.vehicle in self._over:
-            alert, _, then = event.text.partition(": ")
+        if event.alert is not None and event.vehicle in self._over:
             over = self._over[event.vehicle]
-            (over.add if then.startswith("cleared") else over.discard)(alert)
+            (over.add if event.alert.is_over else over.discard)(event.alert.condition)
 
     def _update(self, hint: Text) -> None:
         team, mission = self._team, self._team.plan.mission

@@ -8,8 +8,8 @@ from typing import Literal
 
 import msgspec
 
+from agents.inputs import Command, Message
 from agents.outputs import TickOutput
-from agents.tape import Command, Message
 from agents.team.codec import decode
 from agents.team.messages import TOPICS, CommandAnswer, OperatorCommand, key_of
 
@@ -73,7 +73,7 @@ class AuditTrail:
         self._answers: OrderedDict[tuple[int, int, str], None] = OrderedDict()
 
     def take(self, vehicle_id: int, time_s: float, item: object) -> Iterator[AuditEntry]:
-        """Return the entries for an item on a vehicle's tape."""
+        """Return the entries for an input or output of a vehicle's core."""
         match item:
             case Message(message=OperatorCommand() as command) if command.vehicle in (None, vehicle_id):
                 yield from self._received(vehicle_id, time_s, command, "bus", key_of(command))

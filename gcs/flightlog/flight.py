@@ -4,12 +4,12 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from agents.core import VehicleCore
+from agents.recording import RecordedCore
 from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
-from agents.tape import TapedCore
 from estimation.state import Telemetry
 from gcs.flightlog.audit import AuditTrail
-from gcs.flightlog.recorder import Recorder, RecorderThread, RecordWriter, VehicleTape
+from gcs.flightlog.recorder import Recorder, RecorderThread, RecordWriter, VehicleRecorder
 from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
 from gcs.preflight.findings import VehicleFacts
 from sitl.server.server import TruthTrack
@@ -93,7 +93,7 @@ class FlightRecording:
     def __init__(self, writer: RecordWriter, clock: MissionClock) -> None:
         self._recorder = Recorder(writer, clock.now_s, lambda: clock.time_scale, AuditTrail())
         self._thread = RecorderThread(self._recorder)
-        self._tapes: dict[int, VehicleTape] = {}
+        self._vehicles: dict[int, VehicleRecorder] = {}
 
     def __enter__(self) -> Self:
         """Start to write."""
@@ -117,21 +117,23 @@ class FlightRecording:
 
     def core(self, config: AgentConfig) -> VehicleCore:
         """Return a core whose inputs and outputs are recorded."""
-        return TapedCore(config, self._tape(config.vehicle_id))
+        return RecordedCore(config, self._vehicle(config.vehicle_id))
 
     def meet(self, facts: VehicleFacts) -> None:
         """Record the facts that a vehicle reported before take-off."""
         known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
         parameters = tuple(Parameter(name, value) for name, value in known.items())
-        self._tape(facts.vehicle_id).note(Vehicle(facts.autopilot.value, facts.firmware, parameters, facts.kind.value))
+        self._vehicle(facts.vehicle_id).note(
+            Vehicle(facts.autopilot.value, facts.firmware, parameters, facts.kind.value)
+        )
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
         """Record the computing time of a tick of a vehicle's control loop."""
-        self._tape(vehicle_id).note(Cost(time_s, tick_us))
+        self._vehicle(vehicle_id).note(Cost(time_s, tick_us))
 
     def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
         """Record the totals of a vehicle's control loop, and how its flight ended."""
-        self._tape(vehicle_id).note(end)
+        self._vehicle(vehicle_id).note(end)
 
     def end(self, end: RunEnd) -> None:
         """Record how the run ended."""
@@ -139,15 +141,15 @@ class FlightRecording:
 
     def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
         """Record a vehicle's true track."""
-        tape, rows = self._tape(vehicle_id), (track.time_s, track.position_m, track.velocity_m_s)
+        recorder, rows = self._vehicle(vehicle_id), (track.time_s, track.position_m, track.velocity_m_s)
         for time_s, (x, y, z), (x_rate, y_rate, z_rate) in zip(*(each.tolist() for each in rows), strict=True):
-            tape.note(Truth(time_s, (x, y, z), (x_rate, y_rate, z_rate)), time_s)
+            recorder.note(Truth(time_s, (x, y, z), (x_rate, y_rate, z_rate)), time_s)
 
     def truth(self, vehicle_id: int, motion: Telemetry) -> None:
         """Record a true motion that a vehicle's simulator sent."""
-        self._tape(vehicle_id).note(Truth(motion.time_s, motion.position_m, motion.velocity_m_s, received=True))
+        self._vehicle(vehicle_id).note(Truth(motion.time_s, motion.position_m, motion.velocity_m_s, received=True))
 
-    def _tape(self, vehicle_id: int) -> VehicleTape:
-        if vehicle_id not in self._tapes:
-            self._tapes[vehicle_id] = self._recorder.tape(vehicle_id)
-        return self._tapes[vehicle_id]
+    def _vehicle(self, vehicle_id: int) -> VehicleRecorder:
+        if vehicle_id not in self._vehicles:
+            self._vehicles[vehicle_id] = self._recorder.vehicle(vehicle_id)
+        return self._vehicles[vehicle_id]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 from mcap.records import Channel, Schema
 
-from agents.tape import Message as BusInput
+from agents.inputs import Message as BusInput
 from agents.team.codec import decode, refusal
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain

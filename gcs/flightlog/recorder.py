@@ -1,7 +1,7 @@
-"""The flight recorder: tapes for the cores, and the writing of their records to a log.
+"""The flight recorder: recorders of the cores, and the writing of their records to a log.
 
-A tape only appends to a queue. `drain` hands the records to a writer, in a thread of its own during a flight: a slow,
-full or missing disk does not affect the flight.
+A core's recorder only appends to a queue. `drain` hands the records to a writer, in a thread of its own during a
+flight: a slow, full or missing disk does not affect the flight.
 """
 
 import threading
@@ -11,8 +11,8 @@ from time import monotonic, sleep
 from types import TracebackType
 from typing import Protocol, Self
 
+from agents.inputs import CoreInput, Message
 from agents.outputs import TickOutput
-from agents.tape import CoreInput, Message
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, OperatorCommand
 from gcs.flightlog.audit import AuditTrail
@@ -79,7 +79,7 @@ class Recorder:
         self._now_s = now_s
         self._speed = speed
         self._queue: deque[_Item] = deque()
-        self._tapes: list[VehicleTape] = []
+        self._vehicles: list[VehicleRecorder] = []
         self._carried = _CarriedMessages()
         self._eventful = False
 
@@ -88,11 +88,11 @@ class Recorder:
         """The reason why the log ends before the flight does, empty if it does not."""
         return self._writer.fault
 
-    def tape(self, vehicle_id: int) -> "VehicleTape":
-        """Return the tape of a vehicle's core."""
-        tape = VehicleTape(vehicle_id, self._queue, self._now_s, self._overflow)
-        self._tapes.append(tape)
-        return tape
+    def vehicle(self, vehicle_id: int) -> "VehicleRecorder":
+        """Return the recorder of a vehicle's core."""
+        recorder = VehicleRecorder(vehicle_id, self._queue, self._now_s, self._overflow)
+        self._vehicles.append(recorder)
+        return recorder
 
     def note(self, vehicle_id: int, number: int, record: object, time_s: float | None = None) -> None:
         """Add a record, with the present time by default; never blocks, never raises."""
@@ -127,8 +127,8 @@ class Recorder:
 
     def close(self) -> None:
         """Write the remaining records and close the log."""
-        for tape in self._tapes:
-            tape.end()
+        for recorder in self._vehicles:
+            recorder.end()
         self._drain()
         if self._audit is not None:
             self.note(0, 0, self._audit.closed(self._now_s()))
@@ -219,8 +219,8 @@ class RecorderThread:
         self._recorder.close()
 
 
-class VehicleTape:
-    """The tape of one vehicle's core, with further records of the vehicle. Messages in a row become one record."""
+class VehicleRecorder:
+    """Records one vehicle's core, and further records of the vehicle. Messages in a row become one record."""
 
     def __init__(
         self,

@@ -1,33 +1,24 @@
-"""The contents of a flight log: the record types beside those of the tape, and the table of topics.
+"""The contents of a flight log: the record types beside the inputs of cores, and the table of topics.
 
 A record is on the topic `/vehicle/<id>/<name>`, the record of the whole run on `/run`. Every record of a vehicle has a
 number, which orders all inputs and outputs of its core, independent of clocks.
 """
 
+from typing import Any, TypeVar, get_args
+
 import msgspec
 
 from agents.drops import Drops
-from agents.notes import Note
+from agents.inputs import Command, CoreInput, Message
+from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
-from agents.tape import (
-    Autopilot,
-    Bus,
-    Command,
-    Computer,
-    Ground,
-    Killed,
-    LateTicks,
-    Presence,
-    Start,
-    TacticEvent,
-    Tick,
-    TimeScale,
-)
 from agents.team.codec import encode
 from estimation.polar import Polar
-from estimation.state import OwnEstimate, Sighting, TargetEstimate, Telemetry
+from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flightlog.audit import AuditEntry
+
+ValuesT = TypeVar("ValuesT", AlertChange, CommandOutcome)
 
 PROFILE = "cordon"
 """The profile name in the MCAP file."""
@@ -109,7 +100,7 @@ class FormerMessage(msgspec.Struct, frozen=True):
 
 
 class LocalCommand(msgspec.Struct, frozen=True):
-    """`on_command`: a command of an operator at this computer; the payload is that of the bus."""
+    """`Command`: a command of an operator at this computer; the payload is that of the bus."""
 
     now_s: float
     payload: bytes
@@ -242,33 +233,21 @@ class RunEnd(msgspec.Struct, frozen=True):
 
 RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end", AuditEntry: "audit", Carried: "carried"}
 VEHICLE_TOPICS: dict[type, str] = {
-    TimeScale: "time_scale",
-    Start: "start",
-    TacticEvent: "event",
-    Autopilot: "autopilot",
-    LateTicks: "late",
-    Bus: "bus",
-    Drops: "drops",
-    Computer: "computer",
-    Ground: "ground",
-    Telemetry: "telemetry",
-    Sighting: "sighting",
+    **{each: each.topic for each in get_args(CoreInput) if each not in (Message, Command)},
     Taken: "taken",
     FormerMessage: "message",
     LocalCommand: "command",
-    Killed: "killed",
-    Presence: "presence",
-    Tick: "tick",
     Decision: "decision",
     Cost: "cost",
     Truth: "truth",
     VehicleEnd: "end",
     Vehicle: "vehicle",
 }
+"""The inputs of cores, but messages and commands, which are recorded as the bytes of the bus; and what else is kept."""
 
 
 def recorded(item: object) -> object:
-    """Return the record of an item from a tape."""
+    """Return the record of an input or output of a core."""
     if isinstance(item, TickOutput):
         return decision_of(item)
     if isinstance(item, Command):
@@ -316,6 +295,26 @@ def decision_of(output: TickOutput) -> Decision:
         status.turning_rad_s,
         status.drops,
     )
+
+
+def notes_of(decision: Any) -> list[Note]:
+    """Return the notes of a decision that was read as a Protobuf message; in older logs they have no values."""
+    return [
+        Note(
+            note.time_s,
+            note.kind,
+            note.text,
+            note.because,
+            alert=_values(note, "alert", AlertChange),
+            command=_values(note, "command", CommandOutcome),
+        )
+        for note in decision.notes
+    ]
+
+
+def _values(note: Any, name: str, kind: type[ValuesT]) -> ValuesT | None:
+    known = name in note.DESCRIPTOR.fields_by_name and note.HasField(name)
+    return kind(**{each: getattr(getattr(note, name), each) for each in kind.__struct_fields__}) if known else None
 
 
 def _polar_motion(polar: Polar) -> PolarMotion:

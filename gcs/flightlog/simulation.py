@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from agents.core import VehicleCore
+from agents.recording import RecordedCore
 from agents.settings.config import AgentConfig
-from agents.tape import TapedCore
-from gcs.flightlog.recorder import Recorder, VehicleTape
+from gcs.flightlog.recorder import Recorder, VehicleRecorder
 from gcs.flightlog.records import Cost, Run, RunEnd, Truth, VehicleEnd
 from gcs.flightlog.writer import LogWriter
 from gcs.metrics.ending import VehicleEnding
@@ -22,13 +22,13 @@ class SimulationRecording:
         self.writer = writer
         self._now_s = self._drained_s = 0.0
         self._recorder = Recorder(writer, lambda: self._now_s, lambda: 1.0)
-        self._tapes: dict[int, VehicleTape] = {}
+        self._vehicles: dict[int, VehicleRecorder] = {}
         self._recorder.note(0, 0, run)
 
     def core(self, config: AgentConfig) -> VehicleCore:
         """Return a core that is recorded."""
-        tape = self._tapes[config.vehicle_id] = self._recorder.tape(config.vehicle_id)
-        return TapedCore(config, tape)
+        recorder = self._vehicles[config.vehicle_id] = self._recorder.vehicle(config.vehicle_id)
+        return RecordedCore(config, recorder)
 
     def advance(self, now_s: float) -> None:
         """Set the time of the records from now on. Write the waiting records from time to time."""
@@ -41,13 +41,13 @@ class SimulationRecording:
         """Add the truth, the computing time of each tick, and each vehicle's ending, in the order of the flight."""
         ticks = flight.time_s.size
         for column, ending in enumerate(endings):
-            tape, times_s = self._tapes[ending.vehicle], flight.time_s.tolist()
+            recorder, times_s = self._vehicles[ending.vehicle], flight.time_s.tolist()
             known = (each[:, column].tolist() for each in (flight.motion, flight.altitude_m, flight.tick_us))
             for self._now_s, motion, altitude_m, tick_us in zip(times_s, *known, strict=True):
                 x, y, x_rate, y_rate = motion
-                tape.note(Truth(self._now_s, (x, y, altitude_m), (x_rate, y_rate, 0.0)))
-                tape.note(Cost(self._now_s, tick_us))
-            tape.note(VehicleEnd(ticks, 0, None, ending.how.value, ending.reason))
+                recorder.note(Truth(self._now_s, (x, y, altitude_m), (x_rate, y_rate, 0.0)))
+                recorder.note(Cost(self._now_s, tick_us))
+            recorder.note(VehicleEnd(ticks, 0, None, ending.how.value, ending.reason))
             self._recorder.drain()
         self._recorder.note(0, 0, RunEnd(float(flight.time_s[-1]), wall_time_s))
         self._recorder.close()

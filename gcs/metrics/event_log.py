@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable
 
-from agents.notes import Note
+from agents.notes import AlertChange, CommandOutcome, Note
+from agents.orders import obeyed
 from agents.outputs import CoreStatus
 from agents.team.messages import CommandAnswer, MemberState
 from gcs.metrics.record import FlightEvent
@@ -30,7 +31,7 @@ class EventLog:
     def add_notes(self, vehicle_id: int, notes: Iterable[Note]) -> None:
         """Add the notes of a vehicle in this process."""
         self._local_ids.add(vehicle_id)
-        self.events += [FlightEvent(note.time_s, vehicle_id, note.kind, note.text) for note in notes]
+        self.events += [FlightEvent.of(vehicle_id, note) for note in notes]
 
     def new_events(self) -> list[FlightEvent]:
         """Return the events since the last call."""
@@ -45,11 +46,14 @@ class EventLog:
         if before is not None and peer.time_s < before.time_s:
             return
         self._last[peer.sender] = peer
+        time_s, sender = peer.time_s, peer.sender
         if before is not None and peer.tactic != before.tactic:
-            self._add(peer, "tactic", f"{before.tactic} -> {peer.tactic}")
+            self.events.append(FlightEvent(time_s, sender, "tactic", f"{before.tactic} -> {peer.tactic}"))
         alert = "" if before is None else before.alert
         if peer.alert != alert:
-            self._add(peer, "failsafe", f"alert: {peer.alert}" if peer.alert else f"alert cleared: {alert}")
+            text = f"alert: {peer.alert}" if peer.alert else f"alert cleared: {alert}"
+            change = AlertChange(peer.alert or alert, is_over=not peer.alert)
+            self.events.append(FlightEvent(time_s, sender, "failsafe", text, alert=change))
 
     def add_answer(self, answer: CommandAnswer) -> None:
         """Add the answer of a vehicle in another process to an operator."""
@@ -58,10 +62,9 @@ class EventLog:
         key = (answer.sender, answer.number, answer.did)
         if key not in self._answered:
             self._answered.add(key)
-            self._add(answer, "command", f"answers: {answer.did}")
-
-    def _add(self, message: MemberState | CommandAnswer, kind: str, text: str) -> None:
-        self.events.append(FlightEvent(message.time_s, message.sender, kind, text))
+            outcome = CommandOutcome(answer.verb or "", answer.origin, answer.did, not obeyed(answer.did))
+            text = f"answers: {answer.did}"
+            self.events.append(FlightEvent(answer.time_s, answer.sender, "command", text, command=outcome))
 
 
 def event_line(event: FlightEvent, start_s: float | None) -> str:

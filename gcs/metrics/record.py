@@ -4,9 +4,11 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.notes import AlertChange, CommandOutcome, Note
 from agents.safety.guard import Guarded
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
@@ -64,12 +66,25 @@ class GuardTally:
 
 @dataclass(frozen=True, slots=True)
 class FlightEvent:
-    """An event of a vehicle, of one of the kinds of `agents.outputs.Note`, with its text."""
+    """An event of a vehicle: its time, kind and text, and the values of an alert or a command (`agents.notes.Note`)."""
 
     time_s: float
     vehicle: int
     kind: str
     text: str
+    alert: AlertChange | None = None
+    command: CommandOutcome | None = None
+
+    @classmethod
+    def of(cls, vehicle_id: int, note: Note) -> "FlightEvent":
+        """Return a note of a vehicle as an event."""
+        return cls(note.time_s, vehicle_id, note.kind, note.text, note.alert, note.command)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as plain data; `alert` and `command` only where the event has one."""
+        plain = {"time_s": self.time_s, "vehicle": self.vehicle, "kind": self.kind, "text": self.text}
+        values = {"alert": self.alert, "command": self.command}
+        return plain | {name: msgspec.structs.asdict(each) for name, each in values.items() if each is not None}
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,8 +116,9 @@ class FlightResult:
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
         plain = {"mission": self.mission, "ended": None, **asdict(self)}  # how it ended comes before any figure
-        for key in ("vehicles", "transitions", "events", "faults"):
+        for key in ("vehicles", "transitions", "faults"):
             plain[key] = list(plain[key])
+        plain["events"] = [each.to_dict() for each in self.events]
         if self.estimate is not None:
             plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
         if self.ended is not None:

@@ -26,36 +26,34 @@ def connection_url(url: str) -> str:
 
 
 class LinkSection(Settings):
-    """`[link]`: message rates of each vehicle's motion, its status, and its attitude while its clock is measured; and
-    the rate of setpoints: every tick (none), or less. Setpoints that MAVSDK repeats by itself, 20 times a second, count
-    as well. `bytes_per_s` is a connection's data rate, both directions together; none: what the rate of a serial device
-    allows, unlimited elsewhere. With `rates` = "auto" the rates above are upper limits. Lower ones are used if the
-    connection carries no more, and are reduced in flight if messages are lost or a radio reports a full buffer: first
-    status, then motion, then setpoints, which stay at 5 Hz or more.
-    Setpoints carry velocities for vehicles whose profile has `feedforward`; if `feedforward` is given here, true or
-    false, profiles of the other kind are refused. With `signing_key_file`, a file beside the mission, MAVLink 2
-    messages to and from every vehicle are signed, and a vehicle that does not sign is refused (`cordon keys issue
-    mavlink`).
-    """
+    """`[link]`: message rates between cordon and each vehicle (docs/hardware.md)."""
 
-    telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0)
-    attitude_rate_hz: float = Field(10.0, ge=5.0, le=50.0)
-    status_rate_hz: float = Field(2.0, ge=0.2, le=10.0)
-    setpoint_rate_hz: float | None = Field(None, ge=1.0, le=100.0)
-    bytes_per_s: BytesPerSecond | None = None
-    rates: RateChoice = "fixed"
-    feedforward: bool | None = None
-    signing_key_file: str | None = Field(None, min_length=1)
+    telemetry_rate_hz: float = Field(20.0, ge=1.0, le=50.0, description="rate of position and velocity")
+    attitude_rate_hz: float = Field(
+        10.0, ge=5.0, le=50.0, description="rate of the attitude while the vehicle's clock is measured"
+    )
+    status_rate_hz: float = Field(2.0, ge=0.2, le=10.0, description="rate of status messages")
+    setpoint_rate_hz: float | None = Field(None, ge=1.0, le=100.0, description="rate of setpoints; none: every tick")
+    bytes_per_s: BytesPerSecond | None = Field(
+        None, description="data rate of a connection, both directions; none: that of a serial device, else unlimited"
+    )
+    rates: RateChoice = Field(
+        "fixed", description="`auto`: the rates are upper limits, and are lowered to what the connection carries"
+    )
+    feedforward: bool | None = Field(None, description="refuse profiles without velocities (true) or with them (false)")
+    signing_key_file: str | None = Field(
+        None,
+        min_length=1,
+        description="MAVLink 2 signing keys, a file beside the mission (`cordon keys issue mavlink`)",
+    )
 
 
 class SharedLinkSection(Settings):
-    """`[links.NAME]`: a connection that several vehicles share, such as a mesh radio; system ids distinguish them.
-    The vehicles refer to it by `link` instead of a `url`. Its `bytes_per_s` and `rates` replace those of `[link]`.
-    """
+    """`[links.NAME]`: a connection that several vehicles share, such as a mesh radio; system ids distinguish them."""
 
-    url: Annotated[str, AfterValidator(connection_url)]
-    bytes_per_s: BytesPerSecond | None = None
-    rates: RateChoice | None = None
+    url: Annotated[str, AfterValidator(connection_url)] = Field(description="the connection")
+    bytes_per_s: BytesPerSecond | None = Field(None, description="in place of that of `[link]`")
+    rates: RateChoice | None = Field(None, description="in place of that of `[link]`")
 
 
 def capacity_bytes_s(url: str, given: float | None) -> float | None:

@@ -57,44 +57,43 @@ Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pai
 
 
 class MissionSection(Settings):
-    """`[mission]`: name, description, duration, control loop rate, seed of random numbers, `format` (1: cordon 0.1)."""
+    """`[mission]`: name, duration and control loop."""
 
-    name: str = Field(min_length=1, max_length=60)
-    description: str = ""
-    duration_s: float = Field(gt=0.0, le=86400.0)
-    rate_hz: float = Field(10.0, ge=2.0, le=100.0)
-    seed: int = Field(0, ge=0)
-    format: Literal[1, 2] = 2
+    name: str = Field(min_length=1, max_length=60, description="name of the mission, in outputs and logs")
+    description: str = Field("", description="one sentence for `cordon missions`")
+    duration_s: float = Field(gt=0.0, le=86400.0, description="time from the start to the landing")
+    rate_hz: float = Field(10.0, ge=2.0, le=100.0, description="rate of the control loop")
+    seed: int = Field(0, ge=0, description="seed of all random numbers")
+    format: Literal[1, 2] = Field(2, description="version of the keys; 1 is that of cordon 0.1")
 
 
 class FrameSection(Settings):
-    """`[frame]`: the mission frame's origin on Earth, and the bearing of its x axis clockwise from north. Latitude,
-    longitude and altitude are required unless `local` is true. A local frame has no position on Earth and needs no
-    GPS, as indoors; every vehicle's `origin_m` is then the origin of its local NED frame. With `external_positions`
-    cordon sends the autopilots their positions, received from motion capture or UWB on the team's bus (docs/indoor.md).
+    """`[frame]`: the mission frame. x points along the formation's way, y to its left, z up (docs/indoor.md for
+    `local`).
     """
 
-    latitude_deg: float | None = Field(None, ge=-89.0, le=89.0)
-    longitude_deg: float | None = Field(None, ge=-180.0, le=180.0)
-    altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
-    local: bool = False
-    external_positions: bool = False
-    x_bearing_deg: float = Field(0.0, ge=-360.0, le=360.0)
+    latitude_deg: float | None = Field(None, ge=-89.0, le=89.0, description="origin; required unless `local`")
+    longitude_deg: float | None = Field(None, ge=-180.0, le=180.0, description="origin; required unless `local`")
+    altitude_m: float | None = Field(
+        None, ge=-500.0, le=9000.0, description="origin above sea level; required unless `local`"
+    )
+    local: bool = Field(False, description="the frame has no position on Earth, as indoors")
+    external_positions: bool = Field(False, description="send the autopilots positions from motion capture or UWB")
+    x_bearing_deg: float = Field(0.0, ge=-360.0, le=360.0, description="bearing of the x axis, clockwise from north")
 
 
 class SensorSection(Settings):
-    """`[target.sensor]`: range, rate and noise of a vehicle's sensor of the simulated target. `outlier_share` of the
-    sightings are outliers, off by `outlier_m` in a random direction. Sightings arrive `delay_s` late. `blind_s` holds
-    intervals of mission time without sightings.
+    """`[target.sensor]`: a vehicle's sensor of the simulated target. With another source its rate and noise are those
+    of the reports.
     """
 
-    range_m: float = Field(gt=0.0, le=10000.0)
-    rate_hz: float = Field(5.0, gt=0.0, le=50.0)
-    noise_m: float = Field(0.0, ge=0.0, le=100.0)
-    outlier_share: float = Field(0.0, ge=0.0, le=0.5)
-    outlier_m: float = Field(10.0, gt=0.0, le=1000.0)
-    delay_s: float = Field(0.0, ge=0.0, le=5.0)
-    blind_s: Intervals = ()
+    range_m: float = Field(gt=0.0, le=10000.0, description="largest distance of a sighting")
+    rate_hz: float = Field(5.0, gt=0.0, le=50.0, description="rate of the sightings")
+    noise_m: float = Field(0.0, ge=0.0, le=100.0, description="standard deviation per axis")
+    outlier_share: float = Field(0.0, ge=0.0, le=0.5, description="share of the sightings that are outliers")
+    outlier_m: float = Field(10.0, gt=0.0, le=1000.0, description="error of an outlier, in a random direction")
+    delay_s: float = Field(0.0, ge=0.0, le=5.0, description="delay of the sightings")
+    blind_s: Intervals = Field((), description="intervals of mission time without sightings")
 
 
 class SensorChange(Settings):
@@ -110,37 +109,36 @@ class SensorChange(Settings):
 
 
 class LegSection(Settings):
-    """`[[target.legs]]`: a straight leg of the simulated target's path, and how long the target stays at its end."""
+    """`[[target.legs]]`: a straight leg of the simulated target's path."""
 
-    to_m: Metres2
-    speed_m_s: float = Field(gt=0.0, le=TARGET_SPEED_MAX_M_S)
-    pause_s: float = Field(0.0, ge=0.0, le=3600.0)
+    to_m: Metres2 = Field(description="end of the leg, x and y")
+    speed_m_s: float = Field(gt=0.0, le=TARGET_SPEED_MAX_M_S, description="speed along the leg")
+    pause_s: float = Field(0.0, ge=0.0, le=3600.0, description="time at its end")
 
 
 class TargetSection(TargetBehaviour):
-    """`[target]`: the target's start, motion, importance and threat. It moves at `velocity_m_s`, or along its `legs`
-    one after the other, `rounds` times, and then stays. With source "external" it is not simulated: sightings come over
-    the bus (docs/target.md), and the motion given here is used for planning only. With "mavlink" it is the vehicle
-    `system_id` on `url`; the sensor's rate and noise are those of its position reports. With `altitude_m`, above the
-    mission's origin, simulated sensors report the altitude, too. The last six keys are the target filter's motion
-    model: the velocity is constant but for `acceleration_noise_m_s2`, a density per root second. When sightings
-    contradict that, the velocity may have changed by `manoeuvre_speed_m_s`, and for some time the target may
-    accelerate by `manoeuvre_acceleration_m_s2`. `velocity_prior_m_s` is the standard deviation of the velocity before
-    the first sightings. Without sightings the velocity is kept for about `coast_s`; after `stale_after_s` the position
-    is unknown, and vehicles on the ring hold.
-    """
+    """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md)."""
 
-    source: Literal["simulated", "external", "mavlink"] = "simulated"
-    url: Annotated[str, AfterValidator(connection_url)] | None = None
-    system_id: int | None = Field(None, ge=1, le=254)
-    start_m: Metres2
-    velocity_m_s: Velocity2 = (0.0, 0.0)
-    legs: Annotated[tuple[LegSection, ...], Field(max_length=PARTS_MAX), BeforeValidator(pair)] = ()
-    rounds: int = Field(1, ge=1, le=1000)
-    altitude_m: float | None = Field(None, ge=-500.0, le=9000.0)
-    importance: float = Field(ge=0.0, le=1.0)
-    threat: float = Field(ge=0.0, le=1.0)
-    sensor: SensorSection
+    source: Literal["simulated", "external", "mavlink"] = Field(
+        "simulated",
+        description="`external`: sightings from the bus; `mavlink`: a vehicle's telemetry. Plans use the motion below",
+    )
+    url: Annotated[str, AfterValidator(connection_url)] | None = Field(
+        None, description="connection to the target, for `mavlink`"
+    )
+    system_id: int | None = Field(None, ge=1, le=254, description="MAVLink id of the target, for `mavlink`")
+    start_m: Metres2 = Field(description="position at the start, x and y")
+    velocity_m_s: Velocity2 = Field((0.0, 0.0), description="constant velocity; or use `legs`")
+    legs: Annotated[tuple[LegSection, ...], Field(max_length=PARTS_MAX), BeforeValidator(pair)] = Field(
+        (), description="path of `[[target.legs]]`, then rest"
+    )
+    rounds: int = Field(1, ge=1, le=1000, description="how many times the legs are flown")
+    altitude_m: float | None = Field(
+        None, ge=-500.0, le=9000.0, description="altitude above the origin, which simulated sensors then report"
+    )
+    importance: float = Field(ge=0.0, le=1.0, description="importance, for `[decision]`")
+    threat: float = Field(ge=0.0, le=1.0, description="threat, for `[decision]`")
+    sensor: SensorSection = Field(description="the vehicles' sensor of the target")
 
     @model_validator(mode="after")
     def _is_one_target(self) -> Self:
@@ -159,14 +157,14 @@ class TargetSection(TargetBehaviour):
 
 
 class SecuritySection(Settings):
-    """`[network.security]`: `keys` is the folder of this computer's keys (`cordon keys`), beside the mission. A team on
-    several computers needs this section; for a team on one computer, cordon creates keys for each flight. With
-    `insecure = true` nothing on the bus is encrypted or authenticated: any host that reaches it can command the
-    vehicles.
+    """`[network.security]`: a team on several computers sets one of these keys. For a team on one computer cordon
+    makes keys for each flight (docs/security.md).
     """
 
-    keys: str | None = Field(None, min_length=1)
-    insecure: bool = False
+    keys: str | None = Field(None, min_length=1, description="folder of this computer's keys, beside the mission")
+    insecure: bool = Field(
+        False, description="no encryption and no authentication: any host that reaches the bus can command the vehicles"
+    )
 
     @model_validator(mode="after")
     def _is_one_or_the_other(self) -> Self:
@@ -176,86 +174,85 @@ class SecuritySection(Settings):
 
 
 class NetworkSection(Settings):
-    """`[network]`: the team's name on the bus, the radio range between vehicles, and the address of `cordon router`, if
-    all connect to a router instead of to each other (docs/onboard.md). Delay and loss apply to the simulation only."""
+    """`[network]`: the bus over which the team exchanges messages (docs/onboard.md)."""
 
-    team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$")
-    router: Annotated[str, AfterValidator(_endpoint)] | None = None
-    range_m: float = Field(200.0, gt=0.0, le=100000.0)
-    delay_s: float = Field(0.0, ge=0.0, le=5.0)
-    loss: float = Field(0.0, ge=0.0, lt=1.0)
-    security: SecuritySection | None = None
+    team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$", description="name of the team on the bus")
+    router: Annotated[str, AfterValidator(_endpoint)] | None = Field(
+        None, description="endpoint of `cordon router`, if all connect to one"
+    )
+    range_m: float = Field(200.0, gt=0.0, le=100000.0, description="radio range between vehicles")
+    delay_s: float = Field(0.0, ge=0.0, le=5.0, description="delay of messages, in `cordon sim` only")
+    loss: float = Field(0.0, ge=0.0, lt=1.0, description="share of lost messages, in `cordon sim` only")
+    security: SecuritySection | None = Field(None, description="see `[network.security]`")
 
 
 class SimulationSection(Settings):
-    """`[simulation]`: imperfections of simulated and stub vehicles: telemetry noise, and a constant acceleration
-    `wind_m_s2`. All other keys apply to `cordon sim` only: limits that shape every motion; a wind speed, which
-    accelerates and drags vehicles, with Dryden `gusts`; a slowly drifting position estimate (standard deviation per
-    axis); and a telemetry rate other than one sample for each tick.
-    """
+    """`[simulation]`: imperfections of simulated vehicles. Keys that do not name stubs apply to `cordon sim` only."""
 
-    position_noise_m: float = Field(0.0, ge=0.0, le=10.0)
-    velocity_noise_m_s: float = Field(0.0, ge=0.0, le=10.0)
-    wind_m_s2: Acceleration2 = (0.0, 0.0)
-    wind_m_s: Velocity2 = (0.0, 0.0)
-    gusts: bool = False
-    speed_max_m_s: float | None = Field(None, gt=0.0, le=30.0)
-    acceleration_max_m_s2: float | None = Field(None, gt=0.0, le=30.0)
-    jerk_max_m_s3: float | None = Field(None, gt=0.0, le=100.0)
-    wander_m: float = Field(0.0, ge=0.0, le=5.0)
-    telemetry_rate_hz: float | None = Field(None, ge=2.0, le=100.0)
+    position_noise_m: float = Field(0.0, ge=0.0, le=10.0, description="telemetry noise per axis; also of stubs")
+    velocity_noise_m_s: float = Field(0.0, ge=0.0, le=10.0, description="telemetry noise per axis; also of stubs")
+    wind_m_s2: Acceleration2 = Field((0.0, 0.0), description="constant acceleration, x and y; also of stubs")
+    wind_m_s: Velocity2 = Field((0.0, 0.0), description="wind, which accelerates and drags vehicles")
+    gusts: bool = Field(False, description="Dryden gusts about `wind_m_s`")
+    speed_max_m_s: float | None = Field(None, gt=0.0, le=30.0, description="limit of every motion")
+    acceleration_max_m_s2: float | None = Field(None, gt=0.0, le=30.0, description="limit of every motion")
+    jerk_max_m_s3: float | None = Field(None, gt=0.0, le=100.0, description="limit of every motion")
+    wander_m: float = Field(0.0, ge=0.0, le=5.0, description="slow drift of the position estimate, per axis")
+    telemetry_rate_hz: float | None = Field(None, ge=2.0, le=100.0, description="none: one sample a tick")
 
 
 class VerdictSection(Settings):
     """`[verdicts]`: the tolerances of a flight's verdicts."""
 
-    radius_error_rms_m: float = Field(0.15, gt=0.0)
-    angular_rate_error_rad_s: float = Field(0.001, gt=0.0)
-    spacing_error_rms_deg: float = Field(1.5, gt=0.0)
-    formation_speed_error_rms_m_s: float = Field(0.05, gt=0.0)
-    formation_spacing_error_rms_m: float = Field(0.1, gt=0.0)
+    radius_error_rms_m: float = Field(0.15, gt=0.0, description="C1")
+    angular_rate_error_rad_s: float = Field(0.001, gt=0.0, description="C2")
+    spacing_error_rms_deg: float = Field(1.5, gt=0.0, description="C3")
+    formation_speed_error_rms_m_s: float = Field(0.05, gt=0.0, description="formation")
+    formation_spacing_error_rms_m: float = Field(0.1, gt=0.0, description="formation")
 
 
 class TrueScale(Settings):
     """Factors from the profile's plant to a simulated vehicle's true plant."""
 
-    a0: float = Field(1.0, ge=0.1, le=10.0)
-    a1: float = Field(1.0, ge=0.1, le=10.0)
-    feedforward: float = Field(1.0, ge=0.0, le=2.0)
+    a0: float = Field(1.0, ge=0.1, le=10.0, description="factor of a0")
+    a1: float = Field(1.0, ge=0.1, le=10.0, description="factor of a1")
+    feedforward: float = Field(1.0, ge=0.0, le=2.0, description="factor of the feed-forward")
 
 
-def _by_id(default: Callable[[int], str]) -> Any:
+def _by_id(default: Callable[[int], str], description: str) -> Any:
     """Return a field whose default depends on the vehicle's id; an invalid id is reported by its own key."""
-    return Field(default_factory=lambda known: default(known.get("id", 1)))
+    return Field(default_factory=lambda known: default(known.get("id", 1)), description=description)
 
 
 class VehicleSection(Settings):
-    """`[[vehicles]]`: one vehicle. `system_id` is its MAVLink system id, by default its id. `url` is its MAVLink
-    connection, `endpoint` its agent's Zenoh endpoint; by default both are on this computer, at ports that depend on the
-    id, `url` at those of PX4's simulator. `profile` is a bundled profile or a file beside the mission. `autopilot` is
-    the autopilot that a stub in its place emulates, by default the profile's. `origin_m` is the origin of its local NED
-    in a local `[frame]`, by default `start_m` on the ground. `slot_m` is its position in a free formation, relative to
-    any common point; all vehicles have one, or none. `fence_m`, `altitude_min_m` and `altitude_max_m` replace those of
-    `[safety]` for this vehicle. `link` is one of `[links]`, whose url it then uses.
-    """
+    """`[[vehicles]]`: one vehicle. Default ports depend on the id; urls are those of PX4's simulator."""
 
-    id: int = Field(ge=1, le=254)
-    system_id: int | None = Field(None, ge=1, le=254)
-    link: str | None = None
-    url: Annotated[str, AfterValidator(connection_url)] = _by_id(lambda i: f"udpin://127.0.0.1:{14539 + i}")
-    endpoint: Annotated[str, AfterValidator(_endpoint)] = _by_id(lambda i: f"tcp/127.0.0.1:{7460 + i}")
-    start_m: Metres2
-    origin_m: Metres3 | None = None
-    slot_m: Metres2 | None = None
-    altitude_m: float = Field(8.0, ge=1.0, le=500.0)
-    fence_m: Fence | None = None
-    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0)
-    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0)
-    profile: str = "stub"
-    autopilot: Autopilot | None = None
-    true_scale: TrueScale = TrueScale()
-    decision: DecisionSettings | None = None
-    sensor: SensorChange | None = None
+    id: int = Field(ge=1, le=254, description="id in the team")
+    system_id: int | None = Field(None, ge=1, le=254, description="MAVLink system id; none: the id")
+    link: str | None = Field(None, description="a name in `[links]`, in place of a url")
+    url: Annotated[str, AfterValidator(connection_url)] = _by_id(
+        lambda i: f"udpin://127.0.0.1:{14539 + i}",
+        description="MAVLink connection, such as `serial:///dev/ttyUSB0:57600`",
+    )
+    endpoint: Annotated[str, AfterValidator(_endpoint)] = _by_id(
+        lambda i: f"tcp/127.0.0.1:{7460 + i}", description="Zenoh endpoint of its agent"
+    )
+    start_m: Metres2 = Field(description="position on the ground, x and y")
+    origin_m: Metres3 | None = Field(
+        None, description="origin of its local NED in a local `[frame]`; none: `start_m` on the ground"
+    )
+    slot_m: Metres2 | None = Field(None, description="position in a free formation, x and y from a common point")
+    altitude_m: float = Field(8.0, ge=1.0, le=500.0, description="flying height above the mission's origin")
+    fence_m: Fence | None = Field(None, description="in place of that of `[safety]`")
+    altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
+    altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
+    profile: str = Field("stub", description="bundled profile, or a file beside the mission")
+    autopilot: Autopilot | None = Field(None, description="what a stub in its place emulates; none: the profile's")
+    true_scale: TrueScale = Field(
+        TrueScale(), description="factors `a0`, `a1` (0.1 to 10) and `feedforward` (0 to 2) of the true plant, 1.0 each"
+    )
+    decision: DecisionSettings | None = Field(None, description="keys in place of those of `[decision]`")
+    sensor: SensorChange | None = Field(None, description="keys in place of those of `[target.sensor]`")
 
     def limits(self, safety: SafetySettings) -> SafetySettings:
         """Return the safety settings of this vehicle: the team's, with its own fence and altitude limits."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import psutil
 
 from agents.core import VehicleCore
+from agents.inputs import Message, Start
 from agents.outputs import TickOutput
 from agents.shell.clock import WallClock
 from agents.shell.ticker import Tick, Ticker, TickerClock
@@ -33,18 +34,18 @@ class Rehearsal:
         self._vehicles = vehicles
         self._cores = [VehicleCore(mission.agent_config(vehicle)) for vehicle in vehicles]
         for core in self._cores:
-            core.start(0.0)
+            core.take(Start(0.0))
 
     def tick(self, index: int, time_s: float) -> TickOutput:
         """Tick the core of a vehicle, by its place in the list, `time_s` after the mission's start."""
         vehicle, core = self._vehicles[index], self._cores[index]
-        core.on_telemetry(Telemetry(time_s, (*vehicle.section.start_m, vehicle.section.altitude_m), (0.0, 0.0, 0.0)))
+        core.take(Telemetry(time_s, (*vehicle.section.start_m, vehicle.section.altitude_m), (0.0, 0.0, 0.0)))
         output = core.tick(time_s)
         for packet in output.messages:
             message = packet.received()
             for other in self._cores:
                 if other is not core:
-                    other.on_message(message, time_s)
+                    other.take(Message(time_s, message))
         return output
 
 

@@ -20,6 +20,7 @@ COVARIANCE_TOLERANCE = 1e-6
 Same = Callable[[str, Any, Any], bool]
 """Return whether a field, given by its path, has the same value in two decisions."""
 _OF_COMMANDS = ("verb", "origin")
+_VALUES = ("tactic", "alert", "command")
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
 
@@ -52,6 +53,9 @@ def differences(recorded: Decision, replayed: Decision, same: Same) -> list[Fiel
         if isinstance(sent["message"], dict) and sent["message"].get("verb", "") is None:
             for answer in (sent, again):  # earlier versions' answers did not name the command
                 _remove_command(answer)
+    for note, again in zip(one["notes"], other["notes"], strict=False):
+        if all(note[name] is None for name in _VALUES):  # earlier versions recorded the text of a note only
+            again.update(dict.fromkeys(_VALUES))
     return list(_compared("", one, other, same))
 
 

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from agents.core import VehicleCore
+from agents.inputs import CoreInput, Start
 from agents.outputs import TickOutput
-from agents.tape import CoreInput, Start, play
+from agents.recording import replay_input
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, decision_of
 from gcs.flightlog.run import mission_of
@@ -26,6 +27,10 @@ class Moment:
     time_s: float | None
     start_s: float | None
     inputs: tuple[CoreInput, ...]
+
+    def mission_time(self, time_s: float) -> str:
+        """Return a time on the core's clock as seconds of the mission; before its start they are negative."""
+        return f"{time_s:.3f} s (vehicle clock)" if self.start_s is None else f"{time_s - self.start_s:.3f} s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +129,7 @@ class _Player:
             if isinstance(item, Start):
                 self._start_s = item.at_s
             try:
-                output = play(self._core, item)
+                output = replay_input(self._core, item)
             except Exception as error:  # a finding of the replay, which continues
                 failed = failed or f"{type(error).__name__}: {error}"
         return output, failed

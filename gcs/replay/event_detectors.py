@@ -5,13 +5,12 @@ from math import degrees, hypot
 from typing import NamedTuple, Protocol
 
 from agents.control.lmpc import QpStatus
+from agents.inputs import Autopilot, Bus, Message, TacticEvent
 from agents.ports import VehicleStatus
 from agents.safety.guard import QUIET_S
-from agents.tape import Autopilot, Bus, Message, TacticEvent
 from agents.team.messages import sightings_of
-from estimation.state import Sighting, Telemetry
+from estimation.state import Sighting, Telemetry, place_text
 from gcs.flightlog.records import Decision
-from gcs.replay.input_text import place
 from gcs.replay.playback import Turn
 from gcs.replay.surroundings import Neighbour, Surroundings
 
@@ -66,10 +65,10 @@ class NoteEvents(MomentaryDetector):
                 continue  # GuardEvents covers these
             because = [note.because] if note.because else []
             if note.kind == "tactic":
-                if note.text.rpartition(": ")[2] in events:
+                if note.tactic is not None and note.tactic.event in events:
                     because.append("requested outside the control core")
                 if decision.own is not None:
-                    because.append(f"at {place(decision.own.mean[:2])} m, height {surroundings.height_m:.1f} m")
+                    because.append(f"at {place_text(decision.own.mean[:2])} m, height {surroundings.height_m:.1f} m")
             yield TimelineEntry(note.time_s, note.kind, note.text, "; ".join(because))
 
 
@@ -151,7 +150,7 @@ class TargetEvents(MomentaryDetector):
             x, y = decision.own.mean[:2]
             away = f", distance {hypot(target.mean[0] - x, target.mean[1] - y):.2f} m"
         because = (
-            f"{_sighted_by(turn)}: at {place(target.mean[:2])} m (σ {sigma_m:.2f} m){away}; "
+            f"{_sighted_by(turn)}: at {place_text(target.mean[:2])} m (σ {sigma_m:.2f} m){away}; "
             f"importance {target.importance:.3f}, threat {target.threat:.3f}"
         )
         yield TimelineEntry(decision.time_s, "target", f"target estimate available{again}", because)
@@ -312,7 +311,7 @@ def _vehicles(ids: Sequence[int]) -> str:
 
 def _positions(ids: Sequence[int], surroundings: Surroundings) -> str:
     known = [surroundings.members[each] for each in ids if each in surroundings.members]
-    return ", ".join(f"{each.sender} in {each.tactic} at {place(each.position_m)} m" for each in known)
+    return ", ".join(f"{each.sender} in {each.tactic} at {place_text(each.position_m)} m" for each in known)
 
 
 def _last_messages(ids: Sequence[int], surroundings: Surroundings, now_s: float) -> str:

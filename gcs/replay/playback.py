@@ -5,8 +5,8 @@ from typing import Any, NamedTuple, get_args
 
 import msgspec
 
+from agents.inputs import Command, CoreInput, Tick
 from agents.settings.config import AgentConfig
-from agents.tape import Command, CoreInput, Tick
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
 from gcs.flightlog.container import LogError

@@ -1,7 +1,6 @@
 """The result of a replay as a table for a terminal and as JSON data."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any
 
 import msgspec
@@ -12,7 +11,6 @@ from rich.text import Text
 from gcs.console.summary import VERDICT_SIGNS
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, FieldDifference
 from gcs.replay.cores import Difference, Failure, Moment, Replay, VehicleReplay
-from gcs.replay.input_text import input_text, mission_time
 
 FIELDS_SHOWN, INPUTS_SHOWN = 8, 20
 _COLUMNS = ("vehicle", "ticks", "compared", "identical")
@@ -78,7 +76,7 @@ def _findings(vehicle: VehicleReplay) -> Iterator[RenderableType]:
 
 
 def _when(moment: Moment) -> str:
-    time = "" if moment.time_s is None else f", {mission_time(moment.time_s, moment.start_s)}"
+    time = "" if moment.time_s is None else f", {moment.mission_time(moment.time_s)}"
     return f"tick {moment.tick}{time}"
 
 
@@ -94,13 +92,12 @@ def _fields(fields: Sequence[FieldDifference]) -> Iterator[RenderableType]:
 
 
 def _inputs(moment: Moment) -> Iterator[RenderableType]:
-    time = partial(mission_time, start_s=moment.start_s)
     yield Text("  inputs since the previous tick:", style="dim")
     hidden = len(moment.inputs) - INPUTS_SHOWN
     if hidden > 0:
         yield Text(f"    {hidden} earlier inputs not shown", style="dim")
     for item in moment.inputs[-INPUTS_SHOWN:]:
-        yield Text(f"    {input_text(item, time)}")
+        yield Text(f"    {item.describe(moment.mission_time)}")
 
 
 def _vehicle_dict(vehicle: VehicleReplay) -> dict[str, Any]:
@@ -126,9 +123,8 @@ def _failure_dict(failure: Failure) -> dict[str, Any]:
 
 def _moment_dict(moment: Moment) -> dict[str, Any]:
     known = moment.time_s is not None and moment.start_s is not None
-    time = partial(mission_time, start_s=moment.start_s)
     return {
         "tick": moment.tick,
         "time_s": moment.time_s - moment.start_s if known else None,  # type: ignore[operator]  # both are known
-        "inputs": [input_text(item, time) for item in moment.inputs],
+        "inputs": [item.describe(moment.mission_time) for item in moment.inputs],
     }

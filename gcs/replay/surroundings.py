@@ -3,8 +3,8 @@
 from math import hypot, inf
 from typing import NamedTuple
 
+from agents.inputs import LateTicks, Message, Start, TimeScale
 from agents.tactics import Tactic
-from agents.tape import LateTicks, Message, Start, TimeScale
 from agents.team.messages import MemberState
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision

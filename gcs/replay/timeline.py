@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from agents.control.lmpc import QpStatus
-from agents.tape import Autopilot
+from agents.inputs import Autopilot
 from estimation.state import Telemetry
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision

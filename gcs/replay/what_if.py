@@ -13,10 +13,10 @@ from typing import TypeVar
 import numpy as np
 
 from agents.broadcast import received_sighting
+from agents.inputs import Command, Message, Start, TacticEvent, TimeScale
 from agents.settings.config import AgentConfig
 from agents.situation.team_frame import TeamFrame
 from agents.tactics import Tactic
-from agents.tape import Command, Message, Start, TacticEvent, TimeScale
 from agents.team.clock_watch import ClockWatch
 from agents.team.inbox import Inbox
 from agents.team.messages import OperatorCommand, sightings_of

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from shlex import quote
 
-from gcs.console.advice import advice, begun_alert, late_ticks
+from gcs.console.advice import advice, late_ticks
 from gcs.metrics.ending import How, named
 from gcs.metrics.result import FlightResult
 from gcs.report.evidence.flight import FlightEvidence
@@ -55,8 +55,8 @@ def alert_table(result: FlightResult) -> Table:
     """Return the alerts of a flight: which vehicles sent each, since when, and what an operator does about it."""
     begun: dict[str, list[tuple[float, int]]] = {}
     for event in result.events:
-        if alert := begun_alert(event.kind, event.text):
-            begun.setdefault(alert, []).append((event.time_s, event.vehicle))
+        if event.alert is not None and not event.alert.is_over:
+            begun.setdefault(event.alert.condition, []).append((event.time_s, event.vehicle))
     rows = tuple(
         (alert, ", ".join(map(str, sorted({vehicle for _, vehicle in each}))), advice(alert), f"{each[0][0]:.1f}")
         for alert, each in begun.items()

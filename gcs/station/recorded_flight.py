@@ -6,7 +6,7 @@ from math import inf
 
 from msgspec.structs import replace
 
-from agents.tape import Start
+from agents.inputs import Start
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, VehicleEnd

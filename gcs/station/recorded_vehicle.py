@@ -5,15 +5,15 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
+from agents.inputs import Autopilot
 from agents.ports import VehicleStatus
 from agents.shell.reporter import estimator_words
-from agents.tape import Autopilot
 from agents.team.messages import LINK_SILENT_S
 from estimation.state import MOTION, Telemetry
 from gcs.console.advice import Severity, event_severity
 from gcs.console.team_state import SILENT_AFTER_S
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Decision, VehicleEnd
+from gcs.flightlog.records import Decision, VehicleEnd, notes_of
 from gcs.metrics.ending import How
 from gcs.station.picture import LINK_CUT, SILENT, TargetPicture, VehiclePicture, fix_words, vehicle_alert
 
@@ -71,8 +71,7 @@ class RecordedVehicle:
         for record in self._records:
             if record.kind is Decision:
                 decision = record.message()
-                for note in decision.notes:
-                    self.events.append((note.time_s, note.text, event_severity(note.kind, note.text)))
+                self.events += [(each.time_s, each.text, event_severity(each)) for each in notes_of(decision)]
                 yield _Tick(decision, status, altitude_m, motion_s)
             elif record.kind is Autopilot:
                 before, status = status, record.read(Autopilot).status

@@ -8,8 +8,8 @@ from statistics import median
 
 import numpy as np
 
+from agents.inputs import Autopilot
 from agents.ports import FlightMode
-from agents.tape import Autopilot
 from estimation.frames import MissionFrame, Triple, up_from_ned
 from estimation.state import Telemetry, Vector
 from gcs.flightlog.container import LogError

@@ -30,9 +30,9 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
+from agents.inputs import Start
 from agents.notes import Note
 from agents.settings.sections import SafetySettings
-from agents.tape import Start
 from estimation.frames import MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision

@@ -75,25 +75,22 @@ OutputT_co = TypeVar("OutputT_co", bound=Output, covariant=True)
 class Core(Protocol[OutputT_co]):
     """The core of an agent: see `agents.core.VehicleCore`."""
 
-    def on_telemetry(self, telemetry: Telemetry) -> None:
-        """Take a sample of the vehicle's own motion."""
-        ...
-
-    def on_sighting(self, sighting: Sighting) -> None:
-        """Take a sighting of the target."""
-        ...
-
-    def on_message(self, message: Any, now_s: float) -> object:
-        """Take a peer's message, decoded."""
-        ...
-
-    def on_presence(self, vehicle_id: int, present: bool) -> None:
-        """Take that a peer has joined or left the bus."""
+    def take(self, item: Any) -> None:
+        """Take a sample of the vehicle's motion, a sighting, or one of the inputs that `Inputs` makes."""
         ...
 
     def tick(self, now_s: float) -> OutputT_co:
         """Decide and plan."""
         ...
+
+
+class Inputs(NamedTuple):
+    """Makes the inputs of cores that are not samples and sightings: a message with the time of its arrival, decoded,
+    and a peer's id with whether it is there.
+    """
+
+    message: Callable[[float, Any], object]
+    presence: Callable[[int, bool], object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,9 +188,9 @@ class SimulatedVehicle(Generic[OutputT]):
     def think(self, now_s: float, samples: Sequence[Telemetry], sighting: Sighting | None) -> OutputT:
         """Pass the samples and the sighting to the core, and tick it."""
         for telemetry in samples:
-            self.core.on_telemetry(telemetry)
+            self.core.take(telemetry)
         if sighting is not None:
-            self.core.on_sighting(sighting)
+            self.core.take(sighting)
         return self.core.tick(now_s)
 
     def command(self, now_s: float, wanted: WantedPosition | None) -> None:
@@ -351,6 +348,7 @@ def simulate(
     rate_hz: float,
     duration_s: float,
     seed: int,
+    inputs: Inputs,
     observe: Callable[[int, int, OutputT], None],
     progress: Callable[[float], None],
 ) -> SimulatedFlight:
@@ -360,7 +358,7 @@ def simulate(
     comers = [vehicle for vehicle in vehicles if vehicle.comes_and_goes]
     for tick, now_s in enumerate(time_s.tolist()):
         for vehicle in comers:
-            _attend(vehicle, vehicles, now_s)
+            _attend(vehicle, vehicles, now_s, inputs)
         air.place([motion[:2] for motion in truth.note(tick, now_s)])
         for index, (vehicle, messages) in enumerate(zip(vehicles, air.arrived(now_s), strict=True)):
             samples, sighting = vehicle.sense(now_s)
@@ -369,7 +367,7 @@ def simulate(
                 continue
             began = perf_counter()
             for message in messages:
-                vehicle.core.on_message(message, now_s)
+                vehicle.core.take(inputs.message(now_s, message))
             output = vehicle.think(now_s, samples, sighting)
             truth.tick_us.append((perf_counter() - began) * 1e6)
             vehicle.command(now_s, output.setpoint)
@@ -381,11 +379,13 @@ def simulate(
     return truth.flight(time_s)
 
 
-def _attend(vehicle: SimulatedVehicle[OutputT], vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float) -> None:
+def _attend(
+    vehicle: SimulatedVehicle[OutputT], vehicles: Sequence[SimulatedVehicle[OutputT]], now_s: float, inputs: Inputs
+) -> None:
     """Start or end an absence of a vehicle's agent if it is due, and notify all agents that are present."""
     changed = vehicle.attend(now_s)
     if changed is None:
         return
     for other in vehicles:
         if other is not vehicle and other.present:
-            other.core.on_presence(changed.vehicle_id, vehicle.present)
+            other.core.take(inputs.presence(changed.vehicle_id, vehicle.present))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from agents.core import VehicleCore
 from agents.drops import Drops
+from agents.inputs import Message, Presence, Start, TacticEvent, TimeScale
 from agents.outputs import TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
@@ -73,7 +74,7 @@ class Pilot:
         self, config: AgentConfig, start_s: float = 0.0, motion: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
     ) -> None:
         self.core = VehicleCore(config)
-        self.core.start(start_s)
+        self.core.take(Start(start_s))
         self.plant: Plant = config.plant
         self.motion: Vector = np.array(motion, dtype=np.float64)
         self.ticks = 0
@@ -85,7 +86,7 @@ class Pilot:
     def fly(self, until_s: float, wind: Vector = STILL) -> list[TickOutput]:
         outputs = []
         while self.now_s < until_s - 1e-9:
-            self.core.on_telemetry(telemetry(self.now_s, self.motion.tolist()))
+            self.core.take(telemetry(self.now_s, self.motion.tolist()))
             outputs.append(self.core.tick(self.now_s))
             self.motion = exact_step(self.plant, PERIOD_S).advance(
                 self.motion, np.array(setpoint_of(outputs[-1])), wind
@@ -122,14 +123,14 @@ def test_a_follower_follows_and_leads_on_from_its_own_slot_once_the_leader_has_l
     pilot = Pilot(make_config(vehicle_id=3), motion=(0.0, -4.0, 0.0, 0.0))
     for tick in range(400):
         heard_s = max(pilot.now_s - 0.8, 0.0)  # late, as over a poor radio
-        pilot.core.on_message(member(2, heard_s, 0.2 * heard_s + 1.0, 0.5), pilot.now_s)
+        pilot.core.take(Message(pilot.now_s, member(2, heard_s, 0.2 * heard_s + 1.0, 0.5)))
         pilot.fly((tick + 1) * PERIOD_S)
     # The leader is a metre ahead of the line and half a metre beside it: a follower keeps to it, not to the line.
     assert pilot.motion == pytest.approx([0.2 * pilot.now_s + 1.0, -4.5, 0.2, 0.0], abs=0.02)
     if leader_leaves == "says so":
-        pilot.core.on_message(member(2, pilot.now_s, 9.0, 0.5, "encircle"), pilot.now_s)
+        pilot.core.take(Message(pilot.now_s, member(2, pilot.now_s, 9.0, 0.5, "encircle")))
     if leader_leaves == "is gone":
-        pilot.core.on_presence(2, present=False)
+        pilot.core.take(Presence(2, present=False))
         assert pilot.core.tick(pilot.now_s).status.peers == ()
     pilot.fly(80.0)
     assert pilot.motion == pytest.approx([0.2 * pilot.now_s, -5.0, 0.2, 0.0], abs=0.02)
@@ -147,8 +148,8 @@ def test_a_follower_follows_and_leads_on_from_its_own_slot_once_the_leader_has_l
 )
 def test_what_cannot_be_trusted_is_counted_and_dropped(message: BusMessage, reason: str, make_config: Maker) -> None:
     core = VehicleCore(make_config())
-    core.on_telemetry(telemetry(5.0))
-    core.on_message(message, 5.0)
+    core.take(telemetry(5.0))
+    core.take(Message(5.0, message))
     status = core.tick(5.0).status
     assert status.drops == Drops(**{reason: 1})
     assert status.peers == ()
@@ -161,7 +162,7 @@ def test_what_cannot_be_trusted_is_counted_and_dropped(message: BusMessage, reas
 )
 def test_what_can_be_trusted_is_not_counted(message: PeerMessage, make_config: Maker) -> None:
     core = VehicleCore(make_config())
-    core.on_message(message, 5.0)
+    core.take(Message(5.0, message))
     assert core.tick(5.0).status.drops.total == 0
 
 
@@ -203,12 +204,12 @@ def test_no_message_makes_a_vehicle_raise_or_fly_off(
 ) -> None:
     config = make_config(encirclement={"smoothing_time_s": smoothing_s}, decision={"distance_max_m": 1e4})
     core = VehicleCore(config)
-    core.start(0.0)
+    core.take(Start(0.0))
     motion = np.array([3.0, -2.0, 0.4, 0.1])
-    core.on_telemetry(telemetry(10.0, motion.tolist()))
+    core.take(telemetry(10.0, motion.tolist()))
     for payload in payloads:
         with suppress(ValueError):
-            core.on_message(decode(payload), 10.0)
+            core.take(Message(10.0, decode(payload)))
     x, y = setpoint_of(core.tick(10.0))
     acting = found(config, motion)
     assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
@@ -226,9 +227,9 @@ def test_the_setpoint_never_leads_by_more_than_allowed_whatever_the_estimate(
     decision = {"distance_max_m": 1e8, "importance_min": 0.0 if tactic is Tactic.ENCIRCLE else 1.0}
     config = make_config(encirclement={"smoothing_time_s": 0.0}, decision=decision)
     core = VehicleCore(config)
-    core.start(0.0)
-    core.on_telemetry(telemetry(10.0, motion))
-    core.on_sighting(sighting(10.0, *target))
+    core.take(Start(0.0))
+    core.take(telemetry(10.0, motion))
+    core.take(sighting(10.0, *target))
     output = core.tick(10.0)
     assert output.status.tactic is tactic
     acting = found(config, np.array(motion))
@@ -248,14 +249,14 @@ def test_a_peers_sighting_is_decided_on_if_it_is_meant_for_the_vehicle(
     message: TargetPackage, tactic: Tactic, make_config: Maker
 ) -> None:
     pilot = Pilot(make_config())
-    pilot.core.on_message(message, 0.0)
+    pilot.core.take(Message(0.0, message))
     assert pilot.fly(0.1)[-1].status.tactic is tactic
 
 
 @pytest.mark.parametrize(("override", "tactic"), [({}, Tactic.ENCIRCLE), ({"distance_max_m": 4.0}, Tactic.FORMATION)])
 def test_each_vehicle_has_thresholds_of_its_own(override: dict[str, float], tactic: Tactic, make_config: Maker) -> None:
     pilot = Pilot(make_config(decision=override))
-    pilot.core.on_sighting(sighting(0.0))
+    pilot.core.take(sighting(0.0))
     assert pilot.fly(0.1)[-1].status.tactic is tactic
 
 
@@ -263,7 +264,7 @@ def test_engaging_moves_the_setpoint_smoothly_onto_the_ring(make_config: Maker) 
     pilot = Pilot(make_config(), motion=(0.0, 0.0, 0.2, 0.0))
     outputs = pilot.fly(5.0)
     for tick in range(50, 700):
-        pilot.core.on_sighting(sighting(pilot.now_s, x=11.0, y=1.0))
+        pilot.core.take(sighting(pilot.now_s, x=11.0, y=1.0))
         outputs += pilot.fly((tick + 1) * PERIOD_S)
     setpoints = np.array([setpoint_of(output) for output in outputs])
     assert [output.status.tactic for output in outputs[49:51]] == [Tactic.FORMATION, Tactic.ENCIRCLE]
@@ -280,10 +281,10 @@ def test_engaging_moves_the_setpoint_smoothly_onto_the_ring(make_config: Maker) 
 
 def test_neighbours_on_the_ring_are_taken_to_where_they_are_when_the_setpoint_acts(make_config: Maker) -> None:
     pilot = Pilot(make_config(encirclement={"angular_rate_rad_s": 0.4}), motion=(0.0, 0.0, 0.0, 0.0))
-    pilot.core.on_sighting(sighting(0.0, x=10.0))
+    pilot.core.take(sighting(0.0, x=10.0))
     pilot.fly(0.55)
     for sender, bearing in ((1, -2.5), (3, 1.5)):
-        pilot.core.on_message(NeighbourAngle(sender, 0.1, bearing, 0.4, 10.0), pilot.now_s)
+        pilot.core.take(Message(pilot.now_s, NeighbourAngle(sender, 0.1, bearing, 0.4, 10.0)))
     output = pilot.fly(0.65)[-1]
     place, polar, drift = output.status.place, output.status.polar, 0.4 * (0.6 + PERIOD_S / 2.0 - 0.1)
     assert place is not None
@@ -308,10 +309,10 @@ def test_faster_than_the_wall_links_may_be_silent_for_as_long_on_the_wall(
     silence_s: float, tactic: Tactic, make_config: Maker
 ) -> None:
     pilot = Pilot(make_config())
-    pilot.core.set_time_scale(10.0)
+    pilot.core.take(TimeScale(10.0))
     pilot.fly(1.0)
     heard_s = pilot.now_s - PERIOD_S
-    pilot.core.on_message(member(1, heard_s, 0.0, 0.0), heard_s + silence_s)
+    pilot.core.take(Message(heard_s + silence_s, member(1, heard_s, 0.0, 0.0)))
     status = pilot.core.tick(heard_s + silence_s).status
     assert status.tactic is tactic
     assert ([peer.sender for peer in status.peers] == [1]) is (tactic is Tactic.FORMATION)
@@ -319,7 +320,7 @@ def test_faster_than_the_wall_links_may_be_silent_for_as_long_on_the_wall(
 
 def test_a_lost_target_means_hold(make_config: Maker) -> None:
     pilot = Pilot(make_config(target_filter={"stale_after_s": 4.0}))
-    pilot.core.on_sighting(sighting(0.0))
+    pilot.core.take(sighting(0.0))
     assert {output.status.tactic for output in pilot.fly(4.05)} == {Tactic.ENCIRCLE}
     held = pilot.fly(20.0)
     assert {output.status.tactic for output in held} == {Tactic.HOLD}
@@ -330,13 +331,13 @@ def test_a_lost_target_means_hold(make_config: Maker) -> None:
 def test_a_vehicle_that_held_resumes_its_formation_and_one_that_lands_stays(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     pilot.fly(5.0)
-    pilot.core.on_event(Event.HOLD)
+    pilot.core.take(TacticEvent(Event.HOLD))
     held = setpoint_of(pilot.fly(10.0)[-1])
     assert held[0] == pytest.approx(1.0, abs=0.1)
-    pilot.core.on_event(Event.RESUME)
+    pilot.core.take(TacticEvent(Event.RESUME))
     pilot.fly(60.0)
     assert pilot.motion == pytest.approx([12.0, 0.0, 0.2, 0.0], abs=5e-3)
-    pilot.core.on_event(Event.LAND)
+    pilot.core.take(TacticEvent(Event.LAND))
     assert pilot.core.tactic is Tactic.LAND
     assert len({setpoint_of(output) for output in pilot.fly(65.0)}) == 1
 
@@ -344,12 +345,12 @@ def test_a_vehicle_that_held_resumes_its_formation_and_one_that_lands_stays(make
 def test_what_is_told_to_the_peers(make_config: Maker) -> None:
     pilot = Pilot(make_config(communication_radius_m=20.0))
     for message in (member(1, 0.0, 0.0, 19.9), member(3, 0.0, 0.0, -20.1)):
-        pilot.core.on_message(message, 0.0)
+        pilot.core.take(Message(0.0, message))
     (state,) = sent_by(pilot.fly(0.1)[-1])
     assert isinstance(state, MemberState)
     assert (state.sender, state.time_s, state.tactic) == (2, 0.0, "formation")
     seen = sighting(0.1)
-    pilot.core.on_sighting(seen)
+    pilot.core.take(seen)
     (state,) = sent_by(pilot.fly(0.2)[-1])
     assert isinstance(state, MemberState)
     assert state.tactic == "encircle"
@@ -364,7 +365,7 @@ def test_what_is_told_to_the_peers(make_config: Maker) -> None:
 
 def test_on_its_way_to_the_ring_a_vehicle_sends_at_the_full_rate(make_config: Maker) -> None:
     pilot = Pilot(make_config())
-    pilot.core.on_sighting(sighting(0.0))
+    pilot.core.take(sighting(0.0))
     flown = [(output, output.status.plan) for output in pilot.fly(4.0)]
     rings = [(output, plan.ring) for output, plan in flown if plan is not None]
     joining = [output for output, ring in rings if ring is not None and (ring.mixing < 1.0 or not ring.joined)]
@@ -391,14 +392,14 @@ def test_the_same_inputs_give_the_same_outputs_bit_for_bit(make_config: Maker) -
     def flight() -> list[tuple[tuple[float, float], tuple[bytes, ...]]]:
         random = np.random.default_rng(5)
         core, outputs = VehicleCore(make_config()), []
-        core.start(1.0)
+        core.take(Start(1.0))
         for tick in range(120):
             now_s = tick * PERIOD_S
-            core.on_telemetry(telemetry(now_s, random.normal(0.0, 0.02, 4).tolist()))
-            core.on_message(member(1, now_s, *random.normal(0.0, 5.0, 2).tolist()), now_s)
-            core.on_message(NeighbourAngle(3, now_s, random.uniform(-3.0, 3.0), 0.05, 10.0), now_s)
+            core.take(telemetry(now_s, random.normal(0.0, 0.02, 4).tolist()))
+            core.take(Message(now_s, member(1, now_s, *random.normal(0.0, 5.0, 2).tolist())))
+            core.take(Message(now_s, NeighbourAngle(3, now_s, random.uniform(-3.0, 3.0), 0.05, 10.0)))
             if tick > 40:
-                core.on_sighting(sighting(now_s, *(random.normal(0.0, 0.1, 2) + 7.0).tolist()))
+                core.take(sighting(now_s, *(random.normal(0.0, 0.1, 2) + 7.0).tolist()))
             output = core.tick(now_s)
             outputs.append((setpoint_of(output), tuple(outgoing.payload for outgoing in output.messages)))
         return outputs
@@ -409,9 +410,9 @@ def test_the_same_inputs_give_the_same_outputs_bit_for_bit(make_config: Maker) -
 def test_a_vehicle_in_pilot_override_sends_no_setpoint_and_publishes_its_tactic(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     pilot.fly(5.0)
-    pilot.core.on_event(Event.PILOT_TOOK_OVER)
+    pilot.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
     for tick in range(20):
-        pilot.core.on_telemetry(telemetry(5.0 + tick * PERIOD_S, [tick * 0.3, 1.0, 3.0, 0.0]))
+        pilot.core.take(telemetry(5.0 + tick * PERIOD_S, [tick * 0.3, 1.0, 3.0, 0.0]))
         output = pilot.core.tick(5.0 + tick * PERIOD_S)
         assert output.setpoint is None
         states = sent_by(output)
@@ -425,29 +426,29 @@ def test_a_vehicle_in_pilot_override_sends_no_setpoint_and_publishes_its_tactic(
 def test_a_command_is_for_one_vehicle_or_for_all(vehicle: int | None, obeys: bool, make_config: Maker) -> None:
     pilot = Pilot(make_config(vehicle_id=2))
     pilot.fly(1.0)
-    pilot.core.on_message(OperatorCommand(1.0, "hold", vehicle, "pat", 1), 1.0)
+    pilot.core.take(Message(1.0, OperatorCommand(1.0, "hold", vehicle, "pat", 1)))
     assert (pilot.core.tactic is Tactic.HOLD) == obeys
 
 
 def test_a_command_of_long_ago_is_dropped(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     pilot.fly(10.0)
-    pilot.core.on_message(OperatorCommand(5.0, "land", None, "pat", 1), 10.0)
+    pilot.core.take(Message(10.0, OperatorCommand(5.0, "land", None, "pat", 1)))
     assert pilot.core.tactic is Tactic.FORMATION
 
 
 def test_a_vehicle_sent_back_beside_the_ring_does_not_cut_across_it(make_config: Maker) -> None:
     # Its place in line is at the target by now: mixing that in would pull it through the ring.
     pilot = Pilot(make_config(line_start_m=(0.0, 0.0)), motion=(10.0, 10.5, 0.0, 0.0))
-    pilot.core.on_event(Event.START)
-    pilot.core.on_event(Event.PILOT_TOOK_OVER)
+    pilot.core.take(TacticEvent(Event.START))
+    pilot.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
     radii = []
     for tick in range(200):
         now_s = tick * PERIOD_S
         if tick == 10:
-            pilot.core.on_event(Event.RESUME)
-        pilot.core.on_sighting(Sighting(now_s, 2, (10.0, 0.0), (1e-4, 0.0, 1e-4), 0.8, 0.2))
-        pilot.core.on_telemetry(telemetry(now_s, pilot.motion.tolist()))
+            pilot.core.take(TacticEvent(Event.RESUME))
+        pilot.core.take(Sighting(now_s, 2, (10.0, 0.0), (1e-4, 0.0, 1e-4), 0.8, 0.2))
+        pilot.core.take(telemetry(now_s, pilot.motion.tolist()))
         output = pilot.core.tick(now_s)
         wanted = output.setpoint.position_m[:2] if output.setpoint is not None else pilot.motion[:2]
         pilot.motion = exact_step(pilot.plant, PERIOD_S).advance(pilot.motion, np.array(wanted), STILL)
@@ -465,7 +466,7 @@ def test_who_comes_back_to_the_formation_is_followed_only_once_it_is_there(make_
         x = 0.2 * pilot.now_s + off_x + (0.5 if tick > 45 else 0.0)  # its place in the end: half a metre ahead
         speed = (2.2, 0.0) if moving else (0.2, 0.0)
         leader = MemberState(2, pilot.now_s, "formation", (x, y), speed, (x + 0.2175, y), speed)
-        pilot.core.on_message(leader, pilot.now_s)
+        pilot.core.take(Message(pilot.now_s, leader))
         pilot.fly((tick + 1) * PERIOD_S)
         off = pilot.motion[:2] - [0.2 * pilot.now_s, -5.0]
         if tick <= 45:
@@ -476,7 +477,7 @@ def test_who_comes_back_to_the_formation_is_followed_only_once_it_is_there(make_
 def test_in_another_shape_it_flies_to_its_new_slot(make_config: Maker) -> None:
     pilot = Pilot(make_config(vehicle_id=3), motion=(0.0, -5.0, 0.0, 0.0))
     pilot.fly(20.0)
-    pilot.core.on_message(OperatorCommand(20.0, "formation", None, "pat", 1, "wedge"), 20.0)
+    pilot.core.take(Message(20.0, OperatorCommand(20.0, "formation", None, "pat", 1, "wedge")))
     outputs = pilot.fly(50.0)
     assert pilot.motion == pytest.approx([0.2 * 50.0 - 3.5355, -3.5355, 0.2, 0.0], abs=0.02)
     steps = np.diff([setpoint_of(output) for output in outputs], axis=0)
@@ -491,9 +492,9 @@ def test_without_a_gap_ahead_it_stays_off_the_ring_and_does_not_publish_its_bear
         outputs = []
         for tick in range(40):
             now_s = pilot.now_s
-            pilot.core.on_sighting(sighting(now_s, 0.0, 0.0))
+            pilot.core.take(sighting(now_s, 0.0, 0.0))
             for sender, bearing in ((1, bearing_off), (3, bearing_off + 2.0)):
-                pilot.core.on_message(NeighbourAngle(sender, now_s, bearing + 0.05 * now_s, 0.05, 10.0), now_s)
+                pilot.core.take(Message(now_s, NeighbourAngle(sender, now_s, bearing + 0.05 * now_s, 0.05, 10.0)))
             outputs += pilot.fly((tick + 1) * PERIOD_S)
         return outputs
 
@@ -509,8 +510,8 @@ def test_without_a_gap_ahead_it_stays_off_the_ring_and_does_not_publish_its_bear
 
 def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> None:
     pilot = Pilot(make_config())
-    pilot.core.on_message(member(1, 0.0, 0.0, 4.0), 0.0)
-    pilot.core.on_sighting(msgspec.structs.replace(sighting(0.0), sensor_id=1007))
+    pilot.core.take(Message(0.0, member(1, 0.0, 0.0, 4.0)))
+    pilot.core.take(msgspec.structs.replace(sighting(0.0), sensor_id=1007))
     output = pilot.fly(0.05)[-1]
     assert output.status.target is not None
     assert not any(map(sightings_of, sent_by(output)))
@@ -521,7 +522,7 @@ def test_a_target_too_fast_for_the_ring_slows_it_and_this_is_published(make_conf
     pilot, outputs = Pilot(make_config(encirclement=ring)), []
     for tick in range(90):
         time_s = tick * PERIOD_S
-        pilot.core.on_sighting(sighting(time_s, 8.0 + 2.0 * time_s))
+        pilot.core.take(sighting(time_s, 8.0 + 2.0 * time_s))
         outputs += pilot.fly(time_s + PERIOD_S / 2.0)
     last = outputs[-1]
     assert last.status.tactic is Tactic.ENCIRCLE
@@ -544,7 +545,7 @@ def test_a_target_seen_again_elsewhere_moves_no_setpoint_far(make_config: Maker)
     for tick in range(450):
         time_s = tick * PERIOD_S
         if time_s < 15.0 or time_s >= 30.0:
-            pilot.core.on_sighting(sighting(time_s, 0.0 if time_s < 15.0 else 12.0))
+            pilot.core.take(sighting(time_s, 0.0 if time_s < 15.0 else 12.0))
         outputs += pilot.fly(time_s + PERIOD_S / 2.0)
     places = np.array([setpoint_of(output) for output in outputs[145:]])
     assert np.hypot(*np.diff(places, axis=0).T).max() <= 0.5

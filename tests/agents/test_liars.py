@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from agents.core import VehicleCore
+from agents.inputs import TacticEvent
 from agents.outputs import Outgoing, TickOutput
 from agents.safety.failsafe import Condition
 from agents.settings.config import AgentConfig
@@ -23,7 +24,7 @@ from agents.tactics import Event
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, MemberState, NeighbourAngle, TargetPackage
 from estimation.state import POSITION
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.support.mission_text import CASE2, Content, content, parsed
 from tests.support.paths import MISSIONS
@@ -70,7 +71,7 @@ class Liar(VehicleCore):
 
     def tick(self, now_s: float) -> TickOutput:
         if self._lies and self._blocks and now_s >= self._from_s:
-            self.on_event(Event.HOLD)
+            self.take(TacticEvent(Event.HOLD))
         output = super().tick(now_s)
         if not self._lies or now_s < self._from_s:
             return output
@@ -124,6 +125,7 @@ def flown(lie: Lie, scene: Scene, *, blocks: bool = False) -> Outcome:
         rate_hz=mission.mission.rate_hz,
         duration_s=scene.duration_s,
         seed=1,
+        inputs=INPUTS,
         observe=observe,
         progress=lambda _: None,
     )

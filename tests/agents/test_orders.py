@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
+from agents.inputs import Command, Message
 from agents.notes import Notes
 from agents.orders import CUT, CUTTING, NUMBERS_KEPT, STARTS, Orders, Reshaping, final, obeyed
 from agents.settings.config import AgentConfig
@@ -265,7 +266,7 @@ def test_what_is_remembered_is_bounded() -> None:
 
 def test_a_core_answers_in_its_next_tick_even_without_telemetry(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
-    core.on_message(OperatorCommand(1.0, "kill", 2, "pat@here", 7), 1.0)
+    core.take(Message(1.0, OperatorCommand(1.0, "kill", 2, "pat@here", 7)))
     assert core.orders.kills
     output = core.tick(1.1)
     assert [decode(each.payload) for each in output.messages] == [CommandAnswer(2, 1.1, 7, CUTTING, "kill", "pat@here")]
@@ -275,13 +276,13 @@ def test_a_core_answers_in_its_next_tick_even_without_telemetry(make_config: Mak
 
 def test_a_core_that_hovers_for_an_abort_lands_though_it_lost_its_telemetry(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2, safety={"abort_hover_s": 2.0}))
-    core.on_command(OperatorCommand(1.0, "abort", None, "pat@here", 7), 1.0)
+    core.take(Command(1.0, OperatorCommand(1.0, "abort", None, "pat@here", 7)))
     assert [core.tick(now_s).status.tactic for now_s in (2.9, 3.0)] == [Tactic.HOLD, Tactic.LAND]
 
 
 def told_shape(core: VehicleCore, now_s: float) -> tuple[str | None, float]:
     """What it tells its peers of the formation's shape."""
-    core.on_telemetry(Telemetry(now_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
+    core.take(Telemetry(now_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
     (state,) = (m for m in (decode(o.payload) for o in core.tick(now_s).messages) if isinstance(m, MemberState))
     return state.shape, state.shaped_s
 
@@ -293,27 +294,27 @@ def test_the_newest_shape_spreads_from_vehicle_to_vehicle(make_config: Maker) ->
 
     core = VehicleCore(make_config(vehicle_id=2))
     assert told_shape(core, 1.0) == (None, 0.0)
-    core.on_message(reshaping("wedge", 2.0), 2.0)
+    core.take(Message(2.0, reshaping("wedge", 2.0)))
     assert told_shape(core, 2.0) == ("wedge", 2.0)
-    core.on_message(heard("column", 1.5, 2.1), 2.1)  # older: whoever says so has not heard the newer one yet
+    core.take(Message(2.1, heard("column", 1.5, 2.1)))  # older: whoever says so has not heard the newer one yet
     assert told_shape(core, 2.1) == ("wedge", 2.0)
-    core.on_message(heard("column", 2.1, 2.2), 2.2)
+    core.take(Message(2.2, heard("column", 2.1, 2.2)))
     assert told_shape(core, 2.2) == ("column", 2.1)
-    core.on_message(heard("free", 2.2, 2.3), 2.3)  # its mission has none
+    core.take(Message(2.3, heard("free", 2.2, 2.3)))  # its mission has none
     assert told_shape(core, 2.3) == ("column", 2.1)
-    core.on_message(reshaping("wedge", 2.0), 2.4)  # a straggler of the first command
+    core.take(Message(2.4, reshaping("wedge", 2.0)))  # a straggler of the first command
     assert told_shape(core, 2.4) == ("column", 2.1)
 
 
 def test_an_identification_flight_has_no_shapes(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2, excitation=ExcitationSettings()))
-    core.on_message(reshaping("wedge"), 1.0)
+    core.take(Message(1.0, reshaping("wedge")))
     assert told_shape(core, 1.0) == (None, 0.0)
 
 
 def test_a_core_shows_what_its_peers_answered(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
     answer = CommandAnswer(3, 1.0, 7, "holds")
-    core.on_message(answer, 1.0)
+    core.take(Message(1.0, answer))
     assert core.tick(1.0).status.answers == (answer,)
     assert core.tick(1.1).status.answers == ()

@@ -159,7 +159,7 @@ def ticks_watched() -> Iterator[list[float]]:
 
     with (
         patch.object(VehicleCore, "tick", noted_tick),
-        patch.object(VehicleCore, "on_sighting", watch.timed(VehicleCore.on_sighting)),
+        patch.object(VehicleCore, "_take_sighting", watch.timed(VehicleCore._take_sighting)),
     ):
         yield took_us
 

@@ -16,6 +16,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from agents.core import VehicleCore
+from agents.inputs import Message
 from agents.team.codec import Admission, encode
 from agents.team.messages import MemberState, Verb
 from gcs.console.command_client import CommandClient
@@ -117,7 +118,7 @@ def message_us() -> float:
         began = time.perf_counter()
         message = admission.admitted("member/2", payload)
         assert message is not None
-        core.on_message(message, 1.0)
+        core.take(Message(1.0, message))
         times_us.append((time.perf_counter() - began) * 1e6)
     return median(times_us)
 

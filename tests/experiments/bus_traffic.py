@@ -15,7 +15,7 @@ from agents.outputs import TickOutput
 from agents.shell.reporter import target_report
 from agents.team.codec import encode
 from agents.team.messages import VehicleReport
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.arguments import parser
@@ -61,6 +61,7 @@ def traffic(mission: Mission, duration_s: float) -> tuple[float, float, float, f
         rate_hz=rate_hz,
         duration_s=duration_s,
         seed=0,
+        inputs=INPUTS,
         observe=observe,
         progress=lambda _: None,
     )

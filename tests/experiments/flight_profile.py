@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import psutil
 
-from agents.tape import Tick
+from agents.inputs import Tick
 from gcs.flight.supervision.supervisor import is_supervised
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Cost

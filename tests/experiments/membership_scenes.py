@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.core import VehicleCore
+from agents.inputs import Heard, Message
 from agents.settings.config import AgentConfig
 from agents.settings.shapes import Shape
-from agents.team.messages import BusMessage, OperatorCommand
+from agents.team.messages import OperatorCommand
 from estimation.state import Vector
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, simulate
 from sitl.simulation.vehicle_model import Absence
@@ -69,10 +70,12 @@ class _CutOff(VehicleCore):
         super().__init__(config)
         self._unheard_id, self._hears = unheard_id, config.vehicle_id != unheard_id
 
-    def on_message(self, message: BusMessage, now_s: float) -> None:
-        sender = None if isinstance(message, OperatorCommand) else message.sender
-        if now_s < CHANGE_S or (self._hears and sender != self._unheard_id):
-            super().on_message(message, now_s)
+    def take(self, item: Heard) -> None:
+        if isinstance(item, Message) and item.now_s >= CHANGE_S:
+            sender = None if isinstance(item.message, OperatorCommand) else item.message.sender
+            if not self._hears or sender == self._unheard_id:
+                return
+        super().take(item)
 
 
 def flown(scene: Scene, seed: int) -> SimulatedFlight:
@@ -87,7 +90,7 @@ def flown(scene: Scene, seed: int) -> SimulatedFlight:
             command = told.pop(0)
             for vehicle in vehicles:
                 if vehicle.present:
-                    vehicle.core.on_message(command, now_s)
+                    vehicle.core.take(Message(now_s, command))
                     if command.verb == "formation":
                         break  # one vehicle receives it; it reaches the others in peers' states
 
@@ -97,6 +100,7 @@ def flown(scene: Scene, seed: int) -> SimulatedFlight:
         rate_hz=scene.mission.mission.rate_hz,
         duration_s=scene.duration_s,
         seed=seed,
+        inputs=INPUTS,
         observe=lambda *_: None,
         progress=tell,
     )

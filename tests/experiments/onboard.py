@@ -24,9 +24,9 @@ import numpy as np
 import psutil
 import tomli_w
 
+from agents.inputs import Start
 from agents.safety.failsafe import Condition
 from agents.tactics import Tactic
-from agents.tape import Start
 from gcs.flightlog.reader import read_log
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.metrics.record import FlightRecord

@@ -20,7 +20,7 @@ from agents.outputs import TickOutput
 from estimation.plant.model import Plant, PlantAxis
 from estimation.settings import OwnFilterSettings
 from estimation.state import POSITION, Vector
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, SimulatedFlight, simulate
 from sitl.vehicle.estimator_drift import EstimatorDriftModel
@@ -231,6 +231,7 @@ def flown(draw: Draw) -> Flown:
         rate_hz=mission.mission.rate_hz,
         duration_s=mission.mission.duration_s,
         seed=seed,
+        inputs=INPUTS,
         observe=observe,
         progress=lambda _: None,
     )

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from agents.outputs import TickOutput
 from estimation.state import MOTION, POSITION, VELOCITY, Sighting, Telemetry, Vector
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Truth
 from gcs.flightlog.run import mission_of
@@ -115,6 +115,7 @@ def flown(mission: Mission, wanders: list[Wander]) -> Ring:
         rate_hz=rate_hz,
         duration_s=duration_s,
         seed=0,
+        inputs=INPUTS,
         observe=observe,
         progress=lambda _: None,
     )

@@ -16,7 +16,7 @@ import numpy as np
 from agents.outputs import TickOutput
 from agents.safety.fence import Corner, Fence
 from estimation.state import POSITION, VELOCITY, Vector
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.arguments import seeded_parser
@@ -163,6 +163,7 @@ def flown(mission: Mission, seed: int) -> Flown:
         rate_hz=rate_hz,
         duration_s=mission.mission.duration_s,
         seed=seed,
+        inputs=INPUTS,
         observe=lambda tick, vehicle, output: outputs.update({(tick, vehicle): output}),
         progress=lambda _: None,
     )

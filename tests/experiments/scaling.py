@@ -17,7 +17,7 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from gcs.style import COLOURS, INK, STYLE
 from sitl.simulation.simulation import NetworkModel, simulate
@@ -98,6 +98,7 @@ def measured(count: int) -> Cost:
             rate_hz=RATE_HZ,
             duration_s=DURATION_S,
             seed=0,
+            inputs=INPUTS,
             observe=lambda *_: None,
             progress=progress,
         )

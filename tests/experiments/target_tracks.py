@@ -1,7 +1,7 @@
 """Compare the target filter with alternatives on seeded tracks of targets.
 
 Every track lasts 80 s and is seen by three sensors at 5 Hz with 0.5 m of noise per axis; one sighting in 20 is an
-outlier by 3 to 20 m. Exit code 1 if the target filter does not reach the figures of docs/target.md.
+outlier by 3 to 20 m. Exit code 1 if the target filter does not reach the figures of docs/notes/target.md.
 """
 
 import sys

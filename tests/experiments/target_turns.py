@@ -12,11 +12,12 @@ from enum import Enum
 
 import numpy as np
 
+from agents.inputs import Message
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
 from agents.team.messages import OperatorCommand
 from estimation.state import POSITION
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.arguments import seeded_parser
@@ -86,7 +87,7 @@ def flown(seed: int, flight: Flight) -> Turns:
             tactics.append(output.status.tactic)
         if flight is Flight.HELD and tick == round(RESUMED_S * rate_hz):
             resume = OperatorCommand(RESUMED_S, "resume", None, "tower", 1)
-            vehicles[vehicle].core.on_message(resume, RESUMED_S)
+            vehicles[vehicle].core.take(Message(RESUMED_S, resume))
 
     truth = simulate(
         vehicles,
@@ -94,6 +95,7 @@ def flown(seed: int, flight: Flight) -> Turns:
         rate_hz=rate_hz,
         duration_s=duration_s,
         seed=seed,
+        inputs=INPUTS,
         observe=observe,
         progress=lambda _: None,
     )

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Sighting, Telemetry, Vector
-from sitl.simulation.simulation import NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
+from sitl.simulation.simulation import Inputs, NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
 from sitl.simulation.vehicle_model import LANDED_AFTER_S, Absence, TelemetryNoise, VehicleModel, absence_at
 from sitl.vehicle.estimator_drift import EstimatorDriftModel
 from sitl.vehicle.imperfections import Imperfections
@@ -42,6 +42,9 @@ class Asked:
     messages: list[Packet] = field(default_factory=list)
 
 
+INPUTS = Inputs(lambda now_s, payload: ("message", now_s, payload), lambda *about: ("presence", *about))
+
+
 class Recorder:
     """A core that asks for what it is told to, and writes down all it hears."""
 
@@ -61,17 +64,18 @@ class Recorder:
         self.packed: list[Packet] = []
         self.sent = 0
 
-    def on_telemetry(self, telemetry: Telemetry) -> None:
-        self.telemetry.append(telemetry)
-
-    def on_sighting(self, sighting: Sighting) -> None:
-        self.sightings.append(sighting)
-
-    def on_message(self, payload: bytes, now_s: float) -> None:
-        self.heard.append((now_s, payload))
-
-    def on_presence(self, vehicle_id: int, present: bool) -> None:
-        self.presence.append((vehicle_id, present))
+    def take(self, item: object) -> None:
+        match item:
+            case Telemetry():
+                self.telemetry.append(item)
+            case Sighting():
+                self.sightings.append(item)
+            case ("message", float(now_s), bytes(payload)):
+                self.heard.append((now_s, payload))
+            case ("presence", int(vehicle_id), bool(present)):
+                self.presence.append((vehicle_id, present))
+            case _:
+                pytest.fail(f"took {item}")
 
     def tick(self, now_s: float) -> Asked:
         place = self.course(now_s)
@@ -109,6 +113,7 @@ def fly(
         rate_hz=RATE_HZ,
         duration_s=duration_s,
         seed=seed,
+        inputs=INPUTS,
         observe=lambda *_: None,
         progress=lambda _: None,
     )
@@ -280,6 +285,7 @@ def test_every_decision_and_every_tick_is_seen() -> None:
         rate_hz=RATE_HZ,
         duration_s=0.2,
         seed=0,
+        inputs=INPUTS,
         observe=lambda tick, index, asked: seen.append((tick, index, asked)),
         progress=times_s.append,
     )
@@ -361,6 +367,7 @@ def test_a_sighting_is_made_from_the_true_place_and_given_from_the_reported_one(
         rate_hz=RATE_HZ,
         duration_s=10.0,
         seed=1,
+        inputs=INPUTS,
         observe=lambda *_: None,
         progress=lambda _: None,
     )

@@ -1,7 +1,8 @@
 """The commands of the command line with usage, arguments and options, from the application that runs them."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -17,38 +18,62 @@ _EXAMPLE = re.compile(r"^Example: (.+)$", re.MULTILINE)
 
 
 def command_list() -> str:
-    """Return the verbs with what each does, as Markdown, in the groups of the help."""
-    app.resolved_commands()
-    rows = ["| | command | does |", "|---|---|---|"]
-    for group, verbs in GROUPS.items():
-        for at, verb in enumerate(verbs):
-            link = f"[`cordon {verb}`](#cordon-{verb})"
-            rows.append(f"| {'' if at else group} | {link} | {_summary(app[verb])} |")
+    """Return the verbs in the groups of the help, with links, as Markdown."""
+    rows = [
+        f"- {group}: {', '.join(f'[`{verb}`](#cordon-{verb})' for verb in verbs)}" for group, verbs in GROUPS.items()
+    ]
     return "\n".join(rows)
+
+
+def common_arguments() -> str:
+    """Return the arguments that several commands have, each once, as Markdown."""
+    return _list(list(_common().values()))
 
 
 def command_sections() -> str:
     """Return a section for each command: usage, arguments and options with their defaults, as Markdown."""
+    common = _common()
+    return "\n\n".join(_section(command, name, common) for command, name in _commands())
+
+
+def _commands() -> Iterator[tuple[App, str]]:
+    """Yield all commands with their names, those of a verb behind it."""
     app.resolved_commands()
-    verbs = (verb for verbs in GROUPS.values() for verb in verbs)
-    return "\n\n".join(section for verb in verbs for section in _sections(app[verb], f"cordon {verb}"))
+    for verb in (verb for verbs in GROUPS.values() for verb in verbs):
+        yield from _with_inner(app[verb], f"cordon {verb}")
 
 
-def _sections(command: App, name: str) -> Iterator[str]:
-    yield _section(command, name)
+def _with_inner(command: App, name: str) -> Iterator[tuple[App, str]]:
+    yield command, name
     for inner, each in command.resolved_commands().items():
         if not inner.startswith("-"):
-            yield from _sections(each, f"{name} {inner}")
+            yield from _with_inner(each, f"{name} {inner}")
 
 
-def _section(command: App, name: str) -> str:
+def _common() -> dict[str, Argument]:
+    """Return the arguments that several commands have with one meaning and default, by their rows."""
+    found = {_row(each): each for command, _ in _commands() for each in reversed(_arguments(command))}
+    times = Counter(_row(each) for command, _ in _commands() for each in _arguments(command))
+    return {row: found[row] for row in times if times[row] > 1}
+
+
+def _arguments(command: App) -> list[Argument]:
+    """Return the arguments of a command, those without a name of an option first."""
+    if command.default_command is None:
+        return []
+    arguments = list(command.assemble_argument_collection().filter_by(show=True))
+    return sorted(arguments, key=lambda each: each.index is None)
+
+
+def _section(command: App, name: str, common: Collection[str]) -> str:
     heading = f"{'#' * len(name.split())} {name}"
     examples = _EXAMPLE.findall(cleandoc(command.help))
     parts = [heading, _paragraphs(_EXAMPLE.sub("", cleandoc(command.help)))]
     if command.default_command is not None:
-        arguments = list(command.assemble_argument_collection().filter_by(show=True))
-        arguments.sort(key=lambda each: each.index is None)
-        parts += [_usage(name, arguments), _table(arguments)]
+        arguments = _arguments(command)
+        shared = [f"`{_short(each)}`" for each in arguments if _row(each) in common]
+        also = f"[Common](#common-arguments): {', '.join(shared)}." if shared else ""
+        parts += [_usage(name, arguments), _list([each for each in arguments if _row(each) not in common]), also]
     if examples:
         parts.append("\n".join(["```sh", *examples, "```"]))
     return "\n\n".join(filter(None, parts))
@@ -64,16 +89,23 @@ def _usage(name: str, arguments: Sequence[Argument]) -> str:
             words.append(f"{each.names[0]} {_value(each)}")
     if any(each.index is None and not each.required for each in arguments):
         words.append("[OPTIONS]")
-    return f"Usage: `{' '.join(words)}`"
+    return f"`{' '.join(words)}`"
 
 
-def _table(arguments: Sequence[Argument]) -> str:
-    rows = [f"| {_names(each)} | {_default(each)} | {_help(each)} |" for each in arguments]
-    return "\n".join(["| argument | default | meaning |", "|---|---|---|", *rows]) if rows else ""
+def _list(arguments: Sequence[Argument]) -> str:
+    return "\n".join(_row(each) for each in arguments)
 
 
-def _summary(command: App) -> str:
-    return _paragraphs(cleandoc(command.help)).partition("\n\n")[0]
+def _row(argument: Argument) -> str:
+    meaning = " ".join(
+        filter(None, (_help(argument), f"Default: {default}." if (default := _default(argument)) else ""))
+    )
+    return f"- {_names(argument)}: {meaning}" if meaning else f"- {_names(argument)}"
+
+
+def _short(argument: Argument) -> str:
+    """Return the name of an argument alone."""
+    return _place(argument) if argument.index is not None else argument.names[0]
 
 
 def _paragraphs(text: str) -> str:
@@ -90,7 +122,7 @@ def _place(argument: Argument) -> str:
 def _names(argument: Argument) -> str:
     choices = argument.get_choices()
     if argument.index is not None:
-        return f"`{_place(argument)}`" + (f": {', '.join(f'`{each}`' for each in choices)}" if choices else "")
+        return f"`{_place(argument)}`" + (f" {', '.join(f'`{each}`' for each in choices)}" if choices else "")
     value = ", ".join(choices) if choices else _value(argument)
     return ", ".join(f"`{name}`" for name in argument.names) + (f" {value}" if value else "")
 
@@ -108,12 +140,13 @@ def _kinds(hint: Any) -> Iterator[Any]:
 
 
 def _default(argument: Argument) -> str:
+    """Return the default, empty where there is none; the usage shows required arguments."""
     if argument.required:
-        return "required"
+        return ""
     default = argument.field_info.default
     hidden = argument.parameter.show_default is False or default is None or default is False or default == ()
     return "" if hidden else f"`{default}`"
 
 
 def _help(argument: Argument) -> str:
-    return " ".join((argument.parameter.help or "").split()).replace("|", "\\|")
+    return " ".join((argument.parameter.help or "").split())

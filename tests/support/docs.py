@@ -4,22 +4,23 @@ import ast
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from inspect import getdoc, getsource
+from dataclasses import replace
+from inspect import getsource
 
-from agents.safety.failsafe import TABLE, Reaction, Row
+from agents.safety.failsafe import BY_ITSELF, RESUME, TABLE, Reaction, Row
 from agents.shell import life
 from agents.tactics import diagram
-from cordon.channels import VehicleChannels
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
+from gcs.metrics.catalogue import FLOCKING, VEHICLE, Metric
 from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.sections import TUNED, TUNING
-from gcs.sweep.columns import RUN, TEAM, Column, vehicle_columns
+from gcs.sweep.columns import RUN, TEAM, Column
 from tests.structure import PACKAGES
-from tests.support.command_tables import command_list, command_sections
+from tests.support.command_tables import command_list, command_sections, common_arguments
 from tests.support.equations import equation_table
-from tests.support.key_tables import mission_keys, profile_keys, tuning_keys
+from tests.support.key_tables import identified_keys, mission_keys, profile_keys, tuning_keys
 from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
 from tests.support.public_names import name_sections
@@ -41,8 +42,8 @@ def mission_table() -> str:
 
 
 def folder_table() -> str:
-    """Return the folders of the packages, from the top, with what each holds and may import, as Markdown."""
-    rows = ["| folder | holds | may import |", "|---|---|---|"]
+    """Return the folders of the packages, from the top, with what each holds, as Markdown."""
+    rows = ["| folder | holds |", "|---|---|"]
     for package in PACKAGES:
         rows += [_folder(f"{package}/{name}") for name in ("", *_floors(package))]
     return "\n".join(rows)
@@ -60,7 +61,7 @@ def life_diagram() -> str:
 
 def failsafe_table() -> str:
     """Return the failsafe table as Markdown, its grace times with their defaults."""
-    head = ["| condition | detected when | grace | reaction | on the way down | left |", "|---|---|---|---|---|---|"]
+    head = ["| condition | grace | reaction | on the way down | left |", "|---|---|---|---|---|"]
     return "\n".join(head + [_failsafe(row) for row in TABLE])
 
 
@@ -74,25 +75,28 @@ def warning_table() -> str:
     return _advice_table("warning")
 
 
-def channel_list() -> str:
-    """Return the channels of a vehicle's flight, from the docstring of their class."""
-    return (getdoc(VehicleChannels) or "").partition("\n\n")[2]
-
-
 def sweep_columns() -> str:
-    """Return the columns of a sweep's table as Markdown."""
-    head = ["| column | type | holds |", "|---|---|---|"]
-    return "\n".join(head + [_sweep_column(each) for each in (*RUN, *TEAM, *vehicle_columns("ID"))])
+    """Return the columns of a sweep's table as Markdown; those that differ in the phase or the extreme are one item."""
+    names = {each.name for each in TEAM}
+    phases = [replace(each, name=f"reynolds.PHASE.{each.name}") for each in FLOCKING]
+    team = [each for each in TEAM if not each.name.startswith(("reynolds.", "vehicles."))]
+    over = {
+        each.name: [name for end in ("mean", "worst") if (name := f"vehicles.{each.name}.{end}") in names]
+        for each in VEHICLE
+    }
+    single = [replace(each, name=", ".join([f"vehicle_ID.{each.name}", *over[each.name]])) for each in VEHICLE]
+    rows: tuple[Column | Metric, ...] = (*RUN, *team, *phases, *single)
+    return "\n".join(map(_sweep_column, rows))
 
 
 def result_keys() -> str:
-    """Return the JSON keys of a flight's result, each part in a row, as Markdown."""
-    return _key_table("part", {part or "result": keys for part, keys in RESULT_KEYS.items()})
+    """Return the JSON keys of a flight's result, each part in a line, as Markdown."""
+    return _key_list({part or "result": keys for part, keys in RESULT_KEYS.items()})
 
 
 def output_keys() -> str:
     """Return the JSON keys of the other outputs as Markdown."""
-    return _key_table("output", OUTPUT_KEYS)
+    return _key_list(OUTPUT_KEYS)
 
 
 def exit_codes() -> str:
@@ -105,15 +109,16 @@ def exit_codes() -> str:
 
 
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
-    "commands.md": {"list": command_list, "commands": command_sections},
+    "commands.md": {"list": command_list, "common": common_arguments, "commands": command_sections},
     "design.md": {"folders": folder_table, "tactics": tactic_diagram, "life": life_diagram},
     "json.md": {"result": result_keys, "outputs": output_keys, "exits": exit_codes},
     "log-fields.md": {"fields": field_tables},
-    "mission-keys.md": {"keys": mission_keys, "profile": profile_keys, "tuning": tuning_keys},
+    "mission-keys.md": {"keys": mission_keys, "profile": profile_keys},
     "missions.md": {"missions": mission_table},
+    "notes/paper.md": {"equations": equation_table},
+    "notes/identification.md": {"identified": identified_keys},
+    "notes/tuning.md": {"tuning": tuning_keys},
     "operator.md": {"alarms": alarm_table, "warnings": warning_table},
-    "paper.md": {"equations": equation_table},
-    "python.md": {"channels": channel_list},
     "python-names.md": {"names": name_sections},
     "safety.md": {"failsafes": failsafe_table},
     "sweeps.md": {"columns": sweep_columns},
@@ -143,18 +148,16 @@ def _floors(package: str) -> Iterator[str]:
 
 def _folder(path: str) -> str:
     text = ast.get_docstring(ast.parse((ROOT / path / "__init__.py").read_text(encoding="utf-8"))) or ""
-    holds, _, imports = (" ".join(part.split()) for part in text.partition("\n\n"))
-    return f"| `{path.rstrip('/')}` | {holds} | {imports} |"
+    return f"| `{path.rstrip('/')}` | {' '.join(text.partition(chr(10) * 2)[0].split())} |"
 
 
 def _failsafe(row: Row) -> str:
     cells = (
         f"**{row.condition.value}**",
-        row.detected,
         _grace(row),
         _reactions(row),
         _descending(row),
-        row.left,
+        "" if row.left in (RESUME, BY_ITSELF) else row.left,
     )
     return f"| {' | '.join(cells)} |"
 
@@ -185,13 +188,13 @@ def _with_defaults(text: str) -> str:
     return re.sub(r"`(?:tuning\.)?(\w+)\.(\w+)`", value, text)
 
 
-def _key_table(head: str, keys: Mapping[str, str]) -> str:
-    rows = [f"| {name} | {', '.join(f'`{key}`' for key in each.split())} |" for name, each in keys.items()]
-    return "\n".join([f"| {head} | keys |", "|---|---|", *rows])
+def _key_list(keys: Mapping[str, str]) -> str:
+    return "\n".join(f"- {name}: {', '.join(f'`{key}`' for key in each.split())}" for name, each in keys.items())
 
 
-def _sweep_column(column: Column) -> str:
-    return f"| `{column.name}` | {column.kind.__name__} | {column.meaning} |"
+def _sweep_column(column: Column | Metric) -> str:
+    names = ", ".join(f"`{name}`" for name in column.name.split(", "))
+    return f"- {names} ({column.kind.__name__}): {column.meaning}"
 
 
 def _reactions(row: Row) -> str:
@@ -201,7 +204,7 @@ def _reactions(row: Row) -> str:
 
 def _grace(row: Row) -> str:
     if not row.grace:
-        return "none"
+        return ""
     name, key = row.grace.split(".")
     section, model = TUNED[name]
     place = f"tuning.{row.grace}" if key in TUNING[name].model_fields else f"{section}.{key}"
@@ -213,7 +216,7 @@ def _descending(row: Row) -> str:
     if row.descending is not None:
         return row.descending.value
     at_once = row.reactions[0] in (Reaction.LAND, Reaction.HAND_OVER)
-    return row.reactions[0].value if at_once else "goes on"
+    return row.reactions[0].value if at_once else ""
 
 
 if __name__ == "__main__":

@@ -9,8 +9,10 @@ from typing import ClassVar
 
 from agents.core import VehicleCore
 from agents.drops import NO_DROPS
+from agents.inputs import CoreInput, TacticEvent
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
+from agents.recording import RecordedCore
 from agents.settings.config import AgentConfig
 from agents.settings.sections import FormationSettings
 from agents.shell.agent import Agent
@@ -19,7 +21,6 @@ from agents.shell.life import Phase
 from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.tactics import Event
-from agents.tape import CoreInput, TacticEvent, TapedCore
 from agents.team.external_positions import ExternalPosition
 from agents.team.messages import BusMessage, OperatorCommand, StartProposal, Verb
 from agents.team.perception import Perception
@@ -240,7 +241,7 @@ class FakeFlight:
         self.inputs: list[tuple[float, CoreInput]] = []
         self.statuses: list[CoreStatus] = []
         self._numbers = count(1)
-        self.core: VehicleCore = TapedCore(config, self)
+        self.core: VehicleCore = RecordedCore(config, self)
         frame = MissionFrame(Geodetic(47.4, 8.5, 488.0))
         self.agent = Agent(
             AgentParts(
@@ -258,7 +259,7 @@ class FakeFlight:
         self.task: asyncio.Task[Outcome] | None = None
 
     def write(self, item: object) -> None:
-        """Take the items of a taped core."""
+        """Take the items of a recorded core."""
         if isinstance(item, CoreInput):
             self.inputs.append((self.clock.now_s(), item))
 

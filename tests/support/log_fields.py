@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Any, get_args, get_type_hints
 
 import msgspec
@@ -23,27 +25,33 @@ _TOPIC_OF = {codec_of(kind).descriptor.name: topic for topic, kind in CHANNELS.i
 
 def field_tables() -> str:
     """Return the channels with their content, and the fields of their records, as Markdown."""
-    channels = [f"| `{topic}` | {_purpose(kind)} |" for topic, kind in CHANNELS.items()]
-    codecs = {topic: codec_of(kind) for topic, kind in CHANNELS.items()}  # type: ignore[arg-type]  # as in the schema
-    fields = [row for topic, kind in CHANNELS.items() for row in _rows(topic, kind, codecs[topic].descriptor)]
-    heads = ["| channel | holds |", "|---|---|"], ["| channel | field | holds | unit |", "|---|---|---|---|"]
-    return "\n".join([*heads[0], *channels, "", *heads[1], *fields])
+    return "\n\n".join(_channel(topic, kind) for topic, kind in CHANNELS.items())
 
 
-def _rows(topic: str, kind: type[Any], message: Any, prefix: str = "") -> Iterator[str]:
+def _channel(topic: str, kind: type[Any]) -> str:
+    """Return a channel's heading, content and fields."""
+    fields = groupby(_fields(kind, codec_of(kind).descriptor), itemgetter(1))  # type: ignore[arg-type]  # as in the schema
+    rows = [f"- {', '.join(f'`{name}`' for name, _ in each)}: {holds}" for holds, each in fields]
+    table = ["", *rows] if rows else []
+    return "\n".join([f"### `{topic}`", "", _purpose(kind), *table])
+
+
+def _fields(kind: type[Any], message: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the fields of a record with what each holds."""
     structs = dict(_structs(kind))
     for field in message.fields:
         name = f"{prefix}{field.name}"
         if name == "number":  # of every record
             continue
         if field.message_type is None:
-            yield f"| `{topic}` | `{name}` | {_type(field)} | {unit(name)} |"
+            symbol = unit(name)
+            yield name, f"{_type(field)}{f' [{symbol}]' if symbol else ''}"
         elif field.message_type.name in _TOPIC_OF:
-            yield f"| `{topic}` | `{name}` | the fields of `{_TOPIC_OF[field.message_type.name]}` | |"
+            yield name, f"the fields of `{_TOPIC_OF[field.message_type.name]}`"
         else:
             place, struct = f"{name}{'[]' if field.is_repeated else ''}", structs[field.name]
-            yield f"| `{topic}` | `{place}` | {_purpose(struct)} | |"
-            yield from _rows(topic, struct, field.message_type, f"{place}.")
+            yield place, _purpose(struct)
+            yield from _fields(struct, field.message_type, f"{place}.")
 
 
 def _structs(kind: type[Any]) -> Iterator[tuple[str, type[Any]]]:

@@ -21,7 +21,7 @@ STAGES: Mapping[str, tuple[str, ...]] = {
     "tick: heartbeat to the supervisor": ("agents.shell.control_loop:ControlLoop.show_life",),
     "tick: status, cost, journal": ("gcs.flight.team:Team._observe",),
     "tick: publish": ("agents.shell.control_loop:ControlLoop._publish",),
-    "messages: core": ("agents.core:VehicleCore.on_message",),
+    "messages: core": ("agents.core:VehicleCore._take_message",),
     "live view": ("gcs.flight.watch:Watch._update",),
 }
 """Methods by stage. The time of a stage within another is not part of the outer one."""

@@ -32,9 +32,6 @@ def _defined(name: str) -> tuple[ast.stmt, str]:
 
 def _section(name: str, node: ast.stmt, text: str) -> str:
     parts = [f"### {name}", "\n".join(["```py", *_signature(node), "```"]), _DOCTEST.sub("", text)]
-    if isinstance(node, ast.ClassDef) and (methods := list(_methods(node))):
-        rows = [f"| `{each.name}` | {_summary(each)} |" for each in methods]
-        parts.append("\n".join(["| member | is |", "|---|---|", *rows]))
     return "\n\n".join(parts)
 
 
@@ -47,6 +44,7 @@ def _signature(node: ast.stmt) -> Iterator[str]:
             if isinstance(each, ast.AnnAssign) and not ast.unparse(each.target).startswith("_"):
                 yield f"    {_field(each)}"
         for method in _methods(node):
+            yield f"    # {_summary(method)}"
             yield from _call(method, "    ")
     else:
         yield ast.unparse(node)

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.inputs import Start
 from agents.shell.clock import MissionClock, WallClock
-from agents.tape import Start
 from estimation.state import Vector
 from gcs.flight.stubs import prepared_configs
 from gcs.flightlog.reader import FlightLog, read_log

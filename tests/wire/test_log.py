@@ -15,8 +15,9 @@ import msgspec
 import pytest
 
 from agents.core import VehicleCore
+from agents.inputs import Command, Tick
 from agents.outputs import TickOutput
-from agents.tape import Command, Tick, play
+from agents.recording import replay_input
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
@@ -147,7 +148,7 @@ def ticks(path: Path) -> int:
 
 
 def played_again(log: FlightLog, vehicle_id: int) -> int:
-    """Play a vehicle's tape to a fresh core; every decision must be as it was. Return how many there were."""
+    """Replay a vehicle's inputs with a fresh core; every decision must be as it was. Return how many there were."""
     mission = mission_of(log)
     core = VehicleCore(mission.agent_config(mission.vehicle(vehicle_id)))
     output: TickOutput | None = None
@@ -159,7 +160,7 @@ def played_again(log: FlightLog, vehicle_id: int) -> int:
             decisions += 1
         elif record.kind not in (Cost, Truth, Vehicle, VehicleEnd):
             for item in items_of(log, record):
-                output = play(core, item) or output
+                output = replay_input(core, item) or output
     return decisions
 
 

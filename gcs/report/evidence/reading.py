@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
-from agents.notes import Note
-from agents.tape import Autopilot, LateTicks, Start
+from agents.inputs import Autopilot, LateTicks, Start
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, Vehicle, VehicleEnd
+from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
@@ -239,8 +238,7 @@ class _VehicleReader:
 
     def _decision(self, record: LogRecord) -> None:
         decision, journal = record.message(), self._journal
-        notes = [Note(note.time_s, note.kind, note.text) for note in decision.notes]
-        journal.event_log.add_notes(self.vehicle_id, notes)
+        journal.event_log.add_notes(self.vehicle_id, notes_of(decision))
         others = [each for each in decision.peers if each in self._peers and each not in self._log.run.vehicles]
         peers = [self._peers[each] for each in others]
         for peer in peers:

@@ -11,6 +11,7 @@ import pytest
 
 from agents.control.homing import assembled
 from agents.core import VehicleCore
+from agents.inputs import Message, Start, TacticEvent
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings
 from agents.tactics import Event, Tactic
@@ -87,11 +88,11 @@ class Sky:
         for sender, messages in sent.items():
             for i, each in self.flyers.items():
                 for message in messages if i != sender else ():
-                    each.core.on_message(message, self.now_s)
+                    each.core.take(Message(self.now_s, message))
 
     def _tick(self, flyer: Flyer) -> list[BusMessage]:
         x, y, x_rate, y_rate = flyer.motion.tolist()
-        flyer.core.on_telemetry(Telemetry(self.now_s, (x, y, flyer.height_m), (x_rate, y_rate, 0.0)))
+        flyer.core.take(Telemetry(self.now_s, (x, y, flyer.height_m), (x_rate, y_rate, 0.0)))
         output = flyer.core.tick(self.now_s)
         assert output.setpoint is not None
         if flyer.core.tactic is Tactic.LAND:
@@ -103,7 +104,7 @@ class Sky:
 
     def end(self, *vehicles: int) -> None:
         for i in vehicles or tuple(self.flyers):
-            self.flyers[i].core.on_event(Event.END)
+            self.flyers[i].core.take(TacticEvent(Event.END))
 
     def clearances_m(self) -> float:
         """The smallest distance in space between two that are up."""
@@ -203,7 +204,7 @@ def test_without_telemetry_a_vehicle_on_its_way_lands_where_it_is(make_config: M
 def test_layers_are_left_once_all_are_in_their_places(make_config: MakeConfig) -> None:
     sky = Sky(make_config, {1: (0.0, 12.0), 2: (0.0, 0.0), 3: (0.0, -2.6)}, layer_m=LAYER_M)
     for each in sky.flyers.values():
-        each.core.start(sky.now_s)
+        each.core.take(Start(sky.now_s))
     assert [each.height_m for each in sky.flyers.values()] == [8.0, 8.0 + LAYER_M, 8.0 + 2.0 * LAYER_M]
     for _ in range(300):
         sky.step()

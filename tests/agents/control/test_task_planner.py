@@ -11,6 +11,7 @@ import pytest
 from agents.control.aims import resting
 from agents.control.plan import Plan
 from agents.core import VehicleCore
+from agents.inputs import Message, Start, TacticEvent
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
@@ -44,7 +45,7 @@ class Flight:
 
     def __init__(self, config: AgentConfig, planner: Recorded, start_m: tuple[float, float] = (0.0, 0.0)) -> None:
         self.core = VehicleCore(config, lambda _: planner)
-        self.core.start(0.0)
+        self.core.take(Start(0.0))
         self.motion: Vector = np.array([*start_m, 0.0, 0.0])
         self._ticks = 0
 
@@ -53,9 +54,9 @@ class Flight:
         for _ in range(round(seconds / PERIOD_S)):
             now_s = self._ticks * PERIOD_S
             x, y, x_rate, y_rate = self.motion.tolist()
-            self.core.on_telemetry(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
+            self.core.take(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
             if sees_m is not None:
-                self.core.on_sighting(Sighting(now_s, 2, sees_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+                self.core.take(Sighting(now_s, 2, sees_m, (0.01, 0.0, 0.01), 0.8, 0.2))
             outputs.append(self.core.tick(now_s))
             assert outputs[-1].setpoint is not None
             aim_m = np.array(outputs[-1].setpoint.position_m[:2])
@@ -96,7 +97,7 @@ def test_the_planner_is_asked_for_mission_tactics_only_and_its_aim_is_sent(make_
         assert output.status.plan.aim_m == pytest.approx(ahead_m(output.status.situation))
     asked = len(planner.tasks)
     for event in (Event.HOLD, Event.LAND):
-        flight.core.on_event(event)
+        flight.core.take(TacticEvent(event))
         flight.fly(2.0)
     assert flight.core.tactic is Tactic.LAND
     assert len(planner.tasks) == asked
@@ -114,7 +115,7 @@ def test_a_planner_knows_its_peers(make_config: Maker) -> None:
     planner = Recorded(ahead)
     flight = Flight(make_config(), planner)
     state = MemberState(1, 0.0, "formation", (0.0, 5.0), (0.2, 0.0), (0.2, 5.0), (0.2, 0.0))
-    flight.core.on_message(state, 0.0)
+    flight.core.take(Message(0.0, state))
     flight.fly(0.5)
     assert [peer.position_m for peer in planner.tasks[-1].peers] == [(0.0, 5.0)]
 

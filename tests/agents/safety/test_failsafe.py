@@ -14,6 +14,7 @@ from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan
 from agents.core import VehicleCore
 from agents.drops import Drops
+from agents.inputs import Autopilot, Bus, Computer, LateTicks, Message, Presence, Start, TacticEvent, TimeScale
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import Connection, VehicleStatus
 from agents.safety.failsafe import TABLE, Condition
@@ -70,8 +71,8 @@ class Flight:
 
     def __init__(self, config: AgentConfig, *, on_ring: bool = False, time_scale: float = 1.0) -> None:
         self.core = VehicleCore(config, lambda _: self)
-        self.core.set_time_scale(time_scale)
-        self.core.start(0.0)
+        self.core.take(TimeScale(time_scale))
+        self.core.take(Start(0.0))
         self.plant = config.plant
         self.time_scale = time_scale
         self.motion: Vector = np.array([0.0, -5.0, 0.2, 0.0])
@@ -137,23 +138,23 @@ class Flight:
             self.clock_ahead_s = min(self.clock_ahead_s + DRIFT_S * PERIOD_S, DRIFTED_S)
         x, y, x_rate, y_rate = self.motion.tolist()
         if self.telemetry:
-            core.on_telemetry(Telemetry(now_s, (x + self.offset_m, y, self.height_m), (x_rate, y_rate, 0.0)))
+            core.take(Telemetry(now_s, (x + self.offset_m, y, self.height_m), (x_rate, y_rate, 0.0)))
         for peer, tactic in self.peers.items():
-            core.on_message(self._said_by(peer, tactic), now_s)
+            core.take(Message(now_s, self._said_by(peer, tactic)))
         if self.target_m is not None:
-            core.on_sighting(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+            core.take(Sighting(now_s, 3, self.target_m, (0.01, 0.0, 0.01), 0.8, 0.2))
         if self.outside_m is not None:
-            core.on_sighting(Sighting(now_s, 1000, self.outside_m, (0.01, 0.0, 0.01), 0.8, 0.2))
+            core.take(Sighting(now_s, 1000, self.outside_m, (0.01, 0.0, 0.01), 0.8, 0.2))
         if self.second_source:
             said = self._said_by(1, "formation")
             forged = msgspec.structs.replace(said, time_s=now_s - 0.05, position_m=(said.position_m[0], 25.0))
-            core.on_message(forged, now_s)
-        core.on_vehicle(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports))
+            core.take(Message(now_s, forged))
+        core.take(Autopilot(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports)))
         self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
-        core.on_drops(Drops(too_many=self.refused))
-        core.on_loop(self.late_ticks)
-        core.on_bus(self.bus, self.operated)
-        core.on_computer(self.short_of)
+        core.take(Drops(too_many=self.refused))
+        core.take(LateTicks(self.late_ticks))
+        core.take(Bus(self.bus, self.operated))
+        core.take(Computer(self.short_of))
         output = core.tick(now_s)
         self.outputs.append(output)
         wanted = (x, y) if output.setpoint is None else output.setpoint.position_m[:2]
@@ -219,7 +220,7 @@ class Case:
 
 def taken_over_after(lost: Connection) -> Case:
     def take_over(flight: Flight) -> None:
-        flight.core.on_event(Event.PILOT_TOOK_OVER)
+        flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
         flight.reports["lost"] = lost  # the autopilot may say why later
 
     override = Tactic.PILOT_OVERRIDE
@@ -237,7 +238,7 @@ CASES = {
     Condition.REMOTE_CONTROL_LOST: taken_over_after(Connection.REMOTE_CONTROL),
     Condition.GROUND_STATION_LOST: taken_over_after(Connection.GROUND_STATION),
     Condition.PILOT_TOOK_OVER: Case(
-        lambda flight: flight.core.on_event(Event.PILOT_TOOK_OVER),
+        lambda flight: flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER)),
         nothing,
         0.0,
         (Tactic.PILOT_OVERRIDE, Tactic.PILOT_OVERRIDE),
@@ -340,7 +341,7 @@ def make_flight(make_config: Maker) -> Callable[..., Flight]:
         peers(*heard)(flight)
         flight.fly(ONSET_S - 1.0)
         if going_home:
-            flight.core.on_event(Event.END)
+            flight.core.take(TacticEvent(Event.END))
         flight.fly(ONSET_S)
         expected = Tactic.RETURN_AND_LAND if going_home else Tactic.ENCIRCLE if on_ring else Tactic.FORMATION
         assert (flight.status.tactic, flight.status.alert, flight.notes()) == (expected, "", [])
@@ -433,7 +434,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     lasts = condition not in (Condition.PLAN_FAILING, Condition.NO_OPERATOR)
     if lasts:
         said_s = flight.now_s
-        flight.core.on_message(OperatorCommand(flight.now_s, "resume", None, "pat", 1), flight.now_s)
+        flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
         flight.fly(flight.now_s + 0.2)
         assert flight.status.tactic is reaction
         (refusal,) = flight.notes(said_s - PERIOD_S, kind="command")
@@ -443,7 +444,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     assert {output.status.tactic for output in after} == {reaction}, "it stays"
     assert (flight.told.tactic, flight.told.alert) == (reaction.value, condition.value)
     assert f"{condition.value}: cleared; resume continues the mission" in flight.notes()
-    flight.core.on_message(OperatorCommand(flight.now_s, "resume", None, "pat", 2), flight.now_s)
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 2)))
     flight.fly(flight.now_s + 0.3)
     assert flight.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
     assert flight.told.alert == ""
@@ -483,7 +484,7 @@ def test_an_operator_may_resume_before_the_bus_shows_one(make_flight: Callable[.
     flight.operated = False
     flight.fly(flight.now_s + SETTINGS.no_operator_s + 1.0)
     assert flight.status.tactic is Tactic.HOLD
-    flight.core.on_message(OperatorCommand(flight.now_s, "resume", None, "pat", 1), flight.now_s)
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
     flight.operated = True
     flight.fly(flight.now_s + 5.0)
     assert (flight.status.tactic, flight.told.alert) == (Tactic.FORMATION, "")
@@ -519,7 +520,7 @@ def test_a_vehicle_that_was_held_and_is_sent_down_blind_lands(make_flight: Calla
     flight.telemetry = False
     flight.fly(ONSET_S + 2.0)
     assert flight.status.tactic is Tactic.HOLD
-    flight.core.on_event(Event.END)
+    flight.core.take(TacticEvent(Event.END))
     (output,) = flight.fly(flight.now_s + 0.1)
     assert output.status.tactic is Tactic.LAND
 
@@ -529,9 +530,9 @@ def test_a_battery_is_no_reason_to_go_on_once_it_reads_better(make_flight: Calla
     flight.battery = 0.18
     flight.fly(ONSET_S + 5.0)
     flight.battery = 0.5
-    flight.core.on_event(Event.RESUME)
+    flight.core.take(TacticEvent(Event.RESUME))
     flight.fly(flight.now_s + 2.0)
-    flight.core.on_event(Event.RESUME)
+    flight.core.take(TacticEvent(Event.RESUME))
     flight.fly(flight.now_s + 2.0)
     assert flight.status.tactic is Tactic.RETURN_AND_LAND
 
@@ -550,10 +551,10 @@ def test_who_has_the_vehicle_keeps_it_and_it_returns_by_resume_once_all_is_well(
     make_flight: Callable[..., Flight],
 ) -> None:
     flight = make_flight(Condition.PILOT_TOOK_OVER)
-    flight.core.on_event(Event.PILOT_TOOK_OVER)
+    flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
     flight.battery = 0.05
     flight.fly(ONSET_S + 20.0)
-    flight.core.on_event(Event.RESUME)
+    flight.core.take(TacticEvent(Event.RESUME))
     flight.fly(flight.now_s + 0.2)
     assert flight.status.tactic is Tactic.PILOT_OVERRIDE
     assert flight.outputs[-1].setpoint is None
@@ -561,7 +562,7 @@ def test_who_has_the_vehicle_keeps_it_and_it_returns_by_resume_once_all_is_well(
     assert "battery critical: at 5%" in refusal
     flight.battery = 0.9
     flight.fly(flight.now_s + 0.2)
-    flight.core.on_event(Event.RESUME)
+    flight.core.take(TacticEvent(Event.RESUME))
     flight.fly(flight.now_s + 0.2)
     assert (flight.status.tactic, flight.told.alert) == (Tactic.FORMATION, "")
 
@@ -613,7 +614,7 @@ def test_peers_that_land_or_stand_down_are_not_missed(make_flight: Callable[...,
     flight.fly(ONSET_S + 5.0)
     flight.peers = {1: "land"}
     flight.fly(ONSET_S + 10.0)
-    flight.core.on_presence(1, present=False)
+    flight.core.take(Presence(1, present=False))
     flight.peers = {}
     flight.fly(ONSET_S + 30.0)
     assert (flight.told.tactic, flight.told.alert, flight.notes()) == ("formation", "", [])
@@ -688,7 +689,7 @@ def test_a_peer_that_falls_silent_nearby_still_counts_as_near(make_flight: Calla
     peers(1, 2)(flight)
     flight.fly(ONSET_S + 0.1)
     peers(2)(flight)
-    flight.core.on_presence(1, present=False)
+    flight.core.take(Presence(1, present=False))
     flight.fly(ONSET_S + 0.6)
     assert (flight.told.tactic, flight.told.alert) == ("aside", "too close")
 

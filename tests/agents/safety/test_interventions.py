@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agents.notes import GuardAction
 from agents.safety.barriers import Cause
 from agents.safety.guard import QUIET_S, Guarded, GuardStatus, Interventions
 
@@ -14,8 +15,8 @@ CHANGED = Guarded(AIM_M + np.array([3.0, -4.0]), GuardStatus.CHANGED, (Cause.SPE
 def test_an_intervention_is_reported_with_its_causes_and_the_motion_of_the_aim() -> None:
     news = Interventions().news(10.0, AIM_M, CHANGED)
     assert news is not None
-    causes, because = news
-    assert causes == "speed, separation"
+    action, because = news
+    assert action == GuardAction(("speed", "separation"))
     for number in ("1.00", "2.00", "5.00"):
         assert number in because
 

@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from agents.core import VehicleCore
+from agents.inputs import Message, Presence, TacticEvent
 from agents.safety.guard import Guard
 from agents.safety.neighbours import A_FEW, GOING_ON_S, UNPUBLISHED_ACCELERATION_M_S2, Neighbours
 from agents.settings.config import AgentConfig
@@ -187,11 +188,11 @@ def test_the_core_keeps_away_from_where_a_vehicle_was_lost(
     for tick in range(200):
         now_s = 10.0 + 0.1 * tick
         x, y, x_rate, y_rate = motion.tolist()
-        core.on_telemetry(Telemetry(now_s, (x, y, HEIGHT_M), (x_rate, y_rate, 0.0)))
+        core.take(Telemetry(now_s, (x, y, HEIGHT_M), (x_rate, y_rate, 0.0)))
         if tick == 0:
-            core.on_message(member(now_s, tactic, position=(0.5, 0.0), altitude_m=height_m), now_s)
+            core.take(Message(now_s, member(now_s, tactic, position=(0.5, 0.0), altitude_m=height_m)))
         if tick == 5:
-            core.on_presence(1, present=False)
+            core.take(Presence(1, present=False))
         guarded = core.tick(now_s).status.guarded
         assert guarded is not None
         motion = exact_step(STUB, 0.1).advance(motion, guarded.aim_m, np.zeros(2))
@@ -205,11 +206,11 @@ def test_the_core_keeps_away_from_where_a_vehicle_was_lost(
 )
 def test_a_setpoint_without_effect_is_not_guarded(event: Event, guarded: bool, make_config: Maker) -> None:
     core = VehicleCore(make_config())
-    core.on_event(event)
+    core.take(TacticEvent(event))
     for tick in range(5):
         now_s = 10.0 + 0.1 * tick
-        core.on_telemetry(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
-        core.on_message(member(now_s, position=(0.5, 0.0)), now_s)
+        core.take(Telemetry(now_s, (0.0, 0.0, HEIGHT_M), (0.0, 0.0, 0.0)))
+        core.take(Message(now_s, member(now_s, position=(0.5, 0.0))))
         status = core.tick(now_s).status
     assert status.guarded is not None
     assert bool(status.guarded.causes) is guarded

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from agents.control.plan import Plan
 from agents.core import VehicleCore
+from agents.inputs import Start, TacticEvent
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.safety.guard import Guarded, GuardStatus
@@ -181,7 +182,7 @@ def flown(core: VehicleCore, ticks: int, begin: int = 0) -> TickOutput:
     output = None
     for tick in range(begin, begin + ticks):
         now_s = tick * 0.1
-        core.on_telemetry(Telemetry(now_s, (0.2 * now_s, 0.0, 8.0), (0.2, 0.0, 0.0)))
+        core.take(Telemetry(now_s, (0.2 * now_s, 0.0, 8.0), (0.2, 0.0, 0.0)))
         output = core.tick(now_s)
     assert output is not None
     return output
@@ -189,11 +190,11 @@ def flown(core: VehicleCore, ticks: int, begin: int = 0) -> TickOutput:
 
 def test_on_the_line_the_planned_velocity_is_sent_and_in_a_hold_none(make_config: Maker) -> None:
     core = VehicleCore(make_config(plant=Plant(PlantAxis(0.8, 0.87), PlantAxis(0.8, 0.87), 0.0, 1.0)))
-    core.start(0.0)
+    core.take(Start(0.0))
     setpoint = flown(core, 20).setpoint
     assert setpoint is not None
     assert setpoint.velocity_m_s == pytest.approx((0.2, 0.0, 0.0), abs=1e-3)
-    core.on_event(Event.HOLD)
+    core.take(TacticEvent(Event.HOLD))
     setpoint = flown(core, 2, 20).setpoint
     assert setpoint is not None
     assert setpoint.velocity_m_s == (0.0, 0.0, 0.0)

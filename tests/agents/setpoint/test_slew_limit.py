@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from agents.control.plan import Plan
+from agents.inputs import Message, TacticEvent
 from agents.setpoint.slew_limit import SlewLimit
 from agents.settings.config import AgentConfig
 from agents.settings.sections import SafetySettings
@@ -61,7 +62,7 @@ def test_a_target_that_jumps_moves_no_setpoint_far_but_another_vehicle_does(make
     pilot, places = Pilot(config, motion=(10.0, 0.0, 0.0, 0.0)), []
     for tick in range(200):
         # It comes ever nearer for 10 s, and is then 8 m to the side.
-        pilot.core.on_sighting(Sighting(tick * PERIOD_S, 2, (0.0, 8.0 * (tick >= 100)), (0.01, 0.0, 0.01), 0.8, 0.2))
+        pilot.core.take(Sighting(tick * PERIOD_S, 2, (0.0, 8.0 * (tick >= 100)), (0.01, 0.0, 0.01), 0.8, 0.2))
         places += [setpoint_of(output) for output in pilot.fly((tick + 1) * PERIOD_S)]
     moved_m = [dist(*each) for each in pairwise(places[100:])]
     assert FAST_M_S * PERIOD_S - 1e-9 < max(moved_m) <= FAST_M_S * PERIOD_S + 1e-9
@@ -69,7 +70,7 @@ def test_a_target_that_jumps_moves_no_setpoint_far_but_another_vehicle_does(make
     ahead = MemberState(
         3, pilot.now_s, "hold", (x + 1.5, y), (x_rate - 1.5, y_rate), (x, y), (0.0, 0.0), altitude_m=8.0
     )
-    pilot.core.on_message(ahead, pilot.now_s)
+    pilot.core.take(Message(pilot.now_s, ahead))
     output = pilot.fly(pilot.now_s + PERIOD_S)[-1]
     assert dist(setpoint_of(output), places[-1]) > 2.0 * FAST_M_S * PERIOD_S
 
@@ -79,7 +80,7 @@ def test_a_vehicle_that_is_held_is_not_stopped_by_a_jump(make_config: Maker) -> 
     last = setpoint_of(pilot.fly(20.0)[-1])
     here = pilot.motion.copy()
     assert last[0] - here[0] > 2.0
-    pilot.core.on_event(Event.HOLD)
+    pilot.core.take(TacticEvent(Event.HOLD))
     held = [setpoint_of(output) for output in pilot.fly(22.0)]
     assert max(dist(*each) for each in pairwise([last, *held])) <= FAST_M_S * PERIOD_S + 1e-9
     assert held[-1] == pytest.approx(here[:2], abs=0.05)

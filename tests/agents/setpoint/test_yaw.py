@@ -15,7 +15,7 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from estimation.state import OwnEstimate, TargetEstimate
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.support.estimates import own_spread, target_spread
@@ -136,6 +136,7 @@ def flown(mission: Mission) -> tuple[list[list[TickOutput]], np.ndarray[tuple[in
         rate_hz=mission.mission.rate_hz,
         duration_s=45.0,
         seed=5,
+        inputs=INPUTS,
         observe=lambda _tick, vehicle, output: outputs[vehicle].append(output),
         progress=lambda _: None,
     )

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from agents.inputs import Heard, Start, TacticEvent, Tick, TimeScale
 from agents.ports import FlightMode
 from agents.shell.life import Phase
 from agents.shell.outcome import Ending, Outcome
 from agents.tactics import Event, Tactic
-from agents.tape import Start, TacticEvent, Tick, TimeScale
 from agents.team.codec import decode
 from agents.team.messages import (
     REPORT_TOPIC,
@@ -662,14 +662,14 @@ def test_a_bug_in_the_core_or_a_cancelled_flight_brings_the_vehicle_down(
 def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         flight = await reach(P.FLYING)
-        on_event = flight.core.on_event
+        take = flight.core.take
 
-        def crash(event: Event) -> None:
-            if event is broken:
+        def crash(item: Heard) -> None:
+            if item == TacticEvent(broken):
                 raise ZeroDivisionError
-            on_event(event)
+            take(item)
 
-        monkeypatch.setattr(flight.core, "on_event", crash)
+        monkeypatch.setattr(flight.core, "take", crash)
         flight.stop.ask()
         with pytest.raises(ZeroDivisionError):
             await flight.outcome()

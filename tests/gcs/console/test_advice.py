@@ -2,6 +2,16 @@
 
 import pytest
 
+from agents.notes import (
+    AlertChange,
+    CommandOutcome,
+    Event,
+    GuardAction,
+    Notes,
+    ResumeRefusal,
+    ShapeChange,
+    TacticChange,
+)
 from agents.safety.failsafe import Condition
 from gcs.console.advice import advice, event_severity, severity
 
@@ -36,23 +46,26 @@ def test_without_an_alert_there_is_nothing_to_do_and_an_unknown_one_is_grave() -
     assert "hold" in advice("an alert of another version")
 
 
-def test_an_event_is_as_grave_as_what_it_says(subtests: pytest.Subtests) -> None:
-    rows = (
-        ("failsafe", "battery low: 18 %: return and land", "alarm"),
-        ("failsafe", "battery low: cleared", "information"),
-        ("failsafe", "fence left: cleared; resume continues the mission", "information"),
-        ("failsafe", "peer silent: vehicle 2: fly on and report", "warning"),
-        ("failsafe", "resume refused: fence left: 1 m outside", "warning"),
-        ("failsafe", "alert: battery low", "alarm"),
-        ("failsafe", "alert: peer silent", "warning"),
-        ("failsafe", "alert cleared: battery low", "information"),
-        ("command", "hold by pat.here: holds", "information"),
-        ("command", "resume by pat.here: refused: battery low", "warning"),
-        ("command", "answers: refused: it is landing", "warning"),
-        ("command", "kill by pat.here: cuts the motors", "warning"),
-        ("tactic", "formation -> hold: hold", "information"),
-        ("guard", "separation", "information"),
+def test_an_event_is_as_grave_as_what_happened(subtests: pytest.Subtests) -> None:
+    low, silent = "battery low", "peer silent"
+    rows: tuple[tuple[Event, str], ...] = (
+        (AlertChange(low, "18 %", "return and land"), "alarm"),
+        (AlertChange(low, is_over=True), "information"),
+        (AlertChange("fence left", is_over=True, waits_for_resume=True), "information"),
+        (AlertChange(silent, "vehicle 2", "fly on and report"), "warning"),
+        (AlertChange("an alert of another version"), "alarm"),
+        (ResumeRefusal("fence left: 1 m outside"), "warning"),
+        (CommandOutcome("hold", "pat.here", "holds"), "information"),
+        (CommandOutcome("resume", "pat.here", "refused: battery low", is_refused=True), "warning"),
+        (CommandOutcome("kill", "pat.here", "cuts the motors"), "warning"),
+        (ShapeChange("wedge"), "information"),
+        (TacticChange("formation", "hold", "hold"), "information"),
+        (GuardAction(("separation",)), "information"),
     )
-    for kind, text, grave in rows:
-        with subtests.test(kind=kind, text=text):
-            assert event_severity(kind, text) == grave
+    notes = Notes()
+    for event, grave in rows:
+        with subtests.test(text=event.text):
+            notes.add(0.0, event)
+            (note,) = notes.drained()
+            assert event_severity(note) == grave
+            assert note.text == event.text

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from agents.inputs import Tick
 from agents.ports import VehicleRefusedError
-from agents.tape import Tick
 from gcs.flight.log_process.handle import LogProcess, LogRequest
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log

@@ -6,7 +6,7 @@ from agents.control.lmpc import QpStatus
 from agents.core import VehicleCore
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.membership_scenes import sixteen
 
@@ -27,6 +27,7 @@ def test_plans_of_a_crowd_are_solved_and_no_vehicle_steps_aside() -> None:
         rate_hz=scene.mission.mission.rate_hz,
         duration_s=JOINING_S,
         seed=2,
+        inputs=INPUTS,
         observe=observe,
         progress=lambda _: None,
     )

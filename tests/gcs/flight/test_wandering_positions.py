@@ -8,7 +8,7 @@ import pytest
 
 from agents.outputs import TickOutput
 from estimation.state import POSITION, Vector
-from gcs.flight.simulated import simulated_vehicles
+from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.support.flight_logs import engaging
@@ -44,6 +44,7 @@ class Wandering:
             rate_hz=mission.mission.rate_hz,
             duration_s=UNTIL_S,
             seed=SEED,
+            inputs=INPUTS,
             observe=observe,
             progress=lambda _: None,
         )

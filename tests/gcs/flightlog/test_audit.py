@@ -10,6 +10,7 @@ import msgspec
 import pytest
 from foxglove import Context
 
+from agents.inputs import Command, Message, Start
 from agents.shell.clock import WallClock
 from agents.team.messages import OperatorCommand
 from estimation.state import Telemetry
@@ -34,21 +35,21 @@ def fly_commanded(recording: FlightRecording) -> None:
     mission = load_mission("case2")
     recording.begin(run_of(mission, (2,), seed=0, source="flight", speed=1.0, began_s=1.7e9, duration_s=10.0))
     core = recording.core(CONFIG)
-    core.start(0.0)
+    core.take(Start(0.0))
     for tick in range(12):
         now_s = 0.1 * tick
-        core.on_telemetry(Telemetry(now_s, (0.2 * now_s, 0.0, 8.0), (0.2, 0.0, 0.0)))
+        core.take(Telemetry(now_s, (0.2 * now_s, 0.0, 8.0), (0.2, 0.0, 0.0)))
         if tick in (2, 3):  # repeated until it is answered
-            core.on_message(command(1, "hold", 0.2), now_s)
+            core.take(Message(now_s, command(1, "hold", 0.2)))
         if tick == 5:
-            core.on_command(command(2, "resume", now_s, "bob"), now_s)
+            core.take(Command(now_s, command(2, "resume", now_s, "bob")))
         if tick == 6:
-            core.on_message(command(3, "formation", now_s), now_s)
+            core.take(Message(now_s, command(3, "formation", now_s)))
         if tick == 7:
-            core.on_message(command(4, "hold", 1e3), now_s)
+            core.take(Message(now_s, command(4, "hold", 1e3)))
         if tick == 8:
             for_another = msgspec.structs.replace(command(5, "land", now_s), vehicle=3)
-            core.on_message(for_another, now_s)
+            core.take(Message(now_s, for_another))
         core.tick(now_s)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from foxglove import Context
 
-from agents.tape import Tick
+from agents.inputs import Tick
 from agents.team.codec import encode
 from agents.team.messages import CommandAnswer, StartProposal
 from gcs.flightlog.container import LogError

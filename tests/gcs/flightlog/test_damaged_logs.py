@@ -21,8 +21,8 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
+from agents.inputs import Autopilot, Bus, Start, Tick
 from agents.ports import FlightMode, VehicleStatus
-from agents.tape import Autopilot, Bus, Start, Tick
 from gcs.cli import main
 from gcs.errors import InputError
 from gcs.flightlog.container import LogError

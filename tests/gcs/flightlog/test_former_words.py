@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from agents.tape import TacticEvent
+from agents.inputs import TacticEvent
 from agents.team.codec import decode
 from agents.team.messages import MemberState, StartProposal
 from gcs.flightlog.reader import read_log, topic_of

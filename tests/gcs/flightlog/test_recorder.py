@@ -10,7 +10,7 @@ import pytest
 from foxglove import Context
 from mcap.reader import make_reader
 
-from agents.tape import Tick
+from agents.inputs import Tick
 from gcs.errors import InputError
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flightlog import recorder
@@ -124,7 +124,7 @@ def test_a_disk_that_hangs_is_not_noticed_by_who_flies(tmp_path: Path, monkeypat
     writer = LogWriter(tmp_path / "log.mcap", Context())
     disk = hanging(writer, monkeypatch)
     recording = recorder_of(writer)
-    tape, slowest_s = recording.tape(2), 0.0
+    core, slowest_s = recording.vehicle(2), 0.0
     with RecorderThread(recording):
         for tick in range(TICKS):
             if tick == 20:
@@ -132,11 +132,11 @@ def test_a_disk_that_hangs_is_not_noticed_by_who_flies(tmp_path: Path, monkeypat
                 disk.works.clear()
                 time.sleep(0.3)  # the recorder has begun to wait for the disk
             began_s = time.perf_counter()
-            tape.write(Tick(float(tick)))
+            core.write(Tick(float(tick)))
             slowest_s = max(slowest_s, time.perf_counter() - began_s)
         disk.works.set()
         until_now(lambda: not recording._queue)
-        tape.write(Tick(float(TICKS)))
+        core.write(Tick(float(TICKS)))
     assert slowest_s < 0.05
     assert writer.fault == "its disk is too slow: records are missing"
     numbers = [record["number"] for record in ticks_of(tmp_path / "log.mcap")]
@@ -162,7 +162,7 @@ def test_leaving_a_flight_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, mo
     disk = hanging(writer, monkeypatch)
     recording = recorder_of(writer)
     with RecorderThread(recording) as thread:
-        recording.tape(2).write(Tick(0.0))
+        recording.vehicle(2).write(Tick(0.0))
         disk.works.clear()
         began_s = time.perf_counter()
     assert time.perf_counter() - began_s < 1.0
@@ -177,11 +177,11 @@ def test_leaving_a_flight_does_not_wait_for_a_disk_that_hangs(tmp_path: Path, mo
 def test_a_record_that_cannot_be_written_costs_itself_alone(tmp_path: Path) -> None:
     writer = LogWriter(tmp_path / "log.mcap", Context())
     recording = recorder_of(writer)
-    tape = recording.tape(2)
+    core = recording.vehicle(2)
     with RecorderThread(recording):
-        tape.write(Tick(1.0))
-        tape.note(object())
-        tape.write(Tick(2.0))
+        core.write(Tick(1.0))
+        core.note(object())
+        core.write(Tick(2.0))
     assert recording.fault.startswith("a object could not be written: KeyError")
     assert [record["number"] for record in ticks_of(tmp_path / "log.mcap")] == [1, 3]
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from agents.inputs import Autopilot, Command, CoreInput, Message
 from agents.ports import FlightMode, Setpoint, VehicleStatus
-from agents.tape import Autopilot, Command, CoreInput, Message
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import VEHICLE_TOPICS, Decision, FormerMessage, Place

@@ -10,6 +10,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from agents.control.excitation import BOX_RESERVE, Steps, preview, programme
 from agents.core import VehicleCore
+from agents.inputs import Start, TacticEvent
 from agents.safety.fence import Fence
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
@@ -241,7 +242,7 @@ class Flown:
     def fly(self, until_s: float) -> None:
         while self.now_s < until_s:
             x, y, x_rate, y_rate = self.motion.tolist()
-            self.core.on_telemetry(Telemetry(self.now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
+            self.core.take(Telemetry(self.now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
             output = self.core.tick(self.now_s)
             assert output.setpoint is not None
             self.motion = self.step.advance(self.motion, np.array(output.setpoint.position_m[:2]), np.zeros(2))
@@ -256,14 +257,14 @@ def test_one_that_was_held_flies_the_next_part_from_the_middle() -> None:
     mission = excited("case2")
     steps_x, steps_y, steps_both = programme(config_of(mission)).parts[:3]
     flight = Flown(mission)
-    flight.core.start(0.0)
+    flight.core.take(Start(0.0))
     flight.fly(steps_x.begin_s + 10.0)
     assert tactic(flight) is Tactic.EXCITE
     assert flight.away_m > 0.5, "a step was being flown"
-    flight.core.on_event(Event.HOLD)
+    flight.core.take(TacticEvent(Event.HOLD))
     flight.fly(steps_y.begin_s + 5.0)
     assert tactic(flight) is Tactic.HOLD
-    flight.core.on_event(Event.RESUME)
+    flight.core.take(TacticEvent(Event.RESUME))
     assert tactic(flight) is Tactic.EXCITE, "not into the formation"
     flight.fly(steps_y.end_s - 0.5)
     assert flight.away_m < 0.05, "the rest of that part is left out"
@@ -274,7 +275,7 @@ def test_one_that_was_held_flies_the_next_part_from_the_middle() -> None:
 def test_a_vehicle_that_is_not_there_in_time_is_not_excited_elsewhere() -> None:
     mission = excited("case2")
     flight = Flown(mission)
-    flight.core.start(-programme(config_of(mission)).parts[0].begin_s)  # the first part begins at once, 12 m away
+    flight.core.take(Start(-programme(config_of(mission)).parts[0].begin_s))  # the first part begins at once, 12 m away
     flight.fly(25.0)
     assert flight.away_m < 0.05
 

@@ -11,11 +11,7 @@ import msgspec
 import pytest
 
 from agents.drops import Drops
-from agents.ports import FlightMode, VehicleStatus
-from agents.situation.situation import Situation
-from agents.situation.task import Task
-from agents.tactics import Event, Tactic
-from agents.tape import (
+from agents.inputs import (
     Autopilot,
     Bus,
     Command,
@@ -31,6 +27,10 @@ from agents.tape import (
     Tick,
     TimeScale,
 )
+from agents.ports import FlightMode, VehicleStatus
+from agents.situation.situation import Situation
+from agents.situation.task import Task
+from agents.tactics import Event, Tactic
 from agents.team.codec import decode, encode
 from agents.team.messages import (
     CommandAnswer,
@@ -47,7 +47,6 @@ from gcs.flightlog.records import Decision, Run, Sent, Version
 from gcs.mission.file import load_mission
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, close
 from gcs.replay.cores import VehicleReplay, replay
-from gcs.replay.input_text import input_text, mission_time
 from tests.support.flight_logs import engaging, record_simulation, reencoded, rewrite
 from tests.support.result_keys import OUTPUT_KEYS
 
@@ -421,7 +420,7 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
 
 def test_every_input_has_a_text_with_its_values() -> None:
     for item, facts in ITEMS.items():
-        text = input_text(item, lambda time_s: mission_time(time_s, 100.0))
+        text = item.describe(lambda time_s: f"{time_s - 100.0:.3f} s")
         assert all(fact in text for fact in facts), text
 
 

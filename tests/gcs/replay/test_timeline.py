@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.notes import Note
+from agents.inputs import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
+from agents.notes import Note, TacticChange
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
-from agents.tape import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
 from agents.team.messages import MemberState
 from estimation.state import Telemetry
 from gcs.cli import main
@@ -189,7 +189,7 @@ def test_notes_of_failsafes_commands_and_tactics_are_told_with_their_numbers() -
     notes = (
         Note(7.0, "command", "hold by ground: holds"),
         Note(7.0, "failsafe", "target stale: not seen for 10.0 s: hold"),
-        Note(7.0, "tactic", "encircle -> hold: hold"),
+        Note(7.0, "tactic", "encircle -> hold: hold", tactic=TacticChange("encircle", "hold", "hold")),
     )
     said = lines(NoteEvents(), [turn(7.0, TacticEvent(Event.HOLD), notes=notes, own=OWN)])
     assert [(line.kind, line.text) for line in said] == [(note.kind, note.text) for note in notes]
@@ -244,7 +244,7 @@ def test_telemetry_that_stays_away(time_scale: float, gaps: list[str]) -> None:
 
 
 def test_a_late_computer_is_counted_tick_by_tick() -> None:
-    """On tape is only when the count changes: it holds until then."""
+    """Recorded is only a change of the count: it holds until then."""
     turns = [turn(1.0, LateTicks(2)), turn(1.3), turn(1.4, LateTicks(0)), turn(9.0, LateTicks(1), Bus(alive=False))]
     bus, *late = sorted(lines(LoopEvents(), turns), key=lambda line: line.kind != "link")
     assert (bus.time_s, bus.text) == (9.0, "bus lost")

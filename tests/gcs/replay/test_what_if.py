@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from agents.inputs import TacticEvent, Tick
 from agents.tactics import Event
-from agents.tape import TacticEvent, Tick
 from estimation.filters.own import OwnFilter
 from estimation.state import POSITION, Telemetry, Vector
 from gcs.cli import main

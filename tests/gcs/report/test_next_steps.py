@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from agents.notes import AlertChange
 from gcs.console.advice import advice
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import FlightEnding, How
@@ -94,14 +95,15 @@ def test_late_ticks_are_reported_with_what_helps_at_that_speed(
 
 def test_the_alerts_of_a_flight_stand_with_what_to_do_about_each(flight: tuple[FlightEvidence, FlightResult]) -> None:
     _, result = flight
-    events = (
-        FlightEvent(10.0, 3, "failsafe", "telemetry stale: hold"),
-        FlightEvent(12.0, 1, "failsafe", "alert: telemetry stale"),
-        FlightEvent(15.0, 3, "failsafe", "telemetry stale: cleared; resume continues the mission"),
-        FlightEvent(16.0, 1, "failsafe", "alert cleared: telemetry stale"),
-        FlightEvent(20.0, 2, "failsafe", "battery low: return and land"),
-        FlightEvent(21.0, 2, "command", "telemetry stale"),
-        FlightEvent(22.0, 2, "failsafe", "of a newer version: hold"),
+    stale = AlertChange("telemetry stale", "", "hold")
+    events = tuple(
+        FlightEvent(time_s, vehicle_id, "failsafe", change.text, alert=change)
+        for time_s, vehicle_id, change in (
+            (10.0, 3, stale),
+            (12.0, 1, stale),
+            (15.0, 3, AlertChange("telemetry stale", is_over=True)),
+            (20.0, 2, AlertChange("battery low", "18 %", "return and land")),
+        )
     )
     assert alert_table(replace(result, events=events)).rows == (
         ("telemetry stale", "1, 3", advice("telemetry stale"), "10.0"),

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from agents.core import VehicleCore
-from agents.tape import play
+from agents.recording import replay_input
 from agents.team.codec import decode, encode
 from agents.team.messages import MemberState
 from gcs.flightlog.container import LogError
@@ -107,12 +107,12 @@ def test_peers_are_judged_about_the_target_that_they_publish_their_places_about(
 
 
 def test_the_log_of_one_process_gives_the_tracks_that_its_flight_had(flown: tuple[FlightRecord, Path]) -> None:
-    """Vehicle 2's core flies again from its tape, beside a journal of the flight."""
+    """Vehicle 2's core flies again from its log, beside a journal of the flight."""
     log = part(read_log(flown[1]), 2)
     mission = mission_of(log)
     core, journal = VehicleCore(mission.agent_config(mission.vehicle(2))), Journal(mission)
     for item in (item for turn in turns(log, 2) if isinstance(turn, Turn) for item in turn.inputs):
-        output = play(core, item)
+        output = replay_input(core, item)
         if output is not None:
             journal.note(output.status, 100.0)
     of_flight = journal.record(0.0, 40.0, RunTotals("flight", 401, 0, 1.0))

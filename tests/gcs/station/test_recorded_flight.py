@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agents.tape import Start
+from agents.inputs import Start
 from estimation.state import Telemetry
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, read_log

@@ -9,8 +9,8 @@ import pytest
 from foxglove import Context
 from pymavlink.dialects.v20 import common as dialect
 
+from agents.inputs import Autopilot
 from agents.ports import FlightMode, Setpoint, VehicleStatus
-from agents.tape import Autopilot
 from estimation.frames import Geodetic, MissionFrame
 from estimation.identification.identify import identify
 from estimation.state import Telemetry

@@ -17,9 +17,9 @@ from mcap_protobuf.decoder import DecoderFactory
 from pyproj import Geod
 from scipy.stats import chi2
 
+from agents.inputs import Tick
 from agents.ports import Setpoint
 from agents.settings.config import AgentConfig
-from agents.tape import Tick
 from estimation.state import Telemetry
 from gcs.cli import log
 from gcs.flight.simulated import fly_simulated

@@ -1,0 +1,257 @@
+"""The inputs of a core: everything that it hears, each a frozen struct that names its topic and describes itself.
+
+A core is deterministic: the same inputs in the same order give the same outputs, bit for bit. Recording a flight is
+writing each input before the core takes it (`agents.recording`), a replay is reading each and letting a core take it.
+Samples of telemetry, sightings and counts of dropped messages are inputs as well, and are defined where they are made.
+
+Each input has `topic`, the name of its records in a flight log, `lasts`, whether it holds until the next of its kind,
+so that only changes are recorded, and `describe`, which returns it as text for the timeline of a replay.
+"""
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import msgspec
+
+from agents.drops import Drops
+from agents.ports import VehicleStatus
+from agents.tactics import Event
+from agents.team.messages import (
+    BusMessage,
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    OperatorCommand,
+    PeerMessage,
+    StartProposal,
+    TargetPackage,
+    VehicleReport,
+)
+from estimation.state import Sighting, Telemetry, place_text, target_text
+
+Time = Callable[[float], str]
+"""Formats a time on a core's clock."""
+
+
+class TimeScale(msgspec.Struct, frozen=True):
+    """Mission seconds per wall second: timeouts of links, which take wall time, are multiplied by it."""
+
+    topic: ClassVar = "time_scale"
+    lasts: ClassVar = False
+    factor: float
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"time scale {self.factor:g} (mission seconds per wall second)"
+
+
+class Start(msgspec.Struct, frozen=True):
+    """The mission begins: the zero of the formation's clock."""
+
+    topic: ClassVar = "start"
+    lasts: ClassVar = False
+    at_s: float
+
+    def describe(self, time: Time) -> str:
+        """Return it as text."""
+        return f"the mission starts at {time(self.at_s)}"
+
+
+class TacticEvent(msgspec.Struct, frozen=True):
+    """An event from the shell or from an operator at this computer."""
+
+    topic: ClassVar = "event"
+    lasts: ClassVar = False
+    event: Event
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"tactic event: {self.event.value}"
+
+
+class Autopilot(msgspec.Struct, frozen=True):
+    """The autopilot's status."""
+
+    topic: ClassVar = "autopilot"
+    lasts: ClassVar = True
+    status: VehicleStatus
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        status = self.status
+        facts = (
+            "connected" if status.connected else "not connected",
+            "armed" if status.armed else "not armed",
+            "in the air" if status.in_air else "on the ground",
+            f"mode {status.mode.value}",
+            "battery unknown" if status.battery is None else f"battery {status.battery:.0%}",
+        )
+        return f"autopilot: {', '.join(facts)}"
+
+
+class LateTicks(msgspec.Struct, frozen=True):
+    """The number of ticks that were skipped before the next one."""
+
+    topic: ClassVar = "late"
+    lasts: ClassVar = True
+    count: int
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"{self.count} ticks skipped"
+
+
+class Bus(msgspec.Struct, frozen=True):
+    """Whether the session of the bus works, and whether an operator is on the bus."""
+
+    topic: ClassVar = "bus"
+    lasts: ClassVar = True
+    alive: bool
+    operated: bool = False
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"bus {'connected' if self.alive else 'lost'}, {'operator' if self.operated else 'no operator'} present"
+
+
+class Computer(msgspec.Struct, frozen=True):
+    """The resource that this computer is short of, empty if none."""
+
+    topic: ClassVar = "computer"
+    lasts: ClassVar = True
+    short_of: str
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"computer short of {self.short_of}" if self.short_of else "computer: no shortage"
+
+
+class Ground(msgspec.Struct, frozen=True):
+    """The vehicle waits for its start, and what forbids the start, empty if nothing does."""
+
+    topic: ClassVar = "ground"
+    lasts: ClassVar = False
+    lacks: str
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"on the ground: {self.lacks or 'ready to start'}"
+
+
+class Message(msgspec.Struct, frozen=True):
+    """A message from the bus, the same object for all cores of a process, and the time of its arrival.
+
+    Places on the ring and sightings are parts of their senders' states; in older logs they are separate messages.
+    """
+
+    topic: ClassVar = "message"
+    lasts: ClassVar = False
+    now_s: float
+    message: BusMessage
+
+    def describe(self, time: Time) -> str:
+        """Return it as text."""
+        message = self.message
+        if isinstance(message, OperatorCommand):
+            said = _command_text(message)
+        else:
+            said = f"vehicle {message.sender} at {time(message.time_s)}: {_message_text(message)}"
+        return f"received at {time(self.now_s)}: {said}"
+
+
+class Command(msgspec.Struct, frozen=True):
+    """A command of an operator at this computer, and its time: it acts at once, and the next tick answers it."""
+
+    topic: ClassVar = "command"
+    lasts: ClassVar = False
+    now_s: float
+    command: OperatorCommand
+
+    def describe(self, time: Time) -> str:
+        """Return it as text."""
+        return f"local command at {time(self.now_s)}: {_command_text(self.command)}"
+
+
+class Killed(msgspec.Struct, frozen=True):
+    """The outcome of cutting the motors, and its time: why it failed, empty if it did not."""
+
+    topic: ClassVar = "killed"
+    lasts: ClassVar = False
+    now_s: float
+    refusal: str
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"motors: {self.refusal}" if self.refusal else "motors: cut"
+
+
+class Presence(msgspec.Struct, frozen=True):
+    """A peer has joined or left the bus."""
+
+    topic: ClassVar = "presence"
+    lasts: ClassVar = False
+    vehicle_id: int
+    present: bool
+
+    def describe(self, _time: Time) -> str:
+        """Return it as text."""
+        return f"vehicle {self.vehicle_id} {'joined' if self.present else 'left'} the bus"
+
+
+class Tick(msgspec.Struct, frozen=True):
+    """When a step of the control loop began."""
+
+    topic: ClassVar = "tick"
+    lasts: ClassVar = False
+    now_s: float
+
+    def describe(self, time: Time) -> str:
+        """Return it as text."""
+        return f"tick at {time(self.now_s)}"
+
+
+Heard = (
+    TimeScale
+    | Start
+    | TacticEvent
+    | Autopilot
+    | LateTicks
+    | Bus
+    | Drops
+    | Computer
+    | Ground
+    | Telemetry
+    | Sighting
+    | Message
+    | Command
+    | Killed
+    | Presence
+)
+"""What a core takes between two ticks."""
+CoreInput = Heard | Tick
+"""The same, and the ticks."""
+
+
+def _message_text(message: PeerMessage) -> str:
+    match message:
+        case MemberState():
+            where = f"position {place_text(message.position_m)} m, velocity {place_text(message.velocity_m_s)} m/s"
+            alert = f", alert {message.alert}" if message.alert else ""
+            parts = [_message_text(part) for part in (message.angle, *message.sightings) if part is not None]
+            return ", ".join((f"{message.tactic}, {where}{alert}", *parts))
+        case NeighbourAngle():
+            return f"on the ring, bearing {message.bearing_rad:.3f} rad"
+        case TargetPackage():
+            return f"sighting: {target_text(message)}"
+        case StartProposal():
+            return "ready to start"
+        case CommandAnswer():
+            return f"answers command {message.number}: {message.did}"
+        case VehicleReport():
+            return f"reports mode {message.mode}"
+
+
+def _command_text(command: OperatorCommand) -> str:
+    receiver = "all vehicles" if command.vehicle is None else f"vehicle {command.vehicle}"
+    verb = command.verb if command.shape is None else f"{command.verb} {command.shape}"
+    return f"{command.origin} to {receiver}: {verb} (command {command.number})"

@@ -1,0 +1,133 @@
+"""Recording a core: all that it takes is recorded, once, and what is replayed from it comes out the same."""
+
+import inspect
+from collections.abc import Callable
+from typing import Any, get_args
+
+import pytest
+
+from agents.core import VehicleCore
+from agents.drops import Drops
+from agents.inputs import (
+    Autopilot,
+    Bus,
+    Command,
+    Computer,
+    CoreInput,
+    Ground,
+    Killed,
+    LateTicks,
+    Message,
+    Presence,
+    Start,
+    TacticEvent,
+    Tick,
+    TimeScale,
+)
+from agents.outputs import TickOutput
+from agents.ports import VehicleStatus
+from agents.recording import RecordedCore, replay_input
+from agents.settings.config import AgentConfig
+from agents.tactics import Event, Tactic
+from agents.team.messages import OperatorCommand
+from estimation.state import Sighting, Telemetry
+from gcs.flightlog.records import decision_of
+
+PERIOD_S = 0.1
+
+
+class ListRecorder:
+    def __init__(self) -> None:
+        self.items: list[CoreInput | TickOutput] = []
+
+    def write(self, item: CoreInput | TickOutput) -> None:
+        self.items.append(item)
+
+
+def telemetry(now_s: float) -> Telemetry:
+    return Telemetry(now_s, (0.2 * now_s, 0.0, 8.0), (0.2, 0.0, 0.0))
+
+
+def flown(core: VehicleCore) -> list[TickOutput]:
+    """Let a core live through something of everything, on a straight line past a target."""
+    core.take(TimeScale(2.0))
+    core.take(Start(1.0))
+    core.take(Presence(1, True))
+    outputs = []
+    for tick in range(200):
+        now_s = tick * PERIOD_S
+        core.take(telemetry(now_s))
+        core.take(Autopilot(VehicleStatus(connected=True, armed=True, battery=1.0 - tick / 400)))
+        core.take(LateTicks(3 if tick == 20 else 0))
+        core.take(Bus(tick != 30))
+        core.take(Drops(too_many=500 if tick >= 50 else 0))
+        core.take(Computer("disk" if tick == 50 else ""))
+        if tick % 2 == 0:
+            core.take(Sighting(now_s, 2, (6.0, -3.0), (0.01, 0.0, 0.01), 0.8, 0.2))
+        if tick == 40:
+            core.take(Message(now_s, OperatorCommand(now_s, "hold", None, "tower", 7)))
+        if tick == 60:
+            core.take(Command(now_s, OperatorCommand(now_s, "resume", 2, "here", 8)))
+        if tick == 80:
+            core.take(Message(now_s, OperatorCommand(now_s, "formation", None, "tower", 9, "wedge")))
+        if tick == 90:
+            core.take(Presence(1, False))
+        if tick == 120:
+            core.take(TacticEvent(Event.END))
+        outputs.append(core.tick(now_s))
+    core.take(Killed(20.0, "refused"))
+    core.take(Ground("no fix"))
+    outputs.append(core.tick(20.0))
+    return outputs
+
+
+def decisions(outputs: list[TickOutput]) -> list[Any]:
+    return [decision_of(output) for output in outputs]
+
+
+def test_a_recorded_core_decides_as_any_other(make_config: Callable[..., AgentConfig]) -> None:
+    plain, recorder = flown(VehicleCore(make_config())), ListRecorder()
+    kept = flown(RecordedCore(make_config(), recorder))
+    assert decisions(kept) == decisions(plain)
+    assert {output.status.tactic for output in plain} >= {Tactic.STANDBY, Tactic.ENCIRCLE, Tactic.HOLD}
+
+
+def test_what_is_replayed_comes_out_the_same(make_config: Callable[..., AgentConfig]) -> None:
+    recorder = ListRecorder()
+    flown(RecordedCore(make_config(), recorder))
+    fresh = VehicleCore(make_config())
+    played = [replay_input(fresh, item) for item in recorder.items if not isinstance(item, TickOutput)]
+    recorded = [item for item in recorder.items if isinstance(item, TickOutput)]
+    assert decisions([output for output in played if output is not None]) == decisions(recorded)
+    # The story has both kinds of commands in it, each obeyed once: a record that had one twice would tell so.
+    told = [note.text for output in recorded for note in output.status.notes if note.kind == "command"]
+    assert len(told) == len(set(told)) >= 2
+
+
+def test_an_output_follows_its_tick_and_nothing_is_recorded_twice(make_config: Callable[..., AgentConfig]) -> None:
+    recorder = ListRecorder()
+    flown(RecordedCore(make_config(), recorder))
+    for before, item in zip(recorder.items, recorder.items[1:], strict=False):
+        assert isinstance(item, TickOutput) == isinstance(before, Tick)
+    kinds = [type(item).__name__ for item in recorder.items]
+    # Said in every tick, recorded only when it was news: a link that works, no late ticks but once, the bus away once.
+    assert kinds.count("LateTicks") == 2
+    assert kinds.count("Bus") == 2
+    assert kinds.count("Computer") == 2
+    assert kinds.count("Command") == 1
+    assert kinds.count("Message") == 2
+
+
+def test_there_are_two_ways_into_a_core_and_both_are_recorded() -> None:
+    ways = {name for name, _ in inspect.getmembers(VehicleCore, inspect.isroutine) if not name.startswith("_")}
+    assert ways == {name for name in vars(RecordedCore) if not name.startswith("_")} == {"take", "tick"}
+
+
+@pytest.mark.parametrize("kind", get_args(CoreInput))
+def test_every_input_can_be_replayed(kind: type, make_config: Callable[..., AgentConfig]) -> None:
+    recorder = ListRecorder()
+    flown(RecordedCore(make_config(), recorder))
+    items = [item for item in recorder.items if not isinstance(item, TickOutput) and type(item) is kind]
+    assert items, f"the story of these tests lacks {kind.__name__}"
+    core = VehicleCore(make_config())
+    assert (replay_input(core, items[0]) is not None) is (kind is Tick)
