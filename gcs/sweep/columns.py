@@ -58,11 +58,6 @@ TEAM = (
 """Every column of a flight but those of single vehicles."""
 
 
-def vehicle_columns(vehicle_id: int | str) -> tuple[Column, ...]:
-    """Return the columns of a single vehicle."""
-    return tuple(Column(f"vehicle_{vehicle_id}.{each.name}", each.kind, each.meaning, each.worst) for each in VEHICLE)
-
-
 def columns(rows: Iterable[Row]) -> tuple[Column, ...]:
     """Return the columns of these runs, without those of the varied keys: single vehicles last, by their ids."""
     ids = {
@@ -71,7 +66,10 @@ def columns(rows: Iterable[Row]) -> tuple[Column, ...]:
         for name in row
         if name.startswith("vehicle_")
     }
-    return (*RUN, *TEAM, *(column for each in sorted(ids) for column in vehicle_columns(each)))
+    single = [
+        Column(f"vehicle_{i}.{each.name}", each.kind, each.meaning, each.worst) for i in sorted(ids) for each in VEHICLE
+    ]
+    return (*RUN, *TEAM, *single)
 
 
 def result_row(result: FlightResult, *, holds: bool) -> Row:

@@ -44,7 +44,9 @@ class Counter:
     def _take(self, message: BusMessage) -> None:
         self.messages += 1
         if isinstance(message, OperatorCommand) and self.bus.vehicle_id is not None:
-            self.bus.publish("answer", encode(CommandAnswer(self.bus.vehicle_id, 1.0, message.number, "holds", outcome="obeyed")))
+            self.bus.publish(
+                "answer", encode(CommandAnswer(self.bus.vehicle_id, 1.0, message.number, "holds", outcome="obeyed"))
+            )
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
         (self.present.add if present else self.present.discard)(vehicle_id)

@@ -11,10 +11,10 @@ from agents.safety.failsafe import BY_ITSELF, RESUME, TABLE, Reaction, Row
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from gcs.console.advice import Severity, advice, severity
 from gcs.errors import Exit
-from gcs.metrics.catalogue import FLOCKING, VEHICLE
+from gcs.metrics.catalogue import FLOCKING, VEHICLE, Metric
 from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.sections import TUNED, TUNING
-from gcs.sweep.columns import RUN, TEAM, Column, vehicle_columns
+from gcs.sweep.columns import RUN, TEAM, Column
 from tests.structure import PACKAGES
 from tests.support.command_tables import command_list, command_sections, common_arguments
 from tests.support.diagrams import life_diagram, tactic_diagram
@@ -72,17 +72,15 @@ def warning_table() -> str:
 def sweep_columns() -> str:
     """Return the columns of a sweep's table as Markdown; those that differ in the phase or the extreme are one item."""
     names = {each.name for each in TEAM}
-    phases = [Column(f"reynolds.PHASE.{each.name}", each.kind, each.meaning, each.worst) for each in FLOCKING]
+    phases = [replace(each, name=f"reynolds.PHASE.{each.name}") for each in FLOCKING]
     team = [each for each in TEAM if not each.name.startswith(("reynolds.", "vehicles."))]
     over = {
         each.name: [name for end in ("mean", "worst") if (name := f"vehicles.{each.name}.{end}") in names]
         for each in VEHICLE
     }
-    single = [
-        replace(column, name=", ".join([column.name, *over[each.name]]))
-        for each, column in zip(VEHICLE, vehicle_columns("ID"), strict=True)
-    ]
-    return "\n".join(_sweep_column(each) for each in (*RUN, *team, *phases, *single))
+    single = [replace(each, name=", ".join([f"vehicle_ID.{each.name}", *over[each.name]])) for each in VEHICLE]
+    rows: tuple[Column | Metric, ...] = (*RUN, *team, *phases, *single)
+    return "\n".join(map(_sweep_column, rows))
 
 
 def result_keys() -> str:
@@ -188,7 +186,7 @@ def _key_list(keys: Mapping[str, str]) -> str:
     return "\n".join(f"- {name}: {', '.join(f'`{key}`' for key in each.split())}" for name, each in keys.items())
 
 
-def _sweep_column(column: Column) -> str:
+def _sweep_column(column: Column | Metric) -> str:
     names = ", ".join(f"`{name}`" for name in column.name.split(", "))
     return f"- {names} ({column.kind.__name__}): {column.meaning}"
 
