@@ -4,8 +4,6 @@ import inspect
 from collections.abc import Callable
 from typing import Any, get_args
 
-import pytest
-
 from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.outputs import TickOutput
@@ -106,13 +104,3 @@ def test_every_way_into_a_core_is_on_tape_and_back() -> None:
     ways = {name for name, _ in inspect.getmembers(VehicleCore, inspect.isroutine) if not name.startswith("_")}
     assert ways == {name for name in vars(TapedCore) if not name.startswith("_")}
     assert len(get_args(CoreInput)) == len(ways)
-
-
-@pytest.mark.parametrize("kind", get_args(CoreInput))
-def test_every_input_can_be_played(kind: type, make_config: Callable[..., AgentConfig]) -> None:
-    tape = ListTape()
-    flown(TapedCore(make_config(), tape))
-    items = [item for item in tape.items if not isinstance(item, TickOutput) and type(item) is kind]
-    assert items, f"the story of these tests lacks {kind.__name__}"
-    core = VehicleCore(make_config())
-    assert (play(core, items[0]) is not None) is (kind is Tick)

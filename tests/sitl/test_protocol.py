@@ -252,16 +252,6 @@ def test_set_mode_is_acknowledged_twice_first_always_accepted_then_truly(client:
     assert [client.autopilot.mode] == [NavMode.RETURN]
 
 
-@pytest.mark.parametrize(
-    ("mode", "main", "sub"),
-    [(NavMode.HOLD, 4, 3), (NavMode.LAND, 4, 6), (NavMode.RETURN, 4, 5), (NavMode.OFFBOARD, 6, 0)],
-)
-def test_the_heartbeat_names_the_mode_in_px4s_way(client: Client, mode: NavMode, main: int, sub: int) -> None:
-    assert results(client.command(176, 1, main, sub)) == [0, 0]
-    assert only(client.run(1.0), "HEARTBEAT").custom_mode == main << 16 | sub << 24
-    assert client.autopilot.mode is mode
-
-
 def test_arming_disarming_and_killing(client: Client) -> None:
     assert results(client.command(400, 2)) == [2]
     assert results(client.command(21)) == [0]
@@ -338,10 +328,6 @@ def test_parameters_of_the_wrong_kind_are_dropped_without_an_answer(
 def test_a_parameter_that_is_no_number_is_refused_and_the_old_value_sent(client: Client) -> None:
     assert only(client.send(param_set("COM_OF_LOSS_T", nan, 9)), "PARAM_VALUE").param_value == 1.0
     assert client.vehicle.dropped[Drop.PARAMETER] == 1
-
-
-def test_the_system_id_is_a_parameter_too(client: Client) -> None:
-    assert client.autopilot.parameters["MAV_SYS_ID"] == SYSTEM_ID
 
 
 def test_a_text_too_long_for_a_message_comes_in_chunks(client: Client) -> None:
