@@ -109,12 +109,6 @@ def test_standby_holds_the_place_where_it_began_until_the_start(make_config: Mak
     assert pilot.fly(2.05)[-1].status.tactic is Tactic.FORMATION
 
 
-def test_a_leader_flies_the_mission_line_in_the_wind(make_config: Maker) -> None:
-    pilot = Pilot(make_config(line_start_m=(1.0, 2.0)), motion=(0.0, 0.0, 0.0, 0.0))
-    pilot.fly(40.0, wind=np.array([0.2, -0.1]))
-    assert pilot.motion == pytest.approx([1.0 + 0.2 * 40.0, 2.0, 0.2, 0.0], abs=5e-3)
-
-
 @pytest.mark.parametrize("leader_leaves", ["says so", "falls silent", "is gone"])
 def test_a_follower_follows_and_leads_on_from_its_own_slot_once_the_leader_has_left(
     leader_leaves: str, make_config: Maker
@@ -324,13 +318,6 @@ def test_followers_receive_the_undisturbed_setpoint_at_the_time_of_the_message(
     assert state.setpoint_rate_m_s == (0.2, 0.0)
     compensated = state.setpoint_m - wind / 0.80 + np.array([0.2 * PERIOD_S / 2.0, 0.0])
     assert setpoint_of(output) == pytest.approx(compensated, abs=0.01)
-
-
-def test_a_command_of_long_ago_is_dropped(make_config: Maker) -> None:
-    pilot = Pilot(make_config())
-    pilot.fly(10.0)
-    pilot.core.on_message(OperatorCommand(5.0, "land", None, "pat", 1), 10.0)
-    assert pilot.core.tactic is Tactic.FORMATION
 
 
 def test_a_vehicle_sent_back_beside_the_ring_does_not_cut_across_it(make_config: Maker) -> None:

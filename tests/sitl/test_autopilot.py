@@ -166,17 +166,6 @@ def test_arming_in_offboard_takes_a_flowing_stream() -> None:
     assert autopilot.arm() is CommandResult.ACCEPTED
 
 
-def test_an_armed_vehicle_that_never_takes_off_disarms() -> None:
-    autopilot = ready()
-    autopilot.arm()
-    # COM_DISARM_PRFLT counts from when the motors have spooled up.
-    assert until(autopilot, lambda: not autopilot.armed) == pytest.approx(11.0, abs=2 * STEP_S)
-    autopilot = ready(COM_DISARM_PRFLT=0.0)
-    autopilot.arm()
-    wait(autopilot, 60.0)
-    assert autopilot.armed
-
-
 def test_take_off_to_a_stated_altitude_and_before_arming() -> None:
     autopilot = ready()
     assert autopilot.take_off(7.0) is CommandResult.ACCEPTED

@@ -1,6 +1,6 @@
 """The spacing law against the modes of a ring Laplacian, in closed form."""
 
-from math import cos, pi, tau
+from math import cos, tau
 
 import numpy as np
 import pytest
@@ -81,23 +81,6 @@ def test_neighbours_are_the_adjacent_gaps_wherever_the_ring_is_turned_to(gaps: l
             assert place.lead_rad == pytest.approx(scaled[(own + 1) % len(gaps)], abs=1e-9)
             error_rad = spacing_errors_rad(bearings.tolist())[own]
             assert error_rad == pytest.approx((scaled[(own + 1) % len(gaps)] - scaled[own]) / 2.0, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("own", "others", "lead", "lag"),
-    [
-        (0.0, [1.0, -2.0], 1.0, 2.0),
-        (pi - 0.1, [0.1 - pi, 0.0], 0.2, pi - 0.1),
-        (0.1 - pi, [pi - 0.1, 0.0], pi - 0.1, 0.2),
-        (-3.0, [6.0, 5.0], 8.0 - tau, 2.0 * tau - 9.0),
-        (1.0, [1.0], tau, tau),
-        (0.0, [1.0], 1.0, tau - 1.0),
-    ],
-)
-def test_neighbours_by_hand(own: float, others: list[float], lead: float, lag: float) -> None:
-    place = ring_place(own, others)
-    assert (place.lead_rad, place.lag_rad) == pytest.approx((lead, lag))
-    assert place.desired_rad == pytest.approx(tau / (len(others) + 1))
 
 
 def test_alone_on_the_ring_there_is_no_spacing_to_keep() -> None:

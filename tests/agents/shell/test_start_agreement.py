@@ -77,15 +77,6 @@ def test_no_start_is_proposed_before_all_members_were_received_recently() -> Non
     assert readiness.message(1.4) == StartProposal(1, 1.4, 4.0)  # a whole second, 2 s ahead at least
 
 
-def test_the_earliest_proposal_stands_even_when_its_sender_falls_silent() -> None:
-    readiness = TeamReadiness(1, MEMBERS)
-    readiness.receive(StartProposal(2, 5.0, 7.0))
-    readiness.receive(StartProposal(3, 5.1, 6.9))
-    readiness.receive(StartProposal(2, 5.2, 7.0))
-    assert readiness.start_s == 6.9
-    assert readiness.message(6.5) == StartProposal(1, 6.5, 6.9)
-
-
 def test_a_late_message_does_not_make_a_peer_older() -> None:
     readiness = TeamReadiness(1, (1, 2))
     readiness.receive(StartProposal(2, 5.0, None))
