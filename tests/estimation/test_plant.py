@@ -78,18 +78,6 @@ def test_two_steps_are_one_long_step(a0: float, a1: float, first_s: float, secon
     assert exact_step(plant, second_s).advance(middle, *held) == pytest.approx(long, abs=1e-9)
 
 
-def test_a_held_setpoint_is_reached_but_for_the_push_of_the_wind(subtests: pytest.Subtests) -> None:
-    for plant in PLANTS:
-        with subtests.test(plant=plant):
-            setpoint, wind = np.array([3.0, -2.0]), np.array([0.1, -0.2])
-            settled = exact_step(plant, 60.0)
-            motion = np.zeros(4)
-            for _ in range(200):
-                motion = settled.advance(motion, setpoint, wind)
-            assert motion[:2] == pytest.approx(setpoint + wind / plant.a0_per_s2, abs=1e-6)
-            assert motion[2:] == pytest.approx(0.0, abs=1e-6)
-
-
 def test_an_unstable_axis_is_refused(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[float, float], ...] = (
         (0.0, 1.0),

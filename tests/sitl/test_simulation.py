@@ -239,18 +239,6 @@ def test_who_hears_whom_follows_the_vehicles() -> None:
         assert [round(at_s * RATE_HZ) for at_s, _ in core.heard] == expected
 
 
-def test_the_same_seed_gives_the_same_flight_and_another_one_does_not() -> None:
-    def flight(seed: int) -> tuple[list[Telemetry], list[tuple[float, bytes]]]:
-        core = Recorder(weave)
-        vehicles = [vehicle(core, noise=TelemetryNoise(0.1, 0.1), seed=seed), vehicle(Recorder(still, packets=1))]
-        fly(vehicles, 5.0, NetworkModel(100.0, loss=0.5), seed)
-        return core.telemetry, core.heard
-
-    assert flight(1) == flight(1)
-    assert flight(1)[0] != flight(2)[0]
-    assert flight(1)[1] != flight(2)[1]
-
-
 def test_every_decision_and_every_tick_is_seen() -> None:
     seen: list[tuple[int, int, Asked]] = []
     times_s: list[float] = []

@@ -123,10 +123,3 @@ def test_a_target_that_others_see_is_seen_by_no_simulated_sensor(source: str, se
     other = replace(mission, target=mission.target.model_copy(update={"source": source}))
     sensor = target_sensor(other, 2, 0.0, 0)
     assert len([1 for tick in range(100) if sensor.sight(tick / 10.0, other.target.start_m)]) == seen
-
-
-def test_a_vehicle_may_have_a_sensor_of_its_own() -> None:
-    mission = load_mission("case3-turns")
-    assert [mission.sensor(i).noise_m for i in mission.ids] == [0.5, 0.5, 1.0]
-    assert [mission.sensor(i).delay_s for i in mission.ids] == [0.3, 0.0, 0.0]
-    assert mission.sensor(3).outlier_share == mission.sensor(1).outlier_share == 0.05
