@@ -5,18 +5,11 @@ import runpy
 import shlex
 import sys
 
-import numpy as np
 import pytest
 
-from agents.control.encirclement import ring_lmpc
-from agents.control.lmpc import Bounds, Lmpc, Solution
-from agents.settings.sections import EncirclementSettings
-from estimation.state import Vector
 from gcs.flight.faults.schedule import scheduled_faults
 from gcs.mission.file import load_mission
-from tests.experiments import planner_rivals, station_tour
-from tests.experiments.planner_rivals import CORDON, approach, ring_config
-from tests.experiments.planner_solvers import Rival, unsolved
+from tests.experiments import station_tour
 from tests.support.loop_stages import STAGES, methods
 from tests.support.page.walk_through import lines_of
 from tests.support.paths import ROOT
@@ -24,14 +17,12 @@ from tests.support.wording import facts_missing
 
 EXPERIMENTS = ROOT / "tests" / "experiments"
 PROGRAMS = sorted(
-    path.parent.name if path.stem == "__main__" else path.stem
-    for path in (*EXPERIMENTS.glob("*.py"), *EXPERIMENTS.glob("*/__main__.py"))
-    if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
+    path.stem for path in EXPERIMENTS.glob("*.py") if 'if __name__ == "__main__"' in path.read_text(encoding="utf-8")
 )
 
 
 def test_experiments_describe_themselves(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    assert {"benchmark", "controllers"} <= set(PROGRAMS)
+    assert {"benchmark", "verbs"} <= set(PROGRAMS)
     faults = []
     for name in PROGRAMS:
         module = f"tests.experiments.{name}"
@@ -44,56 +35,6 @@ def test_experiments_describe_themselves(capsys: pytest.CaptureFixture[str], mon
         if ended.value.code != 0 or f"python -m {module}" not in usage or not description[0].isupper():
             faults.append(f"{name}: {shown}")
     assert faults == []
-
-
-def test_the_rivals_of_the_planner_need_their_extra(capsys: pytest.CaptureFixture[str]) -> None:
-    assert planner_rivals.main(1, 0, [Rival("absent", "no_such_solver", ring_lmpc)]) == 2
-    shown = capsys.readouterr()
-    assert "no_such_solver" in shown.err
-    assert ".[rivals]" in shown.err
-    assert shown.out == ""
-
-
-def test_approaches_are_drawn_from_their_seed_and_a_part_of_their_plans_is_on_bounds() -> None:
-    config = ring_config()
-    draws = [approach(config, seed) for seed in (0, 1, 2, 0)]
-    states = [np.array([programme.state for programme in draw.programmes]) for draw in draws]
-    assert np.array_equal(states[0], states[3])
-    assert not np.array_equal(states[0], states[1])
-    assert 0.1 < np.mean([draw.bounded for draw in draws]) < 0.9
-    horizon, three = config.encirclement.horizon, {task.place.members for draw in draws for task in draw.tasks}
-    assert (horizon, three) == (8, {3})
-
-
-class Unsolving:
-    """A solver that never finds anything."""
-
-    def __init__(self, settings: EncirclementSettings) -> None:
-        pass
-
-    def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
-        return unsolved(previous_input)
-
-
-def other_weight(settings: EncirclementSettings) -> Lmpc:
-    return ring_lmpc(settings.model_copy(update={"radius_weight": 2.0 * settings.radius_weight}))
-
-
-def test_only_a_rival_that_solves_the_same_problem_is_compared(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(planner_rivals, "import_s", lambda module: 0.0)
-    monkeypatch.setattr(planner_rivals, "TEAM_S", 40.0)
-    monkeypatch.setattr(planner_rivals, "TEAM_WINDOW_S", 5.0)
-    for build, code in ((ring_lmpc, 0), (other_weight, 1), (Unsolving, 1)):
-        assert planner_rivals.main(1, 0, [Rival("rival", "math", build)], CORDON) == code
-        shown = capsys.readouterr()
-        assert [line.split()[1] for line in shown.out.splitlines()[-2:]] == ["cordon", "rival"]
-        assert {line.split(":")[0] for line in shown.err.splitlines()} == ({"rival"} if code else set())
-
-
-def test_the_time_of_an_import_is_measured() -> None:
-    assert 0.0 < planner_rivals.import_s("math") < planner_rivals.import_s("asyncio")
 
 
 def test_the_stages_of_a_flight_that_are_timed_exist() -> None:

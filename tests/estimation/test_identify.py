@@ -201,13 +201,6 @@ def test_an_estimators_drift_does_not_lower_the_validation_fit() -> None:
     assert [axis.a0_per_s2.value for axis in found.axes] == pytest.approx(TRUTH.a0, rel=0.05)
 
 
-def test_ordinary_least_squares_is_reported_too_and_is_worse() -> None:
-    found = found_in(identify([recorded(TRUTH, 12, noise_m=0.03, memory_s=0.5)]))
-    assert found.baseline is not None
-    errors = [abs(found.axes[0].a0_per_s2.value - 1.5), abs(found.baseline.a0_per_s2[0] - 1.5)]
-    assert errors[0] < errors[1]
-
-
 @pytest.mark.parametrize("seed", [0, 2])
 def test_a_soft_cascade_with_an_integral_part_validates_better_than_plain_least_squares(seed: int) -> None:
     """Least squares gives a slow plant, whose free motion would pass for what the estimator wanders."""

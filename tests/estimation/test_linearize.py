@@ -104,18 +104,6 @@ def test_the_plant_answers_with_the_polar_acceleration_wanted(polar: Polar, want
     assert at_once == pytest.approx(wanted, abs=1e-5)
 
 
-def test_polar_coordinates_of_a_circle_about_a_moving_target_are_constant() -> None:
-    polar, step_s = Polar(10.0, 0.0, 0.0, 0.15), 1e-3
-    motion, target = motion_from_polar(polar, TARGET), TARGET.copy()
-    for _ in range(10_000):
-        setpoint = aim_for(motion, polar_from_motion(motion, target), (0.0, 0.0), WIND, PLANT)
-        motion = exact_step(PLANT, step_s).advance(motion, setpoint, WIND)
-        target[:2] += target[2:] * step_s
-    after = polar_from_motion(motion, target)
-    assert after.radius_m == pytest.approx(10.0, abs=0.05)
-    assert after.angular_rate_rad_s == pytest.approx(0.15, abs=2e-3)
-
-
 def test_a_cartesian_acceleration_matches_the_plant() -> None:
     motion, wanted = np.array([3.0, -2.0, 1.0, 0.5]), (0.4, -0.9)
     x_d, y_d = aim_for_acceleration(motion, wanted, WIND, PLANT)

@@ -148,30 +148,6 @@ def test_a_setpoint_does_not_act_before_its_predecessor() -> None:
     assert own.mean_aim_m(0.7, 0.8) == pytest.approx((2.0, 0.0))
 
 
-@pytest.mark.parametrize(("turning_rad_s", "motion_error"), [(0.15, 1e-3), (0.0, 0.05)])
-def test_the_oscillator_removes_a_ring_frequency_disturbance(turning_rad_s: float, motion_error: float) -> None:
-    settings = OwnFilterSettings(position_noise_m=0.05, velocity_noise_m_s=1.0)
-    own, motion = OwnFilter(PLANT, settings), np.zeros(4)
-    own.turn_disturbance(turning_rad_s)
-
-    def disturbance(time_s: float) -> Vector:
-        return 0.5 * np.array([np.cos(0.15 * time_s), np.sin(0.15 * time_s)])
-
-    steps = 20  # within a period, for the true disturbance turns all the time
-    errors = []
-    for tick in range(2001):
-        own.measure(telemetry(tick * PERIOD_S, motion))
-        error = estimated(own, tick * PERIOD_S) - [*motion, *disturbance(tick * PERIOD_S)]
-        errors.append(float(np.abs(error[:4]).max()))
-        setpoint = np.array([2.0 * np.sin(0.5 * tick * PERIOD_S), 0.3 * tick * PERIOD_S])
-        own.command(tick * PERIOD_S, setpoint)
-        for step in range(steps):
-            wind = disturbance((tick + (step + 0.5) / steps) * PERIOD_S)
-            motion = exact_step(PLANT, PERIOD_S / steps).advance(motion, setpoint, wind)
-    settled = max(errors[1000:])
-    assert settled < motion_error if turning_rad_s else settled > motion_error
-
-
 def test_a_constant_wind_is_found() -> None:
     own = OwnFilter(PLANT, SETTINGS)
     fly(own, PLANT, 300, wind=(0.3, -0.2))
@@ -253,10 +229,11 @@ def test_telemetry_from_the_past_is_refused() -> None:
 
 
 def test_an_outlier_changes_nothing() -> None:
-    own = settled()
-    own.measure(telemetry(5.1, np.array([30.0, 0.0, 0.0, 0.0])))
-    assert (own.refused, own.resets) == (1, 0)
-    assert estimated(own, 5.1) == pytest.approx(np.zeros(6), abs=1e-9)
+    for far_m in (30.0, 1e200, -1e308):
+        own = settled()
+        own.measure(telemetry(5.1, np.array([far_m, 0.0, 0.0, 0.0])))
+        assert (own.refused, own.resets) == (1, 0)
+        assert estimated(own, 5.1) == pytest.approx(np.zeros(6), abs=1e-9)
 
 
 def test_outliers_that_go_on_are_the_new_truth() -> None:
@@ -274,14 +251,16 @@ def test_outliers_that_go_on_are_the_new_truth() -> None:
     assert estimated(own, 6.3) == pytest.approx([30.0, -5.0, 0.0, 0.0, 0.0, 0.0], abs=1e-6)
 
 
-def test_a_wrong_plant_resets_the_filter_but_is_no_jump() -> None:
+def test_a_wrong_plant_resets_the_filter_and_lowers_the_authority_but_is_no_jump() -> None:
     # It flies off at 3 m/s2, as no setpoint tells it: every sample is where its velocity leads.
     own = settled()
+    assert own.authority == 1.0
     for tick in range(1, 31):
         time_s = tick * PERIOD_S
         own.measure(telemetry(5.0 + time_s, np.array([1.5 * time_s**2, 0.0, 3.0 * time_s, 0.0])))
     assert own.resets >= 1
     assert own.jumps == 0
+    assert own.authority < 0.5
 
 
 def circled(own: OwnFilter, plant: Plant, *, rate_rad_s: float, duration_s: float) -> np.ndarray:
@@ -333,15 +312,6 @@ def test_the_swinging_part_is_not_lost_when_the_ring_is_left() -> None:
     before = own.predicted(100.0, 0.0)
     own.turn_disturbance(0.0)
     assert own.predicted(100.0, 0.0)[4:] == pytest.approx(before[4:], abs=0.02)
-
-
-def test_a_wrong_plant_lowers_the_authority_and_a_right_one_does_not() -> None:
-    own = settled()
-    assert own.authority == 1.0
-    for tick in range(1, 31):
-        time_s = tick * PERIOD_S
-        own.measure(telemetry(5.0 + time_s, np.array([1.5 * time_s**2, 0.0, 3.0 * time_s, 0.0])))
-    assert own.authority < 0.5
 
 
 def test_a_shift_of_the_frame_shifts_estimate_and_setpoints() -> None:

@@ -36,26 +36,13 @@ def continuous(plant: Plant) -> Vector:
 
 def test_exact_step_is_the_matrix_exponential(subtests: pytest.Subtests) -> None:
     for plant in PLANTS:
-        for step_s in [0.0, 1e-4, 0.1, 0.5, 3.0, 40.0]:
+        for step_s in [0.0, 1e-4, 0.1, 0.5, 3.0, 200.0]:
             with subtests.test(plant=plant, step_s=step_s):
                 truth = expm(continuous(plant) * step_s)[:4]
                 step = exact_step(plant, step_s)
                 assert step.transition == pytest.approx(truth[:, :4], abs=1e-9)
                 assert step.input_gain == pytest.approx(truth[:, 4:6], abs=1e-9)
                 assert step.disturbance_gain == pytest.approx(truth[:, 6:], abs=1e-9)
-
-
-@pytest.mark.parametrize("plant", PLANTS)
-def test_advance_agrees_with_numerical_integration(plant: Plant) -> None:
-    start = np.array([1.0, -2.0, 0.7, 0.3])
-    setpoint, disturbance = np.array([4.0, -1.0]), np.array([0.3, -0.2])
-
-    def derivative(_: float, state: Vector) -> Vector:
-        pull = plant.a0_per_s2 * (setpoint - state[:2])
-        return np.concatenate([state[2:], pull - plant.a1_per_s * state[2:] + disturbance])
-
-    truth = solve_ivp(derivative, (0.0, 1.7), start, rtol=1e-11, atol=1e-12).y[:, -1]
-    assert exact_step(plant, 1.7).advance(start, setpoint, disturbance) == pytest.approx(truth, abs=1e-8)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -89,23 +76,6 @@ def test_two_steps_are_one_long_step(a0: float, a1: float, first_s: float, secon
     middle = exact_step(plant, first_s).advance(motion, *held)
     long = exact_step(plant, first_s + second_s).advance(motion, *held)
     assert exact_step(plant, second_s).advance(middle, *held) == pytest.approx(long, abs=1e-9)
-
-
-def test_a_held_setpoint_is_reached_but_for_the_push_of_the_wind(subtests: pytest.Subtests) -> None:
-    for plant in PLANTS:
-        with subtests.test(plant=plant):
-            setpoint, wind = np.array([3.0, -2.0]), np.array([0.1, -0.2])
-            settled = exact_step(plant, 60.0)
-            motion = np.zeros(4)
-            for _ in range(200):
-                motion = settled.advance(motion, setpoint, wind)
-            assert motion[:2] == pytest.approx(setpoint + wind / plant.a0_per_s2, abs=1e-6)
-            assert motion[2:] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_an_overdamped_plant_can_be_left_alone_for_minutes() -> None:
-    plant = Plant(PlantAxis(0.2, 10.0), UNDERDAMPED)
-    assert exact_step(plant, 200.0).transition == pytest.approx(expm(continuous(plant) * 200.0)[:4, :4], abs=1e-9)
 
 
 def test_an_unstable_axis_is_refused(subtests: pytest.Subtests) -> None:

@@ -7,7 +7,7 @@ import pytest
 from estimation.plant.model import Plant, PlantAxis
 from estimation.plant.provenance import IdentifiedLog, PlantGrade
 from estimation.profile.profile import LimitsSection, ProfileError
-from estimation.profile.shelf import ProfileShelf, bundled_profiles
+from estimation.profile.shelf import ProfileShelf
 from estimation.settings import OwnFilterSettings
 
 AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1\n"
@@ -30,15 +30,6 @@ covariance = {[[0.01 if row == column else 0.0 for column in range(5)] for row i
 name = "flight.ulg"
 sha256 = "{"0a" * 32}"
 """
-
-
-def test_the_bundled_profiles_load(tmp_path: Path) -> None:
-    axis = PlantAxis(0.80, 0.87)
-    stubs = ["stub", "stub-delayed", "stub-feedforward", "stub-noisy", "stub-wandering"]
-    assert bundled_profiles() == ["ardupilot", "px4", *stubs]
-    assert ProfileShelf(tmp_path).load("stub").plant == Plant(axis, axis)
-    assert ProfileShelf(tmp_path).load("stub-delayed").plant == Plant(axis, axis, 0.15)
-    assert ProfileShelf(tmp_path).load("stub-feedforward").plant == Plant(axis, axis, 0.0, 1.0)
 
 
 def test_the_bundled_profiles_hold_the_numbers_of_their_autopilots(tmp_path: Path) -> None:
@@ -122,11 +113,6 @@ def test_a_file_holds_how_its_plant_was_identified(tmp_path: Path) -> None:
     assert (identified.verdict, identified.date, identified.vehicle) == (PlantGrade.USABLE, "2026-11-21", 3)
     assert identified.logs == (IdentifiedLog(name="flight.ulg", sha256="0a" * 32),)
     assert [identified.covariance[at][at] for at in range(5)] == [0.01] * 5
-
-
-def test_a_file_without_that_section_has_no_identification(tmp_path: Path) -> None:
-    (tmp_path / "own.toml").write_text(AXES)
-    assert ProfileShelf(tmp_path).load("own.toml").identified is None
 
 
 def test_a_fault_in_the_identified_section_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: Path) -> None:

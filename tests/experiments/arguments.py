@@ -26,10 +26,3 @@ def positive(text: str) -> float:
     if not (isfinite(number) and number > 0.0):
         raise ArgumentTypeError(f"it must be a number above 0 (given: {text!r})")
     return number
-
-
-def count(text: str) -> int:
-    """Return a whole number from 1; raises ArgumentTypeError."""
-    if not text.isdecimal() or int(text) == 0:
-        raise ArgumentTypeError(f"it must be a whole number from 1 (given: {text!r})")
-    return int(text)

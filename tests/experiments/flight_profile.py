@@ -9,8 +9,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -85,16 +84,8 @@ class Profile:
         )
 
 
-def profile(
-    vehicles: int,
-    duration_s: float,
-    stages: Path | None = None,
-    beside: Callable[[Path], AbstractContextManager[object]] = nullcontext,
-) -> Profile:
-    """Fly a team and return its profile, with the stages of its event loop if a file for them is given.
-
-    `beside` returns a context to enter during the flight, from the mission's file.
-    """
+def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Profile:
+    """Fly a team and return its profile, with the stages of its event loop if a file for them is given."""
     with TemporaryDirectory() as folder:
         mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")
         ports = free_ports(2 * vehicles)
@@ -104,7 +95,7 @@ def profile(
         program = "gcs" if stages is None else "tests.experiments.flight_profile"
         began_s = time.time()
         output, supervisor_log = Path(folder, "result.json"), Path(folder, "messages.txt")
-        with beside(mission), output.open("wb") as result, supervisor_log.open("wb") as messages:
+        with output.open("wb") as result, supervisor_log.open("wb") as messages:
             command = [sys.executable, "-m", program, *inside, *options]
             flight = subprocess.Popen(
                 command, cwd=ROOT, env=finds_tests() if inside else None, stdout=result, stderr=messages

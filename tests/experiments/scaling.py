@@ -5,9 +5,9 @@ each is used, because the speed of a shared computer varies. The time of a core 
 sightings and the tick; the rest is the simulation's. All times are processor times, which other work affects least.
 """
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, pi, sin
 from pathlib import Path
 from time import process_time
 from unittest.mock import patch
@@ -23,10 +23,11 @@ from gcs.style import COLOURS, INK, STYLE
 from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.arguments import parser
 from tests.experiments.benchmark import Reference
-from tests.support.mission_text import content, parsed
+from tests.support.mission_text import parsed
+from tests.support.ring_mission import ring_mission
 
 COUNTS = (4, 8, 16, 32, 64)
-RATE_HZ, SPACING_M, SPEED_M_S, OUTSIDE_M = 20.0, 6.0, 1.0, 1.0
+RATE_HZ = 20.0
 ROUNDS, DURATION_S, SETTLED_S = 3, 20.0, 10.0
 FACTOR_MAX = 1.5
 """The largest ratio of the time per vehicle between team sizes."""
@@ -34,30 +35,8 @@ FACTOR_MAX = 1.5
 
 def ring(count: int) -> Mission:
     """Return a mission of vehicles that encircle a target at rest from the start."""
-    radius_m = max(10.0, SPACING_M * count / (2.0 * pi))
-    mission = content()
-    mission["mission"] |= {"name": f"ring{count}", "rate_hz": RATE_HZ, "duration_s": DURATION_S}
-    mission["formation"] |= {"spacing_m": SPACING_M, "speed_m_s": 0.0, "leader": 1}
-    mission["encirclement"] |= {"radius_m": radius_m, "angular_rate_rad_s": SPEED_M_S / radius_m}
-    mission["tuning"] = {"encirclement": {"radius_far_m": 3.0 * radius_m}}
-    mission["decision"] |= {"distance_max_m": 2.0 * radius_m}
-    mission["target"] |= {"start_m": [0.0, 0.0], "velocity_m_s": [0.0, 0.0]}
-    mission["target"]["sensor"] |= {"range_m": 2.0 * radius_m, "rate_hz": 5.0, "noise_m": 0.1}
-    mission["network"] = {"range_m": 4.0 * radius_m}
-    mission["vehicles"] = [_vehicle(number, 2.0 * pi * number / count, radius_m) for number in range(count)]
-    return parsed(mission)
-
-
-def _vehicle(number: int, bearing_rad: float, radius_m: float) -> dict[str, object]:
-    away_m = radius_m + OUTSIDE_M
-    x, y = away_m * cos(bearing_rad), away_m * sin(bearing_rad)
-    return {
-        "id": number + 1,
-        "url": f"udpin://127.0.0.1:{14540 + number}",
-        "endpoint": f"tcp/127.0.0.1:{7461 + number}",
-        "start_m": [x, y],
-        "slot_m": [x - away_m, y],
-    }
+    links, endpoints = (list(range(first, first + count)) for first in (14540, 7461))
+    return parsed(tomllib.loads(ring_mission(count, DURATION_S, links, endpoints)))
 
 
 @dataclass(frozen=True)

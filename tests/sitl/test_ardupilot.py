@@ -1,8 +1,6 @@
 """The stub in its ArduCopter manners: shaped motion, GUIDED, silence until asked, and flown by MAVSDK."""
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from math import hypot, radians
 from typing import Any
@@ -13,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from cordon.lockstep import LockstepClient
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from sitl.autopilot.airframe import STEP_S
@@ -25,7 +22,6 @@ from sitl.autopilot.parameters import Parameters
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
 from sitl.server.server import StubConfig
-from sitl.server.shared_clock import new_clock
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
 from tests.support.wire import free_port, stub_clock, stub_process
 
@@ -526,73 +522,6 @@ SPEED = 10.0
 
 def copter_on(port: int) -> StubConfig:
     return StubConfig(1, port, PLANT, FRAME, autopilot="ardupilot")
-
-
-@pytest.fixture(scope="module")
-def on_mavsdk() -> Iterator[tuple[Any, LockstepClient]]:
-    """MAVSDK's system, and the clock of its stub."""
-    from mavsdk.mavsdk import ComponentType, Configuration, Mavsdk
-
-    port = free_port()
-    with new_clock(SPEED, [port]) as name, stub_process([copter_on(port)], name):
-        clock = LockstepClient(port)
-        station = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-        station.add_any_connection(f"udpin://127.0.0.1:{port}")
-        clock.until(lambda: station.system_count() == 1, "found")
-        yield station.get_systems()[0], clock
-        station.destroy()
-        clock.close()
-
-
-@pytest.mark.wire
-def test_mavsdk_flies_it_from_the_ground_to_the_ground_twice(on_mavsdk: tuple[Any, LockstepClient]) -> None:
-    from mavsdk.plugins.action import Action, ActionError
-    from mavsdk.plugins.offboard import Offboard, PositionNedYaw
-    from mavsdk.plugins.param import Param
-    from mavsdk.plugins.telemetry import Telemetry, TelemetryError
-
-    system, clock = on_mavsdk
-    telemetry, action, offboard, param = Telemetry(system), Action(system), Offboard(system), Param(system)
-    assert not telemetry.health().is_armable, "nothing is streamed unasked"
-    for rate in ("position_velocity_ned", "health", "in_air", "home", "gps_info", "position", "attitude_euler"):
-        with suppress(TelemetryError):  # ArduPilot alone is also asked for its filter's report
-            getattr(telemetry, f"set_rate_{rate}")(20.0)
-    clock.until(telemetry.health_all_ok, "health")
-    assert param.get_param_int("FS_GCS_ENABLE") == 0
-    param.set_param_int("FS_GCS_ENABLE", 1)
-    assert param.get_param_int("FS_GCS_ENABLE") == 1
-    param.set_param_float("GUID_TIMEOUT", 2.5)
-    assert param.get_param_float("GUID_TIMEOUT") == 2.5
-
-    def mode() -> str:
-        return str(telemetry.flight_mode().name)
-
-    def place() -> tuple[float, float, float]:
-        position = telemetry.position_velocity_ned().position
-        return position.north_m, position.east_m, position.down_m
-
-    for flight in (1, 2):
-        action.set_takeoff_altitude(6.0)
-        with suppress(ActionError):  # it has chosen GUIDED all the same: LAND and RTL cannot be armed in
-            action.takeoff()
-        clock.until(lambda: mode() == "OFFBOARD", "GUIDED")
-        action.arm()
-        action.takeoff()
-        clock.until(lambda: abs(place()[2] + 6.0) < 0.2, "hovering")
-        goal = (4.0 * flight, 1.0, -6.5)
-        offboard.set_position_ned(PositionNedYaw(*goal, 0.0))
-        offboard.start()
-        clock.until(lambda: mode() == "OFFBOARD", "GUIDED is offboard")
-        clock.until(lambda goal=goal: place() == pytest.approx(goal, abs=0.1), "there")  # type: ignore[misc]
-        offboard.stop()
-        clock.until(lambda: mode() == "HOLD", "hold after offboard")
-        if flight == 1:
-            action.land()
-            clock.until(lambda: mode() == "LAND", "LAND")
-        else:
-            action.return_to_launch()
-            clock.until(lambda: mode() == "RETURN_TO_LAUNCH", "RTL")
-        clock.until(lambda: not telemetry.armed(), "landed and disarmed")
 
 
 @pytest.mark.wire

@@ -1,7 +1,6 @@
 """The stub autopilot: its motion against independent closed forms, and PX4's measured manners."""
 
 from collections.abc import Callable
-from itertools import product
 from math import hypot, inf, nan, pi, sqrt
 
 import numpy as np
@@ -16,14 +15,13 @@ from sitl.autopilot.autopilot import Autopilot, CommandResult, LandedState
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
-from sitl.autopilot.modes import NEEDS_STICKS, Conditions, Intention, ModeEvent, NavMode, can_arm, can_run
+from sitl.autopilot.modes import Conditions, NavMode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.px4 import DEFAULTS, Px4
 from sitl.mavlink.schedule import Schedule
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 READY = Conditions(estimator_ready=True, setpoints_flow=False)
-FLOWING = Conditions(estimator_ready=True, setpoints_flow=True)
 
 
 def mode_of(autopilot: Autopilot) -> NavMode:
@@ -76,41 +74,6 @@ def offboard(height_m: float = 5.0, **parameters: float) -> Autopilot:
 
 
 # The mode tables
-
-
-def test_every_mode_under_every_condition() -> None:
-    for mode, armed, ready_, flow in product(NavMode, (False, True), (False, True), (False, True)):
-        conditions = Conditions(estimator_ready=ready_, setpoints_flow=flow)
-        runs = ready_ and mode not in NEEDS_STICKS and (flow or mode is not NavMode.OFFBOARD)
-        assert can_run(mode, conditions) is runs
-        assert can_arm(mode, conditions) is (runs and mode not in (NavMode.LAND, NavMode.RETURN))
-        intention = Intention(NavMode.HOLD)
-        accepted = intention.request(mode, armed=armed, conditions=conditions)
-        assert accepted is (not armed or mode is NavMode.LAND or runs)
-        assert intention.mode is (mode if accepted else NavMode.HOLD)
-
-
-def test_a_disarmed_vehicle_rests_in_the_last_mode_that_allows_it(subtests: pytest.Subtests) -> None:
-    modes: tuple[tuple[NavMode, NavMode], ...] = (
-        (NavMode.OFFBOARD, NavMode.OFFBOARD),
-        (NavMode.HOLD, NavMode.HOLD),
-    )
-    for before, after in modes:
-        for last in [NavMode.LAND, NavMode.RETURN, NavMode.TAKE_OFF]:
-            with subtests.test(before=before, after=after, last=last):
-                intention = Intention(NavMode.HOLD)
-                intention.request(before, armed=True, conditions=FLOWING)
-                intention.request(last, armed=True, conditions=FLOWING)
-                intention.on_event(ModeEvent.DISARMED)
-                assert intention.mode is after
-
-
-def test_take_off_ends_in_hold_and_nothing_else_does() -> None:
-    for mode in NavMode:
-        intention = Intention(NavMode.HOLD)
-        intention.request(mode, armed=False, conditions=READY)
-        intention.on_event(ModeEvent.TAKE_OFF_COMPLETE)
-        assert intention.mode is (NavMode.HOLD if mode is NavMode.TAKE_OFF else mode)
 
 
 # Motion
@@ -197,52 +160,11 @@ def test_arming_waits_for_the_estimator() -> None:
     assert autopilot.arm() is CommandResult.ACCEPTED
 
 
-def test_arming_is_refused_in_modes_that_cannot_start_a_flight(subtests: pytest.Subtests) -> None:
-    rows: tuple[NavMode, ...] = (
-        NavMode.LAND,
-        NavMode.RETURN,
-        NavMode.OFFBOARD,
-        NavMode.POSITION,
-    )
-    for mode in rows:
-        with subtests.test(mode=mode):
-            autopilot = ready()
-            assert autopilot.select(mode) is CommandResult.ACCEPTED  # disarmed, any mode may be chosen
-            assert not autopilot.armable
-            assert autopilot.arm() is CommandResult.REJECTED
-            autopilot.select(NavMode.HOLD)
-            assert autopilot.arm() is CommandResult.ACCEPTED
-
-
 def test_arming_in_offboard_takes_a_flowing_stream() -> None:
     autopilot = ready()
     autopilot.select(NavMode.OFFBOARD)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
     assert autopilot.arm() is CommandResult.ACCEPTED
-
-
-def test_an_armed_vehicle_that_never_takes_off_disarms() -> None:
-    autopilot = ready()
-    autopilot.arm()
-    # COM_DISARM_PRFLT counts from when the motors have spooled up.
-    assert until(autopilot, lambda: not autopilot.armed) == pytest.approx(11.0, abs=2 * STEP_S)
-    autopilot = ready(COM_DISARM_PRFLT=0.0)
-    autopilot.arm()
-    wait(autopilot, 60.0)
-    assert autopilot.armed
-
-
-def test_take_off_to_four_metres_takes_as_long_as_measured() -> None:
-    autopilot = ready(MIS_TAKEOFF_ALT=4.0)
-    autopilot.arm()
-    autopilot.take_off()
-    assert until(autopilot, lambda: not autopilot.landed) == pytest.approx(2.0, abs=0.1)
-    assert [autopilot.landed_state] == [LandedState.TAKE_OFF]
-    assert until(autopilot, lambda: autopilot.airframe.position_m[2] > 3.85) == pytest.approx(6.6, abs=0.3)
-    assert mode_of(autopilot) is NavMode.HOLD
-    assert [autopilot.landed_state] == [LandedState.IN_AIR]
-    wait(autopilot, 10.0)
-    assert autopilot.airframe.position_m[2] == pytest.approx(4.0, abs=0.01)
 
 
 def test_take_off_to_a_stated_altitude_and_before_arming() -> None:
@@ -253,19 +175,6 @@ def test_take_off_to_a_stated_altitude_and_before_arming() -> None:
     autopilot.arm()
     wait(autopilot, 25.0)
     assert autopilot.airframe.position_m[2] == pytest.approx(7.0, abs=0.01)
-
-
-def test_landing_takes_as_long_as_measured_and_disarms_two_seconds_later() -> None:
-    autopilot = hovering(4.0)
-    autopilot.select(NavMode.LAND)
-    landing_s = until(autopilot, lambda: autopilot.landed)
-    assert autopilot.armed
-    idle_s = until(autopilot, lambda: not autopilot.armed)
-    assert idle_s == pytest.approx(2.0, abs=2 * STEP_S)
-    assert 10.5 < landing_s + idle_s < 13.0
-    wait(autopilot, STEP_S)
-    assert mode_of(autopilot) is NavMode.HOLD
-    assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 def test_disarming_in_the_air_is_refused_and_killing_drops_the_vehicle() -> None:
@@ -308,38 +217,7 @@ def test_home_is_where_the_vehicle_was_last_armed() -> None:
     assert autopilot.home_m == pytest.approx((6.0, 1.0, 0.0), abs=0.01)
 
 
-def test_what_it_says() -> None:
-    autopilot = hovering(2.0)
-    autopilot.disarm()
-    autopilot.select(NavMode.OFFBOARD)
-    autopilot.land()
-    until(autopilot, lambda: not autopilot.armed)
-    autopilot.select(NavMode.LAND)
-    autopilot.arm()
-    assert [text for _, text in autopilot.take_texts()] == [
-        "Armed by external command",
-        "Using default takeoff altitude: 2.0 m",
-        "Takeoff detected",
-        "Disarming denied: not landed",
-        "Switching to Offboard is currently not available",
-        "Landing at current position",
-        "Landing detected",
-        "Disarmed by landing",
-        "Arming denied: Resolve system health failures first",
-    ]
-    assert autopilot.take_texts() == []
-
-
 # Offboard
-
-
-def test_offboard_is_refused_in_flight_without_setpoints_and_one_is_enough() -> None:
-    autopilot = hovering()
-    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.REJECTED
-    assert mode_of(autopilot) is NavMode.HOLD
-    autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 5.0)))
-    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
-    assert mode_of(autopilot) is NavMode.OFFBOARD
 
 
 @pytest.mark.parametrize(
@@ -369,13 +247,6 @@ def test_a_stream_that_stops_ends_in_the_chosen_failsafe_after_1_1_s(
     assert "Failsafe activated" in [text for _, text in autopilot.take_texts()]
 
 
-def test_the_default_failsafe_returns_and_lands_where_it_took_off() -> None:
-    autopilot = offboard(5.0)
-    stream(autopilot, PositionTarget((6.0, 0.0, 5.0)), 8.0)
-    until(autopilot, lambda: not autopilot.armed)
-    assert autopilot.airframe.position_m == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
-
-
 def test_without_anybody_at_the_sticks_it_sinks_from_five_metres_in_eight_seconds_and_rests_in_offboard() -> None:
     autopilot = offboard(5.0, NAV_RCL_ACT=5)
     until(autopilot, lambda: autopilot.mode is NavMode.POSITION)
@@ -384,21 +255,6 @@ def test_without_anybody_at_the_sticks_it_sinks_from_five_metres_in_eight_second
     wait(autopilot, STEP_S)
     assert mode_of(autopilot) is NavMode.OFFBOARD
     assert autopilot.arm() is CommandResult.REJECTED
-
-
-def test_the_hold_failsafe_stays_up() -> None:
-    autopilot = offboard(5.0, COM_OBL_RC_ACT=5)
-    wait(autopilot, 30.0)
-    assert autopilot.airframe.position_m == pytest.approx((0.0, 0.0, 5.0), abs=0.02)
-
-
-def test_a_returning_stream_resumes_offboard() -> None:
-    autopilot = offboard(5.0, COM_OBL_RC_ACT=4)
-    wait(autopilot, 3.0)
-    assert mode_of(autopilot) is NavMode.LAND
-    stream(autopilot, PositionTarget((2.0, 0.0, 5.0)), 10.0)
-    assert mode_of(autopilot) is NavMode.OFFBOARD
-    assert autopilot.airframe.position_m == pytest.approx((2.0, 0.0, 5.0), abs=0.05)
 
 
 def test_a_returning_stream_takes_a_landed_vehicle_off_again() -> None:
@@ -418,22 +274,6 @@ def test_an_old_setpoint_is_not_flown_when_offboard_resumes() -> None:
     wait(autopilot, 0.16)  # the new one has not come through yet
     assert mode_of(autopilot) is NavMode.OFFBOARD
     assert autopilot.airframe.position_m[0] == pytest.approx(held_m, abs=1e-3)
-
-
-@pytest.mark.parametrize("keep_streaming", [False, True])
-def test_landing_out_of_offboard_leaves_the_vehicle_resting_in_offboard(keep_streaming: bool) -> None:
-    autopilot = offboard(3.0)
-    autopilot.select(NavMode.LAND)
-    while autopilot.armed:
-        if keep_streaming:
-            autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 3.0)))
-        wait(autopilot, 0.04)
-        assert mode_of(autopilot) is NavMode.LAND or not autopilot.armed
-    wait(autopilot, 2.0)
-    assert mode_of(autopilot) is NavMode.OFFBOARD
-    assert autopilot.arm() is CommandResult.REJECTED
-    autopilot.select(NavMode.HOLD)
-    assert autopilot.arm() is CommandResult.ACCEPTED
 
 
 def test_a_setpoint_below_the_ground_lands_and_disarms() -> None:

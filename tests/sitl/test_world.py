@@ -34,11 +34,6 @@ def test_the_target_sets_out_when_the_mission_does(subtests: pytest.Subtests) ->
             assert TARGET.position_m(time_s) == pytest.approx(place)
 
 
-def test_an_ideal_sensor_measures_the_truth_with_a_small_covariance() -> None:
-    sensor = SimulatedSensor(2, IDEAL, TARGET, start_s=100.0, seed=0)
-    assert sensor.sight(110.0, (30.0, 0.0)) == Sighting(110.0, 2, (36.0, -7.0), (1e-4, 0.0, 1e-4), 0.8, 0.2)
-
-
 @pytest.mark.parametrize(("distance", "seen"), [(14.99, True), (15.01, False)])
 def test_a_sensor_has_a_range(distance: float, seen: bool) -> None:
     sensor = SimulatedSensor(1, IDEAL, TARGET, 0.0, seed=0)
@@ -68,15 +63,6 @@ def test_noise_is_white_with_the_stated_covariance() -> None:
     assert np.cov(errors.T) == pytest.approx(np.eye(2) * 0.09, abs=0.09 * 4.0 * (2.0 / 4000) ** 0.5)
     assert np.corrcoef(errors[1:, 0], errors[:-1, 0])[0, 1] == pytest.approx(0.0, abs=4.0 / 4000**0.5)
     assert {one.covariance_m2 for one in seen} == {(0.09, 0.0, 0.09)}
-
-
-def test_noise_differs_by_seed_and_sensor_and_is_reproducible() -> None:
-    flights = [
-        look(SimulatedSensor(sensor, NOISY, TARGET, 0.0, seed), 2.0)
-        for sensor, seed in ((1, 7), (1, 7), (2, 7), (1, 8))
-    ]
-    assert flights[0] == flights[1]
-    assert flights[0][0].position_m not in {flights[2][0].position_m, flights[3][0].position_m}
 
 
 FIELD = TargetMotion(
@@ -137,10 +123,3 @@ def test_a_target_that_others_see_is_seen_by_no_simulated_sensor(source: str, se
     other = replace(mission, target=mission.target.model_copy(update={"source": source}))
     sensor = target_sensor(other, 2, 0.0, 0)
     assert len([1 for tick in range(100) if sensor.sight(tick / 10.0, other.target.start_m)]) == seen
-
-
-def test_a_vehicle_may_have_a_sensor_of_its_own() -> None:
-    mission = load_mission("case3-turns")
-    assert [mission.sensor(i).noise_m for i in mission.ids] == [0.5, 0.5, 1.0]
-    assert [mission.sensor(i).delay_s for i in mission.ids] == [0.3, 0.0, 0.0]
-    assert mission.sensor(3).outlier_share == mission.sensor(1).outlier_share == 0.05

@@ -20,7 +20,7 @@ from agents.control.encirclement import (
 from agents.control.lmpc import QpStatus
 from agents.ring.detour import MARGIN_M, Obstacle
 from agents.ring.feasibility import Orbit
-from agents.ring.place import RingPlace, chord_m, ring_place, spacing_errors_rad
+from agents.ring.place import RingPlace, ring_place, spacing_errors_rad
 from agents.ring.reference import RingPoint, RingReference, RingWay
 from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
@@ -384,16 +384,6 @@ def test_from_the_centre_and_from_afar_a_vehicle_reaches_the_ring(radius: float,
     assert flyer.plans[-1].approach is Approach.ORBIT
     assert np.abs(flown[:, 2]).max() < 3.0 * 1.02
     assert flown[-100:, 0] == pytest.approx(10.0, abs=0.1)
-
-
-def test_the_speed_limit_is_kept_on_a_plant_that_is_not_the_planners(make_config: Maker) -> None:
-    flown = fly([Flyer(make_config(), Polar(90.0, 2.0, 0.0, 0.0))], 40.0)[:, 0]
-    assert np.abs(flown[:, 2]).max() < 3.0 * 1.1
-
-
-@pytest.mark.parametrize(("members", "chord"), [(2, 20.0), (3, 10.0 * 3.0**0.5), (4, 10.0 * 2.0**0.5), (6, 10.0)])
-def test_the_chord_between_neighbours(members: int, chord: float) -> None:
-    assert chord_m(10.0, members) == pytest.approx(chord)
 
 
 def test_the_clearance_is_the_angle_of_the_separation(make_config: Maker) -> None:

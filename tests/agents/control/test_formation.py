@@ -136,13 +136,6 @@ def test_each_axis_is_planned_by_its_own_plant(make_config: Callable[..., AgentC
     assert one.aim_m[0] - 0.15 / 0.80 != pytest.approx(one.aim_m[1], abs=1e-2)
 
 
-def test_without_error_a_follower_asks_for_the_offset_alone(make_config: Callable[..., AgentConfig]) -> None:
-    line = mission_line(PLANT, (0.0, 0.0), 0.2, 5.0)
-    on_station = line.motion + np.array([0.0, -5.0, 0.0, 0.0])
-    plan = FormationPlanner(make_config(plant=PLANT)).plan(on_station, STILL, line, (0.0, -5.0))
-    assert plan.aim_m == pytest.approx(line.aim_m + np.array([0.0, -5.0]), abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("flying", "leader", "predecessors"),
     [
@@ -171,10 +164,3 @@ def test_whatever_the_line_everybody_follows_the_same_leader(slots: tuple[int, .
                 hops, seen = before, seen + 1
                 assert seen < size
             assert hops == leader
-
-
-def test_slots_lie_abreast_the_first_farthest_left(make_config: Callable[..., AgentConfig]) -> None:
-    config = make_config(slots=(4, 2, 9), formation={"spacing_m": 6.0})
-    assert config.slot_offset_m(4, 2) == (0.0, 6.0)
-    assert config.slot_offset_m(9, 2) == (0.0, -6.0)
-    assert config.slot_offset_m(9, 4) == (0.0, -12.0)

@@ -41,23 +41,6 @@ def test_who_leads_is_up_to_a_quarter_turn_ahead(
     assert leads((cos(bearing_rad), sin(bearing_rad)), place_m, direction) is does
 
 
-@given(
-    st.floats(-pi, pi), st.floats(5.0, 50.0), st.floats(0.0, 1.5), st.floats(0.0, 0.1), st.floats(1.0, 5.0), directions
-)
-def test_the_rate_at_the_headway_is_that_of_the_one_ahead(
-    bearing_rad: float, radius_m: float, nearer_m: float, rate_rad_s: float, headway_m: float, direction: float
-) -> None:
-    """At its headway a vehicle flies as fast as the one ahead; nearer no faster, farther away no slower."""
-    own = Polar(radius_m, bearing_rad, 0.0, direction * 0.05)
-    rates = []
-    for away_m in (headway_m - 0.5 * nearer_m, headway_m, headway_m + nearer_m):
-        ahead_rad = bearing_rad + direction * away_m / radius_m
-        ahead = Polar(radius_m + 0.1, ahead_rad, 0.0, direction * rate_rad_s)
-        rates.append(headway_rate_rad_s(own, [ahead], direction, headway_m))
-    assert rates == sorted(rates)
-    assert rates[1] == pytest.approx(rate_rad_s, abs=1e-9)
-
-
 def test_a_column_closes_up_to_the_headway_and_not_further() -> None:
     bearings = [0.0, 1.0, 1.35]
     for _ in range(600):

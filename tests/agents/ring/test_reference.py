@@ -1,13 +1,13 @@
 """References on a ring: their spacing against the modes of a ring in closed form, and within the bounds in between."""
 
 from collections.abc import Callable, Sequence
-from math import cos, inf, pi, tau
+from math import inf, pi, tau
 
 import numpy as np
 import pytest
 
 from agents.ring.feasibility import Orbit
-from agents.ring.place import scaled_gain_per_s, spacing_errors_rad
+from agents.ring.place import spacing_errors_rad
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import transition_of, transition_rate_rad_s
 from agents.settings.config import AgentConfig
@@ -46,23 +46,6 @@ def spacing_errors(bearings_rad: Vector) -> Vector:
     following = np.roll(bearings_rad, -1, axis=1)
     following[:, -1] += tau
     return np.asarray(following - bearings_rad - tau / bearings_rad.shape[1])
-
-
-@pytest.mark.parametrize("gain_per_s", [0.1, 0.2, 0.4])
-@pytest.mark.parametrize("members", [2, 3, 6, 12])
-def test_the_slowest_mode_decays_as_the_laplacian_of_the_ring_says(
-    members: int, gain_per_s: float, make_config: Maker
-) -> None:
-    # So small that no bound is active. Theory: (2 gamma / 3)(1 - cos(2 pi / n)), from (22) on an even ring.
-    mode = 1e-4 * np.cos(tau * np.arange(members) / members)
-    even = np.arange(members) * tau / members
-    config = make_config(encirclement={"spacing_gain_per_s": gain_per_s})
-    decay_per_s = 2.0 / 3.0 * scaled_gain_per_s(members, gain_per_s) * (1.0 - cos(tau / members))
-    errors = spacing_errors(turned(config, (even + mode).tolist(), 3.0 / decay_per_s)[..., 0])
-    size = np.linalg.norm(errors, axis=1)
-    skipped = round(2.0 / STEP_S)  # the jerk's bound lets the motion begin
-    fitted_per_s = -np.polyfit(np.arange(len(size) - skipped) * STEP_S, np.log(size[skipped:]), 1)[0]
-    assert fitted_per_s == pytest.approx(decay_per_s, rel=0.1)
 
 
 @pytest.mark.parametrize(

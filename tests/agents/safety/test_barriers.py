@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
+from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow
 from agents.safety.fence import Fence
 from estimation.vectors import Pair
 
@@ -86,17 +86,6 @@ def test_both_halves_together_make_the_whole_condition(
     assert condition(gap_m2(own, other, 3.0)) >= -0.02
 
 
-def test_who_is_too_near_is_told_to_go_and_who_is_far_may_come() -> None:
-    def demanded(x: float, speed_m_s: float = 0.0) -> float:
-        return apart(
-            (x, 0.0), (speed_m_s, 0.0), Body((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 3.0, False), RATE_PER_S, Cause.KEEP_OUT
-        ).least_m_s2
-
-    assert demanded(2.0) > 0.0 > demanded(10.0)
-    assert demanded(3.0) == pytest.approx(0.0)
-    assert demanded(5.0, -3.0) > demanded(5.0, 0.0) > demanded(5.0, 3.0)
-
-
 def test_two_in_one_place_get_a_demand_that_is_a_number() -> None:
     body = Body((2.0, 1.0), (0.5, 0.0), (0.0, 0.0), 3.0, shares=True)
     demand = apart((2.0, 1.0), (0.5, 0.0), body, RATE_PER_S, Cause.SEPARATION)
@@ -148,13 +137,3 @@ def test_meeting_the_demand_of_the_speed_limit_meets_its_condition_of_first_orde
 def test_slow_vehicles_have_no_speed_demand() -> None:
     assert list(slow((0.0, 0.0), 5.0, RATE_PER_S)) == []
     assert list(slow((2.4, 0.0), 5.0, RATE_PER_S)) == []
-
-
-def test_uncertainties_add_as_variances_do() -> None:
-    assert unsure_m(3.0, 0.3, 0.4) == pytest.approx(1.5)
-    assert unsure_m(0.0, 0.3, 0.4) == 0.0
-
-
-def test_causes_are_in_the_order_in_which_they_yield() -> None:
-    assert sorted(Cause) == [Cause.SPEED, Cause.KEEP_OUT, Cause.FENCE, Cause.SEPARATION, Cause.REACH]
-    assert [cause.words for cause in Cause] == ["speed", "keep out", "fence", "separation", "reach"]

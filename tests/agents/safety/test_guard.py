@@ -242,14 +242,6 @@ def test_a_solver_that_fails_makes_the_vehicle_stop(make_config: Maker, monkeypa
     assert setpoint == pytest.approx((0.1, 0.2))
 
 
-def test_two_in_one_place_do_not_divide_by_zero(make_config: Maker) -> None:
-    for velocity in (STILL, (1.0, -1.0)):
-        seen = situation(place=(2.0, 3.0), velocity=velocity)
-        guarded, setpoint = checked(make_config(), seen, (4.0, 3.0), [body((2.0, 3.0), velocity)])
-        assert np.isfinite(setpoint).all()
-        assert Cause.SEPARATION in guarded.causes
-
-
 # What yields first
 
 
@@ -330,25 +322,6 @@ def test_uncertainty_keeps_a_vehicle_farther_inside_the_fence(make_config: Maker
     for sigma_m in (0.0, 0.2):
         _, setpoint = checked(config, situation(place=(8.0, 0.0), sigma_m=sigma_m), (12.0, 0.0))
         assert setpoint[0] <= 10.0 - 3.0 * sigma_m + 1e-6
-
-
-def test_outside_the_fence_there_is_only_the_way_back(make_config: Maker) -> None:
-    config = make_config(safety={"fence_m": BOX})
-    guarded, setpoint = checked(config, situation(place=(12.0, 3.0)), (15.0, 3.0))
-    assert guarded.causes == (Cause.FENCE,)
-    assert setpoint[0] <= 10.0
-    assert setpoint[1] == pytest.approx(3.0)
-
-
-def test_who_does_not_share_is_avoided_with_twice_the_acceleration(make_config: Maker) -> None:
-    config = make_config()
-    seen = situation()
-    felt = {
-        shares: acceleration(config, seen, checked(config, seen, (0.0, 0.0), [body((2.5, 0.0), shares=shares)])[1])[0]
-        for shares in (True, False)
-    }
-    assert felt[False] == pytest.approx(2.0 * felt[True], abs=1e-6)
-    assert felt[True] < 0.0
 
 
 @pytest.mark.parametrize(

@@ -27,18 +27,3 @@ def test_the_nearest_point_in_half_planes_is_what_slsqp_finds(bounds: list[tuple
     assume((expected is None) is (narrower is None))  # a set of hardly any points is a matter of rounding
     point = nearest(wanted, RADIUS_M, planes)
     assert point is None if expected is None else point == pytest.approx(expected, abs=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("planes", "point"),
-    [
-        ([], (4.0, 3.0)),
-        ([((1.0, 0.0), 6.0)], None),
-        ([((1.0, 0.0), 1.0), ((-1.0, 0.0), -0.5)], None),
-        ([((1.0, 0.0), 4.5), ((1.0, 0.0), 4.2)], (4.5, (25.0 - 4.5**2) ** 0.5)),
-        ([((-1.0, 0.0), -1.0), ((0.0, -1.0), -2.0)], (1.0, 2.0)),
-    ],
-)
-def test_points_in_half_planes_by_name(planes: list[tuple[Pair, float]], point: Pair | None) -> None:
-    found = nearest((8.0, 6.0), 5.0, [HalfPlane(normal, least) for normal, least in planes])
-    assert found is None if point is None else found == pytest.approx(point)

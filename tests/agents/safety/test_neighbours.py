@@ -150,26 +150,6 @@ def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -
     assert team.lost(70.0, 60.0) == ()
 
 
-def test_who_is_heard_again_is_lost_no_more() -> None:
-    team = a_team()
-    team.hear(member(10.0))
-    for silent_s in (1.5, 2.5):
-        heard_s = team.members()[0].time_s + silent_s if team.members() else 10.0
-        team.expire(heard_s)
-        assert len(team.lost(heard_s, 60.0)) == 1
-        team.hear(member(heard_s))
-        assert (team.lost(heard_s, 60.0), team.members(), team.near()) == ((), (member(heard_s),), (member(heard_s),))
-
-
-@pytest.mark.parametrize("tactic", ["formation", "return and land", "land"])
-def test_who_says_good_bye_is_lost(tactic: str) -> None:
-    team = a_team()
-    team.hear(member(10.0, tactic))
-    team.forget(1)
-    assert team.members() == ()
-    assert len(team.lost(10.1, 60.0)) == 1
-
-
 def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_told_of_it() -> None:
     team = a_team()
     team.hear(member(10.0, "land"))

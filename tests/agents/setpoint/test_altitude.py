@@ -59,12 +59,6 @@ def test_what_nobody_tells_is_not_known() -> None:
     assert believed([told(None, each / 5.0) for each in range(20)]) is None
 
 
-def test_simultaneous_sightings_are_weighted_by_their_covariance() -> None:
-    heights_m, sigmas_m = np.array([5.0, 6.0, 4.4]), np.array([0.5, 1.0, 2.0])
-    mean_m = believed(told(*each) for each in zip(heights_m, [1.0] * 3, sigmas_m, strict=True))
-    assert mean_m == pytest.approx(np.average(heights_m, weights=sigmas_m**-2.0))
-
-
 def test_it_is_the_random_walk_that_fits_all_sightings_best(batch_mean: Callable[..., np.ndarray]) -> None:
     random = np.random.default_rng(4)
     times_s = np.cumsum(random.uniform(0.05, 0.6, 12))

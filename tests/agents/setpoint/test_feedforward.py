@@ -83,21 +83,6 @@ def test_the_velocity_is_the_one_the_plant_reaches_half_a_time_constant_later(ai
     assert (x_rate, y_rate) == pytest.approx(expected / length, abs=1e-3)
 
 
-def test_at_a_steady_speed_the_setpoint_is_where_the_vehicle_is() -> None:
-    even = Plant(PLANT.x, PLANT.x, 0.0, 1.0)
-    ahead_m = 1.2 * PLANT.x.a1_per_s / PLANT.x.a0_per_s2
-    setpoint_m, velocity = split((4.0 + ahead_m, 0.0), seen((4.0, 0.0), (1.2, 0.0)), plant=even)
-    assert setpoint_m == pytest.approx((4.0, 0.0))
-    assert velocity == pytest.approx((1.2, 0.0, 0.0))
-
-
-def test_what_the_guard_takes_from_the_aim_it_takes_from_the_velocity_as_well() -> None:
-    flying = seen((4.0, 0.0), (1.2, 0.0))
-    speeds_m_s = [split((aim_m, 0.0), flying)[1][0] for aim_m in (5.0, 4.5, 4.0, 3.0)]
-    assert np.diff(speeds_m_s).max() < -0.1
-    assert speeds_m_s[-1] < 0.2
-
-
 @pytest.mark.parametrize(("status", "velocity"), [(GuardStatus.BRAKED, None), (GuardStatus.PASSED, STILL)])
 def test_who_brakes_or_stays_is_sent_no_velocity(status: GuardStatus, velocity: Pair | None) -> None:
     sent = split((5.0, 1.0), seen(speed=(1.0, 1.0)), status, velocity=velocity)

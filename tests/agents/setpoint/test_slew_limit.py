@@ -11,7 +11,6 @@ from agents.control.plan import Plan
 from agents.inputs import Message, TacticEvent
 from agents.setpoint.slew_limit import SlewLimit
 from agents.settings.config import AgentConfig
-from agents.settings.sections import SafetySettings
 from agents.tactics import Event, Tactic
 from agents.team.messages import MemberState
 from estimation.state import Sighting
@@ -48,11 +47,6 @@ def test_identification_steps_and_setpoints_without_effect_are_not_limited(tacti
     increment = SlewLimit(make_config())
     increment.sent(np.zeros(2))
     assert increment.bounded(tactic, plan(9.0, 9.0)).aim_m.tolist() == [9.0, 9.0]
-
-
-def test_unless_told_otherwise_setpoints_move_twice_as_fast_as_vehicles() -> None:
-    assert SafetySettings(speed_max_m_s=3.0).setpoint_speed_bound_m_s == 6.0
-    assert SafetySettings(speed_max_m_s=3.0, setpoint_speed_max_m_s=4.0).setpoint_speed_bound_m_s == 4.0
 
 
 def test_a_target_that_jumps_moves_no_setpoint_far_but_another_vehicle_does(make_config: Maker) -> None:

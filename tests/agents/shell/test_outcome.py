@@ -5,10 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from agents.safety.descent import Descent
-from agents.safety.failsafe import Condition
 from agents.shell.life import Phase
-from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop, outcome_of
+from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
 from tests.support.fake_flight import FakeFlight
 from tests.support.simulated_loop import run_simulated
 
@@ -57,14 +55,6 @@ def test_what_ended_the_flight_is_its_outcome(cause: str) -> None:
     assert outcome.flew
 
 
-def test_the_first_cause_counts() -> None:
-    def return_then_land(flight: FakeFlight) -> None:
-        flight.command("rtl")
-        flight.command("land")
-
-    assert ended(return_then_land).reason == "rtl by test"
-
-
 def test_a_mission_that_is_over_while_the_vehicle_comes_down_was_not_completed() -> None:
     def return_at_last(flight: FakeFlight) -> None:
         assert flight.agent.start_s is not None
@@ -80,13 +70,6 @@ def test_a_vehicle_that_resumed_completes_its_mission() -> None:
         flight.command("resume")
 
     assert ended(abort_and_resume) == Outcome(Ending.COMPLETED, flew=True)
-
-
-def test_every_condition_is_a_failsafe_and_those_of_the_battery_are_the_battery() -> None:
-    of_battery = {each.value for each in Condition if "battery" in each.value or "home" in each.value}
-    for condition in Condition:
-        expected = Ending.BATTERY if condition.value in of_battery else Ending.FAILSAFE
-        assert outcome_of(Descent(condition.value)) == Outcome(expected, condition.value)
 
 
 def test_a_stop_keeps_the_reason_of_its_first_request() -> None:

@@ -106,22 +106,6 @@ def test_a_link_that_is_cut_is_reported_within_a_second() -> None:
     run_simulated(main())
 
 
-def test_a_mode_and_an_end_are_reported_at_once() -> None:
-    async def main() -> None:
-        flight = FakeFlight()
-        listener = Listener(flight)
-        await flight.begin(60.0)
-        await flight.until(Phase.FLYING)
-        await asyncio.sleep(5.3)
-        flight.command("kill")
-        await asyncio.sleep(0.25)
-        assert listener.newest.ended == "killed: an operator had its motors cut", "what ends is said without a wait"
-        assert not listener.newest.armed
-        await flight.outcome()
-
-    run_simulated(main())
-
-
 def test_an_end_is_reported_at_once_where_nothing_else_changes() -> None:
     async def main() -> None:
         flight = FakeFlight()

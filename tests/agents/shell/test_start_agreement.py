@@ -77,23 +77,6 @@ def test_no_start_is_proposed_before_all_members_were_received_recently() -> Non
     assert readiness.message(1.4) == StartProposal(1, 1.4, 4.0)  # a whole second, 2 s ahead at least
 
 
-def test_the_earliest_proposal_stands_even_when_its_sender_falls_silent() -> None:
-    readiness = TeamReadiness(1, MEMBERS)
-    readiness.receive(StartProposal(2, 5.0, 7.0))
-    readiness.receive(StartProposal(3, 5.1, 6.9))
-    readiness.receive(StartProposal(2, 5.2, 7.0))
-    assert readiness.start_s == 6.9
-    assert readiness.message(6.5) == StartProposal(1, 6.5, 6.9)
-
-
-@pytest.mark.parametrize("sender", [1, 4])
-def test_only_the_other_members_are_listened_to(sender: int) -> None:
-    readiness = TeamReadiness(1, MEMBERS)
-    readiness.receive(StartProposal(sender, 0.0, 1.0))
-    assert readiness.start_s is None
-    assert readiness.missing(0.0) == [2, 3]
-
-
 def test_a_late_message_does_not_make_a_peer_older() -> None:
     readiness = TeamReadiness(1, (1, 2))
     readiness.receive(StartProposal(2, 5.0, None))
@@ -197,12 +180,6 @@ def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
         assert [(told.sender, told.start_s, told.ready) for told in air.said] == [(1, start_s, True)] * 2
 
     asyncio.run(late())
-
-
-def test_a_late_member_joins_at_the_start_that_it_receives() -> None:
-    comer = TeamReadiness(2, (1, 2, 3))
-    comer.receive(StartProposal(1, 500.0, 102.0))
-    assert comer.start_s == 102.0
 
 
 @pytest.mark.parametrize(

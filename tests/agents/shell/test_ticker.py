@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from agents.shell.ticker import Ticker, TickerStatistics, first_deadline_s
+from agents.shell.ticker import Ticker, first_deadline_s
 
 
 class FakeClock:
@@ -61,25 +61,7 @@ async def test_late_sleeps_never_add_up() -> None:
     assert statistics.late_max_s == pytest.approx(0.01, rel=1e-6)
 
 
-async def test_sleeps_are_in_wall_seconds() -> None:
-    clock = FakeClock(speed=10.0)
-    ticker = ticker_on(clock)
-    await ticker.next()
-    await ticker.next()
-    assert max(clock.slept_wall_s) == pytest.approx(0.01)
-
-
-async def test_a_tick_less_than_a_period_late_is_kept() -> None:
-    clock = FakeClock()
-    ticker = ticker_on(clock)
-    await ticker.next()
-    clock.work(0.199)
-    tick = await ticker.next()
-    assert (tick.index, tick.skipped) == (1, 0)
-    assert tick.late_s == pytest.approx(0.099)
-
-
-@pytest.mark.parametrize(("work_s", "index"), [(0.201, 2), (0.35, 3), (10.05, 100)])
+@pytest.mark.parametrize(("work_s", "index"), [(0.199, 1), (0.201, 2), (0.35, 3), (10.05, 100)])
 async def test_whole_periods_late_are_counted_and_skipped(work_s: float, index: int) -> None:
     clock = FakeClock()
     ticker = ticker_on(clock)
@@ -95,14 +77,6 @@ async def test_whole_periods_late_are_counted_and_skipped(work_s: float, index: 
     assert ticker.statistics.ticks == 3
 
 
-async def test_a_sleep_that_oversleeps_by_periods_is_a_miss_too() -> None:
-    clock = FakeClock(overshoot_wall_s=0.25)
-    ticker = ticker_on(clock)
-    await ticker.next()
-    tick = await ticker.next()
-    assert (tick.index, tick.skipped) == (3, 2)
-
-
 async def test_a_late_ticker_still_gives_way() -> None:
     clock = FakeClock()
     ticker = ticker_on(clock)
@@ -110,10 +84,6 @@ async def test_a_late_ticker_still_gives_way() -> None:
         await ticker.next()
         clock.work(1.0)
     assert len(clock.slept_wall_s) == 3
-
-
-def test_statistics_before_the_first_tick_are_zero() -> None:
-    assert ticker_on(FakeClock()).statistics == TickerStatistics()
 
 
 @pytest.mark.parametrize("period_s", [0.0, -1.0, float("nan")])

@@ -33,14 +33,6 @@ def centres(blend: TargetBlend, until_s: float = 120.0) -> list[tuple[float, Vec
     return found
 
 
-def test_a_target_in_sight_is_the_centre_itself(make_config: Maker) -> None:
-    blend = TargetBlend(make_config())
-    seen = estimate(1.0, 1.0, np.array([1.0, 2.0, 3.0, 4.0]))
-    assert blend.centre(seen, 1.0) is seen.mean
-    assert not blend.catching_up
-    assert blend.centre(None, 1.1) is None
-
-
 def test_the_centre_catches_up_without_a_jump_and_is_then_the_target_again(make_config: Maker) -> None:
     found = centres(TargetBlend(make_config(encirclement={"speed_max_m_s": 4.0})))
     after = [(now_s, centre) for now_s, centre in found if now_s >= BACK_S - PERIOD_S]

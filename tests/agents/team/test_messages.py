@@ -173,14 +173,6 @@ def test_a_decoded_report_is_within_half_a_unit(report: VehicleReport) -> None:
         Sighting(0.0, 1, again.target.position_m, again.target.covariance_m2, 0.5, 0.5)  # still positive definite
 
 
-def test_a_reported_covariance_stays_positive_definite() -> None:
-    narrow = TargetReport((0.0, 0.0), (0.0, 0.0), (1.4e-6, 1.39e-6, 1.4e-6), 0.0)
-    again = decode(encode(structs.replace(REPORT, target=narrow)))
-    assert isinstance(again, VehicleReport)
-    assert again.target is not None
-    Sighting(0.0, 1, (0.0, 0.0), again.target.covariance_m2, 0.5, 0.5)
-
-
 def test_a_state_fits_a_slow_radio() -> None:
     """Eight vehicles that send ten times a second share 57600 baud, of ten bits a byte."""
     here, still = (-123.456, 78.901), (-1.234, 0.567)
@@ -235,38 +227,6 @@ def test_every_number_is_bounded(subtests: pytest.Subtests) -> None:
                         for inner in range(len(value)):
                             spoilt = [*value[:inner], wrong, *value[inner + 1 :]]
                             assert refused(msgspec.msgpack.encode([tag, *values[:index], spoilt, *values[index + 1 :]]))
-
-
-def test_bounds_by_hand(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[BusMessage, int, object], ...] = (
-        (MEMBER, 1, 0),
-        (MEMBER, 1, 255),
-        (MEMBER, 2, -0.1),
-        (MEMBER, 3, len(Tactic)),
-        (MEMBER, 4, 10**9 + 1),
-        (MEMBER, 4, 1.5),
-        (MEMBER, 6, 10**6 + 1),
-        (MEMBER, 13, -1),
-        (MEMBER, 14, "x" * 33),
-        (ANGLE, 3, 7.01),
-        (ANGLE, 5, -0.01),
-        (TARGET, 5, 1.01),
-        (TARGET, 6, -0.01),
-        (TARGET, 7, [0]),
-        (MUSTER, 0, "mustard"),
-        (REPORT, 1, 255),
-        (REPORT, 3, "x" * 33),
-        (REPORT, 7, 7001),
-        (REPORT, 8, 10**4 + 1),
-        (REPORT, 15, "x" * 121),
-        (REPORT, 17, "x" * 121),
-        (REPORT, 18, -1),
-    )
-    for message, index, wrong in rows:
-        with subtests.test(message=message, index=index, wrong=wrong):
-            values = fields(message)
-            values[index] = wrong
-            assert refused(msgspec.msgpack.encode(values))
 
 
 @pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)

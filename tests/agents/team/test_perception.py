@@ -53,10 +53,6 @@ def test_an_altitude_is_above_the_missions_origin_in_either_frame(frame: dict[st
     assert (sighting.altitude_m, sighting.altitude_sigma_m) == (-3.5, 0.2)
 
 
-def test_one_without_a_time_is_of_now() -> None:
-    assert take({"time_s": ...})[0].time_s == NOW_S
-
-
 def test_a_geodetic_one_is_turned_into_the_missions_frame_with_its_covariance() -> None:
     """With x east and y north: by hand, on a sphere of the Earth's curvature here."""
     sighting, _, _ = take(

@@ -124,9 +124,3 @@ def test_a_reference_goes_on_at_its_rate_across_the_wrap(off_m: float, goes: boo
 def test_a_ring_that_is_less_and_a_reference_that_ends_do_not_go_on(changes: dict[str, Any]) -> None:
     assert not place_goes_on(PLACE, replace(PLACE, **changes))
     assert not place_goes_on(replace(PLACE, **changes), PLACE)
-
-
-def test_off_the_ring_there_is_no_place() -> None:
-    assert place_goes_on(None, None)
-    assert not place_goes_on(None, PLACE)
-    assert not place_goes_on(PLACE, None)

@@ -44,16 +44,6 @@ def test_what_was_said_too_long_ago_is_dropped() -> None:
     assert team.members() == ()
 
 
-def test_a_peer_that_left_is_forgotten_at_once() -> None:
-    team = a_team()
-    team.hear(member(1, 10.0, "encircle"))
-    team.ring.hear(angle(1, 10.0))
-    team.forget(1)
-    team.forget(9)
-    assert team.members() == ()
-    assert team.ring.bearings_rad(10.0, 0.0) == []
-
-
 def test_bearings_go_on_at_the_rate_of_the_ring() -> None:
     team = a_team()
     team.ring.hear(angle(1, 10.0, 0.5))

@@ -15,10 +15,6 @@ def channel(seed: int = 0, **spec: object) -> Channel:
     return Channel(radio, Air(radio.bytes_s), (seed,))
 
 
-def arrivals(channel: Channel, until_s: float, step_s: float = 0.001) -> list[float]:
-    return [time_s for time_s in np.arange(0.0, until_s, step_s).tolist() for _ in channel.arrived(time_s)]
-
-
 def test_a_frame_takes_ten_bits_a_byte_and_the_latency() -> None:
     radio = channel(baud=57600, latency_ms=60.0)
     radio.send(FRAME, 1.0)
@@ -98,13 +94,3 @@ def test_noise_turns_one_bit_of_so_many_bytes() -> None:
         turned = np.append(turned, np.frombuffer(radio.arrived(float(index))[0], np.uint8))
     assert np.count_nonzero(turned) / turned.size == pytest.approx(0.01, abs=4.0 * sqrt(0.01 / turned.size))
     assert {int(byte).bit_count() for byte in turned} == {0, 1}
-
-
-def test_one_seed_gives_the_same_and_another_others() -> None:
-    def flown(seed: int) -> list[bytes]:
-        radio = channel(seed, baud=57600, jitter_ms=50.0, loss=0.2, noise=0.01)
-        for index in range(300):
-            radio.send(FRAME, 0.02 * index)
-        return [frame for index in range(320) for frame in radio.arrived(0.02 * index)]
-
-    assert flown(1) == flown(1) != flown(2)

@@ -1,1 +1,1 @@
-"""Helpers for tests and experiments of the operator's page: stations, their pictures, a browser, and measurements."""
+"""Helpers for tests and experiments of the operator's page: stations, their pictures, and a browser."""
