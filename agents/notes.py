@@ -25,7 +25,7 @@ class TacticChange(msgspec.Struct, frozen=True):
 
 
 class AlertChange(msgspec.Struct, frozen=True):
-    """A condition of the failsafe table begins, reaches a graver reaction, or is over."""
+    """A condition of the failsafe table begins, reaches the next reaction, or is over."""
 
     kind: ClassVar[Kind] = "failsafe"
     condition: str
