@@ -28,7 +28,7 @@ COMPILED = (
     "agents/setpoint",
     "agents/situation",
     "agents/team/clock_watch.py",
-    "agents/team/credibility.py",
+    "agents/team/consistency_check.py",
     "agents/team/ring_members.py",
     "agents/team/send_rate.py",
     "agents/team/team.py",

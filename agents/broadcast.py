@@ -1,8 +1,8 @@
 """The messages that a vehicle sends to its peers, made from its estimates and its plan."""
 
+from agents.command_handler import Reshaping
 from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
-from agents.orders import Reshaping
 from agents.outputs import Outgoing
 from agents.settings.config import AgentConfig
 from agents.situation.own_sensor import OwnSensor

@@ -11,6 +11,7 @@ from typing import Any
 from mypy_extensions import mypyc_attr
 
 from agents.broadcast import Broadcast, command_answer, received_sighting
+from agents.command_handler import CommandHandler, Reshaping
 from agents.control.aims import shifted
 from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
@@ -33,14 +34,13 @@ from agents.inputs import (
     TimeScale,
 )
 from agents.notes import Notes, ResumeRefusal, ShapeChange, TacticChange
-from agents.orders import Orders, Reshaping
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Connection, Setpoint
-from agents.safety.descent import Descent
 from agents.safety.failsafe import POSITION_ALERTS, Condition
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
+from agents.safety.landing_cause import LandingCause
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.safety.reported_faults import LOST
 from agents.setpoint.altitude import Altitude
@@ -54,7 +54,7 @@ from agents.situation.situation import Situation
 from agents.situation.task import Task
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
 from agents.team.clock_watch import ClockWatch
-from agents.team.credibility import Credibility, Limits
+from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, sightings_of
 from agents.team.team import Team
@@ -69,10 +69,10 @@ class VehicleCore:
         self._config = config
         clocks = ClockWatch()
         self._notes = Notes()
-        self._team = Team(Credibility(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
+        self._team = Team(ConsistencyCheck(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
-        self.orders = Orders(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
+        self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
         self._estimator = Estimator(config)
         self._own_sensor = OwnSensor(config)
         self._broadcast = Broadcast(config, self._team, self._own_sensor)
@@ -87,7 +87,7 @@ class VehicleCore:
         self._yaw = Yaw(config)
         self._altitude = Altitude(config)
         self._tactic = Tactic.STANDBY
-        self.descent: Descent | None = None  # why it lands before its mission's end
+        self.landing_cause: LandingCause | None = None  # why it lands before its mission's end
         self._layer_m = config.take_off_altitude_m
         self._start_s = inf
         self._formed_s: float | None = None
@@ -132,8 +132,8 @@ class VehicleCore:
     def _carry_out(self, now_s: float) -> None:
         """Carry out an operator's order that has become due: the landing after an abort's hover."""
         self._now_s = now_s
-        if (event := self.orders.due(self._tactic, now_s)) is not None:
-            self._change(event, descent=Descent(verb="abort"))
+        if (event := self.commands.due(self._tactic, now_s)) is not None:
+            self._change(event, cause=LandingCause(verb="abort"))
 
     def _estimate(self, now_s: float) -> Situation | None:
         """Estimate the motion of vehicle and target, and update the team; None before any telemetry."""
@@ -152,7 +152,7 @@ class VehicleCore:
         for change in self._failsafe.news():
             self._notes.add(situation.now_s, change)
         if event is not None:
-            self._change(event, descent=Descent(self.alert))
+            self._change(event, cause=LandingCause(self.alert))
         self._follow_mission(situation)
         self._layer_m = self._chosen_layer_m(situation)
         return Task(self._tactic, situation, self._layer_m, self._team.members())
@@ -177,13 +177,16 @@ class VehicleCore:
 
     def _kept_apart(self, situation: Situation, aim_m: Vector) -> Guarded:
         """Guard an aim against the vehicles that it could bring too close; if that changes it, against all near."""
-        lost, doubts = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s), self._team.doubts
+        lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
+        inconsistencies = self._team.inconsistencies
         near = self._team.near()
-        exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubts) else near
-        guarded = self._guard.check(situation, aim_m, self._neighbours.bodies(situation, exposed, lost, doubts))
+        exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or inconsistencies) else near
+        guarded = self._guard.check(
+            situation, aim_m, self._neighbours.bodies(situation, exposed, lost, inconsistencies)
+        )
         if guarded.aim_m is aim_m or len(exposed) == len(near):
             return guarded
-        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, doubts))
+        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, inconsistencies))
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
         """Make the setpoint from the guarded aim; record and publish what is sent."""
@@ -223,7 +226,7 @@ class VehicleCore:
             target_altitude_m=self._altitude.target_m,
             turning_rad_s=self._estimator.ring_frequency_rad_s,
         )
-        return TickOutput(setpoint, (*map(command_answer, self.orders.answers(now_s)), *messages), status)
+        return TickOutput(setpoint, (*map(command_answer, self.commands.answers(now_s)), *messages), status)
 
     # Parts of the stages
 
@@ -253,8 +256,8 @@ class VehicleCore:
                 return config.altitude_m
         return self._layer_m
 
-    def _change(self, event: Event, because: str = "", descent: Descent | None = None) -> None:
-        """Change the tactic by the table, unless a failsafe refuses to resume; `descent` is why the vehicle lands."""
+    def _change(self, event: Event, because: str = "", cause: LandingCause | None = None) -> None:
+        """Change the tactic by the table, unless a failsafe refuses to resume; `cause` is why the vehicle lands."""
         if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
             self._notes.add(self._now_s, ResumeRefusal(reason))
             return
@@ -264,7 +267,7 @@ class VehicleCore:
             return
         self._notes.add(self._now_s, TacticChange(self._tactic.value, after.value, event.value), because)
         self._tactic = after
-        self.descent = (self.descent or descent) if after in (Tactic.RETURN_AND_LAND, Tactic.LAND) else None
+        self.landing_cause = (self.landing_cause or cause) if after in (Tactic.RETURN_AND_LAND, Tactic.LAND) else None
         if event is Event.RESUME:
             self._failsafe.resume()
         if event is Event.PILOT_TOOK_OVER:
@@ -340,7 +343,7 @@ class VehicleCore:
         self._fault_detector.computer_short_of = item.short_of
 
     def _take_ground(self, item: Ground) -> None:
-        self.orders.lacks = item.lacks
+        self.commands.lacks = item.lacks
 
     def _take_telemetry(self, telemetry: Telemetry) -> None:
         self._estimator.measure(telemetry)
@@ -379,7 +382,7 @@ class VehicleCore:
         self._command(item.command, item.now_s)
 
     def _take_killed(self, item: Killed) -> None:
-        self.orders.on_killed(item.refusal, item.now_s)
+        self.commands.on_killed(item.refusal, item.now_s)
 
     def _take_presence(self, item: Presence) -> None:
         if not item.present:
@@ -387,10 +390,10 @@ class VehicleCore:
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
-        if (event := self.orders.take(command, self._tactic, now_s, self._failsafe.refuse_resume())) is not None:
-            self._change(event, descent=Descent(verb=command.verb, origin=command.origin))
-        if self.orders.reshaping is not None:
-            self._reshape(self.orders.reshaping)
+        if (event := self.commands.take(command, self._tactic, now_s, self._failsafe.refuse_resume())) is not None:
+            self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
+        if self.commands.reshaping is not None:
+            self._reshape(self.commands.reshaping)
 
     def _receive_sightings(self, message: BusMessage) -> None:
         for package in sightings_of(message):

@@ -81,9 +81,11 @@ class FaultDetector:
             self._check_peers(faults, gone_s)
         if self._clocks.off or self._drifted_s or now_s >= self._compare_s:
             self._check_clocks(faults, now_s, time_scale)
-        if doubts := self._team.doubts:
-            since_s = min(doubt.since_s for doubt in doubts.values())
-            detail = ", ".join(f"vehicle {sender} {doubt.why}" for sender, doubt in sorted(doubts.items()))
+        if inconsistencies := self._team.inconsistencies:
+            since_s = min(inconsistency.since_s for inconsistency in inconsistencies.values())
+            detail = ", ".join(
+                f"vehicle {sender} {inconsistency.why}" for sender, inconsistency in sorted(inconsistencies.items())
+            )
             faults[Condition.PEER_DOUBTFUL] = Symptom(since_s, detail)
         x, y = situation.own.mean.item(0), situation.own.mean.item(1)
         if self._fence is not None and not self._fence.contains((x, y)):

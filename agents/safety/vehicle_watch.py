@@ -25,7 +25,7 @@ PAUSE = 4.0
 """After this many usual intervals without a change the measured discharge rate is invalid."""
 
 
-def way_home_s(
+def return_duration_s(
     config: AgentConfig,
     place_m: tuple[float, float],
     height_m: float,
@@ -214,6 +214,6 @@ class VehicleWatch:
     def _compare(self, faults: dict[Condition, str], situation: Situation, left_s: float) -> None:
         x, y = situation.own.mean[POSITION].tolist()
         w_x, w_y = situation.own.mean[DISTURBANCE].tolist()
-        way_s = way_home_s(self._config, (x, y), situation.height_m, (w_x, w_y))
+        way_s = return_duration_s(self._config, (x, y), situation.height_m, (w_x, w_y))
         if left_s < way_s + self._config.failsafe.reserve_s:
             faults[Condition.NO_WAY_HOME] = f"{left_s:.0f} s of flight left, the flight home takes {way_s:.0f} s"

@@ -207,7 +207,7 @@ class Agent:
 
     def _act_on_orders(self) -> None:
         """Execute orders that do not wait for a tick; a vehicle that waits on the ground answers here."""
-        orders = self._core.orders
+        orders = self._core.commands
         if self._phase is Phase.GROUND and (orders.starts or orders.lacks is not None):
             self._loop.tick_only()
         if orders.kills:
@@ -382,7 +382,7 @@ class Agent:
         self._outcome = outcome
 
     def _report_land_decision(self) -> None:
-        self._report(outcome_of(self._core.descent))
+        self._report(outcome_of(self._core.landing_cause))
 
     def _report_refusal(self) -> None:
         if self._refusal is not None:

@@ -4,8 +4,8 @@ import asyncio
 from dataclasses import dataclass
 from enum import Enum
 
-from agents.safety.descent import Descent
 from agents.safety.failsafe import Condition
+from agents.safety.landing_cause import LandingCause
 
 
 class Ending(Enum):
@@ -41,13 +41,13 @@ FAILED = Outcome(Ending.FAILED)
 _BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BATTERY_CRITICAL, Condition.NO_WAY_HOME))
 
 
-def outcome_of(descent: Descent | None) -> Outcome:
+def outcome_of(landing_cause: LandingCause | None) -> Outcome:
     """Return the outcome of a vehicle that landed; None means at the end of its mission."""
-    if descent is None:
+    if landing_cause is None:
         return Outcome(Ending.COMPLETED)
-    if descent.verb:
-        return Outcome(Ending.ABORTED if descent.verb == "abort" else Ending.STOPPED, descent.reason)
-    return Outcome(Ending.BATTERY if descent.condition in _BATTERY else Ending.FAILSAFE, descent.reason)
+    if landing_cause.verb:
+        return Outcome(Ending.ABORTED if landing_cause.verb == "abort" else Ending.STOPPED, landing_cause.reason)
+    return Outcome(Ending.BATTERY if landing_cause.condition in _BATTERY else Ending.FAILSAFE, landing_cause.reason)
 
 
 class Stop:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import hypot, inf
 
 from agents.tactics import Tactic
-from agents.team.credibility import Credibility, Doubt
+from agents.team.consistency_check import ConsistencyCheck, Inconsistency
 from agents.team.messages import TOPICS, MemberState
 from agents.team.ring_members import RingMembers
 from agents.team.send_rate import task_goes_on
@@ -30,9 +30,9 @@ class Team:
     while its task is unchanged, so that the cost of a tick does not grow with their number.
     """
 
-    def __init__(self, credibility: Credibility) -> None:
+    def __init__(self, consistency: ConsistencyCheck) -> None:
         """Take the consistency check of states."""
-        self._credibility = credibility
+        self._consistency = consistency
         self._members: dict[int, MemberState] = {}
         self._all: tuple[MemberState, ...] | None = None
         self._waiting: dict[int, MemberState] = {}
@@ -74,7 +74,7 @@ class Team:
             self._waiting.pop(sender, None)
         known = self._members.get(sender)
         fresh = known is not None and state.time_s - known.time_s <= _SILENT_S
-        if self._credibility.accepts(state, known=fresh) and (known is None or state.time_s > known.time_s):
+        if self._consistency.accepts(state, known=fresh) and (known is None or state.time_s > known.time_s):
             self._members[sender] = state
             self._all = self._near = None
             if self._silent:
@@ -119,8 +119,8 @@ class Team:
             self._oldest_s = min((m.time_s for m in self._members.values()), default=inf)
         if self.ring.oldest_s < gone_s:
             self.ring.expire(gone_s)
-        if self._credibility.contested:
-            self._credibility.expire(now_s, time_scale)
+        if self._consistency.contested:
+            self._consistency.expire(now_s, time_scale)
 
     def in_formation(self) -> Iterable[int]:
         """Return the ids of the peers that fly in formation."""
@@ -144,17 +144,17 @@ class Team:
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
         """Return the last state of every peer that fell silent less than `for_s` ago, in flight or landed.
 
-        The states of other claims about peers are included (`Credibility.elsewhere`).
+        The states of other tracks about peers are included (`ConsistencyCheck.elsewhere`).
         """
-        if not (self._lost or self._silent or self._credibility.contested):
+        if not (self._lost or self._silent or self._consistency.contested):
             return ()
         silent = [*self._silent.values(), *self._lost.values()]
-        return (*(each for each in silent if now_s - each.time_s < for_s), *self._credibility.elsewhere())
+        return (*(each for each in silent if now_s - each.time_s < for_s), *self._consistency.elsewhere())
 
     @property
-    def doubts(self) -> Mapping[int, Doubt]:
+    def inconsistencies(self) -> Mapping[int, Inconsistency]:
         """The peers whose states contradict each other."""
-        return self._credibility.doubts if self._credibility.contested else {}
+        return self._consistency.inconsistencies if self._consistency.contested else {}
 
     @property
     def gone_s(self) -> dict[int, float]:

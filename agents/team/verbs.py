@@ -1,6 +1,7 @@
 """The operators' verbs: one row for each, which vehicles, keyboard, command line, page and keys read.
 
-What a verb does besides its event is in `agents/orders.py`. This module imports nothing heavy, as `cordon --help` does.
+What a verb does besides its event is in `agents/command_handler.py`. This module imports nothing heavy: the help of
+`cordon` reads it.
 """
 
 from collections.abc import Mapping

@@ -9,7 +9,7 @@ from estimation.state import Sighting, Telemetry
 from gcs.link.config import LinkConfig, full_rates
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.mission.mission import Mission, TargetSection
 
 TARGET_VEHICLE = 20000
@@ -37,7 +37,7 @@ class TargetVehicle:
         if target.source == "mavlink" and target.url is not None and target.system_id is not None:
             frame, origin_m = mission.mission_frame(), (*target.start_m, 0.0)
             key = signing_keys.get(target.system_id)
-            pace = Pace(full_rates(mission.link, mission.mission.rate_hz))
+            pace = RateController(full_rates(mission.link, mission.mission.rate_hz))
             config = LinkConfig(target.url, target.system_id, frame, pace, origin_m, signing_key=key)
             self._link = MavsdkLink(hub, config, clock)
         self._agents = agents

@@ -26,7 +26,7 @@ from gcs.keys.team_keys import TeamKeys
 from gcs.link.config import LinkConfig, link_paces
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.metrics.ending import How, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
@@ -145,7 +145,7 @@ class Team:
             agent = self._agent(vehicle, link, buses[vehicle.id], heartbeat(vehicle.id))
             self.members.append(Member(vehicle, link, agent))
 
-    def _link(self, vehicle: MissionVehicle, hub: MavsdkHub, pace: Pace) -> CheckedLink:
+    def _link(self, vehicle: MissionVehicle, hub: MavsdkHub, pace: RateController) -> CheckedLink:
         mission, clock = self.plan.mission, self.clock
         config = LinkConfig(
             vehicle.section.url,

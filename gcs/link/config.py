@@ -6,7 +6,7 @@ from estimation.frames import MissionFrame, Triple
 from gcs.autopilots.registry import known_as
 from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
 from gcs.link.rates.budget import EXTERNAL_HZ
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.mission.links import LinkSection, SharedLinkSection, capacity_bytes_s
 from gcs.mission.mission import Mission
@@ -26,7 +26,7 @@ class LinkConfig:
     url: str
     system_id: int
     frame: MissionFrame
-    pace: Pace = field(default_factory=lambda: Pace(full_rates(LinkSection(), 20.0)))
+    pace: RateController = field(default_factory=lambda: RateController(full_rates(LinkSection(), 20.0)))
     origin_m: Triple = (0.0, 0.0, 0.0)
     heartbeat_timeout_s: float = 10.0
     ready_timeout_s: float = 60.0
@@ -41,17 +41,17 @@ def full_rates(link: LinkSection, loop_hz: float) -> Rates:
     return Rates(link.telemetry_rate_hz, link.status_rate_hz, setpoint_hz, link.attitude_rate_hz)
 
 
-def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, Pace]:
+def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, RateController]:
     """Return the pace of each connection, by its url; with `truth` simulators' true motions are requested."""
     link, vehicles = mission.link, mission.vehicles
     shared = {each.url: each for each in mission.links.values()}
     full = full_rates(link, mission.mission.rate_hz)
 
-    def pace(url: str) -> Pace:
+    def pace(url: str) -> RateController:
         own = shared.get(url) or SharedLinkSection(url=url)
         capacity = capacity_bytes_s(url, own.bytes_per_s or link.bytes_per_s)
         carried = [vehicle for vehicle in vehicles if vehicle.section.url == url]
-        return Pace(
+        return RateController(
             # More attitudes would fill a slow connection and arrive late, and the clock would appear fast.
             full if capacity is None else replace(full, clock_hz=full.status_hz),
             len(carried),

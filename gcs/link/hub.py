@@ -19,7 +19,7 @@ from agents.shell.clock import MissionClock
 from gcs.autopilots.registry import AUTOPILOTS, advice
 from gcs.link.feed import Postbox
 from gcs.link.ports.urls import require_usable
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Traffic
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
@@ -107,7 +107,7 @@ class MavsdkHub:
         url = self._vehicles.get(system_id)
         return self._relays[url][0].report(system_id) if url in self._relays else LinkReport()
 
-    def set_pace(self, url: str, pace: Pace, speed: float) -> None:
+    def set_pace(self, url: str, pace: RateController, speed: float) -> None:
         """Set a connection's pace of sending; the mission clock runs `speed` times as fast as the wall's."""
         if pace.is_bound and url in self._relays:
             self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed)

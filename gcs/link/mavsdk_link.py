@@ -27,7 +27,7 @@ from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
 from gcs.link.parts import LinkParts
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.link.relay.gate import LinkReport
 
@@ -123,7 +123,7 @@ class MavsdkLink:
         return self._unsent
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> RateController:
         """The pace of its connection, which all vehicles there share."""
         return self._config.pace
 

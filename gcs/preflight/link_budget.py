@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from gcs.autopilots.registry import advice
 from gcs.link.config import link_paces
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import SETPOINT_MIN_HZ, Rates, ladder
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
@@ -24,7 +24,7 @@ def link_budget(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Find
                 yield _came(url, pace.load, came_bytes_s)
 
 
-def _fits(url: str, pace: Pace, capacity_bytes_s: float) -> Finding:
+def _fits(url: str, pace: RateController, capacity_bytes_s: float) -> Finding:
     asked_bytes_s = pace.load.bytes_s
     vehicles = "1 vehicle takes" if pace.vehicles == 1 else f"{pace.vehicles} vehicles take"
     return Finding.graded(
@@ -38,7 +38,7 @@ def _fits(url: str, pace: Pace, capacity_bytes_s: float) -> Finding:
     )
 
 
-def _step(pace: Pace, capacity_bytes_s: float) -> str:
+def _step(pace: RateController, capacity_bytes_s: float) -> str:
     rungs = ladder(pace.rates)
     rates = rungs[fitting(rungs, pace.vehicles, capacity_bytes_s, signed=pace.signed)]
     least = load(rates, pace.vehicles, signed=pace.signed)

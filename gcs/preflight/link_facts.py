@@ -22,7 +22,7 @@ from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.link.self_reports import DIMENSIONS
 from gcs.link.signing_keys import signing_keys
@@ -133,7 +133,7 @@ class _Streaming:
 class _Connection:
     """One connection and the queries of its vehicles."""
 
-    def __init__(self, hub: MavsdkHub, url: str, pace: Pace, streaming: _Streaming) -> None:
+    def __init__(self, hub: MavsdkHub, url: str, pace: RateController, streaming: _Streaming) -> None:
         self.hub, self.pace, self.streaming = hub, pace, streaming
         self._url = url
         self._quiet = asyncio.Barrier(pace.vehicles)

@@ -3,9 +3,9 @@
 from agents.safety.failsafe import POSITION_ALERTS
 from agents.settings.sections import FailsafeSettings, SafetySettings
 from agents.team.clock_watch import ClockWatch
-from agents.team.credibility import Credibility, Limits
+from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.team import Team
 
 
 def a_team() -> Team:
-    return Team(Credibility(Limits(SafetySettings(), FailsafeSettings().doubt_m), ClockWatch(), POSITION_ALERTS))
+    return Team(ConsistencyCheck(Limits(SafetySettings(), FailsafeSettings().doubt_m), ClockWatch(), POSITION_ALERTS))

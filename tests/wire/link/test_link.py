@@ -31,7 +31,7 @@ from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.link.status_texts import StatusTexts
 from sitl.autopilot.autopilot import Autopilot
@@ -189,7 +189,7 @@ async def heading_of(link: MavsdkLink) -> float:
 
 
 async def test_telemetry_comes_at_the_rate_asked_for(stubs: ClockName) -> None:
-    async with linked(stubs, 1, pace=Pace(Rates(10.0, 2.0, 20.0))) as (_, telemetry, clock):
+    async with linked(stubs, 1, pace=RateController(Rates(10.0, 2.0, 20.0))) as (_, telemetry, clock):
         await clock.sleep(3.0)
         telemetry.clear()
         await clock.sleep(12.0)
@@ -212,7 +212,7 @@ def sent_by_stubs(monkeypatch: pytest.MonkeyPatch) -> Counter[int]:
 
 async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     sent = sent_by_stubs(monkeypatch)
-    pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
+    pace = RateController(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
     async with served_here() as (served, link_url):
         clock = served.clock
 
@@ -231,7 +231,7 @@ async def test_everything_comes_at_the_rates_asked_for(monkeypatch: pytest.Monke
 
 
 async def test_setpoints_that_a_bound_link_holds_back_do_not_hold_up_the_clock() -> None:
-    pace = Pace(Rates(20.0, 2.0, 5.0), limits_setpoints=True)
+    pace = RateController(Rates(20.0, 2.0, 5.0), limits_setpoints=True)
     async with served_here() as (served, link_url), link_on(served.clock, link_url, 1, pace=pace) as (link, _):
         clock, began_wall_s = served.clock, time.monotonic()
         for index in range(100):
@@ -244,7 +244,7 @@ async def test_setpoints_that_a_bound_link_holds_back_do_not_hold_up_the_clock()
 async def test_the_clock_is_measured_at_its_own_rate_for_a_moment(monkeypatch: pytest.MonkeyPatch) -> None:
     # By the wall, as of a vehicle that is no stub of the flight: a governed clock is not measured.
     sent = sent_by_stubs(monkeypatch)
-    pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
+    pace = RateController(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
     config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock(5.0)
     async with served_by(clock, [config]), link_on(clock, udp_in(config), 1, pace=pace) as (link, _):
         sent.clear()
@@ -268,7 +268,7 @@ async def test_setpoints_are_handed_on_at_the_rate_asked_for(
         take(autopilot, time_s, target)
 
     monkeypatch.setattr(Autopilot, "receive_setpoint", note)
-    pace = Pace(Rates(20.0, 2.0, rate_hz or 20.0), limits_setpoints=rate_hz is not None)
+    pace = RateController(Rates(20.0, 2.0, rate_hz or 20.0), limits_setpoints=rate_hz is not None)
     # By the wall, as the relay keeps the rate.
     config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock(2.0)
     async with served_by(clock, [config]), link_on(clock, udp_in(config), 1, pace=pace) as (link, _):
@@ -413,7 +413,7 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     first = StubProcess([config], partial(WallClock, 1.0))
     first.start()
     hub, telemetry = MavsdkHub(), list[Telemetry]()
-    pace = Pace(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0))
+    pace = RateController(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0))
     link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, pace), WallClock())
     await link.connect(telemetry.append)
     assert await link.measure_speed(0.6) == 1.0

@@ -23,7 +23,7 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates.pace import Pace
+from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.link.relay.carriers import Carrier, open_carrier
 from gcs.link.relay.frames import FrameStream, station_heartbeat
@@ -92,7 +92,7 @@ def test_a_place_that_is_taken_is_left_alone(tmp_path: Path) -> None:
 
 @asynccontextmanager
 async def on_one_line(
-    place: Path, spec: RadioSpec, pace: Pace, *system_ids: int
+    place: Path, spec: RadioSpec, pace: RateController, *system_ids: int
 ) -> AsyncIterator[tuple[list[MavsdkLink], list[list[Telemetry]], Emulation]]:
     """Serve stubs on one serial line, and connect to all of them."""
     ports = free_ports(len(system_ids))
@@ -116,7 +116,7 @@ async def on_one_line(
 
 async def test_three_vehicles_share_a_line_at_the_rates_and_bytes_that_were_planned(tmp_path: Path) -> None:
     spec = RadioSpec(baud=BAUD, latency_ms=60.0, loss=0.02, shared=True)
-    pace = Pace(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3, BAUD / 10.0)
+    pace = RateController(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3, BAUD / 10.0)
     async with on_one_line(tmp_path / "line", spec, pace, 1, 2, 3) as (links, told, radio):
         before = [counts.sent_bytes for counts in (*radio.up, *radio.down)]
         for each in told:
@@ -148,7 +148,7 @@ async def test_three_vehicles_share_a_line_at_the_rates_and_bytes_that_were_plan
 
 
 async def test_two_vehicles_with_one_id_on_one_line_are_noticed(tmp_path: Path) -> None:
-    pace = Pace(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 2, BAUD / 10.0)
+    pace = RateController(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 2, BAUD / 10.0)
     async with on_one_line(tmp_path / "line", RadioSpec(baud=BAUD), pace, 1, 1) as ((link,), _, _):
         await until(lambda: link.report.doubled)
 
@@ -190,7 +190,7 @@ def test_bad_input_is_named(arguments: tuple[str, ...], fault: str, code: int) -
 
 async def test_rates_are_requested_again_where_a_line_loses_requests_and_answers(tmp_path: Path) -> None:
     spec = RadioSpec(baud=BAUD, loss=0.4)
-    pace = Pace(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 1, BAUD / 10.0)
+    pace = RateController(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 1, BAUD / 10.0)
     async with on_one_line(tmp_path / "line", spec, pace, 1) as (_, _, radio):
         (before,) = [counts.sent_bytes for counts in radio.down]
         began_s = time.monotonic()

@@ -14,7 +14,7 @@ from gcs.link.rates.budget import (
     fitting,
     load,
 )
-from gcs.link.rates.pace import LOOK_PERIOD_S, UP_AFTER_S, Pace
+from gcs.link.rates.rate_controller import LOOK_PERIOD_S, UP_AFTER_S, RateController
 from gcs.link.rates.rates import Rates, Traffic, ladder
 
 FULL = Rates(telemetry_hz=20.0, status_hz=2.0, setpoint_hz=20.0)
@@ -78,7 +78,7 @@ def test_rates_that_fit_leave_a_reserve_and_the_next_higher_do_not() -> None:
 class Line:
     """A connection whose counts are made up: 100 frames arrive between two looks, `missed` do not."""
 
-    def __init__(self, pace: Pace) -> None:
+    def __init__(self, pace: RateController) -> None:
         self.pace, self.now_s = pace, 0.0
         self._received = self._missed = 0
 
@@ -90,7 +90,7 @@ class Line:
 
 
 def test_losses_lower_the_rates_and_a_quiet_time_raises_them_no_higher_than_where_they_began() -> None:
-    pace = Pace(FULL, 1, automatic=True)
+    pace = RateController(FULL, 1, automatic=True)
     line, rungs = Line(pace), ladder(FULL)
     assert line.looks(1) == FULL
     assert line.looks(3, missed=20) == rungs[3]
@@ -100,19 +100,19 @@ def test_losses_lower_the_rates_and_a_quiet_time_raises_them_no_higher_than_wher
 
 
 def test_a_full_radio_lowers_the_rates_to_the_last_and_no_further() -> None:
-    pace = Pace(FULL, 1, automatic=True)
+    pace = RateController(FULL, 1, automatic=True)
     assert Line(pace).looks(50, free=0.1) == ladder(FULL)[-1]
 
 
 def test_few_frames_show_no_losses() -> None:
-    pace = Pace(FULL, 1, automatic=True)
+    pace = RateController(FULL, 1, automatic=True)
     for second in range(0, 20, 2):
         pace.look(Traffic(received=second, missed=second * 3, buffer_free=None), float(second))
     assert pace.rates == FULL
 
 
 def test_fixed_rates_stay_and_what_the_connection_lacks_is_stated_until_it_is_well() -> None:
-    pace = Pace(FULL, 3, 3840.0)
+    pace = RateController(FULL, 3, 3840.0)
     line = Line(pace)
     assert line.looks(20, missed=50, free=0.0) == FULL
     assert "33%" in pace.fault  # 50 of 150
@@ -125,17 +125,17 @@ def test_fixed_rates_stay_and_what_the_connection_lacks_is_stated_until_it_is_we
 
 
 def test_simulators_are_asked_for_the_truth_where_there_is_room() -> None:
-    small, large = (Pace(FULL, 3, baud / 10.0, truth_bytes_s=2280.0) for baud in (115200, 921600))
+    small, large = (RateController(FULL, 3, baud / 10.0, truth_bytes_s=2280.0) for baud in (115200, 921600))
     assert small.truth_bytes_s == 0.0
     assert small.load == load(FULL, 3)
     assert large.truth_bytes_s == 2280.0
     assert large.load.down_bytes_s == load(FULL, 3).down_bytes_s + 2280.0
-    assert Pace(FULL, 3, truth_bytes_s=2280.0).truth_bytes_s == 2280.0
+    assert RateController(FULL, 3, truth_bytes_s=2280.0).truth_bytes_s == 2280.0
 
 
 def test_what_may_be_sent_leaves_the_vehicles_their_room() -> None:
-    pace = Pace(FULL, 3, 5760.0, automatic=True)
+    pace = RateController(FULL, 3, 5760.0, automatic=True)
     assert pace.up_bytes_s == pytest.approx(5760.0 - pace.load.down_bytes_s)
-    too_much = Pace(FULL, 3, 3840.0)
+    too_much = RateController(FULL, 3, 3840.0)
     assert too_much.up_bytes_s == pytest.approx(too_much.load.up_bytes_s)
-    assert Pace(FULL, 3).up_bytes_s is None
+    assert RateController(FULL, 3).up_bytes_s is None

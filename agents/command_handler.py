@@ -39,7 +39,7 @@ class Reshaping(msgspec.Struct, frozen=True, order=True):
     shape: Shape
 
 
-class Orders:
+class CommandHandler:
     """The commands that one vehicle has received, its pending abort, and the answers to send."""
 
     def __init__(self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes) -> None:

@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from agents.safety.vehicle_watch import Endurance, way_home_s
+from agents.safety.vehicle_watch import Endurance, return_duration_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings
 from estimation.plant.model import exact_step
@@ -23,8 +23,10 @@ def config(make_config: Maker) -> AgentConfig:
 
 def test_the_way_home_is_rising_flying_and_landing_by_hand(config: AgentConfig) -> None:
     rising_s, landing_s = 3.0 + 3 * 3.0 / 0.5, 11.0 / 0.5
-    assert way_home_s(config, (60.0, -80.0), 8.0, (0.0, 0.0)) == pytest.approx(rising_s + 100.0 / 2.0 + landing_s)
-    higher_s = way_home_s(config, (60.0, -80.0), 21.0, (0.0, 0.0))
+    assert return_duration_s(config, (60.0, -80.0), 8.0, (0.0, 0.0)) == pytest.approx(
+        rising_s + 100.0 / 2.0 + landing_s
+    )
+    higher_s = return_duration_s(config, (60.0, -80.0), 21.0, (0.0, 0.0))
     assert higher_s == pytest.approx(rising_s + 100.0 / 2.0 + 21.0 / 0.5)
 
 
@@ -43,20 +45,20 @@ def test_a_head_wind_lowers_the_speed_as_on_the_plant(config: AgentConfig, at_m:
         if len(passed_s) == 2:
             break
         motion = exact_step(config.plant, step_s).advance(motion, motion[:2] + lead_m * back, head_wind)
-    near_s, far_s = (way_home_s(config, (n * at_m[0], n * at_m[1]), 8.0, tuple(head_wind)) for n in (1.0, 2.0))
+    near_s, far_s = (return_duration_s(config, (n * at_m[0], n * at_m[1]), 8.0, tuple(head_wind)) for n in (1.0, 2.0))
     assert far_s - near_s == pytest.approx(passed_s[1] - passed_s[0], rel=0.005)
-    assert near_s > way_home_s(config, at_m, 8.0, (0.0, 0.0)) + 10.0
+    assert near_s > return_duration_s(config, at_m, 8.0, (0.0, 0.0)) + 10.0
 
 
 def test_tail_and_cross_wind_give_no_gain_and_the_duration_is_bounded(config: AgentConfig) -> None:
-    calm_s = way_home_s(config, (100.0, 0.0), 8.0, (0.0, 0.0))
-    assert way_home_s(config, (100.0, 0.0), 8.0, (-0.5, 0.0)) == calm_s
-    assert way_home_s(config, (100.0, 0.0), 8.0, (0.0, 0.5)) == pytest.approx(calm_s)
-    assert way_home_s(config, (100.0, 0.0), 8.0, (50.0, 0.0)) == pytest.approx(calm_s - 50.0 + 100.0 / 0.4)
+    calm_s = return_duration_s(config, (100.0, 0.0), 8.0, (0.0, 0.0))
+    assert return_duration_s(config, (100.0, 0.0), 8.0, (-0.5, 0.0)) == calm_s
+    assert return_duration_s(config, (100.0, 0.0), 8.0, (0.0, 0.5)) == pytest.approx(calm_s)
+    assert return_duration_s(config, (100.0, 0.0), 8.0, (50.0, 0.0)) == pytest.approx(calm_s - 50.0 + 100.0 / 0.4)
 
 
 def test_without_a_home_it_lands_where_it_is(make_config: Maker) -> None:
-    assert way_home_s(make_config(home_m=None), (500.0, 0.0), 10.0, (1.0, 0.0)) == 20.0
+    assert return_duration_s(make_config(home_m=None), (500.0, 0.0), 10.0, (1.0, 0.0)) == 20.0
 
 
 def discharged(endurance: Endurance, until_s: int, percent_per_s: float, *, stops_s: float = inf) -> None:

@@ -3,7 +3,7 @@
 import msgspec
 
 
-class Descent(msgspec.Struct, frozen=True):
+class LandingCause(msgspec.Struct, frozen=True):
     """The cause of an early landing: a condition of the failsafe table, or an operator's command; the other is empty.
 
     `verb` is the command's, `origin` the operator, empty if unknown.

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agents.command_handler import NUMBERS_KEPT, CommandHandler, Reshaping
 from agents.core import VehicleCore
 from agents.inputs import Command, Message
 from agents.notes import Notes
-from agents.orders import NUMBERS_KEPT, Orders, Reshaping
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
 from agents.settings.shapes import Shape
@@ -26,11 +26,11 @@ Maker = Callable[..., AgentConfig]
 
 
 class Vehicle:
-    """Orders, and the tactic machine that they steer."""
+    """CommandHandler, and the tactic machine that they steer."""
 
     def __init__(self, tactic: Tactic = Tactic.FORMATION) -> None:
         self.notes = Notes()
-        self.orders = Orders(2, HOVER_S, ("line", "wedge"), self.notes)
+        self.commands = CommandHandler(2, HOVER_S, ("line", "wedge"), self.notes)
         self.tactic = tactic
         self.now_s = 0.0
         self._number = 0
@@ -39,15 +39,15 @@ class Vehicle:
         """Take a command, of a new number unless that is given, and return its answer."""
         self._number += number is None
         command = OperatorCommand(self.now_s, verb, vehicle, "pat@here", self._number if number is None else number)
-        self._apply(self.orders.take(command, self.tactic, self.now_s))
-        answers = self.orders.answers(self.now_s)
+        self._apply(self.commands.take(command, self.tactic, self.now_s))
+        answers = self.commands.answers(self.now_s)
         assert len(answers) <= 1
         self.outcome = answers[0].outcome if answers else None
         return answers[0].did if answers else ""
 
     def tick(self, now_s: float) -> None:
         self.now_s = now_s
-        self._apply(self.orders.due(self.tactic, now_s))
+        self._apply(self.commands.due(self.tactic, now_s))
 
     def does(self, tactic: Tactic) -> bool:
         return self.tactic is tactic
@@ -60,15 +60,15 @@ class Vehicle:
 def test_on_the_ground_a_vehicle_that_lacks_nothing_is_started_once() -> None:
     vehicle = Vehicle(Tactic.STANDBY)
     assert vehicle.told("start") == "did not wait for its start"
-    assert not vehicle.orders.starts
-    vehicle.orders.lacks = "GPS: no fix"
+    assert not vehicle.commands.starts
+    vehicle.commands.lacks = "GPS: no fix"
     assert vehicle.told("start") == "refused: GPS: no fix"
-    vehicle.orders.lacks = ""
+    vehicle.commands.lacks = ""
     for verb in ("hold", "resume", "land", "rtl", "abort"):
         assert vehicle.told(verb) == "refused: it waits on the ground for its start"
-    assert (vehicle.tactic, vehicle.orders.starts) == (Tactic.STANDBY, False)
+    assert (vehicle.tactic, vehicle.commands.starts) == (Tactic.STANDBY, False)
     assert (vehicle.told("start", number=90), vehicle.told("start", number=90)) == ("takes off", "takes off")
-    assert vehicle.orders.starts
+    assert vehicle.commands.starts
     assert vehicle.told("start") == "had taken off already"
     assert vehicle.told("hold") == "holds"
 
@@ -139,7 +139,7 @@ def reshaping(shape: Shape | None, told_s: float = 1.0, number: int = 7) -> Oper
     ],
 )
 def test_a_change_of_formation_is_taken_or_refused(shape: Shape | None, tactic: Tactic, did: str) -> None:
-    orders = Vehicle().orders
+    orders = Vehicle().commands
     assert orders.take(reshaping(shape), tactic, 1.0) is None
     (answer,) = orders.answers(1.0)
     assert answer.did == did
@@ -235,12 +235,12 @@ def test_whatever_follows_an_abort_but_a_resume_or_return_it_is_landing_in_time(
 def test_a_kill_is_answered_when_it_begins_and_when_it_is_done() -> None:
     vehicle = Vehicle()
     did = vehicle.told("kill", number=7)
-    assert (did, vehicle.outcome, vehicle.orders.kills) == (CUTTING, "begun", True)
-    vehicle.orders.on_killed("", 0.4)
-    assert not vehicle.orders.kills
-    assert [(a.number, a.did, a.outcome) for a in vehicle.orders.answers(0.5)] == [(7, CUT, "obeyed")]
+    assert (did, vehicle.outcome, vehicle.commands.kills) == (CUTTING, "begun", True)
+    vehicle.commands.on_killed("", 0.4)
+    assert not vehicle.commands.kills
+    assert [(a.number, a.did, a.outcome) for a in vehicle.commands.answers(0.5)] == [(7, CUT, "obeyed")]
     assert vehicle.told("kill", number=7) == CUT, "a repeat kills nobody again"
-    assert not vehicle.orders.kills
+    assert not vehicle.commands.kills
     assert vehicle.told("kill", number=8) == CUTTING
 
 
@@ -248,8 +248,8 @@ def test_all_operators_of_a_kill_receive_why_it_failed() -> None:
     vehicle = Vehicle()
     vehicle.told("kill", number=7)
     vehicle.told("kill", number=8)
-    vehicle.orders.on_killed("vehicle 2 did not even acknowledge it", 9.0)
-    answers = vehicle.orders.answers(9.0)
+    vehicle.commands.on_killed("vehicle 2 did not even acknowledge it", 9.0)
+    answers = vehicle.commands.answers(9.0)
     assert {a.number: a.did for a in answers} == dict.fromkeys((7, 8), "refused: vehicle 2 did not even acknowledge it")
     assert {a.outcome for a in answers} == {"refused"}
 
@@ -258,8 +258,8 @@ def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
     vehicle = Vehicle()
     vehicle.told("abort")
     resume = OperatorCommand(0.0, "resume", None, "pat@here", 1000)
-    assert vehicle.orders.take(resume, vehicle.tactic, 0.0, "battery low: 20 %") is None
-    assert vehicle.orders.answers(0.0)[0].did == "refused: battery low: 20 %"
+    assert vehicle.commands.take(resume, vehicle.tactic, 0.0, "battery low: 20 %") is None
+    assert vehicle.commands.answers(0.0)[0].did == "refused: battery low: 20 %"
     vehicle.tick(HOVER_S)
     assert vehicle.tactic is Tactic.LAND
 
@@ -268,14 +268,14 @@ def test_what_is_remembered_is_bounded() -> None:
     vehicle = Vehicle()
     for number in range(3 * NUMBERS_KEPT):
         command = OperatorCommand(0.0, "hold", None, "pat@here", number)
-        vehicle.orders.take(command, vehicle.tactic, 0.0)
-    assert len(vehicle.orders.answers(0.0)) == NUMBERS_KEPT
+        vehicle.commands.take(command, vehicle.tactic, 0.0)
+    assert len(vehicle.commands.answers(0.0)) == NUMBERS_KEPT
 
 
 def test_a_core_answers_in_its_next_tick_even_without_telemetry(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
     core.take(Message(1.0, OperatorCommand(1.0, "kill", 2, "pat@here", 7)))
-    assert core.orders.kills
+    assert core.commands.kills
     output = core.tick(1.1)
     assert [decode(each.payload) for each in output.messages] == [
         CommandAnswer(2, 1.1, 7, CUTTING, "kill", "pat@here", "begun")

@@ -17,7 +17,7 @@ FRAMES_MIN = 20
 """Fewer frames do not show a share of losses."""
 
 
-class Pace:
+class RateController:
     """The rates in force on one connection, for all of its vehicles alike.
 
     `look` finds what is lost and what the radio reports. `automatic` rates begin at the first of `ladder(full)` that

@@ -1,8 +1,8 @@
 """Consistency of a peer's states: whether one vehicle can have flown them in sequence.
 
-Successive states that are consistent form a claim; a state that is not begins another claim. The first accepted claim
+Successive states that are consistent form a track; a state that is not begins another track. The first accepted track
 is the peer's state as long as it continues, so a second source with the same id does not replace it. When it ends,
-another steady claim takes its place. The guard keeps clear of the positions of all claims.
+another steady track takes its place. The guard keeps clear of the positions of all tracks.
 """
 
 from collections.abc import Container, Mapping
@@ -26,7 +26,7 @@ VELOCITY_OFF_M_S, SPEED_OFF_M_S = 2.0, 1.0
 """Tolerances beyond the limits, for the noise of an estimate."""
 CLIMB_MAX_M_S, ALTITUDE_OFF_M = 6.0, 2.0
 CONFIRMED = 3
-"""The number of contradictions that are reported, and of consistent states that confirm a claim: one may be a fault."""
+"""The number of contradictions that are reported, and of consistent states that confirm a track: one may be a fault."""
 CLAIMS_MAX = 4
 DOUBTED_S = 5.0
 """A peer is doubtful for this long after its last contradiction."""
@@ -47,7 +47,7 @@ class Limits:
 
 
 @dataclass(slots=True)
-class Doubt:
+class Inconsistency:
     """A peer whose states contradict each other: first and last time, number, and text of the last contradiction."""
 
     since_s: float
@@ -56,7 +56,7 @@ class Doubt:
     why: str
 
 
-class Claim:
+class Track:
     """Successive states of one peer that one vehicle can have flown.
 
     It is `accepted` if it is or was used as the peer's state.
@@ -134,73 +134,79 @@ class Claim:
         return ""
 
 
-class Credibility:
-    """Keeps the claims about every peer, and selects the one that is the peer's state."""
+class ConsistencyCheck:
+    """Keeps the tracks about every peer, and selects the one that is the peer's state."""
 
     def __init__(self, limits: Limits, clocks: ClockWatch, excuses: Container[str]) -> None:
         """Take the limits, the clock steps, and `excuses`: the alerts with which a vehicle's position may jump."""
         self._limits = limits
         self._clocks = clocks
         self._excuses = excuses
-        self._claims: dict[int, list[Claim]] = {}
-        self._doubts: dict[int, Doubt] = {}
+        self._tracks: dict[int, list[Track]] = {}
+        self._inconsistencies: dict[int, Inconsistency] = {}
         self.contested: set[int] = set()
-        """The peers with more than one claim, now or recently."""
+        """The peers with more than one track, now or recently."""
 
     def accepts(self, state: MemberState, *, known: bool) -> bool:
         """Return whether a state is accepted as its sender's; one that contradicts a `known` peer is not."""
-        claims = self._claims.get(state.sender)
-        if claims is None:
-            self._claims[state.sender] = [Claim(state, self._limits, accepted=True)]
+        tracks = self._tracks.get(state.sender)
+        if tracks is None:
+            self._tracks[state.sender] = [Track(state, self._limits, accepted=True)]
             return True
-        if claims[0].continued(state):
+        if tracks[0].continued(state):
             return True
         step = self._clocks.off.get(state.sender)
         clock_off_s = 0.0 if step is None else abs(step.by_s)
-        why = claims[0].misfit(state, clock_off_s)
-        return not why or self._contradicted(claims, state, clock_off_s, why, known=known)
+        why = tracks[0].misfit(state, clock_off_s)
+        return not why or self._contradicted(tracks, state, clock_off_s, why, known=known)
 
     def _contradicted(
-        self, claims: list[Claim], state: MemberState, clock_off_s: float, why: str, *, known: bool
+        self, tracks: list[Track], state: MemberState, clock_off_s: float, why: str, *, known: bool
     ) -> bool:
-        claim = next((each for each in claims[1:] if not each.misfit(state, clock_off_s)), None)
-        if claim is None:
-            claim = Claim(state, self._limits)
-            confirmed = [each for each in claims[1:] if each.accepted or each.count >= CONFIRMED]
-            claims[1:] = [*confirmed[2 - CLAIMS_MAX :], claim]
+        track = next((each for each in tracks[1:] if not each.misfit(state, clock_off_s)), None)
+        if track is None:
+            track = Track(state, self._limits)
+            confirmed = [each for each in tracks[1:] if each.accepted or each.count >= CONFIRMED]
+            tracks[1:] = [*confirmed[2 - CLAIMS_MAX :], track]
         self.contested.add(state.sender)
         excused = state.alert in self._excuses or state.tactic == _PILOT
         if not excused:
-            doubt = self._doubts.setdefault(state.sender, Doubt(state.time_s, state.time_s, 0, why))
-            doubt.last_s, doubt.count, doubt.why = state.time_s, doubt.count + 1, why
-        if not excused and (known or claim.count < CONFIRMED):
+            inconsistency = self._inconsistencies.setdefault(
+                state.sender, Inconsistency(state.time_s, state.time_s, 0, why)
+            )
+            inconsistency.last_s, inconsistency.count, inconsistency.why = state.time_s, inconsistency.count + 1, why
+        if not excused and (known or track.count < CONFIRMED):
             return False
-        claims.remove(claim)
-        claims.insert(0, claim)
-        claim.accepted = True
+        tracks.remove(track)
+        tracks.insert(0, track)
+        track.accepted = True
         return True
 
     def expire(self, now_s: float, time_scale: float) -> None:
-        """Drop expired claims and doubts; a claim that was accepted before is kept as long as a silent peer."""
+        """Drop expired tracks and inconsistencies; a track accepted before is kept as long as a silent peer."""
         for sender in tuple(self.contested):
-            claims, doubt = self._claims[sender], self._doubts.get(sender)
-            for claim in claims[1:]:
-                held_s = self._limits.safety.lost_avoided_s if claim.accepted else _AGE_MAX_S * time_scale
-                if now_s - claim.state.time_s > held_s:
-                    claims.remove(claim)
-            if doubt is not None and now_s - doubt.last_s > DOUBTED_S:
-                del self._doubts[sender]
-            elif doubt is None and len(claims) == 1:
+            tracks, inconsistency = self._tracks[sender], self._inconsistencies.get(sender)
+            for track in tracks[1:]:
+                held_s = self._limits.safety.lost_avoided_s if track.accepted else _AGE_MAX_S * time_scale
+                if now_s - track.state.time_s > held_s:
+                    tracks.remove(track)
+            if inconsistency is not None and now_s - inconsistency.last_s > DOUBTED_S:
+                del self._inconsistencies[sender]
+            elif inconsistency is None and len(tracks) == 1:
                 self.contested.discard(sender)
 
     @property
-    def doubts(self) -> Mapping[int, Doubt]:
+    def inconsistencies(self) -> Mapping[int, Inconsistency]:
         """The peers with enough contradictions to be reported."""
-        return {sender: doubt for sender, doubt in self._doubts.items() if doubt.count >= CONFIRMED}
+        return {
+            sender: inconsistency
+            for sender, inconsistency in self._inconsistencies.items()
+            if inconsistency.count >= CONFIRMED
+        }
 
     def elsewhere(self) -> tuple[MemberState, ...]:
-        """Return the newest state of each claim that is not accepted: the peer may be there as well."""
-        return tuple(claim.state for sender in sorted(self.contested) for claim in self._claims[sender][1:])
+        """Return the newest state of each track that is not accepted: the peer may be there as well."""
+        return tuple(track.state for sender in sorted(self.contested) for track in self._tracks[sender][1:])
 
 
 def _beyond(off_m: Metres2, way: Metres2, along_m: float) -> float:

@@ -37,10 +37,10 @@ def test_a_vehicle_that_jumps_keeps_its_old_state_for_a_second_and_both_places_c
     hear(team, 5.5, 7.0, 20.0)
     assert places_m(team, 6.9) == pytest.approx([33.8, 9.8])
     assert team.gone_s == {}
-    (why,) = (doubt.why for doubt in team.doubts.values())
+    (why,) = (doubt.why for doubt in team.inconsistencies.values())
     assert "20.0 m" in why
     hear(team, 7.0, 12.0, 20.0)
-    assert team.doubts == {}
+    assert team.inconsistencies == {}
     assert places_m(team, 11.9) == pytest.approx([43.8, 9.8])
     hear(team, 12.0, 66.0, 20.0)
     assert len(places_m(team, 65.9)) == 1
@@ -55,7 +55,7 @@ def test_a_second_source_never_replaces_the_first() -> None:
             team.hear(state(time_s + 0.05, SPEED_M_S * time_s - 7.0))
         team.expire(time_s)
     assert places_m(team, 29.9) == pytest.approx([59.8, 52.8])
-    assert set(team.doubts) == {1}
+    assert set(team.inconsistencies) == {1}
 
 
 def test_one_contradictory_state_is_not_reported_and_forgotten_soon() -> None:
@@ -63,7 +63,7 @@ def test_one_contradictory_state_is_not_reported_and_forgotten_soon() -> None:
     hear(team, 0.0, 5.0)
     team.hear(state(5.0, 40.0))
     hear(team, 5.1, 6.5)
-    assert team.doubts == {}
+    assert team.inconsistencies == {}
     assert len(places_m(team, 6.4)) == 1
 
 
@@ -72,7 +72,7 @@ def test_lost_messages_and_a_returning_agent_raise_no_doubt(gap_s: float) -> Non
     team = a_team()
     hear(team, 0.0, 5.0)
     hear(team, 5.0 + gap_s, 10.0 + gap_s)
-    assert team.doubts == {}
+    assert team.inconsistencies == {}
     assert len(places_m(team, 9.9 + gap_s)) == 1
 
 
@@ -80,7 +80,7 @@ def test_a_vehicle_that_returns_farther_than_it_can_fly_is_doubted_and_its_last_
     team = a_team()
     hear(team, 0.0, 5.0)
     hear(team, 7.0, 9.0, 300.0)
-    assert set(team.doubts) == {1}
+    assert set(team.inconsistencies) == {1}
     assert places_m(team, 8.9) == pytest.approx([317.8, 9.8])
 
 
@@ -89,7 +89,7 @@ def test_late_messages_in_any_order_raise_no_doubt() -> None:
     for time_s in (1.0, 1.3, 1.1, 1.2, 1.6, 1.4, 1.5, 1.5):
         team.hear(state(time_s))
     assert not team.lost(1.6, 60.0)
-    assert team.doubts == {}
+    assert team.inconsistencies == {}
 
 
 @pytest.mark.parametrize("step_s", [0.4, -0.4])
@@ -99,7 +99,7 @@ def test_a_clock_that_steps_a_little_is_not_doubted(step_s: float) -> None:
     for tick in range(50, 100):
         time_s = tick * PERIOD_S
         team.hear(state(time_s + step_s, SPEED_M_S * time_s))
-    assert team.doubts == {}
+    assert team.inconsistencies == {}
     assert not team.lost(10.0, 60.0)
 
 
@@ -108,7 +108,7 @@ def test_a_jump_that_the_vehicle_announces_is_not_doubted_and_both_places_count(
     team = a_team()
     hear(team, 0.0, 5.0)
     hear(team, 5.0, 6.0, 20.0, **excuse)
-    assert team.doubts == {}
+    assert team.inconsistencies == {}
     assert places_m(team, 5.9) == pytest.approx([31.8, 9.8])
 
 
@@ -123,7 +123,7 @@ def test_hard_manoeuvres_take_off_and_landing_raise_no_doubt() -> None:
         x += speed * PERIOD_S + acceleration * PERIOD_S**2 / 2.0
         speed += acceleration * PERIOD_S
         altitude = 0.3 * min(tick, 400 - tick) / 4.0
-    assert team.doubts == {}
+    assert team.inconsistencies == {}
     assert not team.lost(40.0, 60.0)
 
 
