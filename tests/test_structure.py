@@ -35,6 +35,7 @@ def test_breach_is_found(
 ) -> None:
     """A rule that finds nothing anywhere would keep silent about the sources, too."""
     texts = {
+        "gcs/a/__init__.py": "",
         "gcs/a/one.py": "from gcs.b.two import x\ndef long():\n" + "    pass\n" * structure.FUNCTION_LINES_MAX,
         "gcs/b/two.py": "from gcs.a.one import y\n" + "\n" * structure.FILE_LINES_MAX,
         "gcs/a/seed.py": "import numpy as np\nchance = np.random.default_rng()\nfixed = np.random.default_rng(1)\n",
