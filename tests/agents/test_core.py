@@ -209,6 +209,27 @@ def test_no_message_makes_a_vehicle_raise_or_fly_off(
     core.tick(10.1)
 
 
+@given(
+    motion=st.tuples(near, near, st.floats(-30.0, 30.0), st.floats(-30.0, 30.0)),
+    target=pairs,
+    tactic=st.sampled_from([Tactic.FORMATION, Tactic.ENCIRCLE]),
+)
+def test_the_setpoint_never_leads_by_more_than_allowed_whatever_the_estimate(
+    motion: tuple[float, float, float, float], target: tuple[float, float], tactic: Tactic, make_config: Maker
+) -> None:
+    decision = {"distance_max_m": 1e8, "importance_min": 0.0 if tactic is Tactic.ENCIRCLE else 1.0}
+    config = make_config(encirclement={"smoothing_time_s": 0.0}, decision=decision)
+    core = VehicleCore(config)
+    core.start(0.0)
+    core.on_telemetry(telemetry(10.0, motion))
+    core.on_sighting(sighting(10.0, *target))
+    output = core.tick(10.0)
+    assert output.status.tactic is tactic
+    acting = found(config, np.array(motion))
+    x, y = setpoint_of(output)
+    assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
+
+
 @pytest.mark.parametrize(
     ("message", "tactic"),
     [
