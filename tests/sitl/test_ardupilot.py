@@ -1,8 +1,10 @@
 """The stub in its ArduCopter manners: shaped motion, GUIDED, silence until asked, and flown by MAVSDK."""
 
+import asyncio
+import socket
 from collections import Counter
 from dataclasses import replace
-from math import hypot, radians
+from math import hypot, inf, radians
 from typing import Any
 
 import numpy as np
@@ -21,9 +23,10 @@ from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
 from sitl.mavlink.protocol import Drop, MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
+from sitl.server import shared_clock
 from sitl.server.server import StubConfig
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
-from tests.support.wire import free_port, stub_clock, stub_process
+from tests.support.wire import free_port, served, stub_clock, stub_process
 
 PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
@@ -522,6 +525,23 @@ SPEED = 10.0
 
 def copter_on(port: int) -> StubConfig:
     return StubConfig(1, port, PLANT, FRAME, autopilot="ardupilot")
+
+
+@pytest.mark.wire
+async def test_while_the_time_stands_still_it_sends_heartbeats_by_the_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_clock, "HUNG_S", inf)
+    port, read, heard = free_port(), dialect.MAVLink(None), 0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", port))
+        station.settimeout(10.0)
+        async with served([copter_on(port)], SPEED) as stubs:
+            with shared_clock.Seat(stubs.clock.name, shared_clock.Rank.GUEST) as other:
+                other.state(other.now_us + 1_000)  # which it never goes on from
+                stands_us = other.now_us
+                while heard < 3:
+                    datagram = await asyncio.to_thread(station.recv, 2048)
+                    heard += any(each.get_type() == "HEARTBEAT" for each in read.parse_buffer(datagram) or [])
+                assert other.now_us <= stands_us + 1_000
 
 
 @pytest.mark.wire

@@ -1,4 +1,4 @@
-"""What has to hold in the life of an agent, whatever its table says."""
+"""The table of an agent's life walked through whole, and what has to hold in it whatever the table says."""
 
 import pytest
 
@@ -9,7 +9,83 @@ from tests.support.diagrams import life_diagram
 
 E, A = LifeEvent, Action
 
+# One line for each phase, one letter for each event in the order below; '.' changes nothing, a space only separates.
+EVENTS = (
+    *(E.FLY, E.CLOCKS_AGREE, E.CLOCKS_DIFFER),
+    *(E.TAKE_OFF_DONE, E.TAKE_OFF_REFUSED, E.SETPOINT_SENT),
+    *(E.OFFBOARD_CONFIRMED, E.OFFBOARD_REFUSED),
+    *(E.START_AGREED, E.START_REFUSED, E.DURATION_OVER),
+    *(E.OPERATOR_STOP, E.OPERATOR_HURRY, E.HOLD_OVER),
+    *(E.LAND_DECIDED, E.PILOT_TOOK_OVER, E.RESUME),
+    *(E.ARMED, E.DISARMED),
+    *(E.OFFBOARD_LEFT, E.OFFBOARD_KEPT),
+    *(E.LANDED, E.LANDING_REFUSED),
+    *(E.KILL, E.MOTORS_CUT, E.KILL_REFUSED),
+    *(E.FAULT, E.ABORTED),
+)
+TABLE = {
+    Phase.GROUND: "c.. ... .. ... ... ... .. .. .. K.. ..",
+    Phase.COMPARING_CLOCKS: ".tX ... .. ... q.. ... .. .. .. k.. xx",
+    Phase.TAKE_OFF: "... vX. .. ... w.. h.. .. .. .. k.. WW",
+    Phase.HOVERING: "... ..o .. ... .q. d.. .. .. .. k.. xx",
+    Phase.ENTERING_OFFBOARD: "... ... aX ... .q. d.. .. .. .. k.. xx",
+    Phase.AGREEING_START: "... ... .. mX. s.. dp. .. .. .. k.. xx",
+    Phase.FLYING: "... ... .. mXR sQr dp. .. .. .. k.. xx",
+    Phase.STOPPING: "... ... .. M.. .Qr dp. .. .. .. k.. xx",
+    Phase.PILOT_OVERRIDE: "... ... .. MyY HYY y.b .. .. .. k.. yy",
+    Phase.TAKING_BACK: "... ... fp MuU HUU u.. .. .. .. k.. uu",
+    Phase.RETURNING: "... ... .. ... .x. xue .. .. .. k.. xx",
+    Phase.CHECKING_ARMED: "... ... .. ... ... ... lz .. .. k.. .x",
+    Phase.LEAVING_OFFBOARD: "... ... .. ... ... ... .. nN .. K.. .g",
+    Phase.LANDING: "... ... .. ... ... ... .. .. zZ K.. .g",
+    Phase.KILLING: "... ... .. ... ... ... .. .. .. .DL .g",
+    Phase.ENDED: "... ... .. ... ... ... .. .. .. i.. ..",
+}
+# The phase after it, None for the same; and what is done.
+LETTERS: dict[str, tuple[Phase | None, tuple[Action, ...]]] = {
+    ".": (None, ()),
+    "c": (Phase.COMPARING_CLOCKS, (A.COMPARE_CLOCKS,)),
+    "t": (Phase.TAKE_OFF, (A.TAKE_OFF,)),
+    "v": (Phase.HOVERING, (A.START_CONTROL,)),
+    "o": (Phase.ENTERING_OFFBOARD, (A.START_OFFBOARD,)),
+    "a": (Phase.AGREEING_START, (A.AGREE_START,)),
+    "m": (Phase.FLYING, (A.START_MISSION,)),
+    "M": (None, (A.START_MISSION,)),
+    "s": (Phase.STOPPING, (A.HOLD,)),
+    "H": (None, (A.HOLD,)),
+    "R": (Phase.RETURNING, (A.REPORT_COMPLETED, A.END_MISSION)),
+    "r": (Phase.RETURNING, (A.REPORT_STOPPED, A.END_MISSION)),
+    "e": (None, (A.END_MISSION,)),
+    "p": (Phase.PILOT_OVERRIDE, (A.HAND_OVER,)),
+    "b": (Phase.TAKING_BACK, (A.TAKE_BACK,)),
+    "f": (Phase.FLYING, ()),
+    "x": (Phase.CHECKING_ARMED, (A.CHECK_ARMED,)),
+    "X": (Phase.CHECKING_ARMED, (A.REPORT_REFUSAL, A.CHECK_ARMED)),
+    "d": (Phase.CHECKING_ARMED, (A.REPORT_LAND_DECISION, A.CHECK_ARMED)),
+    "h": (Phase.CHECKING_ARMED, (A.REPORT_LAND_DECISION, A.ABANDON_TAKE_OFF)),
+    "q": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.CHECK_ARMED)),
+    "Q": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.END_MISSION, A.CHECK_ARMED)),
+    "w": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.ABANDON_TAKE_OFF)),
+    "W": (Phase.CHECKING_ARMED, (A.ABANDON_TAKE_OFF,)),
+    "l": (Phase.LEAVING_OFFBOARD, (A.PREPARE_LANDING, A.STOP_OFFBOARD)),
+    "L": (Phase.LEAVING_OFFBOARD, (A.REPORT_REFUSAL, A.STOP_OFFBOARD)),
+    "n": (Phase.LANDING, (A.LAND,)),
+    "N": (Phase.LANDING, (A.REPORT_REFUSAL, A.LAND)),
+    "z": (Phase.ENDED, (A.END_SUPERVISION,)),
+    "Z": (Phase.ENDED, (A.REPORT_REFUSAL, A.END_SUPERVISION)),
+    "y": (Phase.ENDED, (A.REPORT_OVERRIDE, A.END_SUPERVISION)),
+    "Y": (Phase.ENDED, (A.END_MISSION, A.REPORT_OVERRIDE, A.END_SUPERVISION)),
+    "u": (Phase.ENDED, (A.HAND_OVER, A.REPORT_OVERRIDE, A.END_SUPERVISION)),
+    "U": (Phase.ENDED, (A.HAND_OVER, A.END_MISSION, A.REPORT_OVERRIDE, A.END_SUPERVISION)),
+    "k": (Phase.KILLING, (A.CUT_MOTORS, A.PREPARE_LANDING)),
+    "K": (Phase.KILLING, (A.CUT_MOTORS,)),
+    "D": (Phase.ENDED, (A.REPORT_KILLED, A.END_SUPERVISION)),
+    "i": (None, (A.CUT_MOTORS,)),
+    "g": (Phase.ENDED, ()),
+}
+
 MAY_BE_IN_THE_AIR = set(Phase) - {Phase.GROUND, Phase.COMPARING_CLOCKS, Phase.ENDED}
+STEERED = {Phase.AGREEING_START, Phase.FLYING, Phase.STOPPING, Phase.RETURNING}
 SENDS = {A.TAKE_OFF, A.START_OFFBOARD, A.TAKE_BACK, A.STOP_OFFBOARD, A.LAND, A.HAND_OVER}
 
 
@@ -25,6 +101,18 @@ def walks(phase: Phase, *without: LifeEvent) -> tuple[set[Phase], set[Action]]:
                 seen.add(after)
                 open_ends.append(after)
     return seen, actions
+
+
+def test_the_table_here_knows_every_phase_and_every_event() -> None:
+    assert set(TABLE) == set(Phase)
+    assert len(EVENTS) == len(set(EVENTS)) == len(LifeEvent)
+
+
+def test_every_event_in_every_phase() -> None:
+    for phase, letters in TABLE.items():
+        for event, letter in zip(EVENTS, letters.replace(" ", ""), strict=True):
+            after, actions = LETTERS[letter]
+            assert next_phase(phase, event) == (after or phase, actions), (phase, event)
 
 
 def test_every_phase_can_be_reached_and_every_action_is_done_somewhere() -> None:
@@ -43,6 +131,13 @@ def test_no_way_to_the_end_leaves_a_vehicle_in_the_air_to_itself(event: LifeEven
         assert handed_over or A.END_SUPERVISION not in actions, (phase, event)
 
 
+def test_an_armed_vehicle_that_is_checked_leaves_offboard_and_lands_whatever_is_refused() -> None:
+    assert next_phase(Phase.CHECKING_ARMED, E.ARMED)[1][-1] is A.STOP_OFFBOARD
+    for answer in (E.OFFBOARD_LEFT, E.OFFBOARD_KEPT):
+        assert next_phase(Phase.LEAVING_OFFBOARD, answer)[1][-1] is A.LAND
+    assert next_phase(Phase.KILLING, E.KILL_REFUSED)[0] is Phase.LEAVING_OFFBOARD
+
+
 def test_what_ends_a_flight_in_the_air_leads_down_or_away() -> None:
     for phase in MAY_BE_IN_THE_AIR - {Phase.CHECKING_ARMED}:
         for event in (E.LAND_DECIDED, E.FAULT, E.ABORTED, E.OPERATOR_HURRY):
@@ -52,6 +147,11 @@ def test_what_ends_a_flight_in_the_air_leads_down_or_away() -> None:
             unstopped = phase is Phase.AGREEING_START and event is E.OPERATOR_HURRY
             assert after in down or deferred or unstopped, (phase, event)
         assert A.CUT_MOTORS in next_phase(phase, E.KILL)[1] or phase is Phase.KILLING
+
+
+@pytest.mark.parametrize("phase", sorted(STEERED, key=str))
+def test_a_pilot_may_take_over_in_every_phase_with_control(phase: Phase) -> None:
+    assert A.HAND_OVER in next_phase(phase, E.PILOT_TOOK_OVER)[1]
 
 
 def test_only_resume_leads_from_pilot_override_towards_offboard() -> None:
