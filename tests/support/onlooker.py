@@ -44,11 +44,15 @@ class Onlooker:
         return cls(reader, writer)
 
     async def know(self, *topics: str) -> None:
-        """Wait until all these topics have been advertised."""
+        """Wait until all these topics have been advertised, and until the server takes subscriptions to them.
+
+        The server advertises a channel a moment before it knows that this client may subscribe to it.
+        """
         while not set(topics) <= set(self.channels):
             kind, payload = await self._frame()
             if kind == TEXT:
                 self._hear(json.loads(payload))
+        await asyncio.sleep(0.3)
 
     def subscribe(self, *topics: str) -> None:
         """Subscribe to topics."""

@@ -8,7 +8,6 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
-from statistics import median
 
 import pytest
 
@@ -207,13 +206,12 @@ async def test_a_peer_started_late_is_found_and_a_killed_one_missed() -> None:
         await asyncio.sleep(0.7)
         with peer_process(ends[1], "tcp/127.0.0.1:1") as process:
             found_s = await until(lambda: heard.presence == [(9, True)])
-            round_trip_s = await measure_round_trip(bus, heard)
+            await answered(bus, heard)
             process.kill()
             lost_s = await until(lambda: heard.presence[1:] == [(9, False)])
-    print(f"found after {found_s:.3f} s, lost {lost_s:.3f} s after SIGKILL, round trip {round_trip_s:.5f} s")
+    print(f"found after {found_s:.3f} s, lost {lost_s:.3f} s after SIGKILL")
     assert found_s < 1.0
     assert lost_s < 0.5
-    assert round_trip_s < 0.02
 
 
 @pytest.mark.wire
@@ -227,25 +225,19 @@ async def test_a_frozen_peer_is_missed_after_its_lease_and_found_again() -> None
                 lost_s = await until(lambda: heard.presence[1:] == [(9, False)])
                 process.send_signal(signal.SIGCONT)
                 await until(lambda: heard.presence[2:] == [(9, True)])
-                assert await measure_round_trip(bus, heard) < 0.02
+                await answered(bus, heard)
             finally:
                 process.kill()
     print(f"lost {lost_s:.3f} s after SIGSTOP")
     assert 0.5 < lost_s < 2.0
 
 
-async def measure_round_trip(bus: ParticipantBus, heard: Heard) -> float:
-    """Return the median round trip of 50 messages to the other process and back [s]."""
-    times_s = []
+async def answered(bus: ParticipantBus, heard: Heard) -> None:
+    """Send 50 messages, each once the other process has answered the one before."""
     for number in range(50):
         text = f"ping {number}"
-        start_s = time.perf_counter()
         answer(bus, text)
-        while text not in heard.messages:
-            assert time.perf_counter() - start_s < 1.0
-            await asyncio.sleep(0)
-        times_s.append(time.perf_counter() - start_s)
-    return median(times_s)
+        await until(lambda text=text: text in heard.messages)  # type: ignore[misc]
 
 
 @pytest.mark.wire
