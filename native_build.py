@@ -45,7 +45,7 @@ FLAGS = "-ffp-contract=off -fno-builtin -Wno-all"
 SETUP = """
 from mypyc.build import mypycify
 from setuptools import setup
-options = ["--ignore-missing-imports", "--follow-imports=silent"]
+options = ["--config-file=", "--ignore-missing-imports", "--follow-imports=silent"]
 libraries = [(files, f"cordon_{{number}}") for number, files in enumerate({halves!r})]
 modules = mypycify([*{files!r}, *options], opt_level="2", debug_level="0", separate=libraries)
 setup(name="cordon-compiled", ext_modules=modules, script_args=["-q", "build_ext", "--inplace", "--parallel=2"])
