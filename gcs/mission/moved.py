@@ -1,4 +1,4 @@
-"""Keys of earlier versions' mission files, and their present places.
+"""Keys of earlier versions' mission files, and their present places, if they have one.
 
 A file of an earlier version is converted before it is read. Each moved key is a warning; a fault in it is reported at
 its place in the file.
@@ -9,10 +9,19 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
+from agents.ring.transition import ACCELERATION_MAX_M_S2, JERK_MAX_M_S3
+from agents.team.clock_watch import STEP_S
 from estimation.settings import TargetBehaviour
 from gcs.mission.sections import TUNING
 
 Content = dict[str, Any]
+CONSTANTS = {
+    ("encirclement", "spacing_acceleration_max_m_s2"): ACCELERATION_MAX_M_S2,
+    ("encirclement", "spacing_jerk_max_m_s3"): JERK_MAX_M_S3,
+    ("tuning", "failsafe", "clock_step_s"): STEP_S,
+    ("failsafe", "clock_step_s"): STEP_S,
+}
+"""Keys that are none any more, by their paths, and the values that are flown instead."""
 
 
 @dataclass(slots=True)
@@ -87,6 +96,20 @@ def _tuning(content: Content, moves: Moves) -> None:
                 _move(content, moves, (name, key), f"tuning.{name}")
 
 
+def _constants(content: Content, moves: Moves) -> None:
+    """Leave out keys that became constants; another value than the constant is a fault, as it would not be flown."""
+    for (*tables, key), constant in CONSTANTS.items():
+        section: Any = content
+        for name in tables:
+            section = section.get(name) if isinstance(section, dict) else None
+        if isinstance(section, dict) and key in section:
+            place, value = ".".join((*tables, key)), section.pop(key)
+            if value == constant:
+                moves.warnings.append(f"{place}: no longer a key, its value is always {constant:g}: leave it out")
+            else:
+                moves.faults.append(f"{place}: no longer a key, its value is always {constant:g}, not {value!r}")
+
+
 def _move(content: Content, moves: Moves, old: tuple[str, str], new: str) -> None:
     """Move a key of a section to another table of the same name, which is created if it is missing."""
     target: Any = content
@@ -99,4 +122,4 @@ def _move(content: Content, moves: Moves, old: tuple[str, str], new: str) -> Non
     moves.key(content[old[0]], old, target, (new, old[1]))
 
 
-_MOVES: tuple[Callable[[Content, Moves], None], ...] = (_plants, _own_filter, _target_filter, _tuning)
+_MOVES: tuple[Callable[[Content, Moves], None], ...] = (_plants, _own_filter, _target_filter, _tuning, _constants)

@@ -41,6 +41,23 @@ def test_a_plant_is_a_profile_today() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("path", "flown"),
+    [
+        (("encirclement", "spacing_acceleration_max_m_s2"), 0.3),
+        (("encirclement", "spacing_jerk_max_m_s3"), 0.5),
+        (("tuning", "failsafe", "clock_step_s"), 0.5),
+        (("failsafe", "clock_step_s"), 0.5),
+    ],
+)
+def test_a_key_that_is_a_constant_today_is_accepted_with_its_value_only(path: tuple[str, ...], flown: float) -> None:
+    place = ".".join(path)
+    (warning,) = parsed(put(content(), path, flown)).warnings
+    assert warning.startswith(f"{place}: no longer a key")
+    (fault,) = faults(put(content(), path, 0.7))
+    assert fault.startswith(f"{place}: no longer a key, its value is always {flown:g}, not 0.7")
+
+
 def test_a_fault_in_a_key_that_moved_is_where_the_file_has_it() -> None:
     assert places(old("nowhere")) == ["vehicles[0].plant"]
     assert places(put(content(), ("vehicles", 0, "profile"), "nowhere")) == ["vehicles[0].profile"]
