@@ -27,8 +27,8 @@ VELOCITY_OFF_M_S, SPEED_OFF_M_S = 2.0, 1.0
 CLIMB_MAX_M_S, ALTITUDE_OFF_M = 6.0, 2.0
 CONFIRMED = 3
 """The number of contradictions that are reported, and of consistent states that confirm a track: one may be a fault."""
-CLAIMS_MAX = 4
-DOUBTED_S = 5.0
+TRACKS_MAX = 4
+REPORTED_FOR_S = 5.0
 """A peer is doubtful for this long after its last contradiction."""
 _KEPT = 0.98
 """The decay factor, per state, of the accumulated difference between positions and velocities: it fades in seconds."""
@@ -167,7 +167,7 @@ class ConsistencyCheck:
         if track is None:
             track = Track(state, self._limits)
             confirmed = [each for each in tracks[1:] if each.accepted or each.count >= CONFIRMED]
-            tracks[1:] = [*confirmed[2 - CLAIMS_MAX :], track]
+            tracks[1:] = [*confirmed[2 - TRACKS_MAX :], track]
         self.contested.add(state.sender)
         excused = state.alert in self._excuses or state.tactic == _PILOT
         if not excused:
@@ -190,7 +190,7 @@ class ConsistencyCheck:
                 held_s = self._limits.safety.lost_avoided_s if track.accepted else _AGE_MAX_S * time_scale
                 if now_s - track.state.time_s > held_s:
                     tracks.remove(track)
-            if inconsistency is not None and now_s - inconsistency.last_s > DOUBTED_S:
+            if inconsistency is not None and now_s - inconsistency.last_s > REPORTED_FOR_S:
                 del self._inconsistencies[sender]
             elif inconsistency is None and len(tracks) == 1:
                 self.contested.discard(sender)
