@@ -106,7 +106,7 @@ class GuardAction(msgspec.Struct, frozen=True):
         return ", ".join(self.causes)
 
 
-Event = TacticChange | AlertChange | ResumeRefusal | CommandOutcome | ShapeChange | RingChange | GuardAction
+NotedEvent = TacticChange | AlertChange | ResumeRefusal | CommandOutcome | ShapeChange | RingChange | GuardAction
 
 
 class Note(msgspec.Struct, frozen=True):
@@ -127,7 +127,7 @@ class Notes:
     def __init__(self) -> None:
         self._notes: list[Note] = []
 
-    def add(self, time_s: float, event: Event, because: str = "") -> None:
+    def add(self, time_s: float, event: NotedEvent, because: str = "") -> None:
         """Append a note of an event."""
         note = Note(
             time_s,

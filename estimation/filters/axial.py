@@ -136,22 +136,15 @@ def _predicted_covariance(covariance: AxisCovariance, step: Step, rotation: Rota
     )
 
 
-def updated(
-    axis: AxisEstimate, position_m: float, rate_m_s: float, noise: tuple[float, float]
-) -> tuple[AxisEstimate, float]:
-    """Return the estimate after a measured position and velocity with these variances, and the squared innovation.
-
-    The squared innovation is the squared Mahalanobis distance, with two degrees of freedom; NaN if a measurement is
-    NaN. The innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
-    covariance stays symmetric.
-    """
-    return _corrected(axis, position_m, rate_m_s, _gain(axis.covariance, noise))
-
-
 def updated_axes(
     axes: Axes, position_m: tuple[float, float], rate_m_s: tuple[float, float], noise: tuple[float, float]
 ) -> tuple[Axes, float]:
-    """Return both axes' updated estimates, and the sum of their squared innovations; equal axes share one gain."""
+    """Return both axes' estimates after a measurement with these variances, and the squared innovation.
+
+    The squared innovation is the sum of both axes' squared Mahalanobis distances; NaN if a measurement is NaN. The
+    innovation covariance is factored as S = L L' and everything is divided by L: no inverse is needed, and the
+    covariance stays symmetric. Equal axes share one gain.
+    """
     x, y = axes
     gain = _gain(x.covariance, noise)
     gain_y = gain if y.covariance is x.covariance else _gain(y.covariance, noise)

@@ -5,8 +5,8 @@ import pytest
 from agents.notes import (
     AlertChange,
     CommandOutcome,
-    Event,
     GuardAction,
+    NotedEvent,
     Notes,
     ResumeRefusal,
     ShapeChange,
@@ -48,7 +48,7 @@ def test_without_an_alert_there_is_nothing_to_do_and_an_unknown_one_is_grave() -
 
 def test_an_event_is_as_grave_as_what_happened(subtests: pytest.Subtests) -> None:
     low, silent = "battery low", "peer silent"
-    rows: tuple[tuple[Event, str], ...] = (
+    rows: tuple[tuple[NotedEvent, str], ...] = (
         (AlertChange(low, "18 %", "return and land"), "alarm"),
         (AlertChange(low, is_over=True), "information"),
         (AlertChange("fence left", is_over=True, waits_for_resume=True), "information"),
