@@ -11,20 +11,25 @@ import msgspec
 
 from agents.drops import NO_DROPS, Drops
 from agents.settings.shapes import Shape
+from agents.tactics import Tactic
+from agents.team.packing import PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit
 from agents.team.text import PRINTABLE
 from agents.team.verbs import Verb
 
 VehicleId = Annotated[int, msgspec.Meta(ge=1, le=254)]
 TimeS = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
-_Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
-_Speed = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3)]
-_Angle = Annotated[float, msgspec.Meta(ge=-7.0, le=7.0)]
-_Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
-_Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+_Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6), Unit(1e3)]
+_Radius = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
+_Speed = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3), Unit(1e3)]
+_Angle = Annotated[float, msgspec.Meta(ge=-7.0, le=7.0), Unit(1e5)]
+_AngularRate = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3), Unit(1e6)]
+# Variances are rounded up, covariances towards zero, which keeps the matrix positive definite.
+_Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8), Unit(1e6, "above")]
+_Covariance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8), Unit(1e6, "towards_zero")]
+_Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0), Unit(1e4)]
+_Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
 _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
-
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
-_Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 _Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
@@ -41,15 +46,15 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
     that the sender can fly (`agents/ring/feasibility.py`).
     """
 
-    sender: VehicleId
-    time_s: TimeS
+    sender: Annotated[VehicleId, SHARED]
+    time_s: Annotated[TimeS, SHARED]
     bearing_rad: _Angle
-    angular_rate_rad_s: _Speed
-    radius_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
+    angular_rate_rad_s: _AngularRate
+    radius_m: _Radius
     rate_share: _Fraction = 1.0
-    radius_share: Annotated[float, msgspec.Meta(ge=1.0, le=10.0)] = 1.0
+    radius_share: Annotated[float, msgspec.Meta(ge=1.0, le=10.0), Unit(1e4)] = 1.0
     reference_rad: _Angle | None = None
-    reference_rate_rad_s: _Speed = 0.0
+    reference_rate_rad_s: _AngularRate = 0.0
 
 
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
@@ -60,17 +65,17 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     the sender's own position: standard deviation per axis (0: none) and correlation time.
     """
 
-    sender: VehicleId
-    time_s: TimeS
+    sender: Annotated[VehicleId, SHARED]
+    time_s: Annotated[TimeS, Age(1e3)]
     position_m: Metres2
-    covariance_m2: tuple[_Variance, _Variance, _Variance]
+    covariance_m2: tuple[_Variance, _Covariance, _Variance]
     importance: _Fraction
     threat: _Fraction
     recipients: tuple[VehicleId, ...]
     altitude_m: _Metres | None = None
-    altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
-    frame_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
-    frame_correlation_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = 0.0
+    altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3), Unit(1e3, "above"), PAIRED] = 1.0
+    frame_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0), Unit(1e3, "above")] = 0.0
+    frame_correlation_s: Annotated[_Seconds, PAIRED] = 0.0
 
 
 class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
@@ -85,16 +90,16 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
 
     sender: VehicleId
     time_s: TimeS
-    tactic: _Name
+    tactic: Annotated[_Name, OneOf(tuple(each.value for each in Tactic))]
     position_m: Metres2
     velocity_m_s: tuple[_Speed, _Speed]
-    setpoint_m: Metres2
+    setpoint_m: Annotated[Metres2, AheadOf("position_m")]
     setpoint_rate_m_s: tuple[_Speed, _Speed]
     altitude_m: _Metres = 0.0
-    position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3)] = 0.0
+    position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3), Unit(1e3, "above")] = 0.0
     alert: _Name = ""
     shape: Shape | None = None
-    shaped_s: TimeS = 0.0
+    shaped_s: Annotated[TimeS, PAIRED] = 0.0
     drops: Drops = NO_DROPS
     angle: NeighbourAngle | None = None
     sightings: tuple[TargetPackage, ...] = ()
@@ -169,7 +174,7 @@ class TargetReport(msgspec.Struct, frozen=True, array_like=True):
 
     position_m: Metres2
     velocity_m_s: tuple[_Speed, _Speed]
-    covariance_m2: tuple[_Variance, _Variance, _Variance]
+    covariance_m2: tuple[_Variance, _Covariance, _Variance]
     sighting_age_s: _Seconds
 
 
@@ -190,9 +195,9 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     armed: bool = False
     in_air: bool = False
     link_age_s: _Seconds | None = None
-    yaw_rad: _Angle | None = None
+    yaw_rad: Annotated[float, msgspec.Meta(ge=-7.0, le=7.0), Unit(1e3)] | None = None
     battery: _Fraction | None = None
-    endurance_s: _Seconds | None = None
+    endurance_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1)] | None = None
     gps_dimensions: _Count | None = None
     satellites: _Count | None = None
     estimator: _Name = ""
@@ -200,8 +205,8 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     duration_s: _Seconds = 0.0
     ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)] = ""
     target: TargetReport | None = None
-    lacks: Annotated[str, msgspec.Meta(max_length=LACKS_LIMIT, pattern=PRINTABLE)] | None = None
-    clock_off_s: _Seconds | None = None
+    lacks: Annotated[Annotated[str, msgspec.Meta(max_length=LACKS_LIMIT, pattern=PRINTABLE)] | None, Added(1)] = None
+    clock_off_s: Annotated[_Seconds | None, Added(2)] = None
 
     @property
     def is_link_cut(self) -> bool:
