@@ -33,7 +33,7 @@ def extrapolated(member: MemberState, at_s: float) -> Predecessor:
     """Return a peer's motion and aim at a time, extrapolated at their published rates."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
-    (aim_x, aim_y), (aim_x_rate, aim_y_rate) = member.setpoint_m, member.setpoint_rate_m_s
+    (aim_x, aim_y), (aim_x_rate, aim_y_rate) = member.aim_m, member.aim_rate_m_s
     return Predecessor(
         np.array((x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate)),
         np.array((aim_x + aim_x_rate * ahead_s, aim_y + aim_y_rate * ahead_s)),

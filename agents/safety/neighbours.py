@@ -159,6 +159,6 @@ class Neighbours:
         a0, a1 = self._stiffness[axis]
         position, rate = member.position_m[axis], member.velocity_m_s[axis]
         limit = self._acceleration_max_m_s2
-        acceleration = a0 * (member.setpoint_m[axis] - position) - a1 * rate
+        acceleration = a0 * (member.aim_m[axis] - position) - a1 * rate
         acceleration = min(max(acceleration, -limit), limit)
         return position + (rate + acceleration / 2.0 * ahead_s) * ahead_s, rate + acceleration * ahead_s, acceleration

@@ -79,7 +79,7 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
 
 
 class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
-    """A vehicle's state at `time_s`: tactic, motion, and the undisturbed setpoint with its rate, for followers.
+    """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers.
 
     It includes the vehicle's place on the ring, None off it, and the new sightings of its own sensor.
 
@@ -93,8 +93,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
     tactic: Annotated[_Name, OneOf(tuple(each.value for each in Tactic))]
     position_m: Metres2
     velocity_m_s: tuple[_Speed, _Speed]
-    setpoint_m: Annotated[Metres2, AheadOf("position_m")]
-    setpoint_rate_m_s: tuple[_Speed, _Speed]
+    aim_m: Annotated[Metres2, AheadOf("position_m")]
+    aim_rate_m_s: tuple[_Speed, _Speed]
     altitude_m: _Metres = 0.0
     position_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=1e3), Unit(1e3, "above")] = 0.0
     alert: _Name = ""

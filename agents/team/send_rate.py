@@ -1,6 +1,6 @@
 """When a vehicle's state is sent: as soon as the peers' prediction of it becomes wrong, and at a minimum rate.
 
-Peers extrapolate a state: the position at its velocity, the setpoint and the reference on the ring at their rates.
+Peers extrapolate a state: the position at its velocity, the aim and the reference on the ring at their rates.
 While this agrees with the vehicle's present state, a few states a second are sufficient. This rate does not depend on
 the number of vehicles, and allows for the loss of a state.
 """
@@ -18,7 +18,7 @@ _AGAIN_S = 0.5
 _POSITION_M, _VELOCITY_M_S, _ALTITUDE_M, _SIGMA_M = 0.1, 0.2, 0.2, 0.1
 """The largest differences from the predicted state: at least three standard deviations with noisy telemetry."""
 _FOLLOWED_M, _AIM_M = 0.1, 0.5
-"""The same for the setpoint: in formation, where followers keep station on it, and where only the guard uses it."""
+"""The same for the aim: in formation, where followers keep station on it, and where only the guard uses it."""
 _REFERENCE_M, _SHARE = 0.02, 0.01
 """The same for the reference along the ring, and for the shares of the ring that a vehicle can fly."""
 _FORMATION = Tactic.FORMATION.value
@@ -66,8 +66,8 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
         return False
     (x, y), (x_rate, y_rate) = state.position_m, state.velocity_m_s
     (before_x, before_y), (before_x_rate, before_y_rate) = before.position_m, before.velocity_m_s
-    (aim_x, aim_y), (before_aim_x, before_aim_y) = state.setpoint_m, before.setpoint_m
-    aim_x_rate, aim_y_rate = before.setpoint_rate_m_s
+    (aim_x, aim_y), (before_aim_x, before_aim_y) = state.aim_m, before.aim_m
+    aim_x_rate, aim_y_rate = before.aim_rate_m_s
     return (
         hypot(x - before_x - before_x_rate * step_s, y - before_y - before_y_rate * step_s) <= _POSITION_M
         and hypot(x_rate - before_x_rate, y_rate - before_y_rate) <= _VELOCITY_M_S

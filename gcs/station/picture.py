@@ -80,7 +80,8 @@ class VehiclePicture(msgspec.Struct, frozen=True):
     """One vehicle at one time. `age_s` is the age of its last message [wall s], None before the first.
 
     `is_stale` means that its position is out of date: its messages stopped, or its link is cut.
-    `link_age_s` is how long its agent has received nothing from its autopilot. `yaw_rad` is that of its setpoint.
+    `link_age_s` is how long its agent has received nothing from its autopilot. `aim_m` is the undisturbed aim, which
+    its peers receive, `setpoint_m` the setpoint sent, which a log holds; `yaw_rad` is that of the setpoint.
     `advice` is the operator's action for the alert. `nearest_m` is the horizontal distance to the nearest other flying
     vehicle, `fence_margin_m` that to the fence (negative: outside). `ending` is how its flight ended, empty before.
     """
@@ -94,6 +95,7 @@ class VehiclePicture(msgspec.Struct, frozen=True):
     position_m: Triple | None = None
     yaw_rad: float | None = None
     velocity_m_s: Pair | None = None
+    aim_m: Pair | None = None
     setpoint_m: Pair | None = None
     battery: float | None = None
     endurance_s: float | None = None

@@ -276,7 +276,7 @@ def _with_state(picture: VehiclePicture, state: MemberState | None) -> VehiclePi
         tactic=state.tactic,
         position_m=(*state.position_m, state.altitude_m),
         velocity_m_s=state.velocity_m_s,
-        setpoint_m=state.setpoint_m,
+        aim_m=state.aim_m,
         radius_m=None if state.angle is None else state.angle.radius_m,
         angular_rate_rad_s=None if state.angle is None else state.angle.angular_rate_rad_s,
     )

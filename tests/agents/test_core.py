@@ -336,9 +336,9 @@ def test_followers_receive_the_undisturbed_setpoint_at_the_time_of_the_message(
     state = sent_by(output)[0]
     assert isinstance(state, MemberState)
     # In steady flight: the mission line's own setpoint, as of the message's time.
-    assert state.setpoint_m == pytest.approx((0.2 * state.time_s + 0.2 * 0.87 / 0.80, 0.0), abs=0.01)
-    assert state.setpoint_rate_m_s == (0.2, 0.0)
-    compensated = state.setpoint_m - wind / 0.80 + np.array([0.2 * PERIOD_S / 2.0, 0.0])
+    assert state.aim_m == pytest.approx((0.2 * state.time_s + 0.2 * 0.87 / 0.80, 0.0), abs=0.01)
+    assert state.aim_rate_m_s == (0.2, 0.0)
+    compensated = state.aim_m - wind / 0.80 + np.array([0.2 * PERIOD_S / 2.0, 0.0])
     assert setpoint_of(output) == pytest.approx(compensated, abs=0.01)
 
 

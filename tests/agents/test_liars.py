@@ -146,8 +146,8 @@ def flown(lie: Lie, scene: Scene, *, blocks: bool = False) -> Outcome:
 
 
 def shifted(state: MemberState, x_m: float, y_m: float) -> MemberState:
-    (x, y), (aim_x, aim_y) = state.position_m, state.setpoint_m
-    return msgspec.structs.replace(state, position_m=(x + x_m, y + y_m), setpoint_m=(aim_x + x_m, aim_y + y_m))
+    (x, y), (aim_x, aim_y) = state.position_m, state.aim_m
+    return msgspec.structs.replace(state, position_m=(x + x_m, y + y_m), aim_m=(aim_x + x_m, aim_y + y_m))
 
 
 def about_state(change: Callable[[float, MemberState], list[MemberState]]) -> Lie:

@@ -72,7 +72,7 @@ def flight_about(east_m: float, north_m: float) -> FlightPicture:
     x_m, y_m = cos(bearing) * north_m + sin(bearing) * east_m, sin(bearing) * north_m - cos(bearing) * east_m
     team = replace(flight.teams[0], target=None)
     for number, (dx, dy) in {1: (0.0, 0.0), 2: (12.0, 9.0), 3: (-12.0, -9.0)}.items():
-        team = changed(team, number, position_m=(x_m + dx, y_m + dy, 8.0), setpoint_m=None)
+        team = changed(team, number, position_m=(x_m + dx, y_m + dy, 8.0), aim_m=None)
     mission = replace(flight.mission, origin_deg=ORIGIN, x_bearing_deg=X_BEARING_DEG)
     return replace(flight, mission=mission, teams=(team, team))
 

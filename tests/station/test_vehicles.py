@@ -67,7 +67,7 @@ _NUMBERS = [
     "position_m",
     "yaw_rad",
     "velocity_m_s",
-    "setpoint_m",
+    "aim_m",
     "battery",
     "endurance_s",
     "satellites",

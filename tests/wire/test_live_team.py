@@ -312,9 +312,9 @@ def replay_bit_for_bit(log: FlightLog) -> None:
 
 
 def compare_with_decisions(shown: VehiclePicture, recent: Sequence[Any]) -> None:
-    assert shown.setpoint_m is not None
+    assert shown.aim_m is not None
     assert any(each.tactic == shown.tactic for each in recent)
-    assert min(dist(each.setpoint.position_m[:2], shown.setpoint_m) for each in recent if each.setpoint) < NEAR_M
+    assert min(dist(each.setpoint.position_m[:2], shown.aim_m) for each in recent if each.setpoint) < NEAR_M
     polar = [each.polar for each in recent if each.polar is not None]
     assert min(abs(each.radius_m - (shown.radius_m or 0.0)) for each in polar) < NEAR_M
     assert min(abs(each.angular_rate_rad_s - (shown.angular_rate_rad_s or 0.0)) for each in polar) < NEAR_RAD

@@ -144,12 +144,12 @@ def _moved(payload: bytes, by_m: tuple[float, float], later_s: float) -> bytes:
     message = decode(payload)
     if not isinstance(message, MemberState):
         return payload
-    (x, y), (aim_x, aim_y) = message.position_m, message.setpoint_m
+    (x, y), (aim_x, aim_y) = message.position_m, message.aim_m
     elsewhere = msgspec.structs.replace(
         message,
         time_s=message.time_s + later_s,
         position_m=(x + by_m[0], y + by_m[1]),
-        setpoint_m=(aim_x + by_m[0], aim_y + by_m[1]),
+        aim_m=(aim_x + by_m[0], aim_y + by_m[1]),
     )
     return encode(elsewhere)
 

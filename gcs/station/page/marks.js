@@ -18,7 +18,7 @@ export function planMarks(mission, frame) {
 
 const hasFence = (vehicle) => vehicle.fence_m.length > 2;
 
-/** The target with its rings, and the setpoints and circles of vehicles, of a TeamPicture. */
+/** The target with its rings, and the setpoints or aims and circles of vehicles, of a TeamPicture. */
 export function teamMarks(mission, team, frame) {
   const target = team.target ? targetMarks(mission, team, frame) : [];
   return collection([...target, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
@@ -48,9 +48,9 @@ function vehicleMarks(mission, vehicle, team, frame) {
   const isCurrent = !["stale", "ended"].includes(trouble(vehicle, team)) && !vehicle.is_stale;
   const round = circle(vehicle.position_m, mission.separation_m / 2, SMALL_CIRCLE);
   const marks = [line(isCurrent ? "separation" : "stale", [round], frame, { colour })];
-  if (!isCurrent || vehicle.setpoint_m === null) return marks;
-  const { setpoint_m } = vehicle;
-  return [...marks, line("setpoint", [[vehicle.position_m, setpoint_m], ...cross(setpoint_m, 0.4)], frame, { colour })];
+  const ahead_m = vehicle.setpoint_m ?? vehicle.aim_m;
+  if (!isCurrent || ahead_m === null) return marks;
+  return [...marks, line("setpoint", [[vehicle.position_m, ahead_m], ...cross(ahead_m, 0.4)], frame, { colour })];
 }
 
 /** The trails of the vehicles, from TeamPictures in the order of time, with gaps where a vehicle was stale. */

@@ -568,7 +568,7 @@ class Between(Flight):
         said = super()._said_by(peer, tactic)
         x_m, y_m, x_m_s, y_m_s = self.motion.tolist()
         y_m += self.away_m if peer == 1 else -self.away_m
-        return msgspec.structs.replace(said, position_m=(x_m, y_m), velocity_m_s=(x_m_s, y_m_s), setpoint_m=(x_m, y_m))
+        return msgspec.structs.replace(said, position_m=(x_m, y_m), velocity_m_s=(x_m_s, y_m_s), aim_m=(x_m, y_m))
 
 
 def test_a_guard_that_finds_no_solution_is_a_plan_that_fails(

@@ -121,8 +121,8 @@ def test_a_decoded_state_is_within_half_a_unit_and_encodes_unchanged(state: Memb
         state.alert,
     )
     assert (again.shape, again.drops) == (state.shape, state.drops)
-    near(again, state, "position_m", "velocity_m_s", "setpoint_rate_m_s", "altitude_m", within=5e-4)
-    near(again, state, "setpoint_m", "position_sigma_m", within=1.1e-3)
+    near(again, state, "position_m", "velocity_m_s", "aim_rate_m_s", "altitude_m", within=5e-4)
+    near(again, state, "aim_m", "position_sigma_m", within=1.1e-3)
     assert again.position_sigma_m >= state.position_sigma_m - 1e-9
     assert (again.angle is None) == (state.angle is None)
     if again.angle is not None and state.angle is not None:

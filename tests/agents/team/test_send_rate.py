@@ -23,7 +23,7 @@ def steady(time_s: float) -> MemberState:
         STATE,
         time_s=time_s,
         position_m=(1.0 + 0.5 * step_s, 2.0 - 0.5 * step_s),
-        setpoint_m=(1.5 + 0.4 * step_s, 1.5 - 0.4 * step_s),
+        aim_m=(1.5 + 0.4 * step_s, 1.5 - 0.4 * step_s),
         angle=replace(PLACE, time_s=time_s, reference_rad=3.0 + 0.1 * step_s),
     )
 
@@ -91,7 +91,7 @@ def test_a_clock_that_was_set_back_does_not_silence() -> None:
     [
         ("position_m", 0.09, 0.11),
         ("velocity_m_s", 0.19, 0.21),
-        ("setpoint_m", 0.49, 0.51),
+        ("aim_m", 0.49, 0.51),
     ],
 )
 @pytest.mark.parametrize("axis", [0, 1])
@@ -105,9 +105,9 @@ def test_motion_goes_on_within_its_tolerance(field: str, within: float, beyond: 
 
 def test_in_formation_others_keep_station_on_the_setpoint() -> None:
     before, state = (replace(each, tactic="formation") for each in (STATE, steady(10.3)))
-    x, y = state.setpoint_m
-    assert goes_on(before, replace(state, setpoint_m=(x + 0.09, y)))
-    assert not goes_on(before, replace(state, setpoint_m=(x + 0.11, y)))
+    x, y = state.aim_m
+    assert goes_on(before, replace(state, aim_m=(x + 0.09, y)))
+    assert not goes_on(before, replace(state, aim_m=(x + 0.11, y)))
 
 
 @pytest.mark.parametrize(("off_m", "goes"), [(0.0, True), (0.019, True), (-0.019, True), (0.021, False)])

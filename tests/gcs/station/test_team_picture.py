@@ -82,7 +82,7 @@ def test_every_field_is_that_of_the_messages() -> None:
     page = Page()
     place = NeighbourAngle(1, START_S + 20.0, 1.0, 0.05, 10.5)
     flies = state(
-        1, START_S + 20.0, (3.0, 4.0), tactic="encircle", velocity_m_s=(0.5, -0.6), setpoint_m=(3.5, 4.5),
+        1, START_S + 20.0, (3.0, 4.0), tactic="encircle", velocity_m_s=(0.5, -0.6), aim_m=(3.5, 4.5),
         altitude_m=9.0, angle=place,
     )  # fmt: skip
     says = report(
@@ -107,7 +107,7 @@ def test_every_field_is_that_of_the_messages() -> None:
         position_m=(3.0, 4.0, 9.0),
         yaw_rad=1.5,
         velocity_m_s=(0.5, -0.6),
-        setpoint_m=(3.5, 4.5),
+        aim_m=(3.5, 4.5),
         battery=0.7,
         endurance_s=900.0,
         satellites=14,

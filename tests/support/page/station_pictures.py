@@ -75,7 +75,7 @@ def _on_ring(
         position_m=position_m,
         yaw_rad=angle + math.pi,
         velocity_m_s=(-SPEED_M_S * math.sin(angle) + 0.1, SPEED_M_S * math.cos(angle)),
-        setpoint_m=(target_m[0] + radius_m * math.cos(ahead), target_m[1] + radius_m * math.sin(ahead)),
+        aim_m=(target_m[0] + radius_m * math.cos(ahead), target_m[1] + radius_m * math.sin(ahead)),
         battery=0.82 - 0.03 * (index % 8) - 0.0003 * time_s,
         endurance_s=840.0 - time_s,
         satellites=14 + index % 3,
