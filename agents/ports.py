@@ -1,7 +1,6 @@
 """The interfaces between an agent and its environment: the vehicle link and the peer bus, as protocols."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from math import isfinite
 from typing import Protocol
@@ -10,7 +9,7 @@ import msgspec
 
 from agents.drops import Drops
 from agents.team.external_positions import ExternalPosition
-from agents.team.messages import BusMessage
+from agents.team.messages import AutopilotReport, BusMessage
 from estimation.frames import Triple
 from estimation.state import Sighting, Telemetry
 
@@ -44,8 +43,7 @@ class Connection(Enum):
     GROUND_STATION = "ground station"
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleStatus:
+class VehicleStatus(AutopilotReport, frozen=True):
     """The status that a vehicle's autopilot reports, except its motion.
 
     `battery` is a fraction, None if unknown; `restarts` counts the autopilot's restarts. Values that it does not report
@@ -62,17 +60,13 @@ class VehicleStatus:
     armed: bool = False
     in_air: bool = False
     mode: FlightMode = FlightMode.UNKNOWN
-    battery: float | None = None
     local_position_ok: bool = False
     armable: bool = False
     restarts: int = 0
-    endurance_s: float | None = None
     tilt_deg: int = 0
     estimator_ratio: float | None = None
     estimator_sensor: str = ""
     estimator_fault: str = ""
-    gps_dimensions: int | None = None
-    satellites: int | None = None
     gps_threat: GpsThreat = GpsThreat.NONE
     lost: Connection = Connection.NONE
     wind_m_s: float | None = None

@@ -12,7 +12,7 @@ import msgspec
 from agents.drops import NO_DROPS, Drops
 from agents.settings.shapes import Shape
 from agents.tactics import Tactic
-from agents.team.packing import PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit
+from agents.team.packing import FLAT, PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit, Within
 from agents.team.text import PRINTABLE
 from agents.team.verbs import Verb
 
@@ -30,7 +30,6 @@ _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0), Unit(1e4)]
 _Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
 _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
-_Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
 LINK_SILENT_S = 0.8
@@ -166,7 +165,7 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
         return self.outcome != "begun"
 
 
-class TargetReport(msgspec.Struct, frozen=True, array_like=True):
+class TargetReport(msgspec.Struct, frozen=True):
     """A vehicle's estimate of the target: the covariance of its position (xx, xy, yy), and the newest sighting's age.
 
     It is a part of its sender's report, with the same time.
@@ -178,15 +177,27 @@ class TargetReport(msgspec.Struct, frozen=True, array_like=True):
     sighting_age_s: _Seconds
 
 
-class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
+class AutopilotReport(msgspec.Struct, frozen=True):
+    """What operators and observers see of an autopilot's own report: a part of its status, sent and shown as it is.
+
+    `battery` is a fraction, `endurance_s` its estimate of the flight time until the battery is empty, `gps_dimensions`
+    the type of the fix (0 without one, 2 or 3), with the number of `satellites`. None is unknown.
+    """
+
+    battery: Annotated[float, Within(0.0, 1.0), Unit(1e4)] | None = None
+    endurance_s: Annotated[float, Within(0.0, 1e6)] | None = None
+    gps_dimensions: Annotated[int, Within(0, 255)] | None = None
+    satellites: Annotated[int, Within(0, 255)] | None = None
+
+
+class VehicleReport(msgspec.Struct, frozen=True):
     """A vehicle's report to operators and observers, in addition to its state; vehicles do not receive it.
 
-    `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint;
-    `battery` is a fraction, `endurance_s` the autopilot's remaining flight time, `gps_dimensions` the type of the fix
-    (0 without one), `estimator` the state of the autopilot's estimator as text. The mission began at `start_s` and
-    lasts `duration_s`. `ended` is how the vehicle's flight ended, empty during the flight. While it waits on the ground
-    for an operator's start, `lacks` is what forbids the start, empty if nothing does, and `clock_off_s` the largest
-    offset of a peer's computer's clock from its own [wall s]. Unknown values are None, or empty.
+    `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint,
+    `estimator` the state of the autopilot's estimator as text. The mission began at `start_s` and lasts `duration_s`.
+    `ended` is how the vehicle's flight ended, empty during the flight. While it waits on the ground for an operator's
+    start, `lacks` is what forbids the start, empty if nothing does, and `clock_off_s` the largest offset of a peer's
+    computer's clock from its own [wall s]. Unknown values are None, or empty.
     """
 
     sender: VehicleId
@@ -196,10 +207,7 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     in_air: bool = False
     link_age_s: _Seconds | None = None
     yaw_rad: Annotated[float, msgspec.Meta(ge=-7.0, le=7.0), Unit(1e3)] | None = None
-    battery: _Fraction | None = None
-    endurance_s: Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1)] | None = None
-    gps_dimensions: _Count | None = None
-    satellites: _Count | None = None
+    autopilot: Annotated[AutopilotReport, FLAT] = AutopilotReport()
     estimator: _Name = ""
     start_s: TimeS | None = None
     duration_s: _Seconds = 0.0

@@ -27,6 +27,14 @@ class Unit:
 
 
 @dataclass(frozen=True, slots=True)
+class Within:
+    """A number that has these bounds on the bus alone; those of `msgspec.Meta` hold wherever it is decoded."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
 class AheadOf:
     """A tuple that is sent relative to an earlier field of the same form, which takes fewer bytes."""
 
@@ -49,7 +57,7 @@ class OneOf:
 
 @dataclass(frozen=True, slots=True)
 class Added:
-    """The field that was added as number n: it is sent after all others, and has its default where it is missing."""
+    """The field that was added to a message as number n: it is sent after all others, and may be missing."""
 
     number: int
 
@@ -65,6 +73,11 @@ SHARED = Mark("shared")
 """A field that is not sent: a part of a message has it from the whole."""
 PAIRED = Mark("paired")
 """A field that is sent in the column of the field before; both are null where that has its default."""
+FLAT = Mark("flat")
+"""A part of a message whose columns are columns of the whole."""
+
+
+_BOUNDS = ("gt", "ge", "lt", "le")
 
 
 class Packing(Generic[MessageT]):
@@ -121,6 +134,8 @@ class _Fields:
             hint, value = hints[each.name], f"{message}.{each.name}"
             if SHARED in _marks(hint):
                 restored.append(f"whole.{each.name}")
+            elif FLAT in _marks(hint):
+                restored.append(self.add(_bare(hint), value))
             elif following is not None and PAIRED in _marks(hints[following.name]):
                 restored += self._pair(each, following, message, hints)
             elif PAIRED not in _marks(hint):
@@ -181,17 +196,19 @@ class _Fields:
             part, name = Packing(bare), bare.__name__
             self.names |= {f"pack_{name}": part.packed, f"unpack_{name}": part.unpacked}
             return _Form(part.wire, f"pack_{name}({{0}}, m)", f"unpack_{name}({{0}}, w)")
-        return _Form(hint) if _mark(hint, Unit) is None else _number(hint)
+        return _Form(hint) if _mark(hint, Unit) is None and _mark(hint, Within) is None else _number(hint)
 
 
 def _number(hint: Any, times: int = 1) -> _Form:
-    """Return the form of a number with a unit; its bounds are multiplied by `times`."""
-    unit, bounds = _mark(hint, Unit), _mark(hint, Meta)
-    assert unit is not None
-    assert bounds is not None
-    per_one, found = unit.per_one, {name: getattr(bounds, name) for name in ("gt", "ge", "lt", "le")}
-    units = {name: round(times * value * per_one) for name, value in found.items() if value is not None}
-    kind = Annotated[int, Meta(**units)]
+    """Return the form of a number; its bounds are multiplied by `times`."""
+    unit, meta, within = _mark(hint, Unit) or Unit(1.0), _mark(hint, Meta), _mark(hint, Within)
+    bounds = {"ge": within.low, "le": within.high} if within else {each: getattr(meta, each) for each in _BOUNDS}
+    units: dict[str, Any] = {
+        each: round(times * value * unit.per_one) for each, value in bounds.items() if value is not None
+    }
+    kind, per_one = Annotated[int, Meta(**units)], unit.per_one
+    if _bare(hint) is int:
+        return _Form(kind)
     if per_one == 1.0:
         return _Form(kind, "round({0})")
     packed = f"round({{0}} * {per_one})" if unit.rounding == "nearest" else f"{unit.rounding}({{0}}, {per_one})"

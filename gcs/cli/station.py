@@ -15,9 +15,9 @@ from gcs.signals import hold_back
 if TYPE_CHECKING:
     import socket
 
+    from gcs.console.vehicle_view import Pair
     from gcs.metrics.ending import LostFlight
     from gcs.station.access import Access
-    from gcs.station.picture import Pair
     from gcs.station.tiles import MapTiles
 
 

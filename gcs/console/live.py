@@ -1,27 +1,35 @@
 """Terminal output of a flight: the live table of the team."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from functools import partial
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console, JustifyMethod
+from msgspec.structs import replace
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from gcs.console.advice import Severity
 from gcs.console.table_view import (
+    MOTION_COLUMNS,
     STYLES,
+    UNKNOWN_TACTIC,
+    Column,
     ControlCode,
     TableForm,
     TableView,
-    apart_cell,
-    fence_cell,
+    empty_table,
     graded,
+    in_degrees,
+    motion_cells,
+    motion_numbers,
     number,
+    plain_row,
     tactic_cell,
     vehicle_cell,
 )
+from gcs.console.vehicle_view import TeamRow
 
 PLAIN_INTERVAL_S = 30.0
 BATTERY_LOW, BATTERY_CRITICAL = 0.35, 0.2
@@ -29,20 +37,17 @@ LINK_OLD_S = 1.0
 MODE_STYLES = {"offboard": "green", "hold": "yellow", "land": "yellow", "return": "yellow", "unknown": "dim"}
 BRACKET_PASTES, DO_NOT_BRACKET_PASTES = "\x1b[?2004h", "\x1b[?2004l"
 """Switch the terminal's bracketed paste mode on and off."""
-LIVE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+LIVE_COLUMNS: tuple[Column, ...] = (
     ("", "right"),
     ("tactic", "left"),
     ("mode", "left"),
-    ("height\n[m]", "right"),
-    ("speed\n[m/s]", "right"),
-    ("near\n[m]", "right"),
-    ("fence\n[m]", "right"),
+    *MOTION_COLUMNS,
     ("link\n[s]", "right"),
     ("GPS\n(sat)", "right"),
     ("batt", "right"),
     ("r\n[m]", "right"),
 )
-WIDE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+WIDE_COLUMNS: tuple[Column, ...] = (
     ("trip\n[ms]", "right"),
     ("ω\n[rad/s]", "right"),
     ("lead\n[°]", "right"),
@@ -51,46 +56,12 @@ WIDE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
 """Columns that do not fit into 80 characters."""
 
 
-@dataclass(frozen=True, slots=True)
-class LiveRow:
-    """One vehicle at one time; None for a value that does not apply or is unknown.
-
-    `nearest_m` is the horizontal distance to the nearest other vehicle, too close below `separation_m`; `fence_m` is
-    the distance to the fence, negative outside. `link_age_s` is the age of the newest telemetry, `round_trip_s` the
-    time from a message to its answer [wall s]; `gps` the fix and the satellites. `spacing_lead_deg` and
-    `spacing_lag_deg` are the angles to the neighbours on the ring; `battery` is a fraction. `ending` is how the
-    vehicle's flight ended, empty before.
-    """
-
-    vehicle_id: int
-    tactic: str
-    mode: str
-    connected: bool
-    radius_m: float | None = None
-    angular_rate_rad_s: float | None = None
-    spacing_lead_deg: float | None = None
-    spacing_lag_deg: float | None = None
-    battery: float | None = None
-    note: str = ""
-    alert: str = ""
-    height_m: float | None = None
-    speed_m_s: float | None = None
-    nearest_id: int | None = None
-    nearest_m: float | None = None
-    separation_m: float = 0.0
-    fence_m: float | None = None
-    link_age_s: float | None = None
-    round_trip_s: float | None = None
-    gps: str = "–"
-    ending: str = ""
-
-
-class LiveView(TableView[LiveRow]):
+class LiveView(TableView):
     """The view of a flight."""
 
-    def __init__(self, console: Console) -> None:
-        """Prepare to draw on `console`, normally standard error's."""
-        super().__init__(console, TableForm(live_table, plain_line, "ENDED", PLAIN_INTERVAL_S))
+    def __init__(self, console: Console, separation_m: float = 0.0) -> None:
+        """Prepare to draw on `console`, normally standard error's; distances below `separation_m` are too close."""
+        super().__init__(console, TableForm(partial(live_table, separation_m), plain_line, "ENDED", PLAIN_INTERVAL_S))
 
     def __enter__(self) -> Self:
         """Start drawing, and switch on bracketed paste mode."""
@@ -113,75 +84,71 @@ def flight_title(mission: str, time_s: float | None, duration_s: float, ring_mem
     return f"{mission}  {clock}  ring {ring_members} of {vehicles}"
 
 
-def live_table(rows: Sequence[LiveRow], wide: bool, closed: bool) -> Table:
+def live_table(separation_m: float, rows: Sequence[TeamRow], wide: bool, closed: bool) -> Table:
     """Return the table of a team; a closed one shows no vehicle as flying."""
-    table = Table(box=None, pad_edge=False, collapse_padding=True)
-    for name, justify in (*LIVE_COLUMNS, *(WIDE_COLUMNS if wide else ())):
-        table.add_column(Text(name), justify=justify, no_wrap=True)
+    table = empty_table((*LIVE_COLUMNS, *(WIDE_COLUMNS if wide else ())))
     for row in rows:
-        if closed or row.ending:
-            table.add_row(*(Text(cell.plain) for cell in _cells(_off_the_ring(row), wide, True)), style="dim")
-        else:
-            table.add_row(*_cells(row, wide, False))
+        over = closed or bool(row.ending)
+        cells = _cells(_off_the_ring(row) if over else row, separation_m, wide, over)
+        table.add_row(*(Text(cell.plain) for cell in cells) if over else cells, style="dim" if over else "")
     return table
 
 
-def plain_line(rows: Sequence[LiveRow], mission_time_s: float, message: str) -> str:
+def plain_line(rows: Sequence[TeamRow], mission_time_s: float, message: str) -> str:
     """Return the table as one line of plain text, vehicles separated by bars."""
     return " | ".join([f"t={mission_time_s:.1f}s", *map(_plain_vehicle, rows), *filter(None, [message])])
 
 
-def _off_the_ring(row: LiveRow) -> LiveRow:
-    return replace(row, radius_m=None, angular_rate_rad_s=None, spacing_lead_deg=None, spacing_lag_deg=None)
+def _off_the_ring(row: TeamRow) -> TeamRow:
+    return replace(row, radius_m=None, angular_rate_rad_s=None, lead_rad=None, lag_rad=None)
 
 
-def _cells(row: LiveRow, wide: bool, over: bool) -> list[Text]:
+def _cells(row: TeamRow, separation_m: float, wide: bool, over: bool) -> list[Text]:
     silent: Severity = "alarm" if row.link_age_s is not None and row.link_age_s > LINK_OLD_S else "information"
     cells = [
         vehicle_cell(row, over),
         Text("ended") if over else tactic_cell(row.tactic, wide),
         Text(row.ending or "unknown") if over else _mode(row),
-        Text(number(row.height_m, ".1f")),
-        Text(number(row.speed_m_s, ".1f")),
-        apart_cell(row.nearest_m, row.nearest_id, row.separation_m, wide),
-        fence_cell(row.fence_m),
+        *motion_cells(row, separation_m, wide),
         graded(row.link_age_s, ".1f", silent),
-        Text(row.gps),
-        graded(row.battery, ".0%", _battery_severity(row.battery)),
+        Text(_gps(row)),
+        graded(row.autopilot.battery, ".0%", _battery_severity(row.autopilot.battery)),
         Text(number(row.radius_m, ".2f")),
     ]
     if wide:
         cells += [
             Text(number(None if row.round_trip_s is None else 1e3 * row.round_trip_s, ".0f")),
             Text(number(row.angular_rate_rad_s, "+.3f")),
-            Text(number(row.spacing_lead_deg, ".1f")),
-            Text(number(row.spacing_lag_deg, ".1f")),
+            Text(number(in_degrees(row.lead_rad), ".1f")),
+            Text(number(in_degrees(row.lag_rad), ".1f")),
         ]
     return cells
 
 
-def _mode(row: LiveRow) -> Text:
-    if row.connected:
+def _mode(row: TeamRow) -> Text:
+    if row.mode:
         return Text(row.mode, style=MODE_STYLES.get(row.mode, ""))
     return Text("NO LINK", style=STYLES["alarm"])
 
 
-def _plain_vehicle(row: LiveRow) -> str:
+def _gps(row: TeamRow) -> str:
+    """Return the fix, or what disturbs it, and the satellites; a dash where the mission needs no GPS."""
+    dimensions, satellites = row.autopilot.gps_dimensions, row.autopilot.satellites
+    if dimensions is None:
+        return "–"
+    fix = row.gps_threat or (f"{dimensions}D" if dimensions else "none")
+    return f"{fix} {satellites or 0}"
+
+
+def _plain_vehicle(row: TeamRow) -> str:
     numbers = (
-        ("height", row.height_m, ".1f", "m"),
-        ("speed", row.speed_m_s, ".1f", "m/s"),
-        ("near", row.nearest_m, ".1f", "m"),
-        ("fence", row.fence_m, ".1f", "m"),
-        ("r", row.radius_m, ".2f", "m"),
-        ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
-        ("lead", row.spacing_lead_deg, ".1f", "deg"),
-        ("lag", row.spacing_lag_deg, ".1f", "deg"),
-        ("battery", row.battery, ".0%", ""),
+        *motion_numbers(row),
+        ("lead", in_degrees(row.lead_rad), ".1f", "deg"),
+        ("lag", in_degrees(row.lag_rad), ".1f", "deg"),
+        ("battery", row.autopilot.battery, ".0%", ""),
     )
-    known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    mode = row.ending or (row.mode if row.connected else "no-link")
-    parts = [f"#{row.vehicle_id}", "ended" if row.ending else row.tactic, mode, *known, row.alert, row.note]
-    return " ".join(filter(None, parts))
+    tactic, mode = ("ended", row.ending) if row.ending else (row.tactic or UNKNOWN_TACTIC, row.mode or "no-link")
+    return plain_row(row, tactic, mode, numbers)
 
 
 def _battery_severity(battery: float | None) -> Severity:

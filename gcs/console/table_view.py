@@ -1,62 +1,53 @@
 """A live table of a team on a terminal: title, vehicles, alerts, and the operator's next steps."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import degrees
 from types import TracebackType
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Self
 
-from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.console import Console, ConsoleOptions, Group, JustifyMethod, RenderableType, RenderResult
 from rich.live import Live
 from rich.segment import ControlType, Segment
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.advice import Severity, advice, severity
+from gcs.console.advice import Severity
 from gcs.console.terminal import Printable, printable_lines
+from gcs.console.vehicle_view import TeamRow
 
+Column = tuple[str, JustifyMethod]
+"""A column's title and alignment."""
+PlainNumber = tuple[str, float | None, str, str]
+"""A number in a line of plain text: its name, value, format and unit."""
 REFRESH_HZ = 4.0
 WIDE = 110
 """Terminals with at least this many columns show all columns without abbreviations."""
 SHORT_TACTICS = {"return and land": "return", "pilot override": "PILOT"}
+UNKNOWN_TACTIC = "-"
 TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
 STYLES: dict[Severity, str] = {"information": "", "warning": "yellow", "alarm": "bold red"}
 WORDS: dict[Severity, str] = {"information": "", "warning": "warning: ", "alarm": "ALARM: "}
 SIGNS: dict[Severity, str] = {"information": "", "warning": "!", "alarm": "!!"}
 SAVE_CURSOR = "\x1b7"
 """Marks the start of the table: a supervisor that ends the flight erases the table from there."""
+MOTION_COLUMNS: tuple[Column, ...] = (
+    ("height\n[m]", "right"),
+    ("speed\n[m/s]", "right"),
+    ("near\n[m]", "right"),
+    ("fence\n[m]", "right"),
+)
 NO_HINT = Text()
 _ALERTS_MAX, _NOTES_MAX, _ROWS_MIN = 4, 2, 3
 _HEADER_LINES = 3
 _GRAVEST_FIRST: tuple[Severity, ...] = ("alarm", "warning", "information")
 
 
-class TeamRow(Protocol):
-    """A row of a table: a vehicle, its present alert, and a note."""
-
-    @property
-    def vehicle_id(self) -> int:
-        """The vehicle's id."""
-        ...
-
-    @property
-    def alert(self) -> str:
-        """The alert, empty if none."""
-        ...
-
-    @property
-    def note(self) -> str:
-        """The note, empty if none."""
-        ...
-
-
-RowT = TypeVar("RowT", bound=TeamRow)
-
-
 @dataclass(frozen=True, slots=True)
-class _Shown(Generic[RowT]):
+class _Shown:
     """The content of the table; a closed view shows nothing as ongoing."""
 
-    rows: tuple[RowT, ...] = ()
+    rows: tuple[TeamRow, ...] = ()
     time_s: float = 0.0
     message: str = ""
     hint: Text = field(default_factory=Text)
@@ -65,29 +56,29 @@ class _Shown(Generic[RowT]):
 
 
 @dataclass(frozen=True, slots=True)
-class TableForm(Generic[RowT]):
+class TableForm:
     """How a view is drawn: `table` of rows, wide and closed; elsewhere `line` of rows, time and message.
 
     `closed` is the title of a closed view.
     """
 
-    table: Callable[[Sequence[RowT], bool, bool], Table]
-    line: Callable[[Sequence[RowT], float, str], str]
+    table: Callable[[Sequence[TeamRow], bool, bool], Table]
+    line: Callable[[Sequence[TeamRow], float, str], str]
     closed: str
     interval_s: float
 
 
-class TableView(Generic[RowT]):
+class TableView:
     """A live table on a terminal; elsewhere a line of text, at most every `form.interval_s`.
 
     Use it as a context manager. `update` only stores the state: the table is drawn four times a second.
     """
 
-    def __init__(self, console: Console, form: TableForm[RowT]) -> None:
+    def __init__(self, console: Console, form: TableForm) -> None:
         """Prepare to draw on `console`, normally standard error's."""
         self._console = console
         self._form = form
-        self._shown: _Shown[RowT] = _Shown()
+        self._shown = _Shown()
         self._alarms: set[tuple[int, str]] = set()
         self._printed_s: float | None = None
         self._live: Live | None = None
@@ -123,11 +114,11 @@ class TableView(Generic[RowT]):
         return self._live is not None or self._line_is_due(time_s)
 
     def update(
-        self, rows: Sequence[RowT], time_s: float, message: str = "", hint: Text = NO_HINT, title: str = ""
+        self, rows: Sequence[TeamRow], time_s: float, message: str = "", hint: Text = NO_HINT, title: str = ""
     ) -> None:
         """Show the team; a terminal shows the hint below the table, and rings the bell for each new alarm."""
         self._shown = _Shown(tuple(rows), time_s, message, hint, title or f"{time_s:.1f} s")
-        alarms = {(row.vehicle_id, row.alert) for row in rows if severity(row.alert) == "alarm"}
+        alarms = {(row.vehicle_id, row.alert) for row in rows if row.severity == "alarm"}
         if self._live is not None and alarms - self._alarms:
             self._console.bell()
         self._alarms = alarms
@@ -184,34 +175,65 @@ def graded(value: float | None, form: str, how_grave: Severity) -> Text:
 
 def vehicle_cell(row: TeamRow, closed: bool) -> Text:
     """Return the vehicle's id with the sign of its alert."""
-    how_grave: Severity = "information" if closed else severity(row.alert)
+    how_grave: Severity = "information" if closed else row.severity
     return Text(f"{SIGNS[how_grave]}{row.vehicle_id}", style=STYLES[how_grave] or "bold")
 
 
 def tactic_cell(tactic: str, wide: bool) -> Text:
     """Return a tactic, abbreviated where the table is not wide."""
-    return Text(tactic if wide else SHORT_TACTICS.get(tactic, tactic), style=TACTIC_STYLES.get(tactic, ""))
+    words = tactic if wide else SHORT_TACTICS.get(tactic, tactic)
+    return Text(words or UNKNOWN_TACTIC, style=TACTIC_STYLES.get(tactic, ""))
 
 
-def apart_cell(nearest_m: float | None, nearest_id: int | None, separation_m: float, wide: bool) -> Text:
-    """Return the distance to the nearest other vehicle, in a wide table with its id."""
-    too_close = nearest_m is not None and nearest_m < separation_m
-    cell = graded(nearest_m, ".1f", "alarm" if too_close else "information")
-    return cell.append(f" to {nearest_id}") if wide and nearest_m is not None else cell
+def motion_cells(row: TeamRow, separation_m: float, wide: bool) -> Iterator[Text]:
+    """Yield the cells of `MOTION_COLUMNS`, that of the nearest other vehicle with its id in a wide table."""
+    yield Text(number(row.height_m, ".1f"))
+    yield Text(number(row.speed_m_s, ".1f"))
+    too_close = row.nearest_m is not None and row.nearest_m < separation_m
+    apart = graded(row.nearest_m, ".1f", "alarm" if too_close else "information")
+    yield apart.append(f" to {row.nearest_id}") if wide and row.nearest_m is not None else apart
+    is_outside = row.fence_margin_m is not None and row.fence_margin_m < 0.0
+    yield graded(row.fence_margin_m, ".1f", "alarm" if is_outside else "information")
 
 
-def fence_cell(margin_m: float | None) -> Text:
-    """Return the distance to the fence, negative outside."""
-    return graded(margin_m, ".1f", "alarm" if margin_m is not None and margin_m < 0.0 else "information")
+def motion_numbers(row: TeamRow) -> tuple[PlainNumber, ...]:
+    """Return the same for a line of plain text, and the motion on the ring."""
+    return (
+        ("height", row.height_m, ".1f", "m"),
+        ("speed", row.speed_m_s, ".1f", "m/s"),
+        ("near", row.nearest_m, ".1f", "m"),
+        ("fence", row.fence_margin_m, ".1f", "m"),
+        ("r", row.radius_m, ".2f", "m"),
+        ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
+    )
+
+
+def plain_row(row: TeamRow, tactic: str, also: str, numbers: Iterable[PlainNumber]) -> str:
+    """Return a vehicle as plain text, without the numbers that are unknown."""
+    known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
+    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, row.alert, row.note]))
+
+
+def in_degrees(angle_rad: float | None) -> float | None:
+    """Return an angle in degrees."""
+    return None if angle_rad is None else degrees(angle_rad)
+
+
+def empty_table(columns: Iterable[Column]) -> Table:
+    """Return a table without rows."""
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
+    for title, justify in columns:
+        table.add_column(Text(title), justify=justify, no_wrap=True)
+    return table
 
 
 def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
     """Return a line for each alert with the next step, the most severe first."""
     whose = _vehicles({row.vehicle_id: row.alert for row in rows})
-    ranked = sorted(whose, key=lambda alert: _GRAVEST_FIRST.index(severity(alert)))
+    alerts = {row.alert: row for row in rows if row.alert}
     lines = [
-        Text(f"{WORDS[severity(alert)]}{whose[alert]}: {alert}: {advice(alert)}", style=STYLES[severity(alert)])
-        for alert in ranked
+        Text(f"{WORDS[row.severity]}{whose[row.alert]}: {row.alert}: {row.advice}", style=STYLES[row.severity])
+        for row in sorted(alerts.values(), key=lambda row: _GRAVEST_FIRST.index(row.severity))
     ]
     return _first(lines, _ALERTS_MAX, "alerts")
 
@@ -234,8 +256,8 @@ def _first(lines: list[Text], count: int, what: str) -> list[Text]:
     return [*lines[:count], Text(f"and {more} more {what}", style="yellow")] if more > 0 else lines
 
 
-def _most_urgent(rows: Sequence[RowT], count: int) -> Sequence[RowT]:
+def _most_urgent(rows: Sequence[TeamRow], count: int) -> Sequence[TeamRow]:
     """Return `count` rows in their order, preferring those with alerts."""
-    ranked = sorted(range(len(rows)), key=lambda i: (_GRAVEST_FIRST.index(severity(rows[i].alert)), i))
+    ranked = sorted(range(len(rows)), key=lambda i: (_GRAVEST_FIRST.index(rows[i].severity), i))
     # One line less, for the number of omitted rows.
     return rows if len(rows) <= count else [rows[i] for i in sorted(ranked[: count - 1])]

@@ -3,55 +3,18 @@
 from collections import OrderedDict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import hypot
 
-from agents.drops import NO_DROPS, Drops
 from agents.safety.fence import Fence
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand
 from agents.team.verbs import VERBS
 from gcs.console.advice import Severity, severity
-from gcs.mission.geometry import Place, nearest_other
+from gcs.console.vehicle_view import TeamRow, with_alert, with_state, with_surroundings
+from gcs.mission.geometry import Place
 
 SILENT_AFTER_S = 1.0
 """Vehicles send at least five messages per second of mission time, which runs at least as fast as wall time."""
 EVENTS_KEPT, COMMANDS_KEPT = 100, 1000
 """Maximum number of events shown at a time, and of commands and answers recognised as repeated."""
-
-
-@dataclass(frozen=True, slots=True)
-class WatchRow:
-    """The latest state that one vehicle sent; None for what it did not send. `age_s` is the message's age [wall s].
-
-    `nearest_m` is the horizontal distance to the nearest other vehicle, `fence_m` that to the fence, negative outside.
-    """
-
-    vehicle_id: int
-    age_s: float | None = None
-    tactic: str = "-"
-    position_m: tuple[float, float] | None = None
-    altitude_m: float | None = None
-    radius_m: float | None = None
-    angular_rate_rad_s: float | None = None
-    alert: str = ""
-    drops: Drops = NO_DROPS
-    speed_m_s: float | None = None
-    nearest_id: int | None = None
-    nearest_m: float | None = None
-    fence_m: float | None = None
-
-    @property
-    def silent(self) -> bool:
-        """Whether its messages have stopped."""
-        return self.age_s is not None and self.age_s > SILENT_AFTER_S
-
-    @property
-    def note(self) -> str:
-        """What to show beside the alert."""
-        if self.age_s is None:
-            return "not received"
-        silent = f"no messages for {self.age_s:.0f} s, last tactic {self.tactic}" if self.silent else ""
-        dropped = f"messages dropped: {self.drops.text()}" if self.drops.total else ""
-        return ", ".join(filter(None, [silent, dropped]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +72,7 @@ class TeamState:
         """Record that a vehicle's flight has ended: the loss of its messages is then no event."""
         self._latest.pop(vehicle_id, None)
 
-    def rows(self, now_s: float) -> list[WatchRow]:
+    def rows(self, now_s: float) -> list[TeamRow]:
         """Return a row for each vehicle of the mission."""
         places_m = {each: latest.state.position_m for each, latest in self._latest.items()}
         return [self._row(each, now_s, places_m) for each in sorted(self.vehicle_ids)]
@@ -163,24 +126,14 @@ class TeamState:
             if len(self._known) > COMMANDS_KEPT:
                 self._known.popitem(last=False)
 
-    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place]) -> WatchRow:
+    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place]) -> TeamRow:
         latest = self._latest.get(vehicle_id)
         if latest is None:
-            return WatchRow(vehicle_id)
-        state, angle = latest.state, latest.state.angle
-        nearest, fence = nearest_other(vehicle_id, places_m), self.fences.get(vehicle_id)
-        return WatchRow(
-            vehicle_id,
-            now_s - latest.received_s,
-            state.tactic,
-            state.position_m,
-            state.altitude_m,
-            None if angle is None else angle.radius_m,
-            None if angle is None else angle.angular_rate_rad_s,
-            state.alert,
-            state.drops,
-            hypot(*state.velocity_m_s),
-            None if nearest is None else nearest[0],
-            None if nearest is None else nearest[1],
-            None if fence is None else fence.clearance_m(state.position_m),
-        )
+            return TeamRow(vehicle_id, note="not received")
+        state, age_s = latest.state, now_s - latest.received_s
+        is_stale = age_s > SILENT_AFTER_S
+        silent = f"no messages for {age_s:.0f} s, last tactic {state.tactic}" if is_stale else ""
+        dropped = f"messages dropped: {state.drops.text()}" if state.drops.total else ""
+        note = ", ".join(filter(None, [silent, dropped]))
+        row = with_state(TeamRow(vehicle_id, age_s=age_s, is_stale=is_stale, note=note), state)
+        return with_alert(with_surroundings(row, places_m, self.fences), state.alert)

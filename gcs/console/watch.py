@@ -6,24 +6,29 @@ from contextlib import suppress
 from functools import partial
 from time import monotonic
 
-from rich.console import Console, JustifyMethod
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from agents.team.messages import BusMessage
 from gcs.console.table_view import (
+    MOTION_COLUMNS,
     STYLES,
+    Column,
     TableForm,
     TableView,
-    apart_cell,
-    fence_cell,
+    empty_table,
     graded,
+    motion_cells,
+    motion_numbers,
     number,
+    plain_row,
     tactic_cell,
     vehicle_cell,
 )
 from gcs.console.team_missions import TeamMissions
-from gcs.console.team_state import TeamState, WatchRow
+from gcs.console.team_state import TeamState
+from gcs.console.vehicle_view import TeamRow
 from gcs.console.watched_bus import WatchedBus
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
@@ -32,14 +37,11 @@ from gcs.signals import relay
 NONE_RECEIVED_AFTER_S = 3.0
 PLAIN_INTERVAL_S = 5.0
 _VIEW_PERIOD_S = 0.2
-_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+_COLUMNS: tuple[Column, ...] = (
     ("", "right"),
     ("tactic", "left"),
     ("age\n[s]", "right"),
-    ("height\n[m]", "right"),
-    ("speed\n[m/s]", "right"),
-    ("near\n[m]", "right"),
-    ("fence\n[m]", "right"),
+    *MOTION_COLUMNS,
     ("x\n[m]", "right"),
     ("y\n[m]", "right"),
     ("r\n[m]", "right"),
@@ -47,7 +49,7 @@ _COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
 )
 
 
-class WatchView(TableView[WatchRow]):
+class WatchView(TableView):
     """The table of a watched team; without a terminal a line every 5 s, and one for each event."""
 
     def __init__(self, console: Console, separation_m: float = 0.0) -> None:
@@ -97,18 +99,15 @@ def watch_title(mission: Mission, watched_s: float, ring_members: int) -> str:
     return f"{mission.mission.name}  watched for {watched_s:.0f} s  {ring}"
 
 
-def watch_table(separation_m: float, rows: Sequence[WatchRow], wide: bool, closed: bool) -> Table:
+def watch_table(separation_m: float, rows: Sequence[TeamRow], wide: bool, closed: bool) -> Table:
     """Return the table of a team from its latest messages."""
-    table = Table(box=None, pad_edge=False, collapse_padding=True)
-    for name, justify in _COLUMNS:
-        table.add_column(Text(name), justify=justify, no_wrap=True)
+    table = empty_table(_COLUMNS)
     for row in rows:
-        old = closed or row.silent or row.age_s is None
-        table.add_row(*_cells(row, separation_m, wide, closed), style="dim" if old else "")
+        table.add_row(*_cells(row, separation_m, wide, closed), style="dim" if closed or row.is_stale else "")
     return table
 
 
-def watch_line(rows: Sequence[WatchRow], watched_s: float, message: str) -> str:
+def watch_line(rows: Sequence[TeamRow], watched_s: float, message: str) -> str:
     """Return the table as one line of plain text, vehicles separated by bars."""
     return " | ".join([f"watched for {watched_s:.0f} s", *map(_plain, rows), *filter(None, [message])])
 
@@ -120,16 +119,14 @@ def _message(mission: Mission, team: TeamState, watched_s: float) -> str:
     return f"waiting for team {mission.network.team}{silence}"
 
 
-def _cells(row: WatchRow, separation_m: float, wide: bool, closed: bool) -> tuple[Text, ...]:
-    x_m, y_m = (None, None) if row.position_m is None else row.position_m
+def _cells(row: TeamRow, separation_m: float, wide: bool, closed: bool) -> tuple[Text, ...]:
+    x_m, y_m, _ = (None,) * 3 if row.position_m is None else row.position_m
+    is_silent = row.is_stale and row.age_s is not None
     return (
         vehicle_cell(row, closed),
-        Text("silent", style=STYLES["alarm"]) if row.silent else tactic_cell(row.tactic, wide),
-        graded(row.age_s, ".1f", "alarm" if row.silent else "information"),
-        Text(number(row.altitude_m, ".1f")),
-        Text(number(row.speed_m_s, ".1f")),
-        apart_cell(row.nearest_m, row.nearest_id, separation_m, wide),
-        fence_cell(row.fence_m),
+        Text("silent", style=STYLES["alarm"]) if is_silent else tactic_cell(row.tactic, wide),
+        graded(row.age_s, ".1f", "alarm" if is_silent else "information"),
+        *motion_cells(row, separation_m, wide),
         Text(number(x_m, ".1f")),
         Text(number(y_m, ".1f")),
         Text(number(row.radius_m, ".2f")),
@@ -137,18 +134,8 @@ def _cells(row: WatchRow, separation_m: float, wide: bool, closed: bool) -> tupl
     )
 
 
-def _plain(row: WatchRow) -> str:
+def _plain(row: TeamRow) -> str:
     if row.position_m is None:
-        return f"#{row.vehicle_id} not received"
-    x_m, y_m = row.position_m
-    numbers = (
-        ("height", row.altitude_m, ".1f", "m"),
-        ("speed", row.speed_m_s, ".1f", "m/s"),
-        ("near", row.nearest_m, ".1f", "m"),
-        ("fence", row.fence_m, ".1f", "m"),
-        ("r", row.radius_m, ".2f", "m"),
-        ("w", row.angular_rate_rad_s, "+.3f", "rad/s"),
-    )
-    known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    parts = [f"#{row.vehicle_id}", row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", *known, row.alert, row.note]
-    return " ".join(filter(None, parts))
+        return f"#{row.vehicle_id} {row.note}"
+    x_m, y_m, _ = row.position_m
+    return plain_row(row, row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", motion_numbers(row))

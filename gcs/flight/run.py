@@ -38,7 +38,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
         with (
             SupervisorHeartbeat.inherited(_report_supervisor_lost) as supervisor,
             unblocked(STDERR),
-            LiveView(STDERR) as view,
+            LiveView(STDERR, plan.mission.safety.separation_m) as view,
         ):
             report = partial(_report_findings, plan.mission)
             _forgo_full_collections()

@@ -3,22 +3,23 @@
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from itertools import count
-from math import degrees, hypot
 
 from rich.text import Text
 
 from agents.outputs import CoreStatus
-from agents.ports import VehicleStatus
 from agents.shell.computer import short_of
 from agents.shell.life import Phase
+from agents.shell.reporter import estimator_words
+from agents.team.messages import LINK_SILENT_S
 from estimation.state import Telemetry
 from gcs.console.advice import event_severity
-from gcs.console.live import LiveRow, flight_title
+from gcs.console.live import flight_title
 from gcs.console.table_view import NO_HINT
+from gcs.console.vehicle_view import TeamRow, with_alert, with_surroundings
 from gcs.flight.team import Member, Team
 from gcs.metrics.event_log import event_line
 from gcs.metrics.record import FlightEvent
-from gcs.mission.geometry import Place, fences, nearest_other
+from gcs.mission.geometry import Place, fences
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.senders import impostor, moved
 from gcs.preflight.vehicle import clock_lag
@@ -130,37 +131,34 @@ class Watch:
                 self._team.view.print_line(f"{url}: {rates.changed_from(self._rates[url])}")
                 self._rates[url] = rates
 
-    def _row(self, member: Member, status: CoreStatus | None, places_m: Mapping[int, Place]) -> LiveRow:
+    def _row(self, member: Member, status: CoreStatus | None, places_m: Mapping[int, Place]) -> TeamRow:
         vehicle, vehicle_id, ending = member.link.status, member.vehicle.id, _ending(member)
-        fence, place_m = self._fences.get(vehicle_id), places_m.get(vehicle_id)
-        nearest = nearest_other(vehicle_id, places_m)
         polar, place = (None, None) if status is None else (status.polar, status.place)
         motion = member.link.motion
         alert = "" if status is None or ending else status.alert
         is_over = alert in self._over[vehicle_id]
-        return LiveRow(
-            vehicle_id=vehicle_id,
-            tactic="-" if status is None else status.tactic.value,
-            mode=vehicle.mode.value,
-            connected=vehicle.connected,
+        link_age_s = None if motion is None else self._age_s(motion)
+        row = TeamRow(
+            vehicle_id,
+            is_stale=link_age_s is None or link_age_s > LINK_SILENT_S,
+            has_ended=bool(ending),
+            tactic="" if status is None else status.tactic.value,
+            mode=vehicle.mode.value if vehicle.connected else "",
+            position_m=None if motion is None else motion.position_m,
+            velocity_m_s=None if motion is None else motion.velocity_m_s[:2],
+            autopilot=vehicle,
+            estimator=estimator_words(vehicle),
+            link_age_s=link_age_s,
             radius_m=None if polar is None else polar.radius_m,
             angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
-            spacing_lead_deg=None if place is None or place.lead_rad is None else degrees(place.lead_rad),
-            spacing_lag_deg=None if place is None or place.lag_rad is None else degrees(place.lag_rad),
-            battery=vehicle.battery,
-            note="" if status is None or ending else _remark(status, alert if is_over else ""),
-            alert="" if is_over else alert,
-            height_m=None if motion is None else motion.position_m[2],
-            speed_m_s=None if motion is None else hypot(*motion.velocity_m_s[:2]),
-            nearest_id=None if nearest is None else nearest[0],
-            nearest_m=None if nearest is None else nearest[1],
-            separation_m=self._team.plan.mission.safety.separation_m,
-            fence_m=None if fence is None or place_m is None else fence.clearance_m(place_m),
-            link_age_s=None if motion is None else self._age_s(motion),
-            round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.time_scale,
-            gps=_gps(vehicle),
+            lead_rad=None if place is None else place.lead_rad,
             ending=ending,
+            note="" if status is None or ending else _remark(status, alert if is_over else ""),
+            gps_threat=vehicle.gps_threat.value,
+            lag_rad=None if place is None else place.lag_rad,
+            round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.time_scale,
         )
+        return with_alert(with_surroundings(row, places_m, self._fences), "" if is_over else alert)
 
     def _age_s(self, motion: Telemetry) -> float:
         """Return the age of a sample [wall s]."""
@@ -197,14 +195,6 @@ def _ending(member: Member) -> str:
     if not status.connected:
         return "no link"
     return "handed over" if status.armed else DISARMED
-
-
-def _gps(vehicle: VehicleStatus) -> str:
-    """Return the fix, or what disturbs it, and the satellites; a dash where the mission needs no GPS."""
-    if vehicle.gps_dimensions is None:
-        return "–"
-    fix = vehicle.gps_threat.value or (f"{vehicle.gps_dimensions}D" if vehicle.gps_dimensions else "none")
-    return f"{fix} {vehicle.satellites or 0}"
 
 
 def _remark(status: CoreStatus, over: str) -> str:

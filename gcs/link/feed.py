@@ -3,12 +3,12 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from math import isfinite
 from typing import Any
 
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
+from msgspec.structs import replace
 
 from agents.ports import FlightMode, VehicleStatus
 from agents.shell.clock import LinkTransit, MissionClock

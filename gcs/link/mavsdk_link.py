@@ -8,12 +8,12 @@ import asyncio
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard
+from msgspec.structs import replace
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.clock import LinkTransit, MissionClock

@@ -5,22 +5,18 @@ recorded flight is a `FlightPicture`: the same in one object. Unknown values are
 mission frame: x, y, and the height above the mission's origin.
 """
 
-from collections.abc import Mapping
 from typing import Literal
 
 import msgspec
 
-from agents.safety.failsafe import Condition
-from agents.safety.fence import Fence
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
-from gcs.console.advice import Severity, advice, severity
-from gcs.mission.geometry import nearest_other
+from gcs.console.advice import Severity
+from gcs.console.vehicle_view import Pair, VehicleView
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.style import COLOURS
 
 FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log"]
-Pair = tuple[float, float]
 
 
 class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=False):
@@ -76,45 +72,6 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     verbs: tuple[VerbRow, ...] = tuple(VERBS.values())
 
 
-class VehiclePicture(msgspec.Struct, frozen=True):
-    """One vehicle at one time. `age_s` is the age of its last message [wall s], None before the first.
-
-    `is_stale` means that its position is out of date: its messages stopped, or its link is cut.
-    `link_age_s` is how long its agent has received nothing from its autopilot. `aim_m` is the undisturbed aim, which
-    its peers receive, `setpoint_m` the setpoint sent, which a log holds; `yaw_rad` is that of the setpoint.
-    `advice` is the operator's action for the alert. `nearest_m` is the horizontal distance to the nearest other flying
-    vehicle, `fence_margin_m` that to the fence (negative: outside). `ending` is how its flight ended, empty before.
-    """
-
-    vehicle_id: int
-    age_s: float | None = None
-    is_stale: bool = True
-    has_ended: bool = False
-    tactic: str = ""
-    mode: str = ""
-    position_m: Triple | None = None
-    yaw_rad: float | None = None
-    velocity_m_s: Pair | None = None
-    aim_m: Pair | None = None
-    setpoint_m: Pair | None = None
-    battery: float | None = None
-    endurance_s: float | None = None
-    satellites: int | None = None
-    gps_fix: str = ""
-    estimator: str = ""
-    link_age_s: float | None = None
-    nearest_id: int | None = None
-    nearest_m: float | None = None
-    fence_margin_m: float | None = None
-    radius_m: float | None = None
-    angular_rate_rad_s: float | None = None
-    lead_rad: float | None = None
-    alert: str = ""
-    advice: str = ""
-    severity: Severity = "information"
-    ending: str = ""
-
-
 class TargetPicture(msgspec.Struct, frozen=True):
     """The target by the newest estimate: position, velocity, covariance (xx, xy, yy), and the age of the sighting."""
 
@@ -148,7 +105,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
 
     time_s: float | None
     wall_s: float
-    vehicles: tuple[VehiclePicture, ...]
+    vehicles: tuple[VehicleView, ...]
     target: TargetPicture | None = None
     ring_members: int = 0
     ending: str = ""
@@ -243,36 +200,3 @@ def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehi
         section.altitude_m,
         tuple(section.limits(mission.safety).fence_m or ()),
     )
-
-
-SILENT, LINK_CUT = "silent", "link cut"
-_ADVISED_AS = {SILENT: Condition.PEER_SILENT.value, LINK_CUT: Condition.TELEMETRY_STALE.value}
-
-
-class Surroundings:
-    """The distances of a vehicle to the others and to its fence."""
-
-    def __init__(self, fence_of: Mapping[int, Fence]) -> None:
-        self._fence_of = fence_of
-
-    def nearest(self, vehicle_id: int, places_m: Mapping[int, Pair]) -> tuple[int | None, float | None]:
-        """Return the nearest other vehicle and its distance [m], from the positions (x, y) of all; None without one."""
-        return nearest_other(vehicle_id, places_m) or (None, None)
-
-    def fence_margin_m(self, vehicle_id: int, places_m: Mapping[int, Pair]) -> float | None:
-        """Return the distance to the vehicle's fence, negative outside; None without a fence or a position."""
-        fence, place_m = self._fence_of.get(vehicle_id), places_m.get(vehicle_id)
-        return None if fence is None or place_m is None else fence.clearance_m(place_m)
-
-
-def vehicle_alert(alert: str, *, is_lost: bool) -> tuple[str, str, Severity]:
-    """Return an alert, the operator's action and the severity; of a vehicle that `is_lost` in flight it is an alarm."""
-    how_grave: Severity = "alarm" if alert and is_lost else severity(alert)
-    return alert, advice(_ADVISED_AS.get(alert, alert)), how_grave
-
-
-def fix_words(dimensions: int | None) -> str:
-    """Return a GPS fix as text, empty if it is unknown."""
-    if dimensions is None:
-        return ""
-    return f"{dimensions}D" if dimensions else "no fix"

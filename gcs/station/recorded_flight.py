@@ -1,12 +1,14 @@
 """A recorded flight for the operator's page: pictures at an even rate and all events, from its logs."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 
 from msgspec.structs import replace
 
 from agents.inputs import Start
+from agents.safety.fence import Fence
+from gcs.console.vehicle_view import VehicleView, with_surroundings
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, VehicleEnd
@@ -16,10 +18,8 @@ from gcs.mission.geometry import fences
 from gcs.station.picture import (
     EventPicture,
     FlightPicture,
-    Surroundings,
     TargetPicture,
     TeamPicture,
-    VehiclePicture,
     mission_picture,
 )
 from gcs.station.recorded_vehicle import RecordedVehicle, Sampled
@@ -83,9 +83,9 @@ def recorded_flight(
     duration_s = logs[0].run.duration_s
     vehicles = [RecordedVehicle(*each) for each in sorted(_recorded(logs), key=lambda each: mission.ids.index(each[1]))]
     samples = [each.sampled(clock.times_s()) for each in vehicles]
-    surroundings = Surroundings(fences([each.section for each in mission.vehicles], mission.safety))
+    fence_of = fences([each.section for each in mission.vehicles], mission.safety)
     teams = [
-        _team(clock, time_s, mission.ids, row, surroundings, duration_s)
+        _team(clock, time_s, mission.ids, row, fence_of, duration_s)
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
     teams[-1] = replace(teams[-1], ending=_ending(logs))
@@ -98,17 +98,17 @@ def _team(
     time_s: float,
     ids: Sequence[int],
     sampled: Sequence[Sampled],
-    surroundings: Surroundings,
+    fence_of: Mapping[int, Fence],
     duration_s: float,
 ) -> TeamPicture:
     flying = [each.vehicle for each in sampled if not each.vehicle.has_ended]
     places_m = {each.vehicle_id: each.position_m[:2] for each in flying if each.position_m is not None}
     since_s = clock.mission_s(time_s)
-    vehicles = {each.vehicle.vehicle_id: _surrounded(each.vehicle, surroundings, places_m) for each in sampled}
+    vehicles = {each.vehicle.vehicle_id: _surrounded(each.vehicle, places_m, fence_of) for each in sampled}
     return TeamPicture(
         since_s,
         clock.wall_s(time_s),
-        tuple(vehicles.get(vehicle_id) or VehiclePicture(vehicle_id) for vehicle_id in ids),
+        tuple(vehicles.get(vehicle_id) or VehicleView(vehicle_id) for vehicle_id in ids),
         _target([each.target for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]),
         sum(each.radius_m is not None and not each.is_stale for each in flying),
         remaining_s=None if since_s is None else round(max(duration_s - since_s, 0.0), 3),
@@ -116,16 +116,11 @@ def _team(
 
 
 def _surrounded(
-    vehicle: VehiclePicture, surroundings: Surroundings, places_m: dict[int, tuple[float, float]]
-) -> VehiclePicture:
-    nearest_id, nearest_m = surroundings.nearest(vehicle.vehicle_id, places_m)
-    margin_m = surroundings.fence_margin_m(vehicle.vehicle_id, places_m)
-    return replace(
-        vehicle,
-        nearest_id=nearest_id,
-        nearest_m=None if nearest_m is None else round(nearest_m, 2),
-        fence_margin_m=None if margin_m is None else round(margin_m, 2),
-    )
+    vehicle: VehicleView, places_m: Mapping[int, tuple[float, float]], fence_of: Mapping[int, Fence]
+) -> VehicleView:
+    view = with_surroundings(vehicle, places_m, fence_of)
+    nearest_m, margin_m = (None if each is None else round(each, 2) for each in (view.nearest_m, view.fence_margin_m))
+    return replace(view, nearest_m=nearest_m, fence_margin_m=margin_m)
 
 
 def _target(known: Sequence[TargetPicture | None]) -> TargetPicture | None:

@@ -8,14 +8,15 @@ from msgspec.structs import replace
 from agents.inputs import Autopilot
 from agents.ports import VehicleStatus
 from agents.shell.reporter import estimator_words
-from agents.team.messages import LINK_SILENT_S
+from agents.team.messages import LINK_SILENT_S, AutopilotReport
 from estimation.state import MOTION, Telemetry
 from gcs.console.advice import Severity, event_severity
 from gcs.console.team_state import SILENT_AFTER_S
+from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView, with_alert
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision, VehicleEnd, notes_of
 from gcs.metrics.ending import How
-from gcs.station.picture import LINK_CUT, SILENT, TargetPicture, VehiclePicture, fix_words, vehicle_alert
+from gcs.station.picture import TargetPicture
 
 _ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
 """The resolution of the page: a centimetre, and a hundredth of a degree."""
@@ -27,7 +28,7 @@ _AS_PLANNED = frozenset({How.LANDED, How.SIMULATED})
 class Sampled(NamedTuple):
     """A vehicle at one time, without its surroundings, and its estimate of the target."""
 
-    vehicle: VehiclePicture
+    vehicle: VehicleView
     target: TargetPicture | None
 
 
@@ -59,7 +60,7 @@ class RecordedVehicle:
             while following is not None and following.decision.time_s <= time_s:
                 tick, following = following, next(ticks, None)
             if tick is None:
-                yield Sampled(VehiclePicture(self.vehicle_id), None)
+                yield Sampled(VehicleView(self.vehicle_id), None)
             else:
                 is_over = following is None and self._end is not None and tick.decision.time_s < time_s
                 yield Sampled(self._vehicle(tick, time_s, has_ended=is_over), _target(tick, time_s))
@@ -87,39 +88,36 @@ class RecordedVehicle:
     def _received_s(self, record: LogRecord) -> float:
         return record.time_ns * 1e-9 * self._speed
 
-    def _vehicle(self, tick: _Tick, time_s: float, *, has_ended: bool) -> VehiclePicture:
+    def _vehicle(self, tick: _Tick, time_s: float, *, has_ended: bool) -> VehicleView:
         decision = tick.decision
         age_s = (time_s - decision.time_s) / self._speed
         link_age_s = None if tick.motion_s is None else max(time_s - tick.motion_s, 0.0) / self._speed
         is_cut = link_age_s is not None and link_age_s > LINK_SILENT_S
         is_stale = age_s > SILENT_AFTER_S or is_cut
         lost = (LINK_CUT if is_cut else SILENT) if is_stale else ""
-        alert, advice, severity = vehicle_alert("" if has_ended else decision.alert or lost, is_lost=bool(lost))
-        picture = VehiclePicture(
+        view = VehicleView(
             self.vehicle_id,
             age_s=_rounded(age_s),
             is_stale=is_stale,
             has_ended=has_ended,
             tactic=decision.tactic,
             link_age_s=_rounded(link_age_s),
-            alert=alert,
-            advice=advice,
-            severity=severity,
             ending=self._end.reason if has_ended and self._end is not None else "",
         )
-        return _with_status(_with_motion(picture, tick), tick.status)
+        alert = "" if has_ended else decision.alert or lost
+        return with_alert(_with_status(_with_motion(view, tick), tick.status), alert, is_lost=bool(lost))
 
 
-def _with_motion(picture: VehiclePicture, tick: _Tick) -> VehiclePicture:
+def _with_motion(view: VehicleView, tick: _Tick) -> VehicleView:
     decision = tick.decision
     if not decision.HasField("own"):
-        return picture
+        return view
     x, y, x_rate, y_rate = (round(each, _LENGTH_DIGITS) for each in list(decision.own.mean)[MOTION])
     setpoint = decision.setpoint if decision.HasField("setpoint") else None
     on_ring = decision.HasField("place") and decision.HasField("polar")
     lead_rad = decision.place.lead_rad if on_ring and decision.place.HasField("lead_rad") else None
     return replace(
-        picture,
+        view,
         position_m=(x, y, round(tick.altitude_m, _LENGTH_DIGITS)),
         velocity_m_s=(x_rate, y_rate),
         setpoint_m=None if setpoint is None else tuple(_rounded(each) for each in setpoint.position_m[:2]),
@@ -130,18 +128,11 @@ def _with_motion(picture: VehiclePicture, tick: _Tick) -> VehiclePicture:
     )
 
 
-def _with_status(picture: VehiclePicture, status: VehicleStatus | None) -> VehiclePicture:
+def _with_status(view: VehicleView, status: VehicleStatus | None) -> VehicleView:
     if status is None:
-        return picture
-    return replace(
-        picture,
-        mode=status.mode.value,
-        battery=status.battery,
-        endurance_s=status.endurance_s,
-        satellites=status.satellites,
-        gps_fix=fix_words(status.gps_dimensions),
-        estimator=estimator_words(status),
-    )
+        return view
+    autopilot = AutopilotReport(*(getattr(status, each) for each in AutopilotReport.__struct_fields__))
+    return replace(view, mode=status.mode.value, autopilot=autopilot, estimator=estimator_words(status))
 
 
 def _target(tick: _Tick, time_s: float) -> TargetPicture | None:

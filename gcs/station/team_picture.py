@@ -6,28 +6,24 @@ from itertools import count
 from math import inf
 from statistics import median_high
 
-from msgspec.structs import replace
-
 from agents.ring.place import ring_place
 from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport
 from gcs.console.advice import Severity
 from gcs.console.team_state import SILENT_AFTER_S, TeamState
+from gcs.console.vehicle_view import (
+    LINK_CUT,
+    SILENT,
+    Pair,
+    VehicleView,
+    with_alert,
+    with_report,
+    with_state,
+    with_surroundings,
+)
 from gcs.metrics.ending import AUTOPILOTS_ALONE, WATCH_THEM, LostFlight
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
-from gcs.station.picture import (
-    LINK_CUT,
-    SILENT,
-    EventPicture,
-    LostPicture,
-    Pair,
-    Surroundings,
-    TargetPicture,
-    TeamPicture,
-    VehiclePicture,
-    fix_words,
-    vehicle_alert,
-)
+from gcs.station.picture import EventPicture, LostPicture, TargetPicture, TeamPicture
 
 VANISHED_AFTER_S = 3.0
 """A team whose messages stop all at once for this long has lost its processes, or this computer its network."""
@@ -77,7 +73,7 @@ class TeamPictures:
     def __init__(self, mission: Mission, unix_offset_s: float) -> None:
         self._unix_offset_s = unix_offset_s
         self._received = {vehicle_id: _Received() for vehicle_id in mission.ids}
-        self._surroundings = Surroundings(fences([each.section for each in mission.vehicles], mission.safety))
+        self._fences = fences([each.section for each in mission.vehicles], mission.safety)
         self._state = TeamState(mission.ids)
         self._numbers = count(1)
         self._events: list[tuple[int | None, str, Severity]] = []
@@ -181,31 +177,28 @@ class TeamPictures:
 
     def _vehicle(
         self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool, is_lost: bool
-    ) -> VehiclePicture:
+    ) -> VehicleView:
         received = self._received[vehicle_id]
         if received.any_s == -inf:
-            return VehiclePicture(vehicle_id)
+            return VehicleView(vehicle_id)
         is_stale, has_ended = received.is_stale(now_s), bool(received.ended) or is_over
         own_alert = "" if received.state is None else received.state.alert
         # Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
         lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale and not is_lost else ""
-        alert, advice, severity = vehicle_alert("" if has_ended else own_alert or lost, is_lost=bool(lost))
-        nearest_id, nearest_m = self._surroundings.nearest(vehicle_id, places_m)
-        picture = VehiclePicture(
+        view = VehicleView(
             vehicle_id,
             age_s=now_s - received.received_s(),
             is_stale=is_stale,
             has_ended=has_ended,
-            nearest_id=nearest_id,
-            nearest_m=nearest_m,
-            fence_margin_m=self._surroundings.fence_margin_m(vehicle_id, places_m),
             lead_rad=self._lead_rad(vehicle_id, now_s),
-            alert=alert,
-            advice=advice,
-            severity=severity,
             ending=received.ended,
         )
-        return _with_report(_with_state(picture, received.state), received, now_s)
+        if received.state is not None:
+            view = with_state(view, received.state)
+        if received.report is not None:
+            view = with_report(view, received.report, now_s - received.report_s)
+        alert = "" if has_ended else own_alert or lost
+        return with_alert(with_surroundings(view, places_m, self._fences), alert, is_lost=bool(lost))
 
     def _lead_rad(self, vehicle_id: int, now_s: float) -> float | None:
         """Return the angle to the vehicle ahead on the ring, None for a vehicle off the ring or alone on it."""
@@ -266,38 +259,6 @@ def _is_of_another_flight(before: VehicleReport, report: VehicleReport) -> bool:
 
 def _time_s(message: MemberState | VehicleReport | None) -> float:
     return -inf if message is None else message.time_s
-
-
-def _with_state(picture: VehiclePicture, state: MemberState | None) -> VehiclePicture:
-    if state is None:
-        return picture
-    return replace(
-        picture,
-        tactic=state.tactic,
-        position_m=(*state.position_m, state.altitude_m),
-        velocity_m_s=state.velocity_m_s,
-        aim_m=state.aim_m,
-        radius_m=None if state.angle is None else state.angle.radius_m,
-        angular_rate_rad_s=None if state.angle is None else state.angle.angular_rate_rad_s,
-    )
-
-
-def _with_report(picture: VehiclePicture, received: _Received, now_s: float) -> VehiclePicture:
-    report = received.report
-    if report is None:
-        return picture
-    silent_s = now_s - received.report_s if report.is_link_cut else 0.0
-    return replace(
-        picture,
-        mode=report.mode,
-        yaw_rad=report.yaw_rad,
-        battery=report.battery,
-        endurance_s=report.endurance_s,
-        satellites=report.satellites,
-        gps_fix=fix_words(report.gps_dimensions),
-        estimator=report.estimator,
-        link_age_s=None if report.link_age_s is None else report.link_age_s + silent_s,
-    )
 
 
 def _estimate(received: _Received) -> TargetPicture | None:

@@ -14,8 +14,9 @@ from html import unescape
 from math import asinh, floor, pi, radians, tan
 from pathlib import Path
 
+from gcs.console.vehicle_view import Pair
 from gcs.errors import InputError
-from gcs.station.picture import Pair, TilesPicture
+from gcs.station.picture import TilesPicture
 
 LEVEL_MAX = 24
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")

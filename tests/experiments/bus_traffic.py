@@ -14,7 +14,7 @@ import numpy as np
 from agents.outputs import TickOutput
 from agents.shell.reporter import target_report
 from agents.team.codec import encode
-from agents.team.messages import VehicleReport
+from agents.team.messages import AutopilotReport, VehicleReport
 from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import NetworkModel, simulate
@@ -40,7 +40,7 @@ def formation(count: int) -> Mission:
 def report_size(output: TickOutput) -> int:
     """Return the bytes of the report of a tick."""
     target = target_report(output.status)
-    known = (True, True, 0.05, 1.234, 0.712, 1234.0, 3, 14, "good", 1.7e9, 600.0, "", target)
+    known = (True, True, 0.05, 1.234, AutopilotReport(0.712, 1234.0, 3, 14), "good", 1.7e9, 600.0, "", target)
     return len(encode(VehicleReport(output.status.vehicle_id, 1.7e9, "offboard", *known)))
 
 

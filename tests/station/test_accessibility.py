@@ -6,6 +6,7 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Page, expect
 
+from agents.team.messages import AutopilotReport
 from gcs.station.picture import EventPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage
 from tests.support.page.canned_station import CannedStation
@@ -22,7 +23,7 @@ def every_state(time_s: float) -> TeamPicture:
     """Return a team with an alarm, a warning and a stale vehicle."""
     team = ring_team(MISSION, 100.0 + time_s)
     team = changed(team, 1, alert="GPS jammed", advice="Take over.", severity="alarm")
-    return changed(changed(team, 2, battery=0.2), 3, is_stale=True, age_s=9.0)
+    return changed(changed(team, 2, autopilot=AutopilotReport(0.2)), 3, is_stale=True, age_s=9.0)
 
 
 def findings(page: Page) -> list[str]:

@@ -128,8 +128,8 @@ def differing(shown: dict[str, str], state: MemberState, report: VehicleReport) 
         "radius": shows(shown["radius"], None if angle is None else angle.radius_m, 1),
         "rate": shows(shown["rate"], None if angle is None else angle.angular_rate_rad_s, 3),
         "mode": shown["mode"] == report.mode,
-        "battery": shows(shown["battery"], floor(100.0 * (report.battery or 0.0)), 0),
-        "gps": f"{report.satellites}\u00a0sat" in shown["gps"],
+        "battery": shows(shown["battery"], floor(100.0 * (report.autopilot.battery or 0.0)), 0),
+        "gps": f"{report.autopilot.satellites}\u00a0sat" in shown["gps"],
     }
     return [f"{name}: {shown[name]}" for name, found in holds.items() if not found]
 

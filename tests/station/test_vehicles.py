@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
+from agents.team.messages import AutopilotReport
 from gcs.station.picture import MissionPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import CannedStation
@@ -21,7 +22,7 @@ SHOWN = {
     "endurance": "11:07",
     "height": "−7.3 m".replace("−", "-"),
     "speed": "5.0 m/s",
-    "gps": "RTK, 17 sat",
+    "gps": "2D, 17 sat",
     "estimator": "dead reckoning",
     "link": "0.4 s",
     "heard": "0.2 s ago",
@@ -41,12 +42,9 @@ def with_own_values(team: TeamPicture) -> TeamPicture:
         2,
         age_s=0.2,
         tactic="hold",
-        battery=0.57,
-        endurance_s=667.9,
+        autopilot=AutopilotReport(0.57, 667.9, 2, 17),
         position_m=(31.5, 4.25, -7.3),
         velocity_m_s=(3.0, -4.0),
-        gps_fix="RTK",
-        satellites=17,
         estimator="dead reckoning",
         link_age_s=0.4,
         nearest_id=3,
@@ -60,7 +58,7 @@ def with_own_values(team: TeamPicture) -> TeamPicture:
 
 def with_nothing_known(team: TeamPicture) -> TeamPicture:
     """Return the team with nothing known of vehicle 2 but that it is there."""
-    return changed(team, 2, **dict.fromkeys(_NUMBERS), mode="", tactic="", gps_fix="", estimator="")
+    return changed(team, 2, **dict.fromkeys(_NUMBERS), autopilot=AutopilotReport(), mode="", tactic="", estimator="")
 
 
 _NUMBERS = [
@@ -68,9 +66,6 @@ _NUMBERS = [
     "yaw_rad",
     "velocity_m_s",
     "aim_m",
-    "battery",
-    "endurance_s",
-    "satellites",
     "link_age_s",
     "nearest_id",
     "nearest_m",
@@ -152,7 +147,7 @@ def test_gravest_trouble_comes_first(open_page: OpenPage) -> None:
     def change(team: TeamPicture) -> TeamPicture:
         team = changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
         team = changed(changed(team, 4, is_stale=True, age_s=3.0), 3, alert="GPS jammed", severity="warning")
-        return changed(changed(team, 2, battery=0.34), 1, has_ended=True)
+        return changed(changed(team, 2, autopilot=AutopilotReport(0.34)), 1, has_ended=True)
 
     with station(change, vehicles=6) as served:
         page = open_page(served.url, script=NO_WEBGL)

@@ -7,6 +7,8 @@ from functools import partial
 from itertools import count, groupby
 from typing import ClassVar
 
+from msgspec import structs
+
 from agents.core import VehicleCore
 from agents.drops import NO_DROPS
 from agents.inputs import CoreInput, TacticEvent
@@ -79,7 +81,7 @@ class FakeLink:
         return [call for i, call in enumerate(self._calls) if call != "send" or self._calls[i - 1 : i] != ["send"]]
 
     def change(self, **changes: object) -> None:
-        self.status = replace(self.status, **changes)  # type: ignore[arg-type]
+        self.status = structs.replace(self.status, **changes)
 
     def release(self) -> None:
         """Continue stuck calls."""

@@ -24,6 +24,7 @@ import pytest
 from agents.inputs import Start
 from agents.shell.clock import MissionClock, WallClock
 from estimation.state import Vector
+from gcs.console.vehicle_view import VehicleView
 from gcs.flight.stubs import prepared_configs
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision
@@ -32,7 +33,7 @@ from gcs.mission.mission import Mission
 from gcs.replay.cores import replay
 from gcs.replay.timeline import timeline_of
 from gcs.station.live_team import LiveTeam
-from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture
 from gcs.station.recorded_flight import recorded_flight
 from sitl.autopilot.modes import NavMode
 from sitl.server.server import Stub
@@ -124,7 +125,7 @@ class Scene:
     def team(self) -> TeamPicture:
         return self.teams[-1]
 
-    def vehicle(self, vehicle_id: int) -> VehiclePicture:
+    def vehicle(self, vehicle_id: int) -> VehicleView:
         return next(each for each in self.team.vehicles if each.vehicle_id == vehicle_id)
 
     def compare(self, team: TeamPicture) -> None:
@@ -141,7 +142,7 @@ class Scene:
             await self.clock.sleep(0.08)
 
 
-def checks(shown: VehiclePicture, recent: Sequence[Truth]) -> Iterable[tuple[str, bool]]:
+def checks(shown: VehicleView, recent: Sequence[Truth]) -> Iterable[tuple[str, bool]]:
     """Return for each field of a vehicle in control whether it was true at a time of late."""
     i = shown.vehicle_id
 
@@ -155,10 +156,10 @@ def checks(shown: VehiclePicture, recent: Sequence[Truth]) -> Iterable[tuple[str
     yield "velocity", some(lambda each: dist(velocity_m_s, each.velocity_m_s[i]), 0.3)
     yield "yaw", some(lambda each: angle(yaw_rad - each.yaw_rad[i]), 0.1)
     yield "mode", any(shown.mode == each.mode[i] for each in recent)
-    yield "battery", shown.battery is not None and abs(shown.battery - recent[-1].battery[i]) <= 0.011
+    yield "battery", abs((shown.autopilot.battery or 0.0) - recent[-1].battery[i]) <= 0.011
     yield "nearest", some(lambda each: (shown.nearest_m or 0.0) - each.nearest(i), 2.0 * NEAR_M)
     yield "fence margin", some(lambda each: (shown.fence_margin_m or 0.0) - each.fence_margin(i), NEAR_M)
-    yield "satellites", (shown.satellites, shown.gps_fix, shown.estimator) == (14, "3D", "good")
+    yield "satellites", (shown.autopilot.satellites, shown.autopilot.gps_dimensions, shown.estimator) == (14, 3, "good")
     yield "age", shown.age_s is not None and shown.age_s < WITHIN_S and not shown.is_stale
     yield "link age", shown.link_age_s is not None and shown.link_age_s < WITHIN_S
     yield "alert", (shown.alert, shown.advice, shown.severity, shown.has_ended) == ("", "", "information", False)
@@ -290,9 +291,11 @@ def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
         for live, later in zip(team.vehicles, again.vehicles if again else (), strict=False):
             compared += 1
             assert (live.vehicle_id, live.tactic) == (later.vehicle_id, later.tactic)
-            for name in ("mode", "satellites", "gps_fix", "estimator", "alert", "is_stale"):
+            for name in ("mode", "estimator", "alert", "is_stale"):
                 assert getattr(live, name) == getattr(later, name), name
-            assert abs((live.battery or 0.0) - (later.battery or 0.0)) <= 0.011
+            assert live.autopilot.satellites == later.autopilot.satellites
+            assert live.autopilot.gps_dimensions == later.autopilot.gps_dimensions
+            assert abs((live.autopilot.battery or 0.0) - (later.autopilot.battery or 0.0)) <= 0.011
             assert dist(live.position_m or (), later.position_m or ()) < 1.0
     assert compared > 60
 
@@ -311,7 +314,7 @@ def replay_bit_for_bit(log: FlightLog) -> None:
     assert any(line.startswith("return and land -> land") for line in lines)
 
 
-def compare_with_decisions(shown: VehiclePicture, recent: Sequence[Any]) -> None:
+def compare_with_decisions(shown: VehicleView, recent: Sequence[Any]) -> None:
     assert shown.aim_m is not None
     assert any(each.tactic == shown.tactic for each in recent)
     assert min(dist(each.setpoint.position_m[:2], shown.aim_m) for each in recent if each.setpoint) < NEAR_M

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from gcs.console.live import LiveRow, LiveView
+from gcs.console.live import LiveView
+from gcs.console.vehicle_view import TeamRow
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -38,11 +39,11 @@ class Shown:
     """What the live view has shown last, and all its titles and lines."""
 
     def __init__(self) -> None:
-        self.rows: dict[int, LiveRow] = {}
+        self.rows: dict[int, TeamRow] = {}
         self.titles: list[str] = []
         self.lines: list[tuple[str, str]] = []
 
-    def update(self, rows: Sequence[LiveRow], *rest: Any) -> None:
+    def update(self, rows: Sequence[TeamRow], *rest: Any) -> None:
         self.rows = {row.vehicle_id: row for row in rows}
         self.titles += rest[3:]
 
@@ -91,12 +92,12 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
                     others_m = {dist(here_m, place_m(other)): k for k, other in vehicles.items() if k != i}
                     assert row.height_m == pytest.approx(vehicle.airframe.position_m[2], abs=0.2)
                     assert row.height_m == pytest.approx(LOW_M, abs=0.5)
-                    assert row.fence_m == pytest.approx(HALF_M - max(map(abs, here_m)), abs=1.0)
+                    assert row.fence_margin_m == pytest.approx(HALF_M - max(map(abs, here_m)), abs=1.0)
                     assert row.nearest_m == pytest.approx(min(others_m), abs=1.0)
                     assert row.nearest_id is not None
                     nearest_m = dist(here_m, place_m(vehicles[row.nearest_id]))
                     assert nearest_m == pytest.approx(min(others_m), abs=1.0)
-                    assert row.gps.startswith("3D ")
+                    assert row.autopilot.gps_dimensions == 3
                     assert row.link_age_s is not None
                     assert row.link_age_s < 1.0
                 assert "case2  T+" in shown.titles[-1]

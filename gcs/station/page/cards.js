@@ -9,8 +9,8 @@ const SIGNS = { ...SEVERITIES, stale: { sign: "◌", word: "STALE" }, ended: { s
 /** The quantities of a vehicle, as a card and the table show them: name, title, text. */
 export const QUANTITIES = [
   ["mode", "Mode", (vehicle) => vehicle.mode || UNKNOWN],
-  ["battery", "Battery", (vehicle) => percent(vehicle.battery)],
-  ["endurance", "Time left", (vehicle) => clock(vehicle.endurance_s)],
+  ["battery", "Battery", (vehicle) => percent(vehicle.autopilot.battery)],
+  ["endurance", "Time left", (vehicle) => clock(vehicle.autopilot.endurance_s)],
   ["height", "Height", (vehicle) => metres(vehicle.position_m?.[2])],
   ["speed", "Speed", (vehicle) => speed(vehicle.velocity_m_s)],
   ["gps", "GPS", positioning],

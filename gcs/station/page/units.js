@@ -38,9 +38,9 @@ export function clock(seconds) {
 export const percent = (share) => quantity(isKnown(share) ? Math.floor(share * 100 + 1e-6) : null, 0, "%");
 
 /** Satellites and fix as text. */
-export function positioning(vehicle) {
-  const satellites = isKnown(vehicle.satellites) ? `${vehicle.satellites}\u00a0sat` : "";
-  return [vehicle.gps_fix, satellites].filter(Boolean).join(", ") || UNKNOWN;
+export function positioning({ autopilot: { gps_dimensions, satellites } }) {
+  const fix = isKnown(gps_dimensions) && (gps_dimensions ? `${gps_dimensions}D` : "no fix");
+  return [fix, isKnown(satellites) && `${satellites}\u00a0sat`].filter(Boolean).join(", ") || UNKNOWN;
 }
 
 /** The nearest other vehicle and its distance. */

@@ -36,7 +36,8 @@ export const alert = (vehicle) => vehicle.alert || warning(vehicle);
 
 function warning(vehicle) {
   if (vehicle.fence_margin_m !== null && vehicle.fence_margin_m < 0) return "outside the fence";
-  return vehicle.battery !== null && vehicle.battery < CHARGE_LOW ? "battery low" : "";
+  const { battery } = vehicle.autopilot;
+  return battery !== null && battery < CHARGE_LOW ? "battery low" : "";
 }
 
 /** Vehicles with the gravest trouble first, then by number. */

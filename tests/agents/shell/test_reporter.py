@@ -13,7 +13,7 @@ from agents.shell.reporter import ended_words, estimator_words, target_report
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.codec import decode
-from agents.team.messages import LINK_SILENT_S, REPORT_TOPIC, TargetReport, VehicleReport
+from agents.team.messages import LINK_SILENT_S, REPORT_TOPIC, AutopilotReport, TargetReport, VehicleReport
 from estimation.state import OwnEstimate, TargetEstimate
 from tests.support.fake_flight import EPOCH_S, FakeFlight
 from tests.support.simulated_loop import run_simulated
@@ -73,8 +73,7 @@ def test_a_flight_is_reported_once_a_second_and_changes_at_once() -> None:
         flight.link.change(satellites=7, battery=0.4, endurance_s=321.0, gps_dimensions=3, estimator_ratio=0.1)
         await asyncio.sleep(1.2)
         report = listener.newest
-        assert (report.satellites, report.battery, report.endurance_s) == (7, 0.4, 321.0)
-        assert (report.gps_dimensions, report.estimator) == (3, "good")
+        assert (report.autopilot, report.estimator) == (AutopilotReport(0.4, 321.0, 3, 7), "good")
 
         await flight.outcome()
         assert listener.newest.ended == "completed"

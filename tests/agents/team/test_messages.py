@@ -14,6 +14,7 @@ from agents.tactics import Tactic
 from agents.team.codec import decode, encode
 from agents.team.messages import (
     TOPICS,
+    AutopilotReport,
     BusMessage,
     CommandAnswer,
     MemberState,
@@ -67,10 +68,13 @@ states = st.builds(
 
 ages = st.floats(0.0, 1e6)
 estimates = st.builds(TargetReport, places, speeds, covariances, ages)
+autopilots = st.builds(
+    AutopilotReport, st.none() | fractions, st.none() | ages, st.none() | st.integers(0, 3),
+    st.none() | st.integers(0, 255),
+)  # fmt: skip
 reports = st.builds(
     VehicleReport, ids, times, st.text(printable, max_size=32), st.booleans(), st.booleans(), st.none() | ages,
-    st.none() | st.floats(-7.0, 7.0), st.none() | fractions, st.none() | ages, st.none() | st.integers(0, 3),
-    st.none() | st.integers(0, 255), st.text(printable, max_size=32), st.none() | times, ages,
+    st.none() | st.floats(-7.0, 7.0), autopilots, st.text(printable, max_size=32), st.none() | times, ages,
     st.text(printable, max_size=120), st.none() | estimates,
 )  # fmt: skip
 
@@ -83,7 +87,21 @@ COMMAND = OperatorCommand(12.5, "resume", 2, "pat", 7)
 ANSWER = CommandAnswer(2, 12.6, 7, "resumed", "resume", "pat", "obeyed")
 SEEN = TargetReport((35.0, -5.0), (0.1, 0.0), (0.1, 0.0, 0.1), 0.5)
 REPORT = VehicleReport(
-    2, 12.7, "offboard", True, True, 0.1, 1.5, 0.8, 600.0, 3, 12, "good", 10.0, 200.0, "", SEEN, "no fix", 0.1
+    2,
+    12.7,
+    "offboard",
+    True,
+    True,
+    0.1,
+    1.5,
+    AutopilotReport(0.8, 600.0, 3, 12),
+    "good",
+    10.0,
+    200.0,
+    "",
+    SEEN,
+    "no fix",
+    0.1,
 )
 EXAMPLES: list[BusMessage] = [MEMBER, ON_RING, ANGLE, TARGET, MUSTER, COMMAND, ANSWER, REPORT]
 
@@ -154,17 +172,22 @@ def test_a_decoded_report_is_within_half_a_unit(report: VehicleReport) -> None:
         "mode",
         "armed",
         "in_air",
-        "gps_dimensions",
-        "satellites",
         "estimator",
         "start_s",
         "ended",
     )
     assert [getattr(again, name) for name in exact] == [getattr(report, name) for name in exact]
-    for name, within in (("link_age_s", 6e-4), ("yaw_rad", 6e-4), ("battery", 6e-5), ("endurance_s", 0.5)):
-        assert (getattr(again, name) is None) == (getattr(report, name) is None)
-        if getattr(report, name) is not None:
-            near(again, report, name, within=within)
+    (own, got), (theirs, sent) = ((each, each.autopilot) for each in (again, report))
+    assert (got.gps_dimensions, got.satellites) == (sent.gps_dimensions, sent.satellites)
+    for name, within, one, other in (
+        ("link_age_s", 6e-4, own, theirs),
+        ("yaw_rad", 6e-4, own, theirs),
+        ("battery", 6e-5, got, sent),
+        ("endurance_s", 0.5, got, sent),
+    ):
+        assert (getattr(one, name) is None) == (getattr(other, name) is None)
+        if getattr(other, name) is not None:
+            near(one, other, name, within=within)
     near(again, report, "duration_s", within=6e-4)
     assert (again.target is None) == (report.target is None)
     if again.target is not None and report.target is not None:
@@ -184,7 +207,19 @@ def test_a_state_fits_a_slow_radio() -> None:
 def test_a_report_is_no_larger_than_two_states() -> None:
     seen = TargetReport((-123.456, 78.901), (-1.234, 0.567), (0.123456, -0.012345, 0.234567), 12.345)
     report = VehicleReport(
-        8, 1.7e9, "offboard", True, True, 0.045, -2.345, 0.1234, 1234.0, 3, 12, "good", 1.7e9, 600.0, "", seen
+        8,
+        1.7e9,
+        "offboard",
+        True,
+        True,
+        0.045,
+        -2.345,
+        AutopilotReport(0.1234, 1234.0, 3, 12),
+        "good",
+        1.7e9,
+        600.0,
+        "",
+        seen,
     )
     assert len(encode(report)) <= 110
 

@@ -6,14 +6,18 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
+from math import radians
 
 import pytest
+from msgspec import structs
 from rich.console import Console, RenderableType
 from rich.text import Text
 
 from agents.safety.failsafe import Condition
-from gcs.console.live import LiveRow, LiveView, flight_title, live_table, plain_line
+from agents.team.messages import AutopilotReport
+from gcs.console.live import LiveView, flight_title, live_table, plain_line
 from gcs.console.summary import summary
+from gcs.console.vehicle_view import TeamRow, with_alert
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
@@ -21,13 +25,20 @@ from gcs.metrics.ring import RingResult
 from gcs.metrics.vehicles import EstimatedVehicleResult, VehicleResult
 
 ROWS = (
-    LiveRow(
-        1, "encircle", "offboard", True, 10.02, 0.0512, 119.24, 121.3, 0.83,
-        height_m=8.04, speed_m_s=0.51, nearest_id=2, nearest_m=17.31, separation_m=3.0, fence_m=4.26, link_age_s=0.04,
-        round_trip_s=0.1204, gps="3D 12",
+    TeamRow(
+        1, tactic="encircle", mode="offboard", position_m=(0.0, 0.0, 8.04), velocity_m_s=(0.51, 0.0),
+        autopilot=AutopilotReport(0.83, None, 3, 12), link_age_s=0.04, nearest_id=2, nearest_m=17.31,
+        fence_margin_m=4.26, radius_m=10.02, angular_rate_rad_s=0.0512, lead_rad=radians(119.24),
+        lag_rad=radians(121.3), round_trip_s=0.1204,
     ),
-    LiveRow(2, "return and land", "offboard", True, 9.97, -0.05, 120.8, 119.2, 0.31, "ring [pair 1]"),
-    LiveRow(3, "formation", "hold", False, battery=0.12, alert="battery critical", link_age_s=3.2, fence_m=-0.5),
+    TeamRow(
+        2, tactic="return and land", mode="offboard", autopilot=AutopilotReport(0.31), radius_m=9.97,
+        angular_rate_rad_s=-0.05, lead_rad=radians(120.8), lag_rad=radians(119.2), note="ring [pair 1]",
+    ),
+    with_alert(
+        TeamRow(3, tactic="formation", autopilot=AutopilotReport(0.12), link_age_s=3.2, fence_margin_m=-0.5),
+        "battery critical",
+    ),
 )  # fmt: skip
 RESULT = FlightResult(
     mission="case2",
@@ -70,11 +81,15 @@ def plain() -> tuple[Console, StringIO]:
     return Console(file=output, force_terminal=False, width=40), output
 
 
-def shown_at(width: int, rows: Sequence[LiveRow] = ROWS, height: int = 24, closes: bool = False) -> list[str]:
+def alerted(vehicle_id: int, alert: str) -> TeamRow:
+    return with_alert(structs.replace(ROWS[0], vehicle_id=vehicle_id), alert)
+
+
+def shown_at(width: int, rows: Sequence[TeamRow] = ROWS, height: int = 24, closes: bool = False) -> list[str]:
     """Return the lines of the newest frame, without colours."""
     output = StringIO()
     console = Console(file=output, force_terminal=True, width=width, height=height, _environ={})
-    view = LiveView(console)
+    view = LiveView(console, 3.0)
     with view:
         view.update(rows, 12.0, "go", Text("h hold"), flight_title("case2", 12.0, 200.0, 2, 3))
         frame = rendered(view._render(), width)
@@ -116,12 +131,12 @@ def test_a_hundred_and_twenty_columns_show_everything() -> None:
 
 
 def test_the_widest_values_fit_eighty_columns() -> None:
-    widest = replace(
-        ROWS[0], vehicle_id=254, tactic="pilot override", mode="take-off", height_m=-123.4, speed_m_s=12.3,
-        nearest_m=2.9, fence_m=-123.4, link_age_s=99.9, gps="jammed 12", battery=0.12, radius_m=123.45,
-        alert="battery critical",
+    widest = structs.replace(
+        ROWS[0], vehicle_id=254, tactic="pilot override", mode="take-off", position_m=(0.0, 0.0, -123.4),
+        velocity_m_s=(12.3, 0.0), nearest_m=2.9, fence_margin_m=-123.4, link_age_s=99.9, gps_threat="jammed",
+        autopilot=AutopilotReport(0.12, None, 3, 12), radius_m=123.45,
     )  # fmt: skip
-    row = shown_at(80, [widest])[3]
+    row = shown_at(80, [with_alert(widest, "battery critical")])[3]
     assert row.split() == [
         "!!254", "PILOT", "take-off", "-123.4", "12.3", "2.9!!", "-123.4!!", "99.9!!", "jammed", "12", "12%!!",
         "123.45",
@@ -129,7 +144,7 @@ def test_the_widest_values_fit_eighty_columns() -> None:
 
 
 def test_a_team_that_is_too_large_for_the_screen_shows_those_with_alerts_and_the_hint() -> None:
-    rows = [replace(ROWS[0], vehicle_id=i, alert="battery low" if i in (20, 31) else "") for i in range(1, 33)]
+    rows = [alerted(i, "battery low" if i in (20, 31) else "") for i in range(1, 33)]
     lines = shown_at(80, rows)
     assert len(lines) <= 24
     ids = [line.split()[0] for line in lines if "encircle" in line]
@@ -141,7 +156,7 @@ def test_a_team_that_is_too_large_for_the_screen_shows_those_with_alerts_and_the
 
 def test_many_alerts_leave_room_for_vehicles_and_the_hint() -> None:
     alerts = [condition.value for condition in Condition]
-    rows = [replace(ROWS[0], vehicle_id=i, alert=alert, note="ring") for i, alert in enumerate(alerts, 1)]
+    rows = [structs.replace(alerted(i, alert), note="ring") for i, alert in enumerate(alerts, 1)]
     lines = shown_at(80, rows)
     assert len(lines) <= 24
     assert lines[-1] == "h hold"
@@ -154,7 +169,7 @@ def test_brackets_in_a_note_are_no_markup() -> None:
 
 
 def test_after_the_end_nothing_is_shown_as_flying(subtests: pytest.Subtests) -> None:
-    down = [replace(row, ending="disarmed", alert="") for row in ROWS]
+    down = [with_alert(structs.replace(row, ending="disarmed"), "") for row in ROWS]
     for rows, ending in ((down, "disarmed"), (ROWS, "unknown")):
         with subtests.test(ending=ending):
             lines = shown_at(80, rows, closes=True)
@@ -164,7 +179,7 @@ def test_after_the_end_nothing_is_shown_as_flying(subtests: pytest.Subtests) -> 
 
 
 def test_a_vehicle_that_is_down_is_shown_so_while_the_others_fly() -> None:
-    lines = shown_at(80, [ROWS[0], replace(ROWS[1], ending="disarmed")])
+    lines = shown_at(80, [ROWS[0], structs.replace(ROWS[1], ending="disarmed")])
     assert lines[3].split()[:3] == ["1", "encircle", "offboard"]
     assert lines[4].split()[:3] == ["2", "ended", "disarmed"]
 
@@ -189,14 +204,17 @@ def test_a_number_has_the_colour_and_the_sign_of_its_severity(subtests: pytest.S
     )
     for battery, style, sign in rows:
         with subtests.test(battery=battery, style=style):
-            told = rendered(live_table([replace(ROWS[0], battery=battery)], False, False), colour=True)
+            told = rendered(
+                live_table(3.0, [structs.replace(ROWS[0], autopilot=AutopilotReport(battery))], False, False),
+                colour=True,
+            )
             cell = re.search(rf"(\x1b\[[\d;]+m)? *{battery:.0%}(!*)", told)
             assert cell is not None
             assert (cell[1] or "", cell[2]) == (style, sign)
 
 
 def test_a_lost_link_is_red_and_says_so() -> None:
-    told = rendered(live_table([replace(ROWS[0], connected=False)], False, False), colour=True)
+    told = rendered(live_table(3.0, [structs.replace(ROWS[0], mode="")], False, False), colour=True)
     assert re.search(r"\x1b\[[\d;]*31m\s*NO LINK", told)
 
 
@@ -206,7 +224,7 @@ def test_events_and_alerts_have_the_colour_and_the_word_of_their_severity() -> N
         view.print_line("1.0 s: vehicle 1: battery low", "alarm")
         view.print_line("1.0 s: vehicle 1: peer silent", "warning")
         view.print_line("1.0 s: vehicle 1: [holds]")
-        view.update([replace(ROWS[0], alert="peer silent")], 1.0)
+        view.update([alerted(1, "peer silent")], 1.0)
     told = output.getvalue()
     assert "\x1b[1;31mALARM: 1.0 s: vehicle 1: battery low" in told
     assert "\x1b[33mwarning: 1.0 s: vehicle 1: peer silent" in told
@@ -214,18 +232,15 @@ def test_events_and_alerts_have_the_colour_and_the_word_of_their_severity() -> N
 
 
 def test_the_bell_rings_once_for_each_new_alarm(subtests: pytest.Subtests) -> None:
-    def row(vehicle_id: int, alert: str) -> LiveRow:
-        return replace(ROWS[0], vehicle_id=vehicle_id, alert=alert)
-
     console, output = terminal()
-    steps: tuple[tuple[list[LiveRow], int], ...] = (
-        ([row(1, ""), row(2, "")], 0),
-        ([row(1, "peer silent"), row(2, "")], 0),
-        ([row(1, "battery low"), row(2, "")], 1),
-        ([row(1, "battery low"), row(2, "")], 1),
-        ([row(1, "battery low"), row(2, "battery low")], 2),
-        ([row(1, ""), row(2, "battery low")], 2),
-        ([row(1, "battery low"), row(2, "battery low")], 3),
+    steps: tuple[tuple[list[TeamRow], int], ...] = (
+        ([alerted(1, ""), alerted(2, "")], 0),
+        ([alerted(1, "peer silent"), alerted(2, "")], 0),
+        ([alerted(1, "battery low"), alerted(2, "")], 1),
+        ([alerted(1, "battery low"), alerted(2, "")], 1),
+        ([alerted(1, "battery low"), alerted(2, "battery low")], 2),
+        ([alerted(1, ""), alerted(2, "battery low")], 2),
+        ([alerted(1, "battery low"), alerted(2, "battery low")], 3),
     )
     with LiveView(console) as view:
         for rows, rung in steps:
@@ -234,7 +249,7 @@ def test_the_bell_rings_once_for_each_new_alarm(subtests: pytest.Subtests) -> No
                 assert output.getvalue().count("\a") == rung
     console, output = plain()
     with LiveView(console) as view:
-        view.update([row(1, "battery low")], 1.0)
+        view.update([alerted(1, "battery low")], 1.0)
     assert "\a" not in output.getvalue()
 
 

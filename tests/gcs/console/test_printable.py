@@ -6,8 +6,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.live import LiveRow, LiveView
+from gcs.console.live import LiveView
 from gcs.console.terminal import PrintableOutput
+from gcs.console.vehicle_view import TeamRow
 
 EVIL = "\x1b[2J\x1b]0;mine\x07\x9b31m\u202e"
 
@@ -32,7 +33,7 @@ def test_live_tables_and_lines_are_printable() -> None:
     output = StringIO()
     view = LiveView(Console(file=output, force_terminal=True, width=120))
     with view:
-        view.update([LiveRow(1, f"tactic {EVIL}", "offboard", connected=True, note=EVIL)], 1.0, EVIL, Text(EVIL))
+        view.update([TeamRow(1, tactic=f"tactic {EVIL}", mode="offboard", note=EVIL)], 1.0, EVIL, Text(EVIL))
         view.print_line(f"said {EVIL}")
     shown = output.getvalue()
     assert "said ?[2J" in shown

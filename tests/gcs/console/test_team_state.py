@@ -1,19 +1,31 @@
 """What a listener makes of a team's words, and the table and lines that show it."""
 
-from dataclasses import replace
 from io import StringIO
 
 from msgspec import structs
+from msgspec.structs import replace
 from rich.console import Console
 
 from agents.drops import Drops
 from agents.safety.fence import Fence
 from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
-from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamEvent, TeamState, WatchRow
+from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamEvent, TeamState
+from gcs.console.vehicle_view import TeamRow, with_alert
 from gcs.console.watch import WatchView, watch_line, watch_table
 
-ROW = WatchRow(
-    1, 0.1, "encircle", (1.0, -2.0), 8.0, 10.02, 0.051, speed_m_s=0.5, nearest_id=2, nearest_m=17.3, fence_m=4.3
+UNKNOWN = TeamRow(3, note="not received")
+ROW = TeamRow(
+    1,
+    0.1,
+    is_stale=False,
+    tactic="encircle",
+    position_m=(1.0, -2.0, 8.0),
+    velocity_m_s=(0.5, 0.0),
+    nearest_id=2,
+    nearest_m=17.3,
+    fence_margin_m=4.3,
+    radius_m=10.02,
+    angular_rate_rad_s=0.051,
 )
 
 
@@ -30,7 +42,7 @@ def state(
 
 def test_who_has_said_nothing_has_an_empty_row() -> None:
     picture = TeamState((1, 2))
-    assert picture.rows(0.0) == [WatchRow(1), WatchRow(2)]
+    assert picture.rows(0.0) == [replace(UNKNOWN, vehicle_id=each) for each in (1, 2)]
     assert not picture.any_received
     picture.receive(state(2), 0.0)
     assert [row.vehicle_id for row in picture.rows(0.0)] == [1, 2]
@@ -40,7 +52,18 @@ def test_who_has_said_nothing_has_an_empty_row() -> None:
 def test_a_row_is_the_last_words_and_their_age() -> None:
     picture = TeamState((1,))
     picture.receive(state(angle=NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5)), 5.0)
-    assert picture.rows(5.25) == [WatchRow(1, 0.25, "formation", (1.0, -2.0), 8.0, 10.5, 0.05, speed_m_s=0.0)]
+    (row,) = picture.rows(5.25)
+    assert row == TeamRow(
+        1,
+        0.25,
+        is_stale=False,
+        tactic="formation",
+        position_m=(1.0, -2.0, 8.0),
+        velocity_m_s=(0.0, 0.0),
+        aim_m=(1.0, -2.0),
+        radius_m=10.5,
+        angular_rate_rad_s=0.05,
+    )
     picture.receive(state(time_s=101.5), 6.0)
     (row,) = picture.rows(6.0)
     assert (row.radius_m, row.angular_rate_rad_s) == (None, None), "it has left the ring"
@@ -58,12 +81,12 @@ def test_silence_is_news_once_and_so_is_its_end() -> None:
     assert "formation" in lost.text
     assert lost.severity == "warning"
     assert picture.new_events(SILENT_AFTER_S + 0.2) == []
-    assert picture.rows(SILENT_AFTER_S + 0.2)[0].silent
+    assert picture.rows(SILENT_AFTER_S + 0.2)[0].is_stale
     picture.receive(state(tactic="hold"), 3.0)
     restored, changed = picture.new_events(3.0)
     assert restored.line.startswith("vehicle 1: ")
     assert changed == TeamEvent(1, "formation -> hold")
-    assert not picture.rows(3.0)[0].silent
+    assert not picture.rows(3.0)[0].is_stale
 
 
 def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeated() -> None:
@@ -88,17 +111,17 @@ def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeat
     assert all(fact in event.line for event, expected in zip(events, facts, strict=True) for fact in expected)
 
 
-def rendered(rows: list[WatchRow], width: int = 80) -> list[str]:
+def rendered(rows: list[TeamRow], width: int = 80) -> list[str]:
     output = StringIO()
     Console(file=output, width=width).print(watch_table(3.0, rows, width > 80, False))
     return output.getvalue().splitlines()
 
 
 def test_the_table_shows_every_number_with_its_unit_in_eighty_columns() -> None:
-    near = replace(
-        ROW, vehicle_id=2, age_s=3.2, alert="battery low", nearest_m=2.9, fence_m=-1.0, tactic="pilot override"
+    near = with_alert(
+        replace(ROW, vehicle_id=2, nearest_m=2.9, fence_margin_m=-1.0, tactic="pilot override"), "battery low"
     )
-    lines = rendered([ROW, near, WatchRow(3), replace(near, age_s=0.1)])
+    lines = rendered([ROW, replace(near, age_s=3.2, is_stale=True), UNKNOWN, near])
     assert lines[0].split() == ["age", "height", "speed", "near", "fence", "x", "y", "r", "ω"]
     assert lines[1].split() == ["tactic", "[s]", *["[m]"] * 1, "[m/s]", *["[m]"] * 5, "[rad/s]"]
     assert lines[2].split() == ["1", "encircle", "0.1", "8.0", "0.5", "17.3", "4.3", "1.0", "-2.0", "10.02", "+0.051"]
@@ -106,12 +129,12 @@ def test_the_table_shows_every_number_with_its_unit_in_eighty_columns() -> None:
     assert lines[4].split()[:2] == ["3", "-"]
     assert lines[5].split()[:2] == ["!!2", "PILOT"]
     assert max(map(len, lines)) <= 80
-    assert "pilot override" in rendered([replace(near, age_s=0.1)], 120)[2]
+    assert "pilot override" in rendered([near], 120)[2]
     assert "17.3 to 2" in rendered([ROW], 120)[2]
 
 
 def test_the_line_leaves_out_what_is_not_known() -> None:
-    rows = [ROW, replace(ROW, radius_m=None, angular_rate_rad_s=None, age_s=2.0), WatchRow(3)]
+    rows = [ROW, replace(ROW, radius_m=None, angular_rate_rad_s=None, note="no messages for 2 s"), UNKNOWN]
     title, whole, without_ring, unknown = watch_line(rows, 12.0, "").split(" | ")
     assert title == "watched for 12 s"
     assert whole == "#1 encircle x=1.0m y=-2.0m height=8.0m speed=0.5m/s near=17.3m fence=4.3m r=10.02m w=+0.051rad/s"
@@ -128,8 +151,8 @@ def test_neighbours_fences_and_the_ring_are_those_of_the_messages() -> None:
         structs.replace(state(2, angle=NeighbourAngle(2, 100.0, 0.3, 0.05, 10.5)), position_m=(1.0, 5.0)), 0.5
     )
     first, second = picture.rows(0.5)
-    assert (first.speed_m_s, first.nearest_id, first.nearest_m, first.fence_m) == (5.0, 2, 7.0, 3.0)
-    assert (second.speed_m_s, second.nearest_id, second.nearest_m, second.fence_m) == (0.0, 1, 7.0, None)
+    assert (first.speed_m_s, first.nearest_id, first.nearest_m, first.fence_margin_m) == (5.0, 2, 7.0, 3.0)
+    assert (second.speed_m_s, second.nearest_id, second.nearest_m, second.fence_margin_m) == (0.0, 1, 7.0, None)
     assert picture.ring_members(0.5) == 1
     assert picture.ring_members(0.6 + SILENT_AFTER_S) == 0, "its messages have stopped"
 
@@ -138,7 +161,7 @@ def test_of_a_view_that_is_closed_nothing_is_shown_as_if_it_went_on() -> None:
     output = StringIO()
     view = WatchView(Console(file=output, force_terminal=True, width=80, _environ={}))
     with view:
-        view.update([replace(ROW, alert="battery low")], 3.0, "read-only", title="case2  watched for 3 s")
+        view.update([with_alert(ROW, "battery low")], 3.0, "read-only", title="case2  watched for 3 s")
         output.seek(output.truncate(0))
     assert "VIEW CLOSED  case2" in output.getvalue()
     assert "ALARM" not in output.getvalue()

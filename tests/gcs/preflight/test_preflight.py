@@ -9,6 +9,7 @@ from math import pi, sin
 from typing import Any
 
 import pytest
+from msgspec import structs
 from rich.console import Console
 
 from agents.ports import FlightMode, VehicleStatus
@@ -68,7 +69,7 @@ def well(vehicle_id: int, **changes: Any) -> VehicleFacts:
         vehicle_id=vehicle_id,
         autopilot=px4.AUTOPILOT,
         multicopter=True,
-        status=VehicleStatus(True, False, False, FlightMode.HOLD, 0.9, True, True),
+        status=VehicleStatus(connected=True, mode=FlightMode.HOLD, battery=0.9, local_position_ok=True, armable=True),
         health=dict.fromkeys(HEALTH, True),
         origin_m=(x, y, 0.0),
         position_m=(x, y, 0.0),
@@ -301,7 +302,7 @@ def test_what_is_not_well_with_its_status(subtests: pytest.Subtests) -> None:
     )
     for status, expected in rows:
         with subtests.test(status=status, expected=expected):
-            findings = team(status=replace(well(2).status, **status))
+            findings = team(status=structs.replace(well(2).status, **status))
             assert [(grade, check) for grade, _, check in grave(findings)] == expected
 
 
@@ -319,7 +320,7 @@ def test_a_vehicle_beside_its_start(subtests: pytest.Subtests) -> None:
 @pytest.mark.parametrize(("mode", "grade"), [(FlightMode.HOLD, "refuse"), (FlightMode.LAND, "warning")])
 def test_arming_checks_depend_on_the_mode(mode: FlightMode, grade: str) -> None:
     health = {**dict.fromkeys(HEALTH, True), "arming checks": False}
-    findings = team(health=health, status=replace(well(2).status, mode=mode))
+    findings = team(health=health, status=structs.replace(well(2).status, mode=mode))
     assert (grade, "vehicle 2", "health") in grave(findings)
 
 
@@ -484,7 +485,7 @@ def test_a_lead_that_is_held_too_short_is_refused_for_the_plant() -> None:
 
 
 def test_the_gravest_come_first_and_all_is_told_to_people_and_to_scripts() -> None:
-    findings = team(multicopter=False, status=replace(well(2).status, battery=0.3))
+    findings = team(multicopter=False, status=structs.replace(well(2).status, battery=0.3))
     assert [each.grade for each in findings[:3]] == [Grade.REFUSE, Grade.WARNING, Grade.PASS]
     told = json.loads(findings_json("case2", findings))
     assert (told["mission"], told["grade"], len(told["findings"])) == ("case2", "refuse", len(findings))

@@ -9,12 +9,14 @@ import msgspec
 import pytest
 
 from agents.inputs import Start
+from agents.team.messages import AutopilotReport
 from estimation.state import Telemetry
+from gcs.console.vehicle_view import VehicleView
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision
 from gcs.mission.mission import Mission
-from gcs.station.picture import FlightPicture, VehiclePicture
+from gcs.station.picture import FlightPicture
 from gcs.station.recorded_flight import PICTURES_HZ, recorded_flight
 from tests.support.flight_logs import engaging, record_simulation
 from tests.support.paths import DATA
@@ -74,7 +76,7 @@ def test_every_vehicle_is_shown_by_its_newest_tick(shown: FlightPicture, log: Fl
             assert "" in fits, (team.time_s, vehicle_id, fits)
 
 
-def fault_of(vehicle: VehiclePicture, decision: Decision, samples: list[Telemetry], now_s: float) -> str:
+def fault_of(vehicle: VehicleView, decision: Decision, samples: list[Telemetry], now_s: float) -> str:
     """Return what of a vehicle's picture is not as a tick decided it, empty if nothing."""
     own, setpoint, polar, place = decision.own, decision.setpoint, decision.polar, decision.place
     assert own is not None
@@ -158,9 +160,7 @@ def test_ten_minutes_of_three_vehicles_are_no_more_than_3_megabytes(tmp_path: Pa
     record_simulation(engaging("case2-field"), path, duration_s=600.0)
     shown = recorded_flight(read_log(path))
     widest = [
-        msgspec.structs.replace(
-            each, mode="offboard", battery=0.71, endurance_s=1234.0, satellites=14, gps_fix="3D", estimator="good"
-        )
+        msgspec.structs.replace(each, mode="offboard", autopilot=AutopilotReport(0.71, 1234.0, 3, 14), estimator="good")
         for team in shown.teams
         for each in team.vehicles
     ]

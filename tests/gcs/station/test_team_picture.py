@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from agents.safety.failsafe import Condition
 from agents.team.messages import (
+    AutopilotReport,
     CommandAnswer,
     MemberState,
     NeighbourAngle,
@@ -17,17 +18,14 @@ from agents.team.messages import (
     TargetReport,
     VehicleReport,
 )
+from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView
 from gcs.metrics.ending import LostFlight
 from gcs.mission.mission import Mission
 from gcs.station.picture import (
-    LINK_CUT,
-    SILENT,
     EventPicture,
     LostPicture,
     OperatorRights,
     TeamPicture,
-    VehiclePicture,
-    fix_words,
     mission_picture,
 )
 from gcs.station.team_picture import TeamPictures
@@ -67,13 +65,13 @@ class Page:
         self.events += self.pictures.new_events(now_s)
         return picture
 
-    def vehicle(self, vehicle_id: int, now_s: float, *, is_over: bool = False) -> VehiclePicture:
+    def vehicle(self, vehicle_id: int, now_s: float, *, is_over: bool = False) -> VehicleView:
         return next(each for each in self.team(now_s, is_over=is_over).vehicles if each.vehicle_id == vehicle_id)
 
 
 def test_nothing_is_known_of_a_team_that_was_not_heard() -> None:
     picture = Page().team(5.0, "no flight")
-    assert picture.vehicles == tuple(VehiclePicture(each) for each in (1, 2, 3))
+    assert picture.vehicles == tuple(VehicleView(each) for each in (1, 2, 3))
     assert (picture.time_s, picture.remaining_s, picture.target, picture.ending) == (None, None, None, "")
     assert (picture.wall_s, picture.link, picture.ring_members) == (UNIX_S + 5.0, "no flight", 0)
 
@@ -89,16 +87,13 @@ def test_every_field_is_that_of_the_messages() -> None:
         1,
         START_S + 19.9,
         yaw_rad=1.5,
-        battery=0.7,
-        endurance_s=900.0,
-        gps_dimensions=3,
-        satellites=14,
+        autopilot=AutopilotReport(0.7, 900.0, 3, 14),
         estimator="good",
     )
     ahead = state(3, START_S + 20.0, (0.0, 0.0), angle=NeighbourAngle(3, START_S + 20.0, 1.5, 0.05, 10.0))
     behind = state(2, START_S + 20.0, (3.0, 8.0), angle=NeighbourAngle(2, START_S + 20.0, 0.5, 0.05, 10.0))
     page.hears(10.0, says, report(2, START_S + 20.0), report(3, START_S + 20.0), flies, behind, ahead)
-    assert page.vehicle(1, 10.25) == VehiclePicture(
+    assert page.vehicle(1, 10.25) == VehicleView(
         1,
         age_s=0.25,
         is_stale=False,
@@ -108,10 +103,7 @@ def test_every_field_is_that_of_the_messages() -> None:
         yaw_rad=1.5,
         velocity_m_s=(0.5, -0.6),
         aim_m=(3.5, 4.5),
-        battery=0.7,
-        endurance_s=900.0,
-        satellites=14,
-        gps_fix="3D",
+        autopilot=AutopilotReport(0.7, 900.0, 3, 14),
         estimator="good",
         link_age_s=0.05,
         nearest_id=2,
@@ -131,13 +123,13 @@ def test_what_is_not_known_is_null_and_never_zero() -> None:
     page = Page(parsed(content()))
     page.hears(1.0, StartProposal(1, START_S, None, ready=False))
     shown = msgspec.to_builtins(page.vehicle(1, 1.0))
+    shown |= shown.pop("autopilot")
     assert {name for name, value in shown.items() if value not in (None, "", False)} == {"vehicle_id", "severity"} | (
         {"age_s"} if shown["age_s"] else set()
     )
     page.hears(1.5, state(1, START_S))
     assert page.vehicle(1, 1.5).fence_margin_m is None, "this mission has no fence"
     assert page.vehicle(1, 1.5).nearest_m is None, "no other was heard"
-    assert [fix_words(each) for each in (None, 0, 2, 3)] == ["", "no fix", "2D", "3D"]
 
 
 def test_before_the_start_there_is_no_mission_time() -> None:

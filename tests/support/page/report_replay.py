@@ -8,7 +8,8 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from gcs.station.picture import FlightPicture, TeamPicture, VehiclePicture
+from gcs.console.vehicle_view import VehicleView
+from gcs.station.picture import FlightPicture, TeamPicture
 from tests.support.page.station_pictures import ring_flight, ring_mission, ring_team
 
 
@@ -31,7 +32,7 @@ def _noisy(team: TeamPicture, random: np.random.Generator) -> TeamPicture:
     return replace(team, vehicles=tuple(_noisy_vehicle(each, random) for each in team.vehicles))
 
 
-def _noisy_vehicle(vehicle: VehiclePicture, random: np.random.Generator) -> VehiclePicture:
+def _noisy_vehicle(vehicle: VehicleView, random: np.random.Generator) -> VehicleView:
     x, y, z, vx, vy, ahead_x, ahead_y = (round(float(each), 2) for each in random.uniform(-100.0, 100.0, 7))
     yaw, rate, lead = (round(float(each), 4) for each in random.uniform(-3.0, 3.0, 3))
     battery, endurance_s, radius_m, nearest_m, margin_m = (round(float(e), 2) for e in random.uniform(0.0, 99.0, 5))
@@ -43,8 +44,7 @@ def _noisy_vehicle(vehicle: VehiclePicture, random: np.random.Generator) -> Vehi
         yaw_rad=yaw,
         angular_rate_rad_s=rate,
         lead_rad=lead,
-        battery=battery,
-        endurance_s=endurance_s,
+        autopilot=replace(vehicle.autopilot, battery=battery, endurance_s=endurance_s),
         radius_m=radius_m,
         nearest_m=nearest_m,
         fence_margin_m=margin_m,

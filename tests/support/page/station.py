@@ -22,11 +22,12 @@ from agents.team.codec import encode
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal
 from agents.team.participant import vehicle
 from agents.team.verbs import Verb
+from gcs.console.vehicle_view import VehicleView
 from gcs.mission.mission import Mission
 from gcs.station.access import Access
 from gcs.station.broadcast import Broadcast, Published
 from gcs.station.commands import Commands
-from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture, VehiclePicture
+from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture
 from gcs.station.server import listen, serve_team
 from gcs.station.tiles import MapTiles
 from gcs.viewer.address import Address
@@ -51,7 +52,7 @@ class CannedSource:
         await asyncio.Event().wait()
 
     def team(self, time_s: float, vehicles: int = 3) -> None:
-        rows = tuple(VehiclePicture(i + 1, 0.1, False, tactic="encircle") for i in range(vehicles))
+        rows = tuple(VehicleView(i + 1, 0.1, False, tactic="encircle") for i in range(vehicles))
         self.publish(TeamPicture(time_s, 1.7e9 + time_s, rows))
 
     def event(self, text: str) -> None:

@@ -4,7 +4,9 @@ import math
 
 from msgspec.structs import replace
 
+from agents.team.messages import AutopilotReport
 from agents.team.verbs import VERBS, Verb
+from gcs.console.vehicle_view import VehicleView
 from gcs.station.picture import (
     EventPicture,
     FlightPicture,
@@ -13,7 +15,6 @@ from gcs.station.picture import (
     PlannedVehicle,
     TargetPicture,
     TeamPicture,
-    VehiclePicture,
 )
 from gcs.style import COLOURS
 
@@ -61,12 +62,12 @@ def ring_team(mission: MissionPicture, time_s: float) -> TeamPicture:
 
 def _on_ring(
     index: int, vehicles: int, target_m: tuple[float, float], time_s: float, radius_m: float, rate_rad_s: float
-) -> VehiclePicture:
+) -> VehicleView:
     angle = 2.0 * math.pi * index / vehicles + rate_rad_s * time_s
     ahead = angle + 0.06
     chord_m = 2.0 * radius_m * math.sin(math.pi / max(vehicles, 2))
     position_m = (target_m[0] + radius_m * math.cos(angle), target_m[1] + radius_m * math.sin(angle), 8.0 + 0.2 * index)
-    return VehiclePicture(
+    return VehicleView(
         vehicle_id=index + 1,
         age_s=0.1,
         is_stale=False,
@@ -76,10 +77,7 @@ def _on_ring(
         yaw_rad=angle + math.pi,
         velocity_m_s=(-SPEED_M_S * math.sin(angle) + 0.1, SPEED_M_S * math.cos(angle)),
         aim_m=(target_m[0] + radius_m * math.cos(ahead), target_m[1] + radius_m * math.sin(ahead)),
-        battery=0.82 - 0.03 * (index % 8) - 0.0003 * time_s,
-        endurance_s=840.0 - time_s,
-        satellites=14 + index % 3,
-        gps_fix="3D fix",
+        autopilot=AutopilotReport(0.82 - 0.03 * (index % 8) - 0.0003 * time_s, 840.0 - time_s, 3, 14 + index % 3),
         estimator="good",
         link_age_s=0.1,
         nearest_id=(index + 1) % vehicles + 1,

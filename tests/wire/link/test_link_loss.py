@@ -1,6 +1,7 @@
 """Links that break in mid-ring and autopilots that restart there: what the vehicle, its agent and the others do."""
 
 import asyncio
+import math
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -21,7 +22,8 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
 from gcs.console.command_client import CommandClient
-from gcs.console.live import LiveRow, LiveView
+from gcs.console.live import LiveView
+from gcs.console.vehicle_view import TeamRow
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -130,7 +132,7 @@ class Team:
 
     def __init__(self, mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
         self.mission = mission
-        self.rows: dict[int, LiveRow] = {}
+        self.rows: dict[int, TeamRow] = {}
         self.links: dict[int, MavsdkLink] = {}
         self.configs = {config.vehicle_id: config for config in stub_configs(mission)}
         self.stubs: dict[int, Restarting] = {}
@@ -176,8 +178,8 @@ class Team:
         return [self.rows[i].tactic for i in vehicle_ids]
 
     def spaced(self, degrees: float, *vehicle_ids: int) -> bool:
-        leads = [self.rows[i].spacing_lead_deg if i in self.rows else None for i in vehicle_ids]
-        return all(lead is not None and abs(lead - degrees) < 10.0 for lead in leads)
+        leads = [self.rows[i].lead_rad if i in self.rows else None for i in vehicle_ids]
+        return all(lead is not None and abs(math.degrees(lead) - degrees) < 10.0 for lead in leads)
 
     async def telemetry_rate_hz(self, vehicle_id: int) -> float:
         """Count the vehicle's motion samples as they arrive, by its own clock."""

@@ -16,7 +16,8 @@ from agents.shell.outcome import Ending
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
-from gcs.console.live import LiveRow, LiveView
+from gcs.console.live import LiveView
+from gcs.console.vehicle_view import TeamRow
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -77,7 +78,7 @@ async def test_forged_messages_have_no_effect_on_a_flight(
     clock: GovernedClock, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mission = load_mission(mission_file("px4-trio"))
-    rows, told = dict[int, LiveRow](), list[Finding]()
+    rows, told = dict[int, TeamRow](), list[Finding]()
     view = LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", lambda team, *_: rows.update({row.vehicle_id: row for row in team}))
     places: list[float] = []

@@ -1,0 +1,123 @@
+"""A vehicle as an onlooker sees it: the one type that the terminals' tables and the operator's page show."""
+
+from collections.abc import Mapping
+from math import hypot
+from typing import TypeVar
+
+import msgspec
+from msgspec.structs import replace
+
+from agents.safety.failsafe import Condition
+from agents.safety.fence import Fence
+from agents.team.messages import AutopilotReport, MemberState, VehicleReport
+from estimation.frames import Triple
+from gcs.console.advice import Severity, advice, severity
+from gcs.mission.geometry import nearest_other
+
+Pair = tuple[float, float]
+SILENT, LINK_CUT = "silent", "link cut"
+_ADVISED_AS = {SILENT: Condition.PEER_SILENT.value, LINK_CUT: Condition.TELEMETRY_STALE.value}
+
+
+class VehicleView(msgspec.Struct, frozen=True):
+    """One vehicle at one time. `age_s` is the age of its last message [wall s], None before the first.
+
+    `is_stale` means that its position is out of date: its messages stopped, or its link is cut. `mode` is empty without
+    a link. `aim_m` is the undisturbed aim, which its peers receive, `setpoint_m` the setpoint sent, which a log holds;
+    `yaw_rad` is that of the setpoint. `link_age_s` is how long its agent has received nothing from its autopilot.
+    `nearest_m` is the horizontal distance to the nearest other flying vehicle, `fence_margin_m` that to the fence
+    (negative: outside). `advice` is the operator's action for the alert. `ending` is how its flight ended, empty
+    before. Unknown values are None, or empty.
+    """
+
+    vehicle_id: int
+    age_s: float | None = None
+    is_stale: bool = True
+    has_ended: bool = False
+    tactic: str = ""
+    mode: str = ""
+    position_m: Triple | None = None
+    yaw_rad: float | None = None
+    velocity_m_s: Pair | None = None
+    aim_m: Pair | None = None
+    setpoint_m: Pair | None = None
+    autopilot: AutopilotReport = AutopilotReport()
+    estimator: str = ""
+    link_age_s: float | None = None
+    nearest_id: int | None = None
+    nearest_m: float | None = None
+    fence_margin_m: float | None = None
+    radius_m: float | None = None
+    angular_rate_rad_s: float | None = None
+    lead_rad: float | None = None
+    alert: str = ""
+    advice: str = ""
+    severity: Severity = "information"
+    ending: str = ""
+
+    @property
+    def height_m(self) -> float | None:
+        """The height above the mission's origin."""
+        return None if self.position_m is None else self.position_m[2]
+
+    @property
+    def speed_m_s(self) -> float | None:
+        """The speed over ground."""
+        return None if self.velocity_m_s is None else hypot(*self.velocity_m_s)
+
+
+class TeamRow(VehicleView, frozen=True):
+    """A vehicle in a terminal's table: what only the process that flies it knows as well, and a note below the table.
+
+    `gps_threat` names what disturbs its GPS, `lag_rad` is the angle to the vehicle behind on the ring, `round_trip_s`
+    the time from a message to its answer [wall s].
+    """
+
+    note: str = ""
+    gps_threat: str = ""
+    lag_rad: float | None = None
+    round_trip_s: float | None = None
+
+
+ViewT = TypeVar("ViewT", bound=VehicleView)
+
+
+def with_state(view: ViewT, state: MemberState) -> ViewT:
+    """Return a view with what a vehicle's state holds."""
+    angle = state.angle
+    return replace(
+        view,
+        tactic=state.tactic,
+        position_m=(*state.position_m, state.altitude_m),
+        velocity_m_s=state.velocity_m_s,
+        aim_m=state.aim_m,
+        radius_m=None if angle is None else angle.radius_m,
+        angular_rate_rad_s=None if angle is None else angle.angular_rate_rad_s,
+    )
+
+
+def with_report(view: ViewT, report: VehicleReport, age_s: float) -> ViewT:
+    """Return a view with what a vehicle's report holds; the report was received `age_s` ago."""
+    silent_s = age_s if report.is_link_cut else 0.0
+    return replace(
+        view,
+        mode=report.mode,
+        yaw_rad=report.yaw_rad,
+        autopilot=report.autopilot,
+        estimator=report.estimator,
+        link_age_s=None if report.link_age_s is None else report.link_age_s + silent_s,
+    )
+
+
+def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
+    """Return a view with an alert, its advice and severity; of a vehicle that `is_lost` in flight it is an alarm."""
+    how_grave: Severity = "alarm" if alert and is_lost else severity(alert)
+    return replace(view, alert=alert, advice=advice(_ADVISED_AS.get(alert, alert)), severity=how_grave)
+
+
+def with_surroundings(view: ViewT, places_m: Mapping[int, Pair], fences: Mapping[int, Fence]) -> ViewT:
+    """Return a view with the distances to the others, of which `places_m` are the positions, and to its fence."""
+    nearest_id, nearest_m = nearest_other(view.vehicle_id, places_m) or (None, None)
+    fence, place_m = fences.get(view.vehicle_id), places_m.get(view.vehicle_id)
+    margin_m = None if fence is None or place_m is None else fence.clearance_m(place_m)
+    return replace(view, nearest_id=nearest_id, nearest_m=nearest_m, fence_margin_m=margin_m)
