@@ -181,7 +181,8 @@ class AutopilotReport(msgspec.Struct, frozen=True):
     """What operators and observers see of an autopilot's own report: a part of its status, sent and shown as it is.
 
     `battery` is a fraction, `endurance_s` its estimate of the flight time until the battery is empty, `gps_dimensions`
-    the type of the fix (0 without one, 2 or 3), with the number of `satellites`. None is unknown.
+    the type of the fix (0 without one, 2 or 3), with the number of `satellites`. None is unknown. A new field has to be
+    `Added` to the report.
     """
 
     battery: Annotated[float, Within(0.0, 1.0), Unit(1e4)] | None = None

@@ -22,7 +22,7 @@ SHOWN = {
     "endurance": "11:07",
     "height": "−7.3 m".replace("−", "-"),
     "speed": "5.0 m/s",
-    "gps": "2D, 17 sat",
+    "gps": "no fix, 17 sat",
     "estimator": "dead reckoning",
     "link": "0.4 s",
     "heard": "0.2 s ago",
@@ -42,7 +42,7 @@ def with_own_values(team: TeamPicture) -> TeamPicture:
         2,
         age_s=0.2,
         tactic="hold",
-        autopilot=AutopilotReport(0.57, 667.9, 2, 17),
+        autopilot=AutopilotReport(0.57, 667.9, 0, 17),
         position_m=(31.5, 4.25, -7.3),
         velocity_m_s=(3.0, -4.0),
         estimator="dead reckoning",
@@ -103,6 +103,7 @@ def test_every_field_is_on_the_card_and_in_the_table(open_page: OpenPage) -> Non
         served.team = lambda _: with_own_values(ring_team(ring_mission(), 100.0))
         expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("hold")
         assert texts(page, ".card[data-vehicle='2']") == SHOWN
+        assert texts(page, ".card[data-vehicle='1']")["gps"] == "3D, 14 sat"
         page.get_by_role("tab", name="Table").click()
         row = texts(page, "#table [data-vehicle='2']")
         assert row == {**SHOWN, "tactic": "hold", "x": "31.5 m", "y": "4.3 m", "alert": "no alert"}
