@@ -22,7 +22,6 @@ from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveRow, LiveView
-from gcs.flight import watch
 from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -139,13 +138,13 @@ class Team:
         self._view = LiveView(Console(file=StringIO()))
         monkeypatch.setattr(self._view, "update", lambda team, *_: self.rows.update({r.vehicle_id: r for r in team}))
         self.events: list[FlightEvent] = []
-        line = watch.event_line
+        line = event_line
 
         def shown(event: FlightEvent, start_s: float | None) -> str:
             self.events.append(event)
             return line(event, start_s)
 
-        monkeypatch.setattr(watch, "event_line", shown)
+        monkeypatch.setattr("gcs.flight.watch.event_line", shown)
         make = MavsdkLink.__init__
 
         def made(link: MavsdkLink, hub: MavsdkHub, config: LinkConfig, *rest: Any) -> None:
