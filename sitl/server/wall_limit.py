@@ -20,6 +20,7 @@ class WallLimit:
         if self._before_s is None:
             if waited_for_s > self._limit_s / 8.0:  # most go on long before, and to ask the system takes time
                 self._before_s = _without_processor_s(self._process)
+                self._since_s = max(self._since_s, wall_s - self._limit_s / 4.0)  # who asks may have lacked it
             return False
         if waited_for_s <= self._limit_s:
             return False
