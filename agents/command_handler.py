@@ -52,7 +52,7 @@ class CommandHandler:
         self._shapes = shapes
         self.reshaping: Reshaping | None = None
         """The newest change of the formation that this vehicle has received."""
-        self.lacks: str | None = None
+        self.start_blockers: str | None = None
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
         """Whether an operator has started the vehicle."""
@@ -126,7 +126,7 @@ class CommandHandler:
                 return _Answer(row.did, "begun"), row.event
             case "start":
                 return self._start(row), None
-            case _ if self.lacks is not None:
+            case _ if self.start_blockers is not None:
                 return _refused("it waits on the ground for its start"), None
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s)
@@ -136,11 +136,11 @@ class CommandHandler:
                 return self._steer(row, tactic)
 
     def _start(self, row: VerbRow) -> _Answer:
-        if self.lacks is None:
+        if self.start_blockers is None:
             return _Answer("did not wait for its start" if not self.starts else "had taken off already")
-        if self.lacks:
-            return _refused(self.lacks)
-        self.starts, self.lacks = True, None
+        if self.start_blockers:
+            return _refused(self.start_blockers)
+        self.starts, self.start_blockers = True, None
         return _Answer(row.did)
 
     def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[_Answer, Event | None]:

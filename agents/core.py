@@ -343,7 +343,7 @@ class VehicleCore:
         self._fault_detector.computer_short_of = item.short_of
 
     def _take_ground(self, item: Ground) -> None:
-        self.commands.lacks = item.lacks
+        self.commands.start_blockers = item.start_blockers
 
     def _take_telemetry(self, telemetry: Telemetry) -> None:
         self._estimator.measure(telemetry)

@@ -127,15 +127,15 @@ class Computer(msgspec.Struct, frozen=True):
 
 
 class Ground(msgspec.Struct, frozen=True):
-    """The vehicle waits for its start, and what forbids the start, empty if nothing does."""
+    """The vehicle waits for its start, and what forbids its start, empty if nothing does."""
 
     topic: ClassVar = "ground"
     lasts: ClassVar = False
-    lacks: str
+    start_blockers: str
 
     def describe(self, _time: Time) -> str:
         """Return it as text."""
-        return f"on the ground: {self.lacks or 'ready to start'}"
+        return f"on the ground: {self.start_blockers or 'ready to start'}"
 
 
 class Message(msgspec.Struct, frozen=True):

@@ -19,7 +19,7 @@ from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
 from agents.team import external_positions
-from agents.team.messages import LACKS_LIMIT, BusMessage, OperatorCommand
+from agents.team.messages import START_BLOCKERS_LIMIT, BusMessage, OperatorCommand
 from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
 
@@ -125,11 +125,11 @@ class Agent:
         self._start_agreement.announce()
         self._reporter.begin()
 
-    def wait_on_ground(self, lacks: str) -> None:
-        """Wait for an operator's start, and report it; `lacks` is what forbids the start, empty if nothing does."""
-        lacks = printable(lacks or self._start_agreement.refusal)[:LACKS_LIMIT]
-        self._core.take(Ground(lacks))
-        self._reporter.wait(lacks)
+    def wait_on_ground(self, start_blockers: str) -> None:
+        """Wait for an operator's start, and report it; `start_blockers` forbid the start, empty: none do."""
+        start_blockers = printable(start_blockers or self._start_agreement.refusal)[:START_BLOCKERS_LIMIT]
+        self._core.take(Ground(start_blockers))
+        self._reporter.wait(start_blockers)
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from take-off to landing; in every case the vehicle lands or is handed over.
@@ -208,7 +208,7 @@ class Agent:
     def _act_on_orders(self) -> None:
         """Execute orders that do not wait for a tick; a vehicle that waits on the ground answers here."""
         orders = self._core.commands
-        if self._phase is Phase.GROUND and (orders.starts or orders.lacks is not None):
+        if self._phase is Phase.GROUND and (orders.starts or orders.start_blockers is not None):
             self._loop.tick_only()
         if orders.kills:
             self._happen(LifeEvent.KILL)

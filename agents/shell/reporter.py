@@ -37,7 +37,7 @@ class Reporter:
         self._clock_lags_s = clock_lags_s
         self._mission: tuple[float | None, float] = (None, 0.0)
         self._ended = ""
-        self._lacks: str | None = None
+        self._start_blockers: str | None = None
         self._motion_s: float | None = None
         self._said: tuple[object, ...] = ()
         self._sent_s = 0.0
@@ -55,9 +55,9 @@ class Reporter:
         """Take the mission's begin on the team's clock, and its duration."""
         self._mission = (start_s, duration_s)
 
-    def wait(self, lacks: str | None) -> None:
+    def wait(self, start_blockers: str | None) -> None:
         """Take what forbids the start that the vehicle waits for, None if it waits for none."""
-        self._lacks = lacks
+        self._start_blockers = start_blockers
 
     def end(self, outcome: Outcome) -> None:
         """Report the end of the flight, unless it was reported before."""
@@ -93,7 +93,7 @@ class Reporter:
             is_silent,
             alert,
             self._ended,
-            self._lacks,
+            self._start_blockers,
         )
         if said != self._said or now_s - self._sent_s >= PERIOD_S:
             self._said = said
@@ -124,8 +124,8 @@ class Reporter:
             duration_s,
             self._ended,
             None if output is None else target_report(output.status),
-            self._lacks,
-            None if self._lacks is None else max(map(abs, self._clock_lags_s().values()), default=None),
+            self._start_blockers,
+            None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
         )
 
 

@@ -61,8 +61,10 @@ class TeamRoll:
             return Standing(vehicle, "missing", _OTHER_MISSION)
         if report.ended:
             return Standing(vehicle, "missing", f"its flight has ended: {report.ended}")
-        if report.lacks is not None:
-            return Standing(vehicle, "missing" if report.lacks else "ready", report.lacks, report.clock_off_s)
+        if report.start_blockers is not None:
+            return Standing(
+                vehicle, "missing" if report.start_blockers else "ready", report.start_blockers, report.clock_off_s
+            )
         return Standing(vehicle, "flying") if report.armed else Standing(vehicle, "missing", _NOT_WAITING)
 
 

@@ -44,9 +44,9 @@ def missing_truth(
         sampled_s = _samples(truth[track.vehicle_id])[0] if track.vehicle_id in truth else np.empty(0)
         if not sampled_s.size:
             return f"no ground truth of vehicle {track.vehicle_id}"
-        lacks = np.flatnonzero((track.tactic != "unknown") & ~_known(sampled_s, grid_s))
-        if lacks.size:
-            first = int(lacks[0])
+        missing = np.flatnonzero((track.tactic != "unknown") & ~_known(sampled_s, grid_s))
+        if missing.size:
+            first = int(missing[0])
             known_again = np.flatnonzero(_known(sampled_s, grid_s[first:]))
             until = f" to {time_s[first + int(known_again[0])]:.1f} s" if known_again.size else " on"
             return f"no ground truth of vehicle {track.vehicle_id} from {time_s[first]:.1f} s{until}"

@@ -672,11 +672,11 @@ def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypat
     run_simulated(main())
 
 
-async def _waiting(lacks: str) -> FakeFlight:
+async def _waiting(start_blockers: str) -> FakeFlight:
     flight = FakeFlight(PAIR)
     await flight.agent.connect()
     flight.agent.announce()
-    flight.agent.wait_on_ground(lacks)
+    flight.agent.wait_on_ground(start_blockers)
     return flight
 
 
@@ -699,7 +699,7 @@ def test_on_the_ground_an_operator_is_answered_at_once_and_starts_what_lacks_not
         await asyncio.sleep(2.0)
         report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
         assert isinstance(report, VehicleReport)
-        assert "clock" in (report.lacks or "")
+        assert "clock" in (report.start_blockers or "")
         assert report.clock_off_s == pytest.approx(3.0, abs=0.1)
         assert not flight.agent.started.is_set()
         assert flight.link.calls == []
@@ -718,7 +718,7 @@ def test_what_was_started_flies_and_no_longer_reports_that_it_waits() -> None:
         await asyncio.sleep(1.5)
         report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
         assert isinstance(report, VehicleReport)
-        assert report.lacks is None
+        assert report.start_blockers is None
         flight.stop.ask()
         await flight.outcome()
 

@@ -10,8 +10,8 @@ MISSION = load_mission("case2")
 OTHER = MissionIdentity("case2", "0" * 16)
 
 
-def report(lacks: str | None = "", *, armed: bool = False, ended: str = "") -> VehicleReport:
-    return VehicleReport(2, 10.0, "hold", armed, lacks=lacks, clock_off_s=0.02, ended=ended)
+def report(start_blockers: str | None = "", *, armed: bool = False, ended: str = "") -> VehicleReport:
+    return VehicleReport(2, 10.0, "hold", armed, start_blockers=start_blockers, clock_off_s=0.02, ended=ended)
 
 
 def proposal(mission: MissionIdentity | None) -> StartProposal:

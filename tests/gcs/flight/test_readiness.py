@@ -8,7 +8,7 @@ from typing import cast
 import pytest
 
 from agents.ports import VehicleRefusedError
-from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, lack_lines
+from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, blocker_lines
 from gcs.flight.team import Team
 from gcs.preflight.findings import Finding, Grade
 
@@ -111,7 +111,7 @@ async def test_a_speed_that_cannot_be_measured_yet() -> None:
 
 
 def test_vehicles_that_lack_the_same_share_a_line() -> None:
-    lines = lack_lines([NO_FIX, lack(3, NO_FIX.found), lack(3, "home position: not healthy")])
+    lines = blocker_lines([NO_FIX, lack(3, NO_FIX.found), lack(3, "home position: not healthy")])
     assert [line.strip() for line in lines] == [
         "vehicles 2, 3: GPS: no fix, 0 satellites",
         "vehicle 3: home position: not healthy",
