@@ -13,7 +13,7 @@ from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
-from agents.shell.outcome import FAILED, KILLED, Ending, LoopReport, Outcome, Stop, outcome_of
+from agents.shell.outcome import FAILED, KILLED, FlightEnd, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.parts import AgentParts
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
@@ -34,8 +34,8 @@ def override_reason(status: VehicleStatus) -> str:
 def override_outcome(reason: str, *, restarted: bool) -> Outcome:
     """Return the outcome of a vehicle that was handed over."""
     if restarted:
-        return Outcome(Ending.PILOT_OVERRIDE, f"{reason}: its autopilot restarted", "examine the vehicle and its log")
-    return Outcome(Ending.PILOT_OVERRIDE, reason, "land it from where the mode was changed: cordon has handed it over")
+        return Outcome(FlightEnd.PILOT, f"{reason}: its autopilot restarted", "examine the vehicle and its log")
+    return Outcome(FlightEnd.PILOT, reason, "land it from where the mode was changed: cordon has handed it over")
 
 
 class OutsideSensors:
@@ -82,7 +82,7 @@ class Agent:
         self.started = asyncio.Event()  # by an operator, if it waits on the ground; also set when its motors are cut
         self._refusal: VehicleRefusedError | None = None
         self._override_reason = ""
-        self._outcome = Outcome(Ending.COMPLETED)
+        self._outcome = Outcome(FlightEnd.LANDED)
         self._failure: Exception | None = None
         self._flew = False
         self._ended_s: float | None = None
@@ -386,7 +386,7 @@ class Agent:
 
     def _report_refusal(self) -> None:
         if self._refusal is not None:
-            self._report(Outcome(Ending.REFUSED, self._refusal.reason, self._refusal.next_step))
+            self._report(Outcome(FlightEnd.REFUSED, self._refusal.reason, self._refusal.next_step))
 
     def _report_override(self) -> None:
         self._report(override_outcome(self._override_reason, restarted=self._link.status.restarts > 0))

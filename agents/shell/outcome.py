@@ -2,52 +2,63 @@
 
 import asyncio
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 from agents.safety.failsafe import Condition
 from agents.safety.landing_cause import LandingCause
 
 
-class Ending(Enum):
-    """How an agent's flight ended."""
+class FlightEnd(StrEnum):
+    """How a flight ended, gravest first; the values stand in logs and in the JSON output."""
 
-    COMPLETED = "completed"
-    STOPPED = "stopped"
-    """By the operator: the end of the flight, a landing or a return."""
-    ABORTED = "aborted"
+    KILLED = "killed"
+    ERROR = "error"
+    WATCHDOG = "watchdog"
+    """Its supervisor or its process had ended."""
+    IN_FLIGHT = "in flight"
+    """The log ends there."""
+    PILOT = "pilot"
+    REFUSED = "refused"
     BATTERY = "battery"
     FAILSAFE = "failsafe"
-    ORPHANED = "orphaned"
-    """Its supervisor had ended: it held and landed."""
-    REFUSED = "refused"
-    KILLED = "killed"
-    PILOT_OVERRIDE = "stood down"
-    FAILED = "failed"
+    UNKNOWN = "unknown"
+    """A value that a newer version wrote."""
+    ABORTED = "aborted"
+    OPERATOR = "operator"
+    """By the end of the flight, a landing or a return."""
+    LANDED = "landed"
+    SIMULATED = "simulated"
+
+    @classmethod
+    def _missing_(cls, _value: object) -> "FlightEnd":
+        return cls.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a flight ended, the reason and the next step after a fault, and whether the vehicle flew."""
 
-    ending: Ending
+    how: FlightEnd
     reason: str = ""
     next_step: str = ""
     flew: bool = False
 
 
-BY_OPERATOR = Outcome(Ending.STOPPED, "the operator ended the flight")
-KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "recover and inspect it")
-FAILED = Outcome(Ending.FAILED)
+BY_OPERATOR = Outcome(FlightEnd.OPERATOR, "the operator ended the flight")
+KILLED = Outcome(FlightEnd.KILLED, "an operator had its motors cut", "recover and inspect it")
+FAILED = Outcome(FlightEnd.ERROR)
 _BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BATTERY_CRITICAL, Condition.NO_WAY_HOME))
 
 
 def outcome_of(landing_cause: LandingCause | None) -> Outcome:
     """Return the outcome of a vehicle that landed; None means at the end of its mission."""
     if landing_cause is None:
-        return Outcome(Ending.COMPLETED)
+        return Outcome(FlightEnd.LANDED)
     if landing_cause.verb:
-        return Outcome(Ending.ABORTED if landing_cause.verb == "abort" else Ending.STOPPED, landing_cause.reason)
-    return Outcome(Ending.BATTERY if landing_cause.condition in _BATTERY else Ending.FAILSAFE, landing_cause.reason)
+        return Outcome(FlightEnd.ABORTED if landing_cause.verb == "abort" else FlightEnd.OPERATOR, landing_cause.reason)
+    return Outcome(
+        FlightEnd.BATTERY if landing_cause.condition in _BATTERY else FlightEnd.FAILSAFE, landing_cause.reason
+    )
 
 
 class Stop:

@@ -157,5 +157,5 @@ def target_report(status: CoreStatus) -> TargetReport | None:
 
 def ended_words(outcome: Outcome) -> str:
     """Return how a vehicle's flight ended, as text."""
-    words = f"{outcome.ending.value}: {outcome.reason}" if outcome.reason else outcome.ending.value
+    words = f"{outcome.how}: {outcome.reason}" if outcome.reason else outcome.how
     return printable(words)[:ENDED_LIMIT]

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from gcs.console.table_view import TACTIC_STYLES
 from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Judged, Metric, evidence
-from gcs.metrics.ending import FlightEnding
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import EstimateResult, FlightResult, reference_line, window_line
 from gcs.metrics.reynolds import ReynoldsResult, phases
@@ -32,7 +32,7 @@ def summary(result: FlightResult) -> RenderableType:
     )
 
 
-def _ending(ended: FlightEnding) -> Text:
+def _ending(ended: TeamEnding) -> Text:
     """Return how the flight ended, with the reason below unless the mission was completed."""
     if not ended.is_early:
         return Text(ended.headline, style="bold green")

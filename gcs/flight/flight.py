@@ -10,7 +10,7 @@ from time import perf_counter
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
-from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
+from agents.shell.outcome import BY_OPERATOR, FlightEnd, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
@@ -35,7 +35,7 @@ from sitl.server.shared_clock import ClockError, Rank, new_clock
 PREPARING_SPEED = 10.0
 """The highest speed of stubs before take-off: connecting to them takes wall time, in which the flight would go on."""
 _UNSUPERVISED = Unsupervised()
-_ORPHANED = Outcome(Ending.ORPHANED, "the flight's supervisor process had ended")
+_ORPHANED = Outcome(FlightEnd.WATCHDOG, "the flight's supervisor process had ended")
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,10 +192,12 @@ async def _fly_member(team: Team, member: Member) -> Outcome:
         outcome = await member.agent.fly(team.plan.duration_s, team.stop)
     except Exception as error:  # a bug in one agent must not leave the other vehicles without control
         traceback.print_exc()
-        team.stop.ask(Outcome(Ending.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
-        return Outcome(Ending.FAILED, f"{type(error).__name__}: {error}", "report this with the text above", flew=True)
+        team.stop.ask(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
+        return Outcome(
+            FlightEnd.ERROR, f"{type(error).__name__}: {error}", "report this with the text above", flew=True
+        )
     never_began = member.agent.start_s is None and not team.stop.wanted.is_set()
-    if never_began or (outcome.ending is Ending.REFUSED and not outcome.flew):
+    if never_began or (outcome.how is FlightEnd.REFUSED and not outcome.flew):
         # The mission needs every vehicle: those in the air land again.
-        team.stop.ask(Outcome(Ending.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
+        team.stop.ask(Outcome(FlightEnd.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
     return outcome

@@ -8,7 +8,7 @@ from functools import partial
 from math import isinf
 
 from agents.ports import VehicleRefusedError
-from agents.shell.outcome import Ending, Outcome
+from agents.shell.outcome import FlightEnd, Outcome
 from gcs.console.advice import late_ticks
 from gcs.console.backlog import unblocked
 from gcs.console.live import LiveView
@@ -18,6 +18,7 @@ from gcs.flight.flight import Flight, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flight.supervision.heartbeat import SupervisorHeartbeat
+from gcs.metrics.ending import HEADLINES
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
@@ -75,9 +76,9 @@ def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
 
 def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
     """Report each vehicle whose flight was not completed, and return the command's exit code."""
-    failed = {i: outcome for i, outcome in outcomes.items() if outcome.ending is not Ending.COMPLETED}
+    failed = {i: outcome for i, outcome in outcomes.items() if outcome.how is not FlightEnd.LANDED}
     for vehicle_id, outcome in failed.items():
-        print_problem(f"vehicle {vehicle_id} {outcome.ending.value}: {outcome.reason}", outcome.next_step)
+        print_problem(f"{HEADLINES[outcome.how]}: vehicle {vehicle_id}: {outcome.reason}", outcome.next_step)
     if not failed:
         return verdict
     return Exit.ENDED_IN_FLIGHT if any(outcome.flew for outcome in outcomes.values()) else Exit.REFUSED

@@ -12,7 +12,7 @@ from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock, WallClock
-from agents.shell.outcome import Ending, Outcome, Stop
+from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.team.external_positions import ExternalPositions
 from agents.team.perception import Perception
@@ -27,7 +27,7 @@ from gcs.link.config import LinkConfig, link_paces
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates.rate_controller import RateController
-from gcs.metrics.ending import How, VehicleEnding
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
@@ -69,20 +69,6 @@ class TrueSensor:
             return None
         (x, y), (_, off_x, off_y) = sighting.position_m, self._errors_m[0]
         return structs.replace(sighting, position_m=(x + off_x, y + off_y))
-
-
-_HOW = {
-    Ending.COMPLETED: How.LANDED,
-    Ending.STOPPED: How.OPERATOR,
-    Ending.ABORTED: How.ABORTED,
-    Ending.BATTERY: How.BATTERY,
-    Ending.FAILSAFE: How.FAILSAFE,
-    Ending.ORPHANED: How.WATCHDOG,
-    Ending.REFUSED: How.REFUSED,
-    Ending.KILLED: How.KILLED,
-    Ending.PILOT_OVERRIDE: How.PILOT,
-    Ending.FAILED: How.ERROR,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +258,7 @@ class Team:
 
 def ending_of(vehicle_id: int, outcome: Outcome) -> VehicleEnding:
     """Return how a vehicle's flight ended, from the outcome of its agent."""
-    return VehicleEnding(vehicle_id, _HOW[outcome.ending], outcome.reason or "landed and disarmed")
+    return VehicleEnding(vehicle_id, outcome.how, outcome.reason or "landed and disarmed")
 
 
 def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:

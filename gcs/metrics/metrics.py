@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.metrics.catalogue import Verdicts, judge
-from gcs.metrics.ending import FlightEnding
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import EngagementReference, engagement
 from gcs.metrics.record import FlightRecord, Mask, grid_time
 from gcs.metrics.references import (
@@ -68,7 +68,7 @@ def evaluate(
         events=record.events,
         estimate=_estimate_result(record, ring, window),
         truth_missing=record.truth_missing or None,
-        ended=FlightEnding.of(record.endings),
+        ended=TeamEnding.of(record.endings),
         engagement=engagement(record, engages, each_engaged_s),
         faults=record.faults,
         kinds=record.kinds,

@@ -7,25 +7,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from shlex import quote
 
+from agents.shell.outcome import FlightEnd
 from gcs.console.advice import advice, late_ticks
-from gcs.metrics.ending import How, named
+from gcs.metrics.ending import named
 from gcs.metrics.result import FlightResult
 from gcs.report.evidence.flight import FlightEvidence
 from gcs.report.page_parts import Table
 from gcs.report.summary import listed
 
 _AFTER_ENDING = {
-    How.KILLED: "recover and inspect before the next flight",
-    How.ERROR: "report the error together with this log, and repeat the mission in simulation before the next flight",
-    How.WATCHDOG: "find out what stopped the agent's process; docs/deadman.md lists causes",
-    How.IN_FLIGHT: "the landing is not recorded: find out where and how it went, and why the recording ended",
-    How.PILOT: "ask the pilot for the reason",
-    How.REFUSED: "correct what the autopilot refuses; cordon check states the findings without a flight",
-    How.BATTERY: "charge the battery; fly a shorter mission if it was full at take-off",
-    How.FAILSAFE: "remove the cause of the failsafe; the alerts are below",
-    How.UNKNOWN: "evaluate this log with the version of cordon that recorded it",
-    How.ABORTED: "ask the operator for the reason; the commands are on the timeline",
-    How.OPERATOR: "ask the operator for the reason; the commands are on the timeline",
+    FlightEnd.KILLED: "recover and inspect before the next flight",
+    FlightEnd.ERROR: "report the error with this log, and repeat the mission in simulation before the next flight",
+    FlightEnd.WATCHDOG: "find out what stopped the agent's process; docs/deadman.md lists causes",
+    FlightEnd.IN_FLIGHT: "the landing is not recorded: find out where and how it went, and why the recording ended",
+    FlightEnd.PILOT: "ask the pilot for the reason",
+    FlightEnd.REFUSED: "correct what the autopilot refuses; cordon check states the findings without a flight",
+    FlightEnd.BATTERY: "charge the battery; fly a shorter mission if it was full at take-off",
+    FlightEnd.FAILSAFE: "remove the cause of the failsafe; the alerts are below",
+    FlightEnd.UNKNOWN: "evaluate this log with the version of cordon that recorded it",
+    FlightEnd.ABORTED: "ask the operator for the reason; the commands are on the timeline",
+    FlightEnd.OPERATOR: "ask the operator for the reason; the commands are on the timeline",
 }
 _ERRORS = {"C2": "angular_rate_error_rms_rad_s", "formation": "formation_spacing_error_rms_m"}
 """The metric that tells which vehicle to look at, by the verdict; that of the others is the error of the radius."""

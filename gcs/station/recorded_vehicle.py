@@ -7,6 +7,7 @@ from msgspec.structs import replace
 
 from agents.inputs import Autopilot
 from agents.ports import VehicleStatus
+from agents.shell.outcome import FlightEnd
 from agents.shell.reporter import estimator_words
 from agents.team.messages import LINK_SILENT_S
 from estimation.state import MOTION, Telemetry
@@ -14,14 +15,13 @@ from gcs.console.advice import Severity, event_severity
 from gcs.console.team_state import SILENT_AFTER_S
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision, VehicleEnd, notes_of
-from gcs.metrics.ending import How
 from gcs.station.picture import LINK_CUT, SILENT, TargetPicture, VehiclePicture, fix_words, vehicle_alert
 
 _ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
 """The resolution of the page: a centimetre, and a hundredth of a degree."""
 _VARIANCE_DIGITS = 6
 
-_AS_PLANNED = frozenset({How.LANDED, How.SIMULATED})
+_AS_PLANNED = frozenset({FlightEnd.LANDED, FlightEnd.SIMULATED})
 
 
 class Sampled(NamedTuple):
@@ -81,7 +81,7 @@ class RecordedVehicle:
             elif record.kind is Telemetry:
                 altitude_m, motion_s = record.message().position_m[2], self._received_s(record)
             elif record.kind is VehicleEnd and self._end is not None and self._end.how:
-                how_grave: Severity = "information" if How(self._end.how) in _AS_PLANNED else "warning"
+                how_grave: Severity = "information" if FlightEnd(self._end.how) in _AS_PLANNED else "warning"
                 self.events.append((self._received_s(record), f"flight ended: {self._end.reason}", how_grave))
 
     def _received_s(self, record: LogRecord) -> float:

@@ -249,7 +249,7 @@ def _messages() -> list[bytes]:
         StartProposal(1, 1e9, 1e9 + 2.0, mission=MissionIdentity("case2", "0123456789abcdef")),
         OperatorCommand(1e9, "formation", None, "somebody@somewhere", 7, "line"),
         CommandAnswer(2, 1e9, 7, "holds"),
-        VehicleReport(1, 1e9, "offboard", ended="completed", target=TargetReport(two, two, (1.0, 0.0, 1.0), 0.5)),
+        VehicleReport(1, 1e9, "offboard", ended="landed", target=TargetReport(two, two, (1.0, 0.0, 1.0), 0.5)),
     )
     return [encode(message) for message in messages]
 

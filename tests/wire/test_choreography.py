@@ -15,7 +15,7 @@ from rich.console import Console
 from agents.ports import VehicleRefusedError
 from agents.shell.bus.zenoh_bus import single_bus
 from agents.shell.bus.zenoh_session import BusTeam
-from agents.shell.outcome import Ending
+from agents.shell.outcome import FlightEnd
 from agents.team import participant
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, StartProposal
@@ -116,7 +116,7 @@ async def test_a_peer_whose_computer_has_another_time(
     async with served(stub_configs(mission)[:1], SPEED) as stubs, mustering(mission, three, ahead_s, stubs.clock):
         plan = FlightPlan(mission, 5.0, (one,), speed=None, clock=stubs.clock.name)
         outcome = (await fly(plan, LiveView(Console(file=StringIO())), told.extend)).outcomes[1]
-    assert outcome.ending is Ending.REFUSED
+    assert outcome.how is FlightEnd.REFUSED
     assert outcome.flew is not refused
     if refused:
         assert "arm" not in watched.asked
@@ -151,7 +151,7 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
         plans = [FlightPlan(mission, 5.0, (each,), speed=None, clock=stubs.clock.name) for each in two]
         flights = await asyncio.gather(*(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans))
     one, other = (outcome for flight in flights for outcome in flight.outcomes.values())
-    assert (one.ending, one.flew, other.ending, other.flew) == (Ending.REFUSED, False, Ending.REFUSED, False)
+    assert (one.how, one.flew, other.how, other.flew) == (FlightEnd.REFUSED, False, FlightEnd.REFUSED, False)
     assert re.fullmatch(r"this computer's clock is 0\.[67]\d s behind that of vehicle 2's", one.reason)
     assert re.fullmatch(r"this computer's clock is 0\.[67]\d s ahead of that of vehicle 1's", other.reason)
     assert "arm" not in watched.asked
@@ -196,7 +196,7 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for_and_a_second_mi
         asyncio.get_running_loop().call_later(7.0, setattr, watched.vehicles[1], "_localised", True)
         for _ in range(2):
             flight = await fly(replace(plan, wait_s=60.0), LiveView(Console(file=written)), told.extend)
-            assert [outcome.ending for outcome in flight.outcomes.values()] == [Ending.COMPLETED] * 3
+            assert [outcome.how for outcome in flight.outcomes.values()] == [FlightEnd.LANDED] * 3
             assert not any(vehicle.armed for vehicle in watched.vehicles)
     assert watched.asked.count("arm") == 6
     assert not [each for each in told if each.grade is Grade.REFUSE]

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from agents.shell.outcome import Ending, Outcome
+from agents.shell.outcome import FlightEnd, Outcome
 from agents.team.perception import TOPIC, ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
@@ -175,7 +175,7 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not team.vehicles[1].armed
     assert refusals < 0, "the kill is repeated"
     outcomes = await team.outcomes()
-    assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
+    assert {outcome.how for outcome in outcomes.values()} == {FlightEnd.KILLED}
     assert all(outcome.flew for outcome in outcomes.values())
 
 
@@ -223,7 +223,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await by_hand(terminal, "kkill\n")
             await until(lambda: not any(vehicle.armed for vehicle in stubs.vehicles.values()))
             outcomes = (await flight).outcomes
-            assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
+            assert {outcome.how for outcome in outcomes.values()} == {FlightEnd.KILLED}
             await until(lambda: terminal.ended, waiting_for="the end of the other process")
             assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 4
             assert termios.tcgetattr(person) == shown

@@ -17,9 +17,10 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Protocol
 
+from agents.shell.outcome import FlightEnd
 from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
-from gcs.metrics.ending import FlightEnding, How, LostFlight
+from gcs.metrics.ending import LostFlight, TeamEnding
 from gcs.metrics.json_output import json_output
 from gcs.preflight.priority import raise_supervisor
 from gcs.signals import relay
@@ -200,8 +201,8 @@ def _report(
     return [_ending(lost).headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
 
 
-def _ending(lost: LostFlight) -> FlightEnding:
-    return FlightEnding(How.WATCHDOG, f"{lost.reason[:1].upper()}{lost.reason[1:]}.", lost.vehicles)
+def _ending(lost: LostFlight) -> TeamEnding:
+    return TeamEnding(FlightEnd.WATCHDOG, f"{lost.reason[:1].upper()}{lost.reason[1:]}.", lost.vehicles)
 
 
 def overload(load: float, cores: int) -> str:

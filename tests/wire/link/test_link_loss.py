@@ -15,7 +15,7 @@ from rich.console import Console
 
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
 from agents.shell.clock import WallClock
-from agents.shell.outcome import Ending
+from agents.shell.outcome import FlightEnd
 from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
@@ -279,8 +279,8 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         await CommandClient(team.mission).command("resume", (1,), 1)
         await team.until(lambda: team.tactics(1) == ["pilot override"], 25.0, "standing down again")
         outcomes = (await flight).outcomes
-    endings = [outcomes[i].ending for i in (1, 2, 3)]
-    assert endings == [Ending.PILOT_OVERRIDE, Ending.COMPLETED, Ending.PILOT_OVERRIDE], outcomes
+    endings = [outcomes[i].how for i in (1, 2, 3)]
+    assert endings == [FlightEnd.PILOT, FlightEnd.LANDED, FlightEnd.PILOT], outcomes
     assert "is disarmed" in outcomes[1].reason
     assert outcomes[3].reason == "it disarmed, which cordon did not request: its autopilot restarted"
     assert "log" in outcomes[3].next_step
