@@ -6,7 +6,7 @@ from gcs.autopilots.registry import advice
 from gcs.link.config import link_paces
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
 from gcs.link.rates.rate_controller import RateController
-from gcs.link.rates.rates import SETPOINT_MIN_HZ, Rates, ladder
+from gcs.link.rates.rates import SETPOINT_MIN_HZ, Rates, rate_levels
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
@@ -39,8 +39,8 @@ def _fits(url: str, pace: RateController, capacity_bytes_s: float) -> Finding:
 
 
 def _step(pace: RateController, capacity_bytes_s: float) -> str:
-    rungs = ladder(pace.rates)
-    rates = rungs[fitting(rungs, pace.vehicles, capacity_bytes_s, signed=pace.signed)]
+    levels = rate_levels(pace.rates)
+    rates = levels[fitting(levels, pace.vehicles, capacity_bytes_s, signed=pace.signed)]
     least = load(rates, pace.vehicles, signed=pace.signed)
     if least.bytes_s > LOAD_SHARE * capacity_bytes_s:
         return (

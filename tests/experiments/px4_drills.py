@@ -189,7 +189,9 @@ async def main(names: list[str]) -> int:
     STDERR.print(drill_table(MISSION, rows))
     for number, flight in enumerate(FLIGHTS, start=1):
         for i, after_s in stood_down_after_s(flight).items():
-            STDERR.print(f"flight {number}, vehicle {i}: pilot override {after_s:.2f} s after the heartbeat that shows it")
+            STDERR.print(
+                f"flight {number}, vehicle {i}: pilot override {after_s:.2f} s after the heartbeat that shows it"
+            )
             assert after_s <= STOOD_DOWN_MAX_S
     return 0 if all(row.holds for row in rows) else 1
 
