@@ -43,10 +43,10 @@ def _headline(result: FlightResult) -> Text:
     took = f" in {result.wall_time_line}" if result.wall_time_line else ""
     source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
     reference = f"\n{reference_line(result)}"
-    practice = f"\npractice: {', '.join(result.faults)}" if result.faults else ""
+    faults = f"\ninjected: {', '.join(result.faults)}" if result.faults else ""
     kinds = f"\n{result.kinds_line}" if len({*result.kinds.values()}) > 1 or result.source == "bench" else ""
     return Text.assemble(
-        (result.mission, "bold"), (source, "dim"), (kinds, "yellow"), (reference, "dim"), (practice, "yellow")
+        (result.mission, "bold"), (source, "dim"), (kinds, "yellow"), (reference, "dim"), (faults, "yellow")
     )
 
 

@@ -14,7 +14,7 @@ from agents.shell.outcome import BY_OPERATOR, FlightEnd, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
-from gcs.flight.practice import Practice
+from gcs.flight.fault_injector import FaultInjector
 from gcs.flight.preparation import Readiness, StartWait
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
@@ -60,9 +60,9 @@ async def fly(
 
     Ctrl-C makes every vehicle hold, then land; a second Ctrl-C makes them land at once.
     """
-    practice = Practice(plan.faults)
+    injector = FaultInjector(plan.faults)
     if plan.faults:
-        plan = replace(plan, equipment=practice.equipment())
+        plan = replace(plan, equipment=injector.equipment())
     with ExitStack() as stack:
         clock = _mission_clock(plan, stack)
         keys = stack.enter_context(flight_keys(plan.mission))
@@ -70,7 +70,7 @@ async def fly(
         if plan.log is not None:
             recording = stack.enter_context(FlightRecording(plan.log, clock))
         team = Team(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
-        return await _fly(team, report, supervisor, practice)
+        return await _fly(team, report, supervisor, injector)
 
 
 def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
@@ -103,7 +103,7 @@ def _at_speed(speed: float | None, clock: MissionClock) -> Iterator[None]:
             clock.set_speed(before)
 
 
-async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, practice: Practice) -> Flight:
+async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector) -> Flight:
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.time_scale))
     # First: a url that stubs cannot serve is bad input, also while a port is in use.
@@ -134,7 +134,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         began_s, began_mission_s = perf_counter(), clock.now_s()
         async with supervisor.follow(clock):
             with _at_speed(plan.speed, clock):
-                outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
+                outcomes = await _fly_members(team, Watch(team, report, hint), injector.run(team, stubs))
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
@@ -176,8 +176,8 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
         )
 
 
-async def _fly_members(team: Team, watch: Watch, practice: Coroutine[None, None, None]) -> dict[int, Outcome]:
-    beside = [asyncio.create_task(watch.run()), asyncio.create_task(practice)]
+async def _fly_members(team: Team, watch: Watch, injection: Coroutine[None, None, None]) -> dict[int, Outcome]:
+    beside = [asyncio.create_task(watch.run()), asyncio.create_task(injection)]
     try:
         outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
     finally:

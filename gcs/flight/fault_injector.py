@@ -1,4 +1,4 @@
-"""Practice: scheduled faults are injected into a flight of stub vehicles, and each is announced when it begins."""
+"""Injects scheduled faults into a flight of stub vehicles, and prints each when it begins."""
 
 import asyncio
 import os
@@ -18,7 +18,7 @@ _SHOWN_S = 0.3
 """Time to show the line that names a fault before the fault ends the process [wall s]."""
 
 
-class Practice:
+class FaultInjector:
     """The faults of one flight: those scheduled, and those present in its equipment."""
 
     def __init__(self, faults: Sequence[ScheduledFault]) -> None:
@@ -45,14 +45,14 @@ class Practice:
                 stranger.cancel()
 
     async def _begin(self, scheduled: ScheduledFault, team: Team, stubs: FlightStubs) -> None:
-        """Announce a fault, and inject it if the vehicles that it needs are airborne."""
+        """Print a fault, and inject it if the vehicles that it needs are airborne."""
         fault, airborne = scheduled.fault, _airborne(team)
         subject = scheduled.vehicle or (last_in_line(team.plan.mission, tuple(airborne)) if airborne else 0)
-        words = f"{scheduled.at_s:.1f} s: practice: {fault.name}" + ("" if fault.of_team else f", vehicle {subject}")
+        time, named = f"{scheduled.at_s:.1f} s", fault.name + ("" if fault.of_team else f", vehicle {subject}")
         if subject not in airborne or len(airborne) < fault.vehicles_min:
-            team.view.print_line(f"{words}: not injected: too few vehicles are airborne", "warning")
+            team.view.print_line(f"{time}: not injected: {named}: too few vehicles are airborne", "warning")
             return
-        team.view.print_line(words)
+        team.view.print_line(f"{time}: injected: {named}")
         scene = Scene(team.plan.mission, subject, tuple(airborne), airborne)
         injection = fault.inject(scene)
         if injection.ends_flight:
