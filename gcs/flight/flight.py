@@ -12,9 +12,9 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
 from agents.shell.outcome import BY_OPERATOR, FlightEnd, Outcome, Stop
 from gcs.console.live import LiveView
+from gcs.flight.fault_injector import FaultInjector
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
-from gcs.flight.fault_injector import FaultInjector
 from gcs.flight.preparation import Readiness, StartWait
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
