@@ -25,8 +25,8 @@ from gcs.drill.process_under_test import LOGS, SOCKET
 from gcs.drill.roles import Roles
 from gcs.flight.faults.catalogue import required_fault
 from gcs.flight.faults.injection import Injection, Scene
-from gcs.flight.faults.stranger import Stranger
 from gcs.flight.faults.team_faults import TeamFaults
+from gcs.flight.faults.unauthorised_client import UnauthorisedClient
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
@@ -94,7 +94,7 @@ class DrillFlight:
         self._process: asyncio.subprocess.Process | None = None
         self._output = ""
         self._keys: TeamKeys = NoKeys()
-        self._stranger: asyncio.Task[None] | None = None
+        self._unauthorised_client: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
         """Start it; raises VehicleRefusedError."""
@@ -134,8 +134,8 @@ class DrillFlight:
     def _inject(self, injection: Injection) -> None:
         if injection.signal is not None:
             os.kill(self._under_test.pid, injection.signal)
-        if injection.stranger:
-            self._intrude()
+        if injection.unauthorised_client:
+            self._start_unauthorised_client()
         self._under_test.inject(injection.team)
 
     async def serve(self, stack: AsyncExitStack) -> None:
@@ -149,14 +149,14 @@ class DrillFlight:
     def clear_faults(self) -> None:
         """Clear all faults that can be cleared."""
         self._under_test.inject(TeamFaults())
-        if self._stranger is not None:
-            self._stranger.cancel()
-            self._stranger = None
+        if self._unauthorised_client is not None:
+            self._unauthorised_client.cancel()
+            self._unauthorised_client = None
 
-    def _intrude(self) -> None:
+    def _start_unauthorised_client(self) -> None:
         """Send forged messages and commands in the vehicles' names, until the faults are cleared."""
-        self._stranger = asyncio.create_task(Stranger(self.mission, self.clock).run())
-        self._stack.push_async_callback(_cancelled, self._stranger)
+        self._unauthorised_client = asyncio.create_task(UnauthorisedClient(self.mission, self.clock).run())
+        self._stack.push_async_callback(_cancelled, self._unauthorised_client)
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for a condition; return whether it became true."""

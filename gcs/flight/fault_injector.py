@@ -8,8 +8,8 @@ from estimation.frames import Triple
 from gcs.flight.faults.failing_equipment import FailingEquipment
 from gcs.flight.faults.injection import Injection, Scene, last_in_line
 from gcs.flight.faults.schedule import ScheduledFault
-from gcs.flight.faults.stranger import Stranger
 from gcs.flight.faults.team_faults import PresentFaults
+from gcs.flight.faults.unauthorised_client import UnauthorisedClient
 from gcs.flight.stubs import FlightStubs
 from gcs.flight.team import Team
 
@@ -25,7 +25,7 @@ class FaultInjector:
         """Take the faults in order of time."""
         self.faults = tuple(faults)
         self._present = PresentFaults()
-        self._strangers: list[asyncio.Task[None]] = []
+        self._unauthorised_clients: list[asyncio.Task[None]] = []
 
     def equipment(self) -> FailingEquipment:
         """Return the equipment that the faults act on."""
@@ -41,8 +41,8 @@ class FaultInjector:
                 await self._begin(each, team, stubs)
             await asyncio.Event().wait()
         finally:
-            for stranger in self._strangers:
-                stranger.cancel()
+            for client in self._unauthorised_clients:
+                client.cancel()
 
     async def _begin(self, scheduled: ScheduledFault, team: Team, stubs: FlightStubs) -> None:
         """Print a fault, and inject it if the vehicles that it needs are airborne."""
@@ -62,8 +62,10 @@ class FaultInjector:
     def _inject(self, injection: Injection, team: Team, stubs: FlightStubs) -> None:
         for vehicle_id, each in injection.vehicles.items():
             stubs.inject(team.plan.mission.vehicle(vehicle_id).system_id, each)
-        if injection.stranger:
-            self._strangers.append(asyncio.create_task(Stranger(team.plan.mission, team.clock).run()))
+        if injection.unauthorised_client:
+            self._unauthorised_clients.append(
+                asyncio.create_task(UnauthorisedClient(team.plan.mission, team.clock).run())
+            )
         self._present.set(self._present.now.with_more(injection.team))
         if injection.signal is not None:
             os.kill(os.getpid(), injection.signal)

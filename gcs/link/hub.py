@@ -153,17 +153,17 @@ class MavsdkHub:
         end_s = time.monotonic() + timeout_s
         others = False
         while not relay.candidates(system_id):
-            if not others and self._strangers(relay, url, system_id):
+            if not others and self._other_system_ids(relay, url, system_id):
                 others, end_s = True, min(end_s, time.monotonic() + OTHERS_GRACE_S)
             if time.monotonic() > end_s or self._closing.wait(POLL_PERIOD_S):
-                raise _not_received(url, system_id, relay, self._strangers(relay, url, system_id), timeout_s)
+                raise _not_received(url, system_id, relay, self._other_system_ids(relay, url, system_id), timeout_s)
         self._closing.wait(claims_s)
         candidates = relay.candidates(system_id)
         if len(candidates) > 1:
             raise _claimed_twice(url, system_id, candidates)
         relay.verify(system_id, candidates[0])
 
-    def _strangers(self, relay: Relay, url: str, system_id: int) -> list[int]:
+    def _other_system_ids(self, relay: Relay, url: str, system_id: int) -> list[int]:
         """Return the system ids on a connection other than those of the vehicles that share it."""
         return [each for each in relay.others(system_id) if self._vehicles.get(each) != url]
 
@@ -213,7 +213,7 @@ def _log(_level: object, message: str, _file: str | None, _line: int) -> bool:
 
 
 def _not_received(
-    url: str, system_id: int, relay: Relay, strangers: list[int], timeout_s: float
+    url: str, system_id: int, relay: Relay, other_system_ids: list[int], timeout_s: float
 ) -> VehicleRefusedError:
     """Return why no heartbeat of the vehicle was accepted."""
     if rejected := relay.rejected(system_id):
@@ -223,9 +223,9 @@ def _not_received(
             f"the messages of vehicle {system_id} on {url} are {verdicts}; link.signing_key_file requires its key",
             ISSUE if unsigned else "compare its key with link.signing_key_file, and the clocks of computer and vehicle",
         )
-    if strangers:
+    if other_system_ids:
         return VehicleRefusedError(
-            f"{url} carries system id {', '.join(map(str, strangers))}, not {system_id}",
+            f"{url} carries system id {', '.join(map(str, other_system_ids))}, not {system_id}",
             "correct the vehicle's id or url in the mission, or the autopilot's system id",
         )
     return _no_heartbeat(url, timeout_s)

@@ -15,7 +15,7 @@ from sitl.faults import VehicleFaults, VehicleInjection
 
 LOSS = 0.5
 BUS_DELAY_S, LINK_DELAY_S = 0.3, 0.1
-JUMP_M, LIE_M = 10.0, 5.0
+JUMP_M, POSITION_OFFSET_M = 10.0, 5.0
 RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
 LINES = 36
 """Number of directions in which an estimate may jump."""
@@ -96,10 +96,10 @@ def _push_outwards(scene: Scene) -> VehicleFaults:
     return VehicleFaults(push_m_s2=(push_m_s2 * away_x, push_m_s2 * away_y))
 
 
-def _lie_m(scene: Scene) -> tuple[float, float]:
+def _position_offset_m(scene: Scene) -> tuple[float, float]:
     """Return the offset of the subject's falsified position: nearer to the others, but outside their separation."""
     away_x, away_y = _from_the_others(scene)
-    x, y = -LIE_M * away_x, -LIE_M * away_y
+    x, y = -POSITION_OFFSET_M * away_x, -POSITION_OFFSET_M * away_y
     subject_x, subject_y, _ = scene.places_m[scene.subject]
     places_m = [scene.places_m[i] for i in scene.others]
     away_m = [hypot(other[0] - subject_x - x, other[1] - subject_y - y) for other in places_m]
@@ -107,14 +107,18 @@ def _lie_m(scene: Scene) -> tuple[float, float]:
     return (x, y) if room else (-x, -y)
 
 
-def _lie(scene: Scene) -> TeamFaults:
+def _falsify_position(scene: Scene) -> TeamFaults:
     """Make it report a position that is not its own."""
-    return TeamFaults(liars=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
+    return TeamFaults(
+        falsified_positions=frozenset({scene.subject}), position_offset_m={scene.subject: _position_offset_m(scene)}
+    )
 
 
 def _impersonate(scene: Scene) -> TeamFaults:
     """Let a second source send states under its id, with another position."""
-    return TeamFaults(impostors=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
+    return TeamFaults(
+        impostors=frozenset({scene.subject}), position_offset_m={scene.subject: _position_offset_m(scene)}
+    )
 
 
 def _drain(fraction: Callable[[Mission], float]) -> Callable[[Scene], Injection]:
@@ -125,10 +129,10 @@ def _drain(fraction: Callable[[Mission], float]) -> Callable[[Scene], Injection]
 FAULTS: tuple[Fault, ...] = (
     Fault("half of all messages lost", _of_team(lambda _: TeamFaults(loss=LOSS)), of_team=True),
     Fault("latency", _latency, of_team=True),
-    Fault("stranger", lambda _: Injection(stranger=True), vehicles_min=2, of_team=True),
+    Fault("stranger", lambda _: Injection(unauthorised_client=True), vehicles_min=2, of_team=True),
     Fault("flood", _of_team(lambda scene: TeamFaults(flooders=frozenset({scene.subject}))), vehicles_min=2),
     Fault("impostor", _of_team(_impersonate), vehicles_min=2),
-    Fault("liar", _of_team(_lie), vehicles_min=2),
+    Fault("liar", _of_team(_falsify_position), vehicles_min=2),
     Fault("one vehicle not heard", _of_team(lambda scene: TeamFaults(unheard=frozenset({scene.subject}))), 2),
     Fault("nobody hears anybody", _of_team(lambda scene: TeamFaults(unheard=frozenset(scene.airborne))), 2, True),
     Fault("telemetry frozen", _of_subject(lambda _: VehicleFaults(motion_silent=True))),

@@ -264,8 +264,8 @@ class Gate:
 
     def admit(self, data: bytes, address: Address, now_s: float) -> bytes:
         """Return the frames among `data` that are passed on."""
-        if self._is_stranger(address, now_s):
-            self._count_stranger(data, address)
+        if self._is_unverified(address, now_s):
+            self._count_unverified(data, address)
             return b""
         frames = self._stream(address).feed(data)
         passed = [frame for frame in frames if self._admits(frame, address, now_s)]
@@ -285,14 +285,14 @@ class Gate:
                 peers.setdefault(claim.address, []).append(claim)
         return peers
 
-    def _is_stranger(self, address: Address, now_s: float) -> bool:
+    def _is_unverified(self, address: Address, now_s: float) -> bool:
         """Return whether no frame from this address can be accepted: then its bytes are not parsed."""
         return all(
             claim.address not in (None, address) and not claim.may_move(address, now_s)
             for claim in self.claims.values()
         )
 
-    def _count_stranger(self, data: bytes, address: Address) -> None:
+    def _count_unverified(self, data: bytes, address: Address) -> None:
         claim = self.claims.get(header(data).system_id) if len(data) >= HEAD_V2 else None
         if claim is not None:
             claim.count_impostor(address)
