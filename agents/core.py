@@ -19,7 +19,7 @@ from agents.control.plan import Plan, PlannerFactory
 from agents.control.planner import planner_of
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.inputs import (
-    Autopilot,
+    AutopilotStatus,
     Bus,
     Command,
     Computer,
@@ -101,7 +101,7 @@ class VehicleCore:
             TimeScale: self._take_time_scale,
             Start: self._take_start,
             TacticEvent: self._take_event,
-            Autopilot: self._take_autopilot,
+            AutopilotStatus: self._take_autopilot,
             LateTicks: self._take_late_ticks,
             Bus: self._take_bus,
             Drops: self._take_drops,
@@ -324,7 +324,7 @@ class VehicleCore:
     def _take_event(self, item: TacticEvent) -> None:
         self._change(item.event)
 
-    def _take_autopilot(self, item: Autopilot) -> None:
+    def _take_autopilot(self, item: AutopilotStatus) -> None:
         self._fault_detector.vehicle.status = item.status
         self._estimator.follow_link(item.status.round_trip_s)
         if item.status.lost is not Connection.NONE:

@@ -69,7 +69,7 @@ class TacticEvent(msgspec.Struct, frozen=True):
         return f"tactic event: {self.event.value}"
 
 
-class Autopilot(msgspec.Struct, frozen=True):
+class AutopilotStatus(msgspec.Struct, frozen=True):
     """The autopilot's status."""
 
     topic: ClassVar = "autopilot"
@@ -214,7 +214,7 @@ Heard = (
     TimeScale
     | Start
     | TacticEvent
-    | Autopilot
+    | AutopilotStatus
     | LateTicks
     | Bus
     | Drops

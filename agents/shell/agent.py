@@ -8,7 +8,18 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from agents.inputs import Autopilot, Command, Computer, Ground, Killed, Message, Presence, Start, TacticEvent, TimeScale
+from agents.inputs import (
+    AutopilotStatus,
+    Command,
+    Computer,
+    Ground,
+    Killed,
+    Message,
+    Presence,
+    Start,
+    TacticEvent,
+    TimeScale,
+)
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.activities import Activities, Kind
 from agents.shell.control_loop import ControlLoop
@@ -346,7 +357,7 @@ class Agent:
         status = self._link.status
         self._link.hand_over()
         self._activities.cancel(Kind.CALL)
-        self._core.take(Autopilot(status))  # it may hold the reason
+        self._core.take(AutopilotStatus(status))  # it may hold the reason
         self._core.take(TacticEvent(Event.PILOT_TOOK_OVER))
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason

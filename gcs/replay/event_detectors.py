@@ -5,7 +5,7 @@ from math import degrees, hypot
 from typing import NamedTuple, Protocol
 
 from agents.control.lmpc import QpStatus
-from agents.inputs import Autopilot, Bus, Message, TacticEvent
+from agents.inputs import AutopilotStatus, Bus, Message, TacticEvent
 from agents.ports import VehicleStatus
 from agents.safety.guard import QUIET_S
 from agents.team.messages import sightings_of
@@ -285,7 +285,7 @@ class AutopilotEvents(MomentaryDetector):
     def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         for item in turn.inputs:
-            if isinstance(item, Autopilot) and turn.tick is not None:
+            if isinstance(item, AutopilotStatus) and turn.tick is not None:
                 facts = _facts(item.status)
                 changed = [fact for fact in facts if fact and fact not in self._before]
                 if changed:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from agents.control.lmpc import QpStatus
-from agents.inputs import Autopilot
+from agents.inputs import AutopilotStatus
 from estimation.state import Telemetry
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision
@@ -128,7 +128,7 @@ class _Counts:
                 gap_s = 0.0 if self._telemetry_s is None else item.time_s - self._telemetry_s
                 self.summary.telemetry_gap_max_s = max(self.summary.telemetry_gap_max_s, gap_s)
                 self._telemetry_s = item.time_s
-            elif isinstance(item, Autopilot) and item.status.battery is not None:
+            elif isinstance(item, AutopilotStatus) and item.status.battery is not None:
                 self.summary.battery = (*self.summary.battery[:1], item.status.battery)
         if turn.tick is not None:
             self.summary.skipped += surroundings.late_ticks

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from agents.inputs import Autopilot
+from agents.inputs import AutopilotStatus
 from agents.ports import VehicleStatus
 from agents.shell.outcome import FlightEnd
 from agents.shell.reporter import estimator_words
@@ -73,8 +73,8 @@ class RecordedVehicle:
                 decision = record.message()
                 self.events += [(each.time_s, each.text, event_severity(each)) for each in notes_of(decision)]
                 yield _Tick(decision, status, altitude_m, motion_s)
-            elif record.kind is Autopilot:
-                before, status = status, record.read(Autopilot).status
+            elif record.kind is AutopilotStatus:
+                before, status = status, record.read(AutopilotStatus).status
                 if before is not None and before.mode is not status.mode:
                     text = f"mode {before.mode.value} -> {status.mode.value}"
                     self.events.append((self._received_s(record), text, "information"))

@@ -12,7 +12,7 @@ from functools import cached_property
 from math import inf
 
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import Autopilot, CommandResult, Severity
+from sitl.autopilot.autopilot import CommandResult, Severity, StubAutopilot
 from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
@@ -126,7 +126,7 @@ def _truth(motion: TrueMotion) -> Fields:
     return *LEVEL, *(0.0,) * 9, *place, 0.0, 0.0, *motion.velocity_ned_m_s, latitude, longitude
 
 
-class ArduCopter(Autopilot):
+class ArduCopter(StubAutopilot):
     """One vehicle: commands in, motion and status out."""
 
     DIALECT = Dialect(

@@ -57,7 +57,7 @@ class Severity(IntEnum):
     INFO = 6
 
 
-class Autopilot:
+class StubAutopilot:
     """One vehicle: commands in, motion and status out. What is special about one autopilot, its subclass states."""
 
     DIALECT: ClassVar[Dialect]
@@ -320,7 +320,7 @@ class Autopilot:
         return None
 
 
-def autopilot_named(name: AutopilotName) -> type[Autopilot]:
+def autopilot_named(name: AutopilotName) -> type[StubAutopilot]:
     """Return the class of an autopilot; its file has its name."""
-    found: type[Autopilot] = import_module(f"sitl.autopilot.{name}").AUTOPILOT
+    found: type[StubAutopilot] = import_module(f"sitl.autopilot.{name}").AUTOPILOT
     return found

@@ -6,7 +6,7 @@ Its failsafe for a silent system, NAV_DLL_ACT, is not simulated.
 from collections.abc import Mapping
 from math import hypot, inf
 
-from sitl.autopilot.autopilot import Autopilot, CommandResult
+from sitl.autopilot.autopilot import CommandResult, StubAutopilot
 from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion, bounded_i16
 from sitl.autopilot.modes import NEEDS_GLOBAL_POSITION, NEEDS_STICKS, Conditions, NavMode, can_arm
 from sitl.autopilot.parameters import FlightLimits, ParameterTable, Value
@@ -88,7 +88,7 @@ def _truth(motion: TrueMotion) -> Fields:
     return 0, LEVEL, *rates, *motion.place, *velocity, *speeds, *forces
 
 
-class Px4(Autopilot):
+class Px4(StubAutopilot):
     """One vehicle: commands in, motion and status out."""
 
     DIALECT = Dialect(

@@ -5,7 +5,7 @@ from enum import IntEnum
 from math import isfinite
 
 from estimation.frames import MissionFrame
-from sitl.autopilot.autopilot import Autopilot, CommandResult
+from sitl.autopilot.autopilot import CommandResult, StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.mavlink.plans import Sender
 from sitl.mavlink.reports import Reporter
@@ -39,7 +39,7 @@ class Commander:
 
     def __init__(
         self,
-        autopilot: Autopilot,
+        autopilot: StubAutopilot,
         *,
         frame: MissionFrame,
         reporter: Reporter,

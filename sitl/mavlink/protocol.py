@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # common and EKF_STATUS_REPORT
 
-from sitl.autopilot.autopilot import Autopilot, Severity
+from sitl.autopilot.autopilot import Severity, StubAutopilot
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.parameters import Value
@@ -83,7 +83,7 @@ class MavlinkVehicle:
 
     def __init__(
         self,
-        autopilot: Autopilot,
+        autopilot: StubAutopilot,
         config: MavlinkConfig,
         faults: VehicleFaults | None = None,
         observer: Observer | None = None,

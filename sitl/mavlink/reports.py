@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.frames import Geodetic, MissionFrame, Triple
 from sitl.autopilot.airframe import GRAVITY_M_S2
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.dialect import EstimatorState, TrueMotion, bounded_i16
 from sitl.faults import VehicleFaults, shifted
 from sitl.mavlink.signing import SigningKey
@@ -89,7 +89,7 @@ class Estimate:
 class Reporter:
     """Computes each message's fields from the autopilot's state; messages of the same time share one estimate."""
 
-    def __init__(self, autopilot: Autopilot, config: MavlinkConfig, faults: VehicleFaults) -> None:
+    def __init__(self, autopilot: StubAutopilot, config: MavlinkConfig, faults: VehicleFaults) -> None:
         """Report the state of `autopilot`, with the `faults` that affect its motion."""
         self._autopilot = autopilot
         self._dialect = autopilot.DIALECT

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import Autopilot, CommandResult, LandedState
+from sitl.autopilot.autopilot import CommandResult, LandedState, StubAutopilot
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
@@ -24,18 +24,18 @@ PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 READY = Conditions(estimator_ready=True, setpoints_flow=False)
 
 
-def mode_of(autopilot: Autopilot) -> NavMode:
+def mode_of(autopilot: StubAutopilot) -> NavMode:
     """Return the mode now; as a function, so that the type checker forgets what it knew before."""
     return autopilot.mode
 
 
-def ready(**parameters: float) -> Autopilot:
+def ready(**parameters: float) -> StubAutopilot:
     autopilot = Px4(PLANT, parameters=Parameters(Px4.TABLE, **parameters))
     autopilot.step(3.0)
     return autopilot
 
 
-def until(autopilot: Autopilot, condition: Callable[[], bool], limit_s: float = 60.0) -> float:
+def until(autopilot: StubAutopilot, condition: Callable[[], bool], limit_s: float = 60.0) -> float:
     """Let time pass until the condition holds; return how long that took."""
     start_s = autopilot.time_s
     while not condition():
@@ -44,11 +44,11 @@ def until(autopilot: Autopilot, condition: Callable[[], bool], limit_s: float = 
     return autopilot.time_s - start_s
 
 
-def wait(autopilot: Autopilot, seconds: float) -> None:
+def wait(autopilot: StubAutopilot, seconds: float) -> None:
     autopilot.step(autopilot.time_s + seconds)
 
 
-def hovering(height_m: float = 5.0, **parameters: float) -> Autopilot:
+def hovering(height_m: float = 5.0, **parameters: float) -> StubAutopilot:
     autopilot = ready(MIS_TAKEOFF_ALT=height_m, **parameters)
     assert autopilot.arm() is CommandResult.ACCEPTED
     assert autopilot.take_off() is CommandResult.ACCEPTED
@@ -58,14 +58,14 @@ def hovering(height_m: float = 5.0, **parameters: float) -> Autopilot:
     return autopilot
 
 
-def stream(autopilot: Autopilot, target: PositionTarget, seconds: float) -> None:
+def stream(autopilot: StubAutopilot, target: PositionTarget, seconds: float) -> None:
     """Send a setpoint twenty-five times a second."""
     for _ in range(round(seconds * 25)):
         autopilot.receive_setpoint(autopilot.time_s, target)
         wait(autopilot, 0.04)
 
 
-def offboard(height_m: float = 5.0, **parameters: float) -> Autopilot:
+def offboard(height_m: float = 5.0, **parameters: float) -> StubAutopilot:
     autopilot = hovering(height_m, **parameters)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, height_m)))
     assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
@@ -376,7 +376,7 @@ def test_of_a_breach_and_a_lost_stream_the_graver_rules_and_landing_is_not_held_
 # Without GPS
 
 
-def indoors(**parameters: float) -> Autopilot:
+def indoors(**parameters: float) -> StubAutopilot:
     autopilot = Px4(PLANT, parameters=Parameters(Px4.TABLE, **parameters), positioning=Positioning(gps=False))
     autopilot.step(3.0)
     return autopilot
@@ -518,7 +518,7 @@ COMMANDS = st.one_of(
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(COMMANDS, st.floats(0.02, 4.0)), max_size=25))
 def test_no_sequence_of_commands_breaks_the_vehicle(
-    script: list[tuple[Callable[[Autopilot], object], float]],
+    script: list[tuple[Callable[[StubAutopilot], object], float]],
 ) -> None:
     autopilot = ready()
     for command, pause_s in script:

@@ -26,7 +26,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Px4
 from sitl.server.governed_clock import Alarm, GovernedClock
@@ -49,25 +49,25 @@ class Watched:
     """The stub vehicles by the order in which they were made, and what was asked of them."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.vehicles: list[Autopilot] = []
+        self.vehicles: list[StubAutopilot] = []
         self.asked: list[str] = []
-        make, arm, select = Autopilot.__init__, Autopilot.arm, Autopilot.select
+        make, arm, select = StubAutopilot.__init__, StubAutopilot.arm, StubAutopilot.select
 
-        def noted_make(autopilot: Autopilot, *arguments: object, **named: object) -> None:
+        def noted_make(autopilot: StubAutopilot, *arguments: object, **named: object) -> None:
             self.vehicles.append(autopilot)
             make(autopilot, *arguments, **named)  # type: ignore[arg-type]
 
-        def noted_arm(autopilot: Autopilot) -> object:
+        def noted_arm(autopilot: StubAutopilot) -> object:
             self.asked.append("arm")
             return arm(autopilot)
 
-        def noted_select(autopilot: Autopilot, mode: NavMode) -> object:
+        def noted_select(autopilot: StubAutopilot, mode: NavMode) -> object:
             self.asked.append(mode.name)
             return select(autopilot, mode)
 
-        monkeypatch.setattr(Autopilot, "__init__", noted_make)
-        monkeypatch.setattr(Autopilot, "arm", noted_arm)
-        monkeypatch.setattr(Autopilot, "select", noted_select)
+        monkeypatch.setattr(StubAutopilot, "__init__", noted_make)
+        monkeypatch.setattr(StubAutopilot, "arm", noted_arm)
+        monkeypatch.setattr(StubAutopilot, "select", noted_select)
 
 
 async def test_what_the_check_refuses_is_told_and_nothing_is_armed(

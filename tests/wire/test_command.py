@@ -27,7 +27,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.keys.team_keys import team_keys
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.modes import NavMode
 from tests.support.wire import served, until
 
@@ -43,7 +43,7 @@ class Team:
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
-        self.vehicles: dict[int, Autopilot] = {}
+        self.vehicles: dict[int, StubAutopilot] = {}
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
         self.flight: asyncio.Task[Flight]
@@ -157,9 +157,9 @@ async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...]) -> None:
 
 async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kill one on its mission, one on its way down, and one that a pilot has and that does not obey at once."""
-    disarm, refusals = Autopilot.disarm, 2
+    disarm, refusals = StubAutopilot.disarm, 2
 
-    def stubborn(autopilot: Autopilot, *, force: bool = False) -> Any:
+    def stubborn(autopilot: StubAutopilot, *, force: bool = False) -> Any:
         nonlocal refusals
         refusals -= force
         return disarm(autopilot, force=force and refusals < 0)
@@ -170,7 +170,7 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
     await _kill(team, 2, armed=(1,))
     team.vehicles[1].select(NavMode.HOLD)
     await until(lambda: team.tactics[1] == "pilot override")
-    monkeypatch.setattr(Autopilot, "disarm", stubborn)
+    monkeypatch.setattr(StubAutopilot, "disarm", stubborn)
     assert await team.command("kill", 1) == {1: "motors cut"}
     assert not team.vehicles[1].armed
     assert refusals < 0, "the kill is repeated"

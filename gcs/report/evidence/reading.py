@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
-from agents.inputs import Autopilot, LateTicks, Start
+from agents.inputs import AutopilotStatus, LateTicks, Start
 from agents.shell.outcome import FlightEnd
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
@@ -169,7 +169,7 @@ class _VehicleReader:
             Taken: self._message,
             FormerMessage: self._message,
             Truth: self._position,
-            Autopilot: self._autopilot,
+            AutopilotStatus: self._autopilot,
         }
         for record in records:
             if record.kind in takers:

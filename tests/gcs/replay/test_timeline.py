@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.inputs import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
+from agents.inputs import AutopilotStatus, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
 from agents.notes import Note, TacticChange
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
@@ -261,8 +261,8 @@ def test_ticks_beside_a_landing_are_not_late() -> None:
 
 
 def test_an_autopilot_is_told_of_when_more_changes_than_its_battery() -> None:
-    def said(battery: float, mode: FlightMode) -> Autopilot:
-        return Autopilot(VehicleStatus(connected=True, armed=True, in_air=True, mode=mode, battery=battery))
+    def said(battery: float, mode: FlightMode) -> AutopilotStatus:
+        return AutopilotStatus(VehicleStatus(connected=True, armed=True, in_air=True, mode=mode, battery=battery))
 
     turns = [
         turn(1.0, said(0.9, FlightMode.HOLD)),

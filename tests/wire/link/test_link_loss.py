@@ -31,7 +31,7 @@ from gcs.link.mavsdk_link import MavsdkLink
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.server.endpoint import StubClock
@@ -67,7 +67,7 @@ class Restarting:
         self._stack = AsyncExitStack()
 
     @property
-    def vehicle(self) -> Autopilot:
+    def vehicle(self) -> StubAutopilot:
         """Its autopilot since the newest start."""
         assert self.stub is not None
         return self.stub.autopilot
@@ -304,14 +304,14 @@ async def test_dead_links_do_not_starve_a_living_one(monkeypatch: pytest.MonkeyP
     for stub in stubs:
         await stub.start()
     fresh_s: dict[float, float] = {}
-    take = Autopilot.receive_setpoint
+    take = StubAutopilot.receive_setpoint
 
-    def note(autopilot: Autopilot, time_s: float, target: PositionTarget) -> None:
+    def note(autopilot: StubAutopilot, time_s: float, target: PositionTarget) -> None:
         # MAVSDK repeats the last one by itself: what counts is when each new one comes.
         fresh_s.setdefault(round(target.position_m[2], 4), time.monotonic())
         take(autopilot, time_s, target)
 
-    monkeypatch.setattr(Autopilot, "receive_setpoint", note)
+    monkeypatch.setattr(StubAutopilot, "receive_setpoint", note)
     hub = MavsdkHub()
     links = [
         MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{each.client_port}", each.vehicle_id, FRAME), clock)
