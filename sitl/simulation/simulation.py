@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from estimation.state import Sighting, Telemetry, Vector
 from sitl.draws import normals, uniforms
 from sitl.simulation.vehicle_model import LANDED_AFTER_S, Absence, TelemetryNoise, VehicleModel, absence_at
-from sitl.vehicle.body import Body
+from sitl.vehicle.body import VehicleBody
 from sitl.vehicle.estimator_drift import EstimatorDrift
 from sitl.vehicle.plant_step import Motion, Pair
 from sitl.vehicle.telemetry_schedule import TelemetrySchedule
@@ -119,7 +119,7 @@ class SimulatedVehicle(Generic[OutputT]):
         self._away: Absence | None = None
         wind_random = np.random.default_rng([*model.seed, _WIND])
         push_m_s2, imperfections = model.disturbance_m_s2, model.imperfections
-        self._body = Body(
+        self._body = VehicleBody(
             model.plant, model.start_m, model.altitude_m, push_m_s2, imperfections, wind_random, model.step
         )
         self.altitude_m = self._wanted_altitude_m = model.altitude_m
