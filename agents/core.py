@@ -10,7 +10,7 @@ from typing import Any
 
 from mypy_extensions import mypyc_attr
 
-from agents.broadcast import Broadcast, command_answer, received_sighting
+from agents.broadcast import StateBroadcast, command_answer, received_sighting
 from agents.command_handler import CommandHandler, Reshaping
 from agents.control.aims import shifted
 from agents.control.homing import assembled
@@ -75,7 +75,7 @@ class VehicleCore:
         self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
         self._estimator = Estimator(config)
         self._own_sensor = OwnSensor(config)
-        self._broadcast = Broadcast(config, self._team, self._own_sensor)
+        self._broadcast = StateBroadcast(config, self._team, self._own_sensor)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensor, self._team, clocks)
         self._failsafe = FailsafeMonitor(config)
         self._planner = planner_of(config, self._team, planner)
