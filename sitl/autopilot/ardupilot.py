@@ -12,7 +12,7 @@ from functools import cached_property
 from math import inf
 
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import CommandResult, Severity, StubAutopilot
+from sitl.autopilot.autopilot import MavResult, Severity, StubAutopilot
 from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
@@ -161,13 +161,13 @@ class ArduCopter(StubAutopilot):
         speed, acceleration = self.parameters["WPNAV_SPEED"] * CM, self.parameters["WPNAV_ACCEL"] * CM
         return ShapeLimits(speed, acceleration, float(self.parameters["PSC_JERK_XY"]))
 
-    def take_off(self, altitude_m: float | None = None) -> CommandResult:
+    def take_off(self, altitude_m: float | None = None) -> MavResult:
         """Take off to a mission altitude, only if armed in GUIDED on the ground; there is no default altitude."""
         if altitude_m is None or not (self.armed and self.landed and self.mode is NavMode.OFFBOARD):
-            return CommandResult.REJECTED
+            return MavResult.REJECTED
         x, y, _ = self.airframe.position_m
         self._applied = PositionTarget((x, y, altitude_m))
-        return CommandResult.ACCEPTED
+        return MavResult.ACCEPTED
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take a setpoint that arrived at `time_s`; outside GUIDED and on the ground it is ignored."""

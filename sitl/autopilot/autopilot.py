@@ -33,7 +33,7 @@ LANDED_AFTER_S = 1.0
 SETPOINTS_PENDING_MAX = 1000
 
 
-class CommandResult(Enum):
+class MavResult(Enum):
     """The result of a command, as in COMMAND_ACK."""
 
     ACCEPTED = "accepted"
@@ -158,10 +158,10 @@ class StubAutopilot:
         texts, self._texts = self._texts, []
         return texts
 
-    def arm(self) -> CommandResult:
+    def arm(self) -> MavResult:
         """Arm if the preflight checks pass; accepted if already armed. Clients cannot force it."""
         if self.armed:
-            return CommandResult.ACCEPTED
+            return MavResult.ACCEPTED
         fault = self._arming_fault()
         if fault is not None:
             return self._reject(fault)
@@ -169,32 +169,32 @@ class StubAutopilot:
         self._armed_s = self.time_s
         self._guidance.on_arm()
         self._say(self.ARMED_TEXT)
-        return CommandResult.ACCEPTED
+        return MavResult.ACCEPTED
 
-    def disarm(self, *, force: bool = False) -> CommandResult:
+    def disarm(self, *, force: bool = False) -> MavResult:
         """Disarm on the ground; with `force` also in the air, and the vehicle falls."""
         if self.armed and not (self.landed or force):
             return self._reject("Disarming denied: not landed")
         if self.armed:
             self._disarm("external command")
-        return CommandResult.ACCEPTED
+        return MavResult.ACCEPTED
 
-    def select(self, mode: NavMode) -> CommandResult:
+    def select(self, mode: NavMode) -> MavResult:
         """Select a flight mode."""
         if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
             return self._reject(self.REFUSED_TEXT and self.REFUSED_TEXT.format(mode=mode.value))
         self._breach_mode = None  # selecting a mode permits flight outside the fence
         self._update_mode()
-        return CommandResult.ACCEPTED
+        return MavResult.ACCEPTED
 
-    def take_off(self, altitude_m: float | None = None) -> CommandResult:
+    def take_off(self, altitude_m: float | None = None) -> MavResult:
         """Take off to a mission altitude."""
         raise NotImplementedError
 
-    def land(self) -> CommandResult:
+    def land(self) -> MavResult:
         """Land where the vehicle is."""
         result = self.select(NavMode.LAND)
-        if result is CommandResult.ACCEPTED:
+        if result is MavResult.ACCEPTED:
             self._say(self.LAND_TEXT)
         return result
 
@@ -284,9 +284,9 @@ class StubAutopilot:
         self._on_disarmed()
         self._say(self.DISARMED_TEXT.format(reason=reason))
 
-    def _reject(self, why: str | None) -> CommandResult:
+    def _reject(self, why: str | None) -> MavResult:
         self._say(why, Severity.CRITICAL)
-        return CommandResult.REJECTED
+        return MavResult.REJECTED
 
     def _say(self, text: str | None, severity: Severity = Severity.INFO) -> None:
         if text is not None:

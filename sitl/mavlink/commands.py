@@ -5,7 +5,7 @@ from enum import IntEnum
 from math import isfinite
 
 from estimation.frames import MissionFrame
-from sitl.autopilot.autopilot import CommandResult, StubAutopilot
+from sitl.autopilot.autopilot import MavResult, StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.mavlink.plans import Sender
 from sitl.mavlink.reports import Reporter
@@ -95,8 +95,8 @@ class Commander:
             return Result.DENIED, []
         return self._result(self._autopilot.take_off(altitude_m)), []
 
-    def _result(self, result: CommandResult) -> Result:
-        return Result.ACCEPTED if result is CommandResult.ACCEPTED else self._dialect.refused
+    def _result(self, result: MavResult) -> Result:
+        return Result.ACCEPTED if result is MavResult.ACCEPTED else self._dialect.refused
 
     def _arm_or_disarm(self, params: Params) -> tuple[Result, list[Outgoing]]:
         if params[0] == 1.0:
