@@ -39,7 +39,7 @@ _ORPHANED = Outcome(FlightEnd.WATCHDOG, "the flight's supervisor process had end
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class FlightOutcome:
     """The result: each vehicle's outcome, the record if the mission began, and the speeds requested and reached."""
 
     outcomes: dict[int, Outcome]
@@ -53,7 +53,7 @@ async def fly(
     view: LiveView,
     report: FindingsReport = lambda _findings: None,
     supervisor: SupervisorLink = _UNSUPERVISED,
-) -> Flight:
+) -> FlightOutcome:
     """Fly; raises VehicleRefusedError when the team cannot or must not take off. `report` receives the findings.
 
     Raises InputError when the keys of the team, or of signed links, are missing or not valid.
@@ -103,7 +103,9 @@ def _at_speed(speed: float | None, clock: MissionClock) -> Iterator[None]:
             clock.set_speed(before)
 
 
-async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector) -> Flight:
+async def _fly(
+    team: Team, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector
+) -> FlightOutcome:
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.time_scale))
     # First: a url that stubs cannot serve is bad input, also while a port is in use.
@@ -138,7 +140,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, i
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
-    return Flight(outcomes, record, plan.speed or clock.speed, mission_time_s / wall_time_s)
+    return FlightOutcome(outcomes, record, plan.speed or clock.speed, mission_time_s / wall_time_s)
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:

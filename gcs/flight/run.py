@@ -14,7 +14,7 @@ from gcs.console.backlog import unblocked
 from gcs.console.live import LiveView
 from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flight.supervision.heartbeat import SupervisorHeartbeat
@@ -84,7 +84,7 @@ def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
     return Exit.ENDED_IN_FLIGHT if any(outcome.flew for outcome in outcomes.values()) else Exit.REFUSED
 
 
-def _warn_of_lateness(flight: Flight, record: FlightRecord, *, slower: bool) -> None:
+def _warn_of_lateness(flight: FlightOutcome, record: FlightRecord, *, slower: bool) -> None:
     """Report a computer that was too slow, with advice; `slower` is whether the flight could have been slower."""
     if isinf(flight.speed):
         print_line(f"this computer reached speed {flight.speed_reached:.1f}")

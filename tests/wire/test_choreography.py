@@ -20,7 +20,7 @@ from agents.team import participant
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, StartProposal
 from gcs.console.live import LiveView
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.wire
 SPEED = 5.0
 
 
-async def flown(mission: Mission, stubs: Served, findings: list[Finding]) -> Flight:
+async def flown(mission: Mission, stubs: Served, findings: list[Finding]) -> FlightOutcome:
     plan = FlightPlan(mission, 5.0, mission.vehicles, speed=None, clock=stubs.clock.name)
     return await fly(plan, LiveView(Console(file=StringIO())), findings.extend)
 

@@ -21,7 +21,7 @@ from agents.team.perception import TOPIC, ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
 from gcs.console.team_bus import guest_bus
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.keys.team_keys import team_keys
@@ -46,7 +46,7 @@ class Team:
         self.vehicles: dict[int, StubAutopilot] = {}
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
-        self.flight: asyncio.Task[Flight]
+        self.flight: asyncio.Task[FlightOutcome]
 
     async def outcomes(self) -> dict[int, Outcome]:
         return (await asyncio.wait_for(self.flight, 60.0)).outcomes

@@ -22,7 +22,7 @@ from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveRow, LiveView
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.link.config import LinkConfig
@@ -145,7 +145,7 @@ class Team:
         monkeypatch.setattr(MavsdkLink, "__init__", made)
 
     @asynccontextmanager
-    async def flying(self, duration_s: float) -> AsyncIterator["asyncio.Task[Flight]"]:
+    async def flying(self, duration_s: float) -> AsyncIterator["asyncio.Task[FlightOutcome]"]:
         """Fly until all are in the ring, evenly spaced; then it is the test's turn."""
         with stub_clock(SPEED) as self.clock:
             self.stubs = {i: Restarting(config, self.clock) for i, config in self.configs.items()}

@@ -27,7 +27,7 @@ from agents.team.perception import ExternalSighting, encode_sighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
 from gcs.console.watch import WatchView, watch
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.metrics.journal import Journal
@@ -63,7 +63,7 @@ class Scene:
         self.findings: list[Finding] = []
         self.text = StringIO()
         self.watched = StringIO()
-        self.flight: asyncio.Task[Flight]
+        self.flight: asyncio.Task[FlightOutcome]
         note = Journal.note
 
         def noted(journal: Journal, status: CoreStatus, tick_us: float | None) -> None:
