@@ -250,7 +250,7 @@ class Claim:
         return verdict
 
 
-class Gate:
+class FrameGate:
     """The claims on one connection, and the frames that arrive there. `others` are system ids without a claim.
 
     `buffer_free` is the free share of the radio's transmit buffer, by its newest RADIO_STATUS.

@@ -26,7 +26,7 @@ from gcs.link.relay.frames import (
     target_system,
     timesync_request,
 )
-from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
+from gcs.link.relay.gate import Address, Claim, FrameGate, LinkReport
 from gcs.link.relay.relay_thread import RelayThread
 from gcs.link.relay.signing import Signing, Verdict
 from gcs.link.relay.transmit_queue import Outgoing, TransmitQueue
@@ -110,7 +110,7 @@ class Relay:
         self._carrier = open_carrier(url)
         self._own_thread = RelayThread(f"relay {url}") if self._carrier.blocks else None
         self._thread = self._own_thread or shared
-        self._gate = Gate()
+        self._gate = FrameGate()
         self._lock = threading.Lock()
         self._first: list[bytes] = []
         self._called = 0
