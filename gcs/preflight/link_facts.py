@@ -36,7 +36,7 @@ REQUEST_MESSAGE, AUTOPILOT_VERSION = 512, 148
 RELEASED = ("release", "unknown")
 
 
-class Identity(NamedTuple):
+class AutopilotVersion(NamedTuple):
     """The firmware, such as 1.17.0-beta+0f1e2d3c, empty if unknown, and two numbers of AUTOPILOT_VERSION."""
 
     firmware: str = ""
@@ -44,7 +44,7 @@ class Identity(NamedTuple):
     vendor_id: int | None = None
 
 
-def read_identity(system: Any, timeout_s: float) -> Identity:
+def read_identity(system: Any, timeout_s: float) -> AutopilotVersion:
     """Return an autopilot's identity; blocks for `timeout_s` wall seconds if it is not received.
 
     MAVSDK requests it once on connection; on a link with losses it is requested again.
@@ -56,16 +56,16 @@ def read_identity(system: Any, timeout_s: float) -> Identity:
             with suppress(MavlinkDirectError):  # not acknowledged: the message may still arrive
                 direct.send_command(command_long(system.get_system_id(), REQUEST_MESSAGE, AUTOPILOT_VERSION))
             time.sleep(REQUEST_PERIOD_S)
-        return identity or Identity()
+        return identity or AutopilotVersion()
     finally:
         plugin.destroy()
         direct.destroy()
 
 
-def _received(plugin: Any) -> Identity | None:
+def _received(plugin: Any) -> AutopilotVersion | None:
     try:
         uid, vendor_id = plugin.get_identification().legacy_uid, plugin.get_product().vendor_id
-        return Identity(_firmware(plugin.get_version()), int(uid), int(vendor_id))
+        return AutopilotVersion(_firmware(plugin.get_version()), int(uid), int(vendor_id))
     except InfoError:
         return None
 
