@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.sweep.columns import Row
-from gcs.sweep.journal import Journal
+from gcs.sweep.journal import SweepJournal
 from gcs.sweep.plan import SweepPlan, Task, Tasks, planned
 from gcs.sweep.run import UnlikeWorkerError, flown
 from gcs.sweep.sweep import TRIES, WorkersError, fly_missing
@@ -50,7 +50,7 @@ def fly(
     plan: SweepPlan, folder: Path, workers: FakeWorkers, interrupted: Callable[[], bool] = lambda: False
 ) -> list[Row]:
     finished: list[Row] = []
-    with Journal(folder / "runs.jsonl") as journal:
+    with SweepJournal(folder / "runs.jsonl") as journal:
         fly_missing(plan, journal, workers, finished.append, interrupted)
     return finished
 
