@@ -21,7 +21,7 @@ from agents.inputs import (
     TimeScale,
 )
 from agents.ports import VehicleRefusedError, VehicleStatus
-from agents.shell.activities import Activities, Kind
+from agents.shell.activities import Activities, ActivityKind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
 from agents.shell.outcome import FAILED, KILLED, FlightEnd, LoopReport, Outcome, Stop, outcome_of
@@ -73,7 +73,7 @@ HOLD_BEFORE_LANDING_S = 3.0
 _AFTER_TICK_S = 1e-3
 """The end of the mission comes after a tick at the same time, which belongs to the mission."""
 
-_ALL_BUT_KILL = tuple(kind for kind in Kind if kind is not Kind.KILL)
+_ALL_BUT_KILL = tuple(kind for kind in ActivityKind if kind is not ActivityKind.KILL)
 
 
 class Agent:
@@ -194,15 +194,15 @@ class Agent:
             try:
                 self._perform[action]()
             except Exception as error:
-                self._fail(Kind.TICKS, error)
+                self._fail(ActivityKind.TICKS, error)
         if self._phase is Phase.ENDED:
             self._reporter.end(FAILED if self._failure else self._outcome)
             self._over.set()
 
-    def _fail(self, kind: Kind, error: Exception) -> None:
+    def _fail(self, kind: ActivityKind, error: Exception) -> None:
         """Take an exception that is not a refusal: `fly` raises the first one at its end."""
         self._failure = self._failure or error
-        self._happen(LifeEvent.ABORTED if kind in (Kind.CALL, Kind.KILL) else LifeEvent.FAULT)
+        self._happen(LifeEvent.ABORTED if kind in (ActivityKind.CALL, ActivityKind.KILL) else LifeEvent.FAULT)
 
     def _sense(self, telemetry: Telemetry) -> None:
         self._reporter.sense()
@@ -313,27 +313,29 @@ class Agent:
     # Actions.
 
     def _compare_clocks(self) -> None:
-        self._activities.start(Kind.START, self._agree_on_clocks, LifeEvent.CLOCKS_DIFFER)
+        self._activities.start(ActivityKind.START, self._agree_on_clocks, LifeEvent.CLOCKS_DIFFER)
 
     def _take_off(self) -> None:
         self._parts.heartbeat.rising()
-        self._activities.start(Kind.CALL, self._call_take_off, LifeEvent.TAKE_OFF_REFUSED)
-        self._activities.start(Kind.OPERATOR, self._watch_operator)
-        self._activities.start(Kind.TICKS, self._tick_in_take_off)
+        self._activities.start(ActivityKind.CALL, self._call_take_off, LifeEvent.TAKE_OFF_REFUSED)
+        self._activities.start(ActivityKind.OPERATOR, self._watch_operator)
+        self._activities.start(ActivityKind.TICKS, self._tick_in_take_off)
 
     def _abandon_take_off(self) -> None:
-        self._activities.start(Kind.CALL, self._wait_for_arming)
+        self._activities.start(ActivityKind.CALL, self._wait_for_arming)
 
     def _start_control(self) -> None:
         self._flew = True
-        self._activities.start(Kind.TICKS, self._tick_in_control)
+        self._activities.start(ActivityKind.TICKS, self._tick_in_control)
 
     def _start_offboard(self) -> None:
-        self._activities.start(Kind.CALL, self._call_offboard, LifeEvent.OFFBOARD_REFUSED)
+        self._activities.start(ActivityKind.CALL, self._call_offboard, LifeEvent.OFFBOARD_REFUSED)
 
     def _agree_start(self) -> None:
-        self._activities.start(Kind.START, self._agree_on_start, LifeEvent.START_REFUSED)
-        self._activities.start(Kind.OPERATOR, self._watch_operator)  # a stop requested meanwhile takes effect now
+        self._activities.start(ActivityKind.START, self._agree_on_start, LifeEvent.START_REFUSED)
+        self._activities.start(
+            ActivityKind.OPERATOR, self._watch_operator
+        )  # a stop requested meanwhile takes effect now
 
     def _start_mission(self) -> None:
         start_s = self._start_agreement.start_s
@@ -341,14 +343,14 @@ class Agent:
         self._loop.sensor = self._parts.make_sensor(start_s)
         self._core.take(Start(start_s))
         self._reporter.start_mission(start_s, self._duration_s)
-        self._activities.start(Kind.START, lambda: self._fly_duration(start_s))
+        self._activities.start(ActivityKind.START, lambda: self._fly_duration(start_s))
 
     def _hold(self) -> None:
         self._core.take(TacticEvent(Event.HOLD))
-        self._activities.start(Kind.HOLD, self._come_to_rest)
+        self._activities.start(ActivityKind.HOLD, self._come_to_rest)
 
     def _end_mission(self) -> None:
-        self._activities.cancel(Kind.START, Kind.HOLD)
+        self._activities.cancel(ActivityKind.START, ActivityKind.HOLD)
         if self._ended_s is None:
             self._ended_s = self._clock.now_s()
         self._core.take(TacticEvent(Event.END))
@@ -356,7 +358,7 @@ class Agent:
     def _hand_over(self) -> None:
         status = self._link.status
         self._link.hand_over()
-        self._activities.cancel(Kind.CALL)
+        self._activities.cancel(ActivityKind.CALL)
         self._core.take(AutopilotStatus(status))  # it may hold the reason
         self._core.take(TacticEvent(Event.PILOT_TOOK_OVER))
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
@@ -366,7 +368,7 @@ class Agent:
 
     def _take_back(self) -> None:
         self._link.take_back()
-        self._activities.start(Kind.CALL, self._call_offboard_anew, LifeEvent.OFFBOARD_REFUSED)
+        self._activities.start(ActivityKind.CALL, self._call_offboard_anew, LifeEvent.OFFBOARD_REFUSED)
 
     def _check_armed(self) -> None:
         self._activities.cancel(*_ALL_BUT_KILL)
@@ -374,20 +376,20 @@ class Agent:
 
     def _prepare_landing(self) -> None:
         self._flew = True
-        self._activities.start(Kind.TICKS, self._tick_in_landing)
+        self._activities.start(ActivityKind.TICKS, self._tick_in_landing)
         self._core.take(TacticEvent(Event.LAND))
 
     def _stop_offboard(self) -> None:
-        self._activities.start(Kind.CALL, self._call_stop_offboard, LifeEvent.OFFBOARD_KEPT)
+        self._activities.start(ActivityKind.CALL, self._call_stop_offboard, LifeEvent.OFFBOARD_KEPT)
 
     def _land(self) -> None:
-        self._activities.start(Kind.CALL, self._call_land, LifeEvent.LANDING_REFUSED)
+        self._activities.start(ActivityKind.CALL, self._call_land, LifeEvent.LANDING_REFUSED)
 
     def _cut_motors(self) -> None:
         self._flew = True
-        self._activities.cancel(Kind.CALL, Kind.START, Kind.OPERATOR, Kind.HOLD)
-        if not self._activities.running(Kind.KILL):
-            self._activities.start(Kind.KILL, self._call_kill, LifeEvent.KILL_REFUSED)
+        self._activities.cancel(ActivityKind.CALL, ActivityKind.START, ActivityKind.OPERATOR, ActivityKind.HOLD)
+        if not self._activities.running(ActivityKind.KILL):
+            self._activities.start(ActivityKind.KILL, self._call_kill, LifeEvent.KILL_REFUSED)
 
     def _report(self, outcome: Outcome) -> None:
         self._outcome = outcome
