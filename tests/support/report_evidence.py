@@ -10,7 +10,7 @@ from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatis
 from gcs.metrics.references import FormationReference, RingReference, VerdictTolerances
 from gcs.metrics.result import FlightResult
 from gcs.report.evidence.criteria import Criteria
-from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
+from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
 
 TOLERANCES = VerdictTolerances(
     radius_error_rms_m=0.2,
@@ -87,7 +87,7 @@ def _evidence(
         return EstimateSeries(time_s, motion, np.full((time_s.size, 4), sigma_m))
 
     ticks = time_s.size
-    loop = Loop(
+    loop = LoopTiming(
         time_s,
         150.0 * np.exp(random.normal(0.0, 0.3, ticks)),
         (np.arange(ticks) == ticks // 2).astype(float),

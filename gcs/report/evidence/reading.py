@@ -21,7 +21,7 @@ from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.mission.mission import Mission
-from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
+from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
 from sitl.server.server import TruthTrack
 
 SAME_START_S = 1.0
@@ -219,7 +219,7 @@ class _VehicleReader:
             own=_estimates(own_s - start_s, rows.own, rows.own_sigma),
             target=_estimates(np.array(rows.target_s) - start_s, rows.target, rows.target_sigma),
             altitude_m=altitude_m,
-            loop=Loop(
+            loop=LoopTiming(
                 np.array(rows.time_s) - start_s,
                 np.array(rows.tick_us),
                 np.array(rows.skipped),
