@@ -16,7 +16,7 @@ from agents.inputs import Message as BusInput
 from agents.team.codec import decode
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain
-from gcs.flightlog.container import Container, Entry, LogError, Message, NoContainerError
+from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError, NoContainerError
 from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.record_counter import RecordCounter
 from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, FormerMessage, Run, RunEnd, Taken
@@ -134,7 +134,7 @@ def read_log(path: Path) -> FlightLog:
     with open_container(path) as container:
         topics = _Topics(path)
         for entry in container.entries():
-            if type(entry) is not Message:
+            if type(entry) is not EncodedMessage:
                 topics.take(entry)
             elif (topic := topics.known.get(entry.channel_id)) is not None:
                 kind, vehicle_id, decoder = topic
