@@ -115,7 +115,7 @@ class Programme(msgspec.Struct, frozen=True):
         return next((part for part in self.parts if part.begin_s <= time_s < part.end_s), None)
 
 
-class Motion(msgspec.Struct, frozen=True):
+class MotionExtent(msgspec.Struct, frozen=True):
     """The maxima of a motion - reach along either axis, speed, acceleration, lead of the aim - and its path length."""
 
     reach_m: float
@@ -233,7 +233,7 @@ def _doubted(plant: Plant, doubt: float) -> Iterator[Plant]:
         yield replace(plant, x=x, y=y)
 
 
-def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:
+def _flown(plant: Plant, rate_hz: float, part: Part) -> MotionExtent:
     """Simulate a part and the return to the middle; without the plant's delay, which only shifts the motion in time."""
     seconds = part.end_s - part.begin_s
     times_s = [part.begin_s + k / rate_hz for k in range(round(seconds * rate_hz))]
@@ -246,7 +246,7 @@ def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:
     path = np.array(states)
     lead = np.array(aims) - path[:-1, POSITION]
     push = plant.a0_per_s2 * lead - plant.a1_per_s * path[:-1, VELOCITY]
-    return Motion(
+    return MotionExtent(
         float(np.abs(path[:, POSITION]).max()),
         _largest(path[:, VELOCITY]),
         _largest(push),
