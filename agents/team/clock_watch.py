@@ -13,7 +13,7 @@ _SETTLING_S = 5.0
 
 
 @dataclass(slots=True)
-class Step:
+class ClockStep:
     """A clock step of a peer: its begin, the time of the last message, and how far the clock went ahead [wall s]."""
 
     since_s: float
@@ -27,7 +27,7 @@ class ClockWatch:
     def __init__(self) -> None:
         self._usual_s: dict[int, float] = {}
         self._reference_s: dict[int, tuple[float, float]] = {}
-        self.off: dict[int, Step] = {}
+        self.off: dict[int, ClockStep] = {}
 
     def hear(self, sender: int, age_s: float, now_s: float) -> None:
         """Take the age [wall s] of a peer's message on arrival, whether it was accepted or not."""
@@ -40,7 +40,7 @@ class ClockWatch:
         elif sender in self.off:
             self.off[sender].heard_s, self.off[sender].by_s = now_s, ahead_s
         else:
-            self.off[sender] = Step(now_s, now_s, ahead_s)
+            self.off[sender] = ClockStep(now_s, now_s, ahead_s)
 
     def drifted(self, now_s: float) -> dict[int, float]:
         """Return how far clocks have drifted ahead since their first messages [wall s], where that exceeds the limit.
@@ -56,7 +56,7 @@ class ClockWatch:
                 drifted_s[sender] = first_s - usual_s
         return drifted_s
 
-    def stepped(self, now_s: float, time_scale: float) -> dict[int, Step]:
+    def stepped(self, now_s: float, time_scale: float) -> dict[int, ClockStep]:
         """Return the peers whose clocks have stepped and that are still received."""
         self.off = {s: step for s, step in self.off.items() if now_s - step.heard_s <= HEARD_WITHIN_S * time_scale}
         return self.off
