@@ -18,7 +18,7 @@ from gcs.flightlog.records import Decision, GuardResult, Truth
 from gcs.mission.mission import Mission
 from gcs.replay.estimates import Track, rms_difference
 from gcs.replay.playback import Turn, config_of, turns
-from gcs.replay.what_if import Feed, FilterRun, FilterSettings, Outcome, changed_filters, what_if
+from gcs.replay.what_if import Feed, FilterComparison, FilterRun, FilterSettings, changed_filters, what_if
 from tests.support.flight_logs import engaging, record_simulation
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
@@ -65,7 +65,7 @@ def run(flight: Flight, *changes: str, vehicle_id: int = 2) -> FilterRun:
     return filters
 
 
-def outcomes(flight: Flight, *changes: str) -> dict[tuple[int, str], Outcome]:
+def outcomes(flight: Flight, *changes: str) -> dict[tuple[int, str], FilterComparison]:
     log, mission = flight
     told = what_if(log, mission, changed_filters(mission, changes))
     return {(each.vehicle_id, each.filter): each for each in told.outcomes}
