@@ -104,7 +104,7 @@ class Part(msgspec.Struct, frozen=True):
         return self.amplitude_m * x, self.amplitude_m * y
 
 
-class Programme(msgspec.Struct, frozen=True):
+class ExcitationProgramme(msgspec.Struct, frozen=True):
     """All parts in order; before each part and after the last, the vehicle rests in the middle of the box."""
 
     parts: tuple[Part, ...]
@@ -136,7 +136,7 @@ class Preview(msgspec.Struct, frozen=True):
 
 
 @lru_cache(maxsize=64)
-def programme(config: AgentConfig) -> Programme:
+def programme(config: AgentConfig) -> ExcitationProgramme:
     """Return the programme of an identification flight; `config` must have `excitation`."""
     settings = config.excitation
     assert settings is not None
@@ -146,7 +146,7 @@ def programme(config: AgentConfig) -> Programme:
         amplitude_m = _amplitude_m(config, settings, signals, seconds)
         parts.append(Part(name, begin_s, begin_s + seconds, signals, amplitude_m))
         begin_s += seconds + settings.rest_s
-    return Programme(tuple(parts), begin_s)
+    return ExcitationProgramme(tuple(parts), begin_s)
 
 
 def preview(config: AgentConfig) -> Preview:
