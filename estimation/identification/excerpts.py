@@ -31,7 +31,7 @@ def grid_s(count: int) -> Vector:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recording:
+class MotionRecording:
     """One vehicle's horizontal motion from a log: positions (T, 2) [m], setpoints (n, 2) [m], and their times [s].
 
     `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` the times of position resets of its
@@ -60,7 +60,7 @@ class Excerpt:
 
     begin_s: float
     position_m: Vector
-    recording: Recording
+    recording: MotionRecording
     reported_m_s: Vector | None = None
 
     @property
@@ -106,7 +106,7 @@ class Excerpt:
         return np.asarray(values[np.maximum(at, 0)], dtype=np.float64)
 
 
-def excerpts_of(recording: Recording) -> list[Excerpt]:
+def excerpts_of(recording: MotionRecording) -> list[Excerpt]:
     """Return the parts of a recording that can be used for a fit."""
     time_s = recording.position_time_s
     if recording.setpoint_time_s.size < 2 or time_s.size < 2:
@@ -130,7 +130,7 @@ def _in_gap(time_s: Vector, gaps: NDArray[np.intp], from_s: float, to_s: float) 
     return bool(((time_s[gaps] <= middle_s) & (middle_s <= time_s[gaps + 1])).any())
 
 
-def _excerpt(recording: Recording, from_s: float, to_s: float) -> Excerpt:
+def _excerpt(recording: MotionRecording, from_s: float, to_s: float) -> Excerpt:
     at_s = np.arange(from_s, to_s, GRID_S)
     position_m = _at(at_s, recording.position_time_s, recording.position_m)
     velocity_m_s = recording.reported_m_s

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.identification.excerpts import Excerpt, Recording
+from estimation.identification.excerpts import Excerpt, MotionRecording
 from estimation.identification.identified import Found, Identified
 from estimation.identification.output_error import DELAY_MAX_S
 from estimation.plant.model import FEEDFORWARD_MAX
@@ -24,14 +24,14 @@ _AXES = ("x", "y")
 Reasons = list[tuple[PlantGrade, str]]
 
 
-def refused(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> Identified | None:
+def refused(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt]) -> Identified | None:
     """Return the result for flights without enough excitation, None if there is enough."""
     duration_s = sum(excerpt.duration_s for excerpt in excerpts)
     reason = _refusal(recordings, excerpts, duration_s)
     return None if reason is None else Identified(PlantGrade.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
 
 
-def _refusal(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], duration_s: float) -> str | None:
+def _refusal(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt], duration_s: float) -> str | None:
     if not any(recording.flown_s for recording in recordings):
         return "wrong mode: at no time did a computer's position setpoints fly the vehicle (offboard, guided)"
     if not excerpts or duration_s < DURATION_MIN_S:

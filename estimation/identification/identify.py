@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.identification.coloured_noise import whiteness
-from estimation.identification.excerpts import GRID_S, Excerpt, Recording, excerpts_of
+from estimation.identification.excerpts import GRID_S, Excerpt, MotionRecording, excerpts_of
 from estimation.identification.filter_noise import filter_noise_of
 from estimation.identification.grading import graded, refused
 from estimation.identification.identified import AxisResult, Found, Identified, Interval, Order, Validation
@@ -97,7 +97,7 @@ class _Counter:
 
 
 def identify(
-    recordings: Sequence[Recording],
+    recordings: Sequence[MotionRecording],
     on_progress: Callable[[float], None] = lambda _: None,
     others: Mapping[str, Plant] = MappingProxyType({}),
 ) -> Identified:
@@ -142,7 +142,7 @@ class _Parts:
     others: Mapping[str, Plant]
 
 
-def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
+def _likeliest(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
     """Return the whitened fit, with the given assumption about the input between setpoints or the most likely one."""
     sampled = any(recording.sampled for recording in recordings)
     candidates = (Between.MIXED, Between.LINEAR, Between.MIDWAY) if sampled else (Between.HELD,)

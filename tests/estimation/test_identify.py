@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.identification.excerpts import Recording, excerpts_of
+from estimation.identification.excerpts import MotionRecording, excerpts_of
 from estimation.identification.identified import Found, Identified
 from estimation.identification.identify import identify
 from estimation.identification.response import Between
@@ -119,13 +119,13 @@ def test_a_good_flight_is_graded_good_and_progress_rises_to_the_end() -> None:
     assert shares[-1] == pytest.approx(1.0)
 
 
-def still(recording: Recording) -> Recording:
+def still(recording: MotionRecording) -> MotionRecording:
     nothing = np.zeros_like(recording.setpoint_m)
     noise_m = recording.position_m - recording.position_m.mean(axis=0)
     return replace(recording, setpoint_m=nothing, position_m=0.02 * noise_m)
 
 
-def unmoved(recording: Recording) -> Recording:
+def unmoved(recording: MotionRecording) -> MotionRecording:
     return replace(recording, position_m=0.02 * recording.position_m)
 
 
@@ -139,7 +139,7 @@ def unmoved(recording: Recording) -> Recording:
         (replace(recorded(TRUTH, 6), resets_s=np.arange(0.0, 150.0, 7.0).tolist()), "too short: 0 s were flown"),
     ],
 )
-def test_a_bad_flight_identifies_nothing_and_the_reason_is_reported(recording: Recording, reason: str) -> None:
+def test_a_bad_flight_identifies_nothing_and_the_reason_is_reported(recording: MotionRecording, reason: str) -> None:
     identified = identify([recording])
     assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert identified.found is None
