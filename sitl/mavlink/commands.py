@@ -8,7 +8,7 @@ from estimation.frames import MissionFrame
 from sitl.autopilot.autopilot import MavResult, StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.mavlink.plans import Sender
-from sitl.mavlink.reports import Reporter
+from sitl.mavlink.reports import TelemetryFields
 from sitl.mavlink.schedule import Schedule
 from sitl.mavlink_constants import MessageId, ModeFlag, Outgoing, Result
 
@@ -42,7 +42,7 @@ class Commander:
         autopilot: StubAutopilot,
         *,
         frame: MissionFrame,
-        reporter: Reporter,
+        reporter: TelemetryFields,
         schedule: Schedule,
     ) -> None:
         """Pass commands to `autopilot`; answer requests for messages with `reporter` and `schedule`."""

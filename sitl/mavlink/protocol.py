@@ -20,7 +20,7 @@ from sitl.autopilot.parameters import Value
 from sitl.faults import VehicleFaults
 from sitl.mavlink.commands import Commander
 from sitl.mavlink.plans import FENCE_PLAN, Plans
-from sitl.mavlink.reports import MavlinkConfig, Reporter
+from sitl.mavlink.reports import MavlinkConfig, TelemetryFields
 from sitl.mavlink.schedule import Schedule
 from sitl.mavlink.signing import REFUSED, Signing
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
@@ -97,7 +97,7 @@ class MavlinkVehicle:
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
         self._config = config
-        self._reporter = Reporter(autopilot, config, self._faults)
+        self._reporter = TelemetryFields(autopilot, config, self._faults)
         self._schedule = Schedule(self._dialect.rates_hz, self._reporter.known)
         self._commander = Commander(autopilot, frame=config.frame, reporter=self._reporter, schedule=self._schedule)
         self._listing: list[int] = []

@@ -86,7 +86,7 @@ class Estimate:
     velocity_m_s: Triple
 
 
-class Reporter:
+class TelemetryFields:
     """Computes each message's fields from the autopilot's state; messages of the same time share one estimate."""
 
     def __init__(self, autopilot: StubAutopilot, config: MavlinkConfig, faults: VehicleFaults) -> None:
