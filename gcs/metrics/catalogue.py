@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from json import dumps
 from typing import TYPE_CHECKING, Any, Literal
 
-from gcs.metrics.references import RingReference, VerdictTolerances
+from gcs.metrics.references import DesiredRing, VerdictTolerances
 
 if TYPE_CHECKING:
     from gcs.metrics.result import FlightResult
@@ -22,7 +22,7 @@ class Judged:
     """How a verdict judges a metric, and the words around the metric's value in the verdict's evidence.
 
     `tolerance` is a field of `VerdictTolerances`; without one the metric is evidence alone. `desired` is the field of
-    `RingReference` from which the deviation is judged, instead of the value itself.
+    `DesiredRing` from which the deviation is judged, instead of the value itself.
     """
 
     verdict: str
@@ -84,7 +84,7 @@ class Metric:
         """The label with the unit."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
-    def farthest(self, values: list[float], ring: RingReference) -> float:
+    def farthest(self, values: list[float], ring: DesiredRing) -> float:
         """Return the worst value: the smallest, or else the largest deviation from what is desired."""
         if self.worst == "min":
             return min(values)
@@ -231,7 +231,7 @@ def evidence(verdict: str, result: "FlightResult") -> Iterator[tuple[Metric, Jud
                     yield metric, metric.judged, known
 
 
-def judge(result: "FlightResult", ring: RingReference, tolerances: VerdictTolerances) -> Verdicts:
+def judge(result: "FlightResult", ring: DesiredRing, tolerances: VerdictTolerances) -> Verdicts:
     """Return the verdicts: each holds if its known metrics keep their tolerances, in finite time - (8), (9), (10)."""
     held = {}
     for verdict in VERDICTS:

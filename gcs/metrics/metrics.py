@@ -9,8 +9,8 @@ from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import EngagementReference, engagement
 from gcs.metrics.record import FlightRecord, Mask, grid_time
 from gcs.metrics.references import (
+    DesiredRing,
     FormationReference,
-    RingReference,
     VerdictTolerances,
     engagement_reference,
     formation_reference,
@@ -36,7 +36,7 @@ def evaluated(mission: Mission, record: FlightRecord) -> FlightResult:
 
 def evaluate(
     record: FlightRecord,
-    ring: RingReference,
+    ring: DesiredRing,
     formation: FormationReference,
     tolerances: VerdictTolerances,
     engages: EngagementReference = NONE_ENGAGES,
@@ -76,7 +76,7 @@ def evaluate(
     return replace(result, verdicts=judge(result, ring, tolerances))
 
 
-def _estimate_result(record: FlightRecord, ring: RingReference, window: Mask) -> EstimateResult | None:
+def _estimate_result(record: FlightRecord, ring: DesiredRing, window: Mask) -> EstimateResult | None:
     """Return the ring's figures by estimate in the same window, None where the record has no estimates beside it."""
     if not record.estimates:
         return None
