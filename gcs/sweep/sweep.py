@@ -6,7 +6,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 
 from gcs.sweep.columns import Row
 from gcs.sweep.journal import SweepJournal
-from gcs.sweep.plan import Run, SweepPlan, Tasks
+from gcs.sweep.plan import SweepPlan, SweepRun, Tasks
 from gcs.sweep.run import UnlikeWorkerError, failure
 from gcs.sweep.workers import Workers
 
@@ -33,7 +33,7 @@ def fly_missing(
     """
     waiting = deque(run for run in plan.runs if run.index not in journal.rows)
     tasks = Tasks(plan)
-    flying: dict[Future[Row], Run] = {}
+    flying: dict[Future[Row], SweepRun] = {}
     deaths: Counter[int] = Counter()
     rows: list[tuple[int, Row]] = []
     while waiting or flying or rows:
