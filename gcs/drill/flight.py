@@ -24,7 +24,7 @@ from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
 from gcs.drill.roles import Roles
 from gcs.flight.faults.catalogue import required_fault
-from gcs.flight.faults.injection import Injection, Scene
+from gcs.flight.faults.injection import Injection, TeamInFlight
 from gcs.flight.faults.team_faults import TeamFaults
 from gcs.flight.faults.unauthorised_client import UnauthorisedClient
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
@@ -124,8 +124,8 @@ class DrillFlight:
         with self.clock.held():
             await self._under_test.taken()
 
-    def _scene(self, roles: Roles) -> Scene:
-        return Scene(roles.mission, roles.subject, roles.airborne, self.places_m())
+    def _scene(self, roles: Roles) -> TeamInFlight:
+        return TeamInFlight(roles.mission, roles.subject, roles.airborne, self.places_m())
 
     def places_m(self) -> Mapping[int, Triple]:
         """Return the vehicles' reported positions [m]."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from estimation.frames import Triple
 from gcs.flight.faults.failing_equipment import FailingEquipment
-from gcs.flight.faults.injection import Injection, Scene, last_in_line
+from gcs.flight.faults.injection import Injection, TeamInFlight, last_in_line
 from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.faults.team_faults import PresentFaults
 from gcs.flight.faults.unauthorised_client import UnauthorisedClient
@@ -53,7 +53,7 @@ class FaultInjector:
             team.view.print_line(f"{time}: not injected: {named}: too few vehicles are airborne", "warning")
             return
         team.view.print_line(f"{time}: injected: {named}")
-        scene = Scene(team.plan.mission, subject, tuple(airborne), airborne)
+        scene = TeamInFlight(team.plan.mission, subject, tuple(airborne), airborne)
         injection = fault.inject(scene)
         if injection.ends_flight:
             await asyncio.sleep(_SHOWN_S)

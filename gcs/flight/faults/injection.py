@@ -11,7 +11,7 @@ from sitl.faults import VehicleInjection
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class TeamInFlight:
     """A team in flight: the fault's subject, the airborne vehicles, and their positions [m]."""
 
     mission: Mission
