@@ -33,7 +33,7 @@ from sitl.mavlink_constants import (
     MessageId,
     ModeFlag,
     Outgoing,
-    Sensor,
+    SensorFlag,
 )
 
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
@@ -176,13 +176,20 @@ class TelemetryFields:
         return STANDBY if autopilot.armable or not self._dialect.tells_checks_in_heartbeat else UNINITIALISED
 
     def _sys_status(self) -> Fields:
-        present = Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.PRESSURE | Sensor.POSITION | Sensor.BATTERY
+        present = (
+            SensorFlag.GYRO
+            | SensorFlag.ACCEL
+            | SensorFlag.MAG
+            | SensorFlag.PRESSURE
+            | SensorFlag.POSITION
+            | SensorFlag.BATTERY
+        )
         if self._autopilot.gps:
-            present |= Sensor.GPS
-        healthy = present if self._ready else present & ~(Sensor.GPS | Sensor.POSITION)
+            present |= SensorFlag.GPS
+        healthy = present if self._ready else present & ~(SensorFlag.GPS | SensorFlag.POSITION)
         if self._autopilot.armable or self._autopilot.armed:
-            healthy |= Sensor.PREARM_CHECK
-        enabled = present | Sensor.PREARM_CHECK
+            healthy |= SensorFlag.PREARM_CHECK
+        enabled = present | SensorFlag.PREARM_CHECK
         millivolts = sum(self._cell_mv())
         remaining = self._battery_percent()
         return int(enabled), int(enabled), int(healthy), 300, millivolts, -1, remaining, 0, 0, 0, 0, 0, 0
