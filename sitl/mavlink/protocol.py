@@ -22,7 +22,7 @@ from sitl.mavlink.commands import Commander
 from sitl.mavlink.plans import FENCE_PLAN, Plans
 from sitl.mavlink.reports import MavlinkConfig, TelemetryFields
 from sitl.mavlink.schedule import Schedule
-from sitl.mavlink.signing import REFUSED, Signing
+from sitl.mavlink.signing import REFUSED, SigningState
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
 
 AUTOPILOT_COMPONENT = 1
@@ -104,7 +104,7 @@ class MavlinkVehicle:
         self._texts_chunked = 0
         self._fence: tuple[Fields, ...] = ()
         self._outbox = _Outbox()
-        self._signing = Signing(config.signing_key)
+        self._signing = SigningState(config.signing_key)
         self._writer = self._signing.writer(self._outbox, config.system_id, AUTOPILOT_COMPONENT)
         self._parser = self._signing.parser()
         self._handlers = self._message_handlers()
