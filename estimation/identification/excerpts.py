@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.identification.response import AxisInput, Between, Steps, steps_of
+from estimation.identification.response import AxisInput, Between, SetpointSteps, steps_of
 from estimation.state import Vector
 
 GRID_S = 0.1
@@ -96,7 +96,7 @@ class Excerpt:
     def _inputs(self, axis: int, between: Between) -> AxisInput:
         recording = self.recording
         times_s, velocity_m_s = recording.setpoint_time_s, recording.velocity_m_s
-        velocity: Steps | None = None
+        velocity: SetpointSteps | None = None
         if velocity_m_s is not None:
             velocity = steps_of(times_s, velocity_m_s[:, axis], between)
         return AxisInput(steps_of(times_s, recording.setpoint_m[:, axis], between), velocity)
