@@ -15,7 +15,7 @@ from stat import S_ISSOCK
 
 from gcs.link.rates.budget import ROUND_TRIP_HZ
 from gcs.link.rates.rates import Traffic
-from gcs.link.relay.carriers import Stream, connected, open_carrier
+from gcs.link.relay.carriers import StreamCarrier, connected, open_carrier
 from gcs.link.relay.frames import (
     MAGIC_V2,
     SETPOINT,
@@ -65,7 +65,7 @@ class InnerListener:
         self._listener.close()
 
 
-class InnerConnection(Stream):
+class InnerConnection(StreamCarrier):
     """The relay's end: what MAVSDK sends is read, and written bytes reach MAVSDK."""
 
     def __init__(self, connection: socket.socket) -> None:
