@@ -29,7 +29,7 @@ from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
 from gcs.mission.mission import Mission
 from gcs.mission.validation import unknown_key, validated
-from gcs.replay.estimates import FilterFigures, Track, rms_difference
+from gcs.replay.estimates import EstimateTrack, FilterFigures, rms_difference
 from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, turns
 
 FILTERS = ("own_filter", "target_filter")
@@ -193,7 +193,7 @@ class FilterRun:
         self._noise = np.diag([noise.position_noise_m**2] * 2 + [noise.velocity_noise_m_s**2] * 2)
         self._turns = noise.disturbance_turns
         self._mission_rate_rad_s = config.encirclement.angular_rate_rad_s
-        self.own, self.target = Track(), Track()
+        self.own, self.target = EstimateTrack(), EstimateTrack()
 
     def take(self, turn: Turn, inputs: Sequence[FilterInput]) -> None:
         """Feed a turn to the filters, and store the estimates at its tick."""
