@@ -24,7 +24,7 @@ from gcs.link.rates.rates import Traffic
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
-from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.signing import SignatureCheck, Signing
 
 Result = TypeVar("Result")
 
@@ -218,7 +218,7 @@ def _not_received(
     """Return why no heartbeat of the vehicle was accepted."""
     if rejected := relay.rejected(system_id):
         verdicts = "; ".join(f"{verdict.value} (from {shown(address)})" for address, verdict in rejected.items())
-        unsigned = Verdict.UNSIGNED in rejected.values()
+        unsigned = SignatureCheck.UNSIGNED in rejected.values()
         return VehicleRefusedError(
             f"the messages of vehicle {system_id} on {url} are {verdicts}; link.signing_key_file requires its key",
             ISSUE if unsigned else "compare its key with link.signing_key_file, and the clocks of computer and vehicle",

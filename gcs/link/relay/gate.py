@@ -19,7 +19,7 @@ from gcs.link.relay.frames import (
     sequence,
     timesync_answer,
 )
-from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.signing import SignatureCheck, Signing
 
 DOUBLED_MIN, DOUBLED_SHARE = 5, 0.1
 """This many steps backwards show two senders: a restart is one step, and networks swap and repeat few frames."""
@@ -135,7 +135,7 @@ class Claim:
         self.muted = False
         """Whether setpoints to it are dropped."""
         self.candidates: dict[Address, bytes] = {}
-        self.rejected: dict[Address, Verdict] = {}
+        self.rejected: dict[Address, SignatureCheck] = {}
         self._received_s = -inf
         self._heartbeat = b""
         self._heartbeat_s = self._passed_s = -inf
@@ -159,7 +159,7 @@ class Claim:
         verdict = self._verdict(frame)
         if moves and is_autopilot_heartbeat(frame):
             self._move(address, verdict)
-        if verdict is not Verdict.AUTHENTIC or address != self.address:
+        if verdict is not SignatureCheck.AUTHENTIC or address != self.address:
             return False
         if now_s - self._received_s > BREAK_S:
             self._heartbeat = b""
@@ -207,7 +207,7 @@ class Claim:
 
     def to_set_in_time(self) -> list[Address]:
         """Return the candidates with the key and a time that is behind: a signed heartbeat sets a vehicle's time."""
-        return [address for address, verdict in self.rejected.items() if verdict is Verdict.OLD]
+        return [address for address, verdict in self.rejected.items() if verdict is SignatureCheck.OLD]
 
     def report(self) -> LinkReport:
         """Return the counts so far."""
@@ -222,8 +222,8 @@ class Claim:
             self.round_trips.median_s,
         )
 
-    def _move(self, address: Address, verdict: Verdict) -> None:
-        if verdict is Verdict.AUTHENTIC:
+    def _move(self, address: Address, verdict: SignatureCheck) -> None:
+        if verdict is SignatureCheck.AUTHENTIC:
             self.address = address
             self._moves.append(address)
             self.rejected.clear()
@@ -237,15 +237,15 @@ class Claim:
         kept = address in self.candidates or address in self.rejected
         if not kept and len(self.candidates) + len(self.rejected) >= ADDRESSES_MAX:
             return
-        if verdict is Verdict.AUTHENTIC:
+        if verdict is SignatureCheck.AUTHENTIC:
             self.rejected.pop(address, None)
             self.candidates[address] = frame
         elif address not in self.candidates:
             self.rejected[address] = verdict
 
-    def _verdict(self, frame: bytes) -> Verdict:
-        verdict = Verdict.AUTHENTIC if self.signing is None else self.signing.verify(frame)
-        if verdict is not Verdict.AUTHENTIC:
+    def _verdict(self, frame: bytes) -> SignatureCheck:
+        verdict = SignatureCheck.AUTHENTIC if self.signing is None else self.signing.verify(frame)
+        if verdict is not SignatureCheck.AUTHENTIC:
             self._dropped[verdict.value] += 1
         return verdict
 

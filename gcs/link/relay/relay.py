@@ -28,7 +28,7 @@ from gcs.link.relay.frames import (
 )
 from gcs.link.relay.gate import Address, Claim, FrameGate, LinkReport
 from gcs.link.relay.relay_thread import RelayThread
-from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.signing import SignatureCheck, Signing
 from gcs.link.relay.transmit_queue import Outgoing, TransmitQueue
 
 LOOPBACK = "127.0.0.1"
@@ -150,7 +150,7 @@ class Relay:
         with self._lock:
             return list(self._gate.claims[system_id].candidates)
 
-    def rejected(self, system_id: int) -> dict[Address, Verdict]:
+    def rejected(self, system_id: int) -> dict[Address, SignatureCheck]:
         """Return the addresses whose heartbeats have a system id but are not authentic."""
         with self._lock:
             return dict(self._gate.claims[system_id].rejected)
