@@ -111,7 +111,7 @@ class SupervisorHeartbeat:
 
     def heartbeat(self, vehicle_id: int) -> Heartbeat:
         """Return the heartbeat of a vehicle's agent."""
-        return _Sent(self._connection, vehicle_id, self._now_s)
+        return _HeartbeatSender(self._connection, vehicle_id, self._now_s)
 
     @asynccontextmanager
     async def follow(self, clock: MissionClock) -> AsyncIterator[None]:
@@ -221,7 +221,7 @@ class _Unsent:
         pass
 
 
-class _Sent:
+class _HeartbeatSender:
     """Implements `agents.ports.Heartbeat`."""
 
     def __init__(self, connection: socket.socket, vehicle_id: int, now_s: Callable[[], float]) -> None:
