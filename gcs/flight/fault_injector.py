@@ -11,7 +11,7 @@ from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.faults.team_faults import PresentFaults
 from gcs.flight.faults.unauthorised_client import UnauthorisedClient
 from gcs.flight.stubs import FlightStubs
-from gcs.flight.team import Team
+from gcs.flight.team import FlightTeam
 
 _PERIOD_S = 0.1
 _SHOWN_S = 0.3
@@ -31,7 +31,7 @@ class FaultInjector:
         """Return the equipment that the faults act on."""
         return FailingEquipment(self._present)
 
-    async def run(self, team: Team, stubs: FlightStubs) -> None:
+    async def run(self, team: FlightTeam, stubs: FlightStubs) -> None:
         """Inject each fault at its time of the mission, until cancelled."""
         try:
             for each in self.faults:
@@ -44,7 +44,7 @@ class FaultInjector:
             for client in self._unauthorised_clients:
                 client.cancel()
 
-    async def _begin(self, scheduled: ScheduledFault, team: Team, stubs: FlightStubs) -> None:
+    async def _begin(self, scheduled: ScheduledFault, team: FlightTeam, stubs: FlightStubs) -> None:
         """Print a fault, and inject it if the vehicles that it needs are airborne."""
         fault, airborne = scheduled.fault, _airborne(team)
         subject = scheduled.vehicle or (last_in_line(team.plan.mission, tuple(airborne)) if airborne else 0)
@@ -59,7 +59,7 @@ class FaultInjector:
             await asyncio.sleep(_SHOWN_S)
         self._inject(injection, team, stubs)
 
-    def _inject(self, injection: Injection, team: Team, stubs: FlightStubs) -> None:
+    def _inject(self, injection: Injection, team: FlightTeam, stubs: FlightStubs) -> None:
         for vehicle_id, each in injection.vehicles.items():
             stubs.inject(team.plan.mission.vehicle(vehicle_id).system_id, each)
         if injection.unauthorised_client:
@@ -71,7 +71,7 @@ class FaultInjector:
             os.kill(os.getpid(), injection.signal)
 
 
-def _airborne(team: Team) -> dict[int, Triple]:
+def _airborne(team: FlightTeam) -> dict[int, Triple]:
     """Return the positions [m] of the armed vehicles, from their own estimates."""
     return {
         member.vehicle.id: member.link.motion.position_m

@@ -19,7 +19,7 @@ from gcs.flight.preparation import Readiness, StartWait
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
-from gcs.flight.team import Member, Team
+from gcs.flight.team import FlightTeam, Member
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
 from gcs.keys.team_keys import flight_keys
@@ -69,7 +69,7 @@ async def fly(
         recording: Recording = Unrecorded()
         if plan.log is not None:
             recording = stack.enter_context(FlightRecording(plan.log, clock))
-        team = Team(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
+        team = FlightTeam(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
         return await _fly(team, report, supervisor, injector)
 
 
@@ -104,7 +104,7 @@ def _at_speed(speed: float | None, clock: MissionClock) -> Iterator[None]:
 
 
 async def _fly(
-    team: Team, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector
+    team: FlightTeam, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector
 ) -> FlightOutcome:
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.time_scale))
@@ -159,7 +159,7 @@ async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) ->
             await task
 
 
-async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) -> None:
+async def _prepare(team: FlightTeam, target: TargetVehicle, report: FindingsReport) -> None:
     """Connect, agree on the clock's speed and check everything before a vehicle is armed."""
     await team.connect()
     await target.connect()
@@ -178,7 +178,7 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
         )
 
 
-async def _fly_members(team: Team, watch: Watch, injection: Coroutine[None, None, None]) -> dict[int, Outcome]:
+async def _fly_members(team: FlightTeam, watch: Watch, injection: Coroutine[None, None, None]) -> dict[int, Outcome]:
     beside = [asyncio.create_task(watch.run()), asyncio.create_task(injection)]
     try:
         outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
@@ -189,7 +189,7 @@ async def _fly_members(team: Team, watch: Watch, injection: Coroutine[None, None
     return {member.vehicle.id: outcome for member, outcome in zip(team.members, outcomes, strict=True)}
 
 
-async def _fly_member(team: Team, member: Member) -> Outcome:
+async def _fly_member(team: FlightTeam, member: Member) -> Outcome:
     try:
         outcome = await member.agent.fly(team.plan.duration_s, team.stop)
     except Exception as error:  # a bug in one agent must not leave the other vehicles without control

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 
 from agents.ports import VehicleRefusedError
-from gcs.flight.team import Team
+from gcs.flight.team import FlightTeam
 from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade
 from gcs.preflight.findings_view import joined_subjects
 from gcs.preflight.preflight import worst
@@ -18,7 +18,7 @@ PERIOD_S = 1.0
 class Readiness:
     """The wait for one team, at most `plan.wait_s` wall seconds from now; shows the start blockers."""
 
-    def __init__(self, team: Team) -> None:
+    def __init__(self, team: FlightTeam) -> None:
         self._team = team
         self._end_s = time.monotonic() + team.plan.wait_s
         self._shown: set[tuple[str, str]] = set()
@@ -93,7 +93,7 @@ CHECK_AGAIN_S = 3.0
 class StartWait:
     """Checks the vehicles of one team repeatedly, and lets each report what forbids its start."""
 
-    def __init__(self, team: Team) -> None:
+    def __init__(self, team: FlightTeam) -> None:
         self._team = team
         self._shown: list[str] = []
 

@@ -81,7 +81,7 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True)
-class Team:
+class FlightTeam:
     """The members of this process and everything that they share in one flight.
 
     `stop` is the operator's request to end; `view` is the live view; `signing_keys` are those of the links,

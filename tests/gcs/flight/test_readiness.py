@@ -9,7 +9,7 @@ import pytest
 
 from agents.ports import VehicleRefusedError
 from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, blocker_lines
-from gcs.flight.team import Team
+from gcs.flight.team import FlightTeam
 from gcs.preflight.findings import Finding, Grade
 
 WELL = Finding(Grade.PASS, "vehicle 1", "gps", "GPS: 3D fix, 14 satellites")
@@ -57,7 +57,7 @@ class FakeTeam:
 
 
 async def checked(team: FakeTeam) -> Sequence[Finding]:
-    return await Readiness(cast(Team, team)).findings()
+    return await Readiness(cast(FlightTeam, team)).findings()
 
 
 @pytest.mark.parametrize("first", [[WELL], [WELL, WARNED]], ids=["well", "warned"])
@@ -105,9 +105,9 @@ async def test_what_waiting_uncovers_is_refused_at_once() -> None:
 
 
 async def test_a_speed_that_cannot_be_measured_yet() -> None:
-    await Readiness(cast(Team, FakeTeam(30.0, speeds=(False, False, True)))).measure_speed()
+    await Readiness(cast(FlightTeam, FakeTeam(30.0, speeds=(False, False, True)))).measure_speed()
     with pytest.raises(VehicleRefusedError, match="no attitude"):
-        await Readiness(cast(Team, FakeTeam(0.05, speeds=(False,)))).measure_speed()
+        await Readiness(cast(FlightTeam, FakeTeam(0.05, speeds=(False,)))).measure_speed()
 
 
 def test_vehicles_that_lack_the_same_share_a_line() -> None:
