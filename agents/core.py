@@ -1,6 +1,6 @@
 """`VehicleCore`: the estimation, decision and control of one vehicle, without clock, sockets or asyncio.
 
-Everything that it hears goes through `take`, the time is an argument of `tick`, and all outputs are in what `tick`
+Everything that it receives goes through `take`, the time is an argument of `tick`, and all outputs are in what `tick`
 returns. The same object therefore flies over MAVLink, in the simulation, and again from a log.
 """
 
@@ -24,11 +24,11 @@ from agents.inputs import (
     Command,
     Computer,
     Ground,
-    Heard,
     Killed,
     LateTicks,
     Message,
     Presence,
+    ReceivedInput,
     Start,
     TacticEvent,
     TimeScale,
@@ -309,8 +309,8 @@ class VehicleCore:
         own = self._inbox.dropped.drops
         return own if self._bus_drops is NO_DROPS else own.plus(self._bus_drops)
 
-    def take(self, item: Heard) -> None:
-        """Take what is heard between two ticks."""
+    def take(self, item: ReceivedInput) -> None:
+        """Take what is received between two ticks."""
         self._takes[type(item)](item)
 
     def _take_time_scale(self, item: TimeScale) -> None:
@@ -368,11 +368,11 @@ class VehicleCore:
         self._receive_sightings(message)
         match message:
             case MemberState():
-                self._team.hear(message)
+                self._team.receive(message)
                 if message.shape is not None:
                     self._reshape(Reshaping(message.shaped_s, message.shape))
             case NeighbourAngle():
-                self._team.ring.hear(message)
+                self._team.ring.receive(message)
             case OperatorCommand():
                 self._command(message, now_s)
             case CommandAnswer():

@@ -1,4 +1,4 @@
-"""The inputs of a core: everything that it hears, each a frozen struct that names its topic and describes itself.
+"""The inputs of a core: everything that it receives, each a frozen struct that names its topic and describes itself.
 
 A core is deterministic: the same inputs in the same order give the same outputs, bit for bit. Recording a flight is
 writing each input before the core takes it (`agents.recording`), a replay is reading each and letting a core take it.
@@ -210,7 +210,7 @@ class Tick(msgspec.Struct, frozen=True):
         return f"tick at {time(self.now_s)}"
 
 
-Heard = (
+ReceivedInput = (
     TimeScale
     | Start
     | TacticEvent
@@ -228,7 +228,7 @@ Heard = (
     | Presence
 )
 """What a core takes between two ticks."""
-CoreInput = Heard | Tick
+CoreInput = ReceivedInput | Tick
 """The same, and the ticks."""
 
 

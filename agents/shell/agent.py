@@ -128,7 +128,7 @@ class Agent:
 
     async def connect(self) -> None:
         """Connect to the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
-        await self._parts.bus.open(self._hear, OutsideSensors(self._parts).take, self._note_presence)
+        await self._parts.bus.open(self._receive, OutsideSensors(self._parts).take, self._note_presence)
         await self._link.connect(self._sense)
 
     def announce(self) -> None:
@@ -210,7 +210,7 @@ class Agent:
         if self._flew:
             self._core.take(telemetry)
 
-    def _hear(self, message: BusMessage) -> None:
+    def _receive(self, message: BusMessage) -> None:
         self._core.take(Message(self._clock.now_s(), message))
         if isinstance(message, OperatorCommand):
             self._act_on_orders()

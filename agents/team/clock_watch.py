@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 STEP_S = 0.5
 """A larger deviation from the usual age is a step [wall s]: above jitter, below what makes peers' plans invalid."""
-HEARD_WITHIN_S = 1.0
+RECEIVED_WITHIN_S = 1.0
 """A peer without messages for this long is silent, not one with a stepped clock."""
 _FOLLOWING = 0.1
 """The share by which the usual age follows the present one, because networks get slower and faster."""
@@ -17,7 +17,7 @@ class ClockStep:
     """A clock step of a peer: its begin, the time of the last message, and how far the clock went ahead [wall s]."""
 
     since_s: float
-    heard_s: float
+    received_s: float
     by_s: float
 
 
@@ -29,7 +29,7 @@ class ClockWatch:
         self._reference_s: dict[int, tuple[float, float]] = {}
         self.off: dict[int, ClockStep] = {}
 
-    def hear(self, sender: int, age_s: float, now_s: float) -> None:
+    def receive(self, sender: int, age_s: float, now_s: float) -> None:
         """Take the age [wall s] of a peer's message on arrival, whether it was accepted or not."""
         usual_s = self._usual_s.setdefault(sender, age_s)
         ahead_s = usual_s - age_s
@@ -38,7 +38,7 @@ class ClockWatch:
             if self.off:
                 self.off.pop(sender, None)
         elif sender in self.off:
-            self.off[sender].heard_s, self.off[sender].by_s = now_s, ahead_s
+            self.off[sender].received_s, self.off[sender].by_s = now_s, ahead_s
         else:
             self.off[sender] = ClockStep(now_s, now_s, ahead_s)
 
@@ -58,5 +58,7 @@ class ClockWatch:
 
     def stepped(self, now_s: float, time_scale: float) -> dict[int, ClockStep]:
         """Return the peers whose clocks have stepped and that are still received."""
-        self.off = {s: step for s, step in self.off.items() if now_s - step.heard_s <= HEARD_WITHIN_S * time_scale}
+        self.off = {
+            s: step for s, step in self.off.items() if now_s - step.received_s <= RECEIVED_WITHIN_S * time_scale
+        }
         return self.off

@@ -159,7 +159,7 @@ class OwnFilter:
         return self._consistency.authority
 
     @property
-    def heard_s(self) -> float | None:
+    def received_s(self) -> float | None:
         """Time of the newest telemetry [s]; None before any."""
         return None if self._axes is None else self._time_s
 

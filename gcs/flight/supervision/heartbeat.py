@@ -154,7 +154,7 @@ class SupervisorHeartbeat:
             measured_on = self._time
             reached_s = measured_on.now_s()  # before it receives: what the supervisor sent until then has arrived
             received = self._received()
-            silent_s = silence.take(measured_on, reached_s, heard=bool(received))
+            silent_s = silence.take(measured_on, reached_s, received=bool(received))
             requests = received.count(STOP) if received else 0
             if received and JOINED in received:
                 self._joined.set()
@@ -202,11 +202,11 @@ class _Silence:
         self._time, self._polled_s = measured_on, measured_on.now_s()
         self._silent_s = 0.0
 
-    def take(self, measured_on: _Time, reached_s: float, *, heard: bool) -> float:
-        """Take whether it was heard in a poll that began at a time; return the silence until then."""
+    def take(self, measured_on: _Time, reached_s: float, *, received: bool) -> float:
+        """Take whether messages were received in a poll that began at a time; return the silence until then."""
         passed_s = max(reached_s - self._polled_s, 0.0) if measured_on is self._time else 0.0
         self._time, self._polled_s = measured_on, reached_s
-        self._silent_s = 0.0 if heard else self._silent_s + min(passed_s, measured_on.poll_max_s)
+        self._silent_s = 0.0 if received else self._silent_s + min(passed_s, measured_on.poll_max_s)
         return self._silent_s
 
 

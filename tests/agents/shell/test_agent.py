@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from agents.inputs import Heard, Start, TacticEvent, Tick, TimeScale
+from agents.inputs import ReceivedInput, Start, TacticEvent, Tick, TimeScale
 from agents.ports import FlightMode
 from agents.shell.life import Phase
 from agents.shell.outcome import FlightEnd, Outcome
@@ -657,7 +657,7 @@ def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypat
         flight = await reach(P.FLYING)
         take = flight.core.take
 
-        def crash(item: Heard) -> None:
+        def crash(item: ReceivedInput) -> None:
             if item == TacticEvent(broken):
                 raise ZeroDivisionError
             take(item)
