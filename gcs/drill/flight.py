@@ -17,7 +17,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
 from agents.team.messages import BusMessage, MemberState
 from estimation.frames import Triple
-from estimation.profile.shelf import bundled_profiles
+from estimation.profile.library import bundled_profiles
 from gcs.console.command_client import CommandClient
 from gcs.console.team_bus import guest_bus
 from gcs.drill.judge import OFFBOARD, TeamLog

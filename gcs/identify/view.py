@@ -15,8 +15,8 @@ from rich.text import Text
 from estimation.identification.filter_noise import AHEAD_S
 from estimation.identification.identified import METHOD, Found, Identified, Interval
 from estimation.plant.provenance import Identification, IdentifiedLog, PlantGrade, covariance_of
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import LimitsSection
-from estimation.profile.shelf import ProfileShelf
 from gcs.autopilots.autopilot import Autopilot
 from gcs.autopilots.registry import known_as
 from gcs.vehicle_logs.vehicle_log import VehicleLog
@@ -243,7 +243,7 @@ def _bundled_lines(section: str, autopilot: Autopilot) -> list[str]:
     """Return a section of the autopilot's bundled profile: the keys that differ from the defaults."""
     if not autopilot.is_known:
         return []
-    values = getattr(ProfileShelf(None).load(autopilot.name), section).model_dump(exclude_unset=True)
+    values = getattr(ProfileLibrary(None).load(autopilot.name), section).model_dump(exclude_unset=True)
     if not values:
         return []
     lines = [f"\n# Not in the logs: from the bundled profile '{autopilot.name}'.", f"[{section}]"]

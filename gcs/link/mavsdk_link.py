@@ -65,7 +65,7 @@ SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
 """PX4 has needed 45 s to detect a landing from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
-LAND_ATTEMPTS, KILL_ATTEMPTS, KILL_HEARD_S = 3, 5, 2.0
+LAND_ATTEMPTS, KILL_ATTEMPTS, KILL_ANSWER_S = 3, 5, 2.0
 """Heartbeats, which confirm disarming, come once a second."""
 WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
@@ -254,7 +254,7 @@ class MavsdkLink:
                 action.kill,
                 lambda: not feed.status.armed,
                 attempts=KILL_ATTEMPTS,
-                each_s=KILL_HEARD_S,
+                each_s=KILL_ANSWER_S,
             )
         finally:
             self._mute()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from estimation.profile.shelf import bundled_profiles
+from estimation.profile.library import bundled_profiles
 from gcs.errors import InputError
 from gcs.mission.file import bundled_missions
 from gcs.sweep.columns import Row

@@ -8,8 +8,8 @@ import pytest
 from estimation.identification.identified import Found
 from estimation.identification.identify import identify
 from estimation.profile.autopilots import AutopilotName
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import Profile
-from estimation.profile.shelf import ProfileShelf
 from gcs.autopilots.registry import known_as
 from gcs.identify.reading import recording_of
 from gcs.identify.view import limits_in
@@ -38,7 +38,7 @@ class Bundled:
 
 
 def bundled(name: str) -> Bundled:
-    file = ProfileShelf(Path()).load(name)
+    file = ProfileLibrary(Path()).load(name)
     [log] = read_vehicle_logs(DATA / LOGS[name])
     found = identify([recording_of(log)]).found
     assert found is not None

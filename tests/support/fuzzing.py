@@ -29,8 +29,8 @@ from agents.team.messages import (
     VehicleReport,
 )
 from agents.team.perception import ExternalSighting, Perception, encode_sighting
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import ProfileError
-from estimation.profile.shelf import ProfileShelf
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import mission_of
@@ -278,7 +278,7 @@ class _Sightings:
 
 def _read_profile(data: bytes) -> object:
     with suppress(ProfileError):
-        return ProfileShelf(None, {"own": data.decode(errors="replace")}).load("own")
+        return ProfileLibrary(None, {"own": data.decode(errors="replace")}).load("own")
     return None
 
 
