@@ -10,7 +10,7 @@ from math import isinf
 from agents.ports import VehicleRefusedError
 from agents.shell.outcome import FlightEnd, Outcome
 from gcs.console.advice import late_ticks
-from gcs.console.backlog import unblocked
+from gcs.console.buffered_output import unblocked
 from gcs.console.live import LiveView
 from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
