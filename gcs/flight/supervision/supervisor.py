@@ -35,7 +35,7 @@ _ERASED = "\x1b8\x1b[J"
 """Erases the live view, which shows vehicles in flight, from its beginning, or from _HERE if none was drawn."""
 
 
-class Beside(Protocol):
+class FlightPage(Protocol):
     """The operator's page beside a flight."""
 
     @property
@@ -53,7 +53,7 @@ class Beside(Protocol):
 
 
 class _Nothing:
-    """Implements `Beside` for a flight without a page."""
+    """Implements `FlightPage` for a flight without a page."""
 
     kept_open = ()
 
@@ -72,7 +72,7 @@ def is_supervised() -> bool:
     return HEARTBEAT_VARIABLE in os.environ
 
 
-def supervise(*, json: bool = False, beside: Beside = _NOTHING) -> int:
+def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
     """Run this process's command line once more as the flying process; return the exit code of the whole.
 
     Signals must be blocked already. Problems are written to standard error; with `json`, the ending of a flight
@@ -85,12 +85,12 @@ def supervise(*, json: bool = False, beside: Beside = _NOTHING) -> int:
     with ours:
         ours.setblocking(False)
         with theirs:
-            flying = _start(theirs.fileno(), beside.kept_open)
+            flying = _start(theirs.fileno(), page.kept_open)
         raise_supervisor()
 
         def ask() -> None:
             _send(ours, STOP)
-            beside.interrupt()
+            page.interrupt()
 
         relay(ask)
         monitor = LoopMonitor()
@@ -101,7 +101,7 @@ def supervise(*, json: bool = False, beside: Beside = _NOTHING) -> int:
     if not lines:
         return code
     if lost is not None:
-        beside.lose(lost)
+        page.lose(lost)
         if json and code < 0 and lost.vehicles:
             _write(sys.stdout.fileno(), json_output({"ended": asdict(_ending(lost))}))
     for line in (*terminal.restored(killed=code < 0), *lines):
