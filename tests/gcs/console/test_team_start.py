@@ -3,7 +3,7 @@
 import pytest
 
 from agents.team.messages import BusMessage, MissionIdentity, StartProposal, VehicleReport
-from gcs.console.team_start import TeamRoll
+from gcs.console.team_start import StartReports
 from gcs.mission.file import load_mission
 
 MISSION = load_mission("case2")
@@ -36,10 +36,10 @@ def proposal(mission: MissionIdentity | None) -> StartProposal:
 def test_a_vehicle_is_ready_flying_or_missing(
     messages: tuple[BusMessage, ...], present: bool, state: str, reason: str
 ) -> None:
-    roll = TeamRoll(MISSION)
+    roll = StartReports(MISSION)
     for message in messages:
         roll.receive(message)
-    standing = next(each for each in roll.standings({2} if present else ()) if each.vehicle == 2)
+    standing = next(each for each in roll.states({2} if present else ()) if each.vehicle == 2)
     assert standing.state == state
     assert reason in standing.reason
     assert bool(standing.reason) == bool(reason)
