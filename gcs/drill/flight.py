@@ -51,7 +51,7 @@ class ProcessUnderTest:
         self._writer: asyncio.StreamWriter | None = None
         self._untaken = 0
 
-    async def meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Accept its connection, as a server's callback."""
         self.pid = int(await reader.readline())
         self._reader, self._writer = reader, writer
@@ -207,7 +207,7 @@ class DrillFlight:
         self._write_profiles(folder)
         await self.serve(self._stack)
         self._keys = self._stack.enter_context(flight_keys(self.mission))
-        server = await asyncio.start_unix_server(self._under_test.meet, path)
+        server = await asyncio.start_unix_server(self._under_test.accept, path)
         self._stack.callback(server.close)
         await self._fly(mission_file, path)
         await self._listen()

@@ -56,7 +56,7 @@ class Readiness:
         if self._shown:
             self._team.view.update([], 0.0)
         for each in facts:
-            self._team.meet(each)
+            self._team.begin_vehicle(each)
         return findings
 
     @property
@@ -109,7 +109,7 @@ class StartWait:
                 break
         self._team.view.update([], 0.0)
         for each in facts:
-            self._team.meet(each)
+            self._team.begin_vehicle(each)
         return findings
 
     def _wait(self, findings: Sequence[Finding]) -> None:

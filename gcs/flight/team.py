@@ -112,9 +112,9 @@ class FlightTeam:
         """The mission's start on the shared clock, once the agents agreed on it."""
         return self.members[0].agent.start_s
 
-    def meet(self, facts: VehicleFacts) -> None:
+    def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record what is known of a vehicle before take-off, and its kind."""
-        self.recording.meet(facts)
+        self.recording.begin_vehicle(facts)
         self.kinds[facts.vehicle_id] = facts.kind.value
 
     def equip(self, hub: MavsdkHub, heartbeat: Callable[[int], Heartbeat]) -> None:
@@ -251,7 +251,7 @@ class FlightTeam:
             end = VehicleEnd(loop.ticks, loop.missed, member.agent.ended_s, ending.how.value, ending.reason)
             self.recording.end_vehicle(member.vehicle.id, end)
             if member.vehicle.system_id in true:
-                self.recording.reveal(member.vehicle.id, true[member.vehicle.system_id])
+                self.recording.true_track(member.vehicle.id, true[member.vehicle.system_id])
         if record is not None:
             self.recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))
 

@@ -35,7 +35,7 @@ class FakeTeam:
         self.lines: list[str] = []
         self.measured = 0
         self.plan = SimpleNamespace(wait_s=wait_s, speed=None, is_governed=False, findings=self._findings)
-        self.meet = self.recorded.append
+        self.begin_vehicle = self.recorded.append
         self.view = SimpleNamespace(is_live=False, print_line=self.lines.append, update=lambda *_: None)
 
     async def facts(self, settle_s: float) -> list[str]:
