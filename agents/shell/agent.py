@@ -167,7 +167,7 @@ class Agent:
     def obey(self, command: OperatorCommand) -> None:
         """Take a command of an operator at this computer."""
         self._core.take(Command(self._clock.now_s(), command))
-        self._act_on_orders()
+        self._act_on_commands()
 
     def see(self, sighting: Sighting) -> None:
         """Take a sighting from outside the team."""
@@ -179,7 +179,7 @@ class Agent:
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
-        self._start_agreement.fall_silent()
+        self._start_agreement.stop_announcing()
         await self._reporter.close()
         await self._parts.bus.close()
         await self._link.close()
@@ -213,17 +213,17 @@ class Agent:
     def _receive(self, message: BusMessage) -> None:
         self._core.take(Message(self._clock.now_s(), message))
         if isinstance(message, OperatorCommand):
-            self._act_on_orders()
+            self._act_on_commands()
         self._start_agreement.receive(message)
 
-    def _act_on_orders(self) -> None:
-        """Execute orders that do not wait for a tick; a vehicle that waits on the ground answers here."""
-        orders = self._core.commands
-        if self._phase is Phase.GROUND and (orders.starts or orders.start_blockers is not None):
+    def _act_on_commands(self) -> None:
+        """Execute commands that do not wait for a tick; a vehicle that waits on the ground answers here."""
+        commands = self._core.commands
+        if self._phase is Phase.GROUND and (commands.starts or commands.start_blockers is not None):
             self._loop.tick_only()
-        if orders.kills:
+        if commands.kills:
             self._happen(LifeEvent.KILL)
-        if orders.starts or orders.kills:
+        if commands.starts or commands.kills:
             self.started.set()
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
@@ -246,14 +246,14 @@ class Agent:
                 self._happen(LifeEvent.RESUME)
             if self._loop.tick_control(tick.skipped):
                 self._happen(LifeEvent.SETPOINT_SENT)
-            self._show_life()
+            self._send_heartbeat()
             if self._core.tactic is Tactic.LAND:
                 self._happen(LifeEvent.LAND_DECIDED)
 
     async def _tick_in_landing(self) -> None:
         async for _ in self._loop.ticker():
             self._loop.tick_only()
-            self._show_life()
+            self._send_heartbeat()
 
     async def _watch_operator(self) -> LifeEvent:
         await self._stop.wanted.wait()
@@ -441,6 +441,6 @@ class Agent:
     def _armed(self) -> LifeEvent:
         return LifeEvent.ARMED if self._link.status.armed else LifeEvent.DISARMED
 
-    def _show_life(self) -> None:
+    def _send_heartbeat(self) -> None:
         if self._phase is not Phase.ENDED:  # the end has been reported to the supervisor
-            self._loop.show_life()
+            self._loop.send_heartbeat()

@@ -69,7 +69,7 @@ class ControlLoop:
         """Tick the core without control of the vehicle, for its messages to peers and answers to operators."""
         self._publish(self._parts.core.tick(self._parts.clock.now_s()), None)
 
-    def show_life(self) -> None:
+    def send_heartbeat(self) -> None:
         """Report the tick to the supervisor."""
         self._parts.heartbeat.tick(self.period_s / self._parts.clock.time_scale)
 

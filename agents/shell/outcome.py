@@ -70,7 +70,7 @@ class Stop:
         self.outcome = BY_OPERATOR
         """The outcome of the vehicles that are stopped, from the first request."""
 
-    def ask(self, outcome: Outcome = BY_OPERATOR) -> None:
+    def request(self, outcome: Outcome = BY_OPERATOR) -> None:
         """Request the stop, or an immediate landing if the stop was requested before."""
         if not self.wanted.is_set():
             self.outcome = outcome

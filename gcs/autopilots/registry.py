@@ -24,12 +24,12 @@ UNKNOWN = replace(
 """Any other: nothing of it is judged; it is asked for the default's messages."""
 
 
-def known_as(name: str) -> Autopilot:
+def autopilot_of(name: str) -> Autopilot:
     """Return the autopilot of a name in a mission, a log or MAVSDK, in whatever case."""
     return _NAMED.get(name.lower(), UNKNOWN)
 
 
-def numbered(number: int) -> Autopilot:
+def autopilot_numbered(number: int) -> Autopilot:
     """Return the autopilot of a MAV_AUTOPILOT."""
     return next((each for each in AUTOPILOTS if each.number == number), UNKNOWN)
 

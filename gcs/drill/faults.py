@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
 from gcs.flight.faults.catalogue import BUS_DELAY_S, LINK_DELAY_S, fault_named, required_fault
@@ -108,7 +108,7 @@ def _jump(roles: Roles) -> Expectation:
 
 def _out_of_offboard_s(roles: Roles, vehicles: tuple[int, ...]) -> dict[int, float]:
     """Return the time limit for each vehicle's autopilot to leave offboard by itself."""
-    return {i: known_as(roles.mission.vehicle(i).autopilot).leaves_offboard_s for i in vehicles}
+    return {i: autopilot_of(roles.mission.vehicle(i).autopilot).leaves_offboard_s for i in vehicles}
 
 
 def dead(roles: Roles) -> Expectation:

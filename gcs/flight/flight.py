@@ -114,7 +114,7 @@ async def _fly(
         loop = asyncio.get_running_loop()
         claims = stack.enter_context(flight_claims(plan.mission, plan.stubs))
         supervisor.relay(
-            lambda: loop.call_soon_threadsafe(team.stop.ask, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
+            lambda: loop.call_soon_threadsafe(team.stop.request, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
         stubs = await stack.enter_async_context(flight_stubs)
         if plan.needs_prompt_computer:  # after the stubs: they do not inherit it
@@ -194,12 +194,12 @@ async def _fly_member(team: FlightTeam, member: Member) -> Outcome:
         outcome = await member.agent.fly(team.plan.duration_s, team.stop)
     except Exception as error:  # a bug in one agent must not leave the other vehicles without control
         traceback.print_exc()
-        team.stop.ask(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
+        team.stop.request(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
         return Outcome(
             FlightEnd.ERROR, f"{type(error).__name__}: {error}", "report this with the text above", flew=True
         )
     never_began = member.agent.start_s is None and not team.stop.wanted.is_set()
     if never_began or (outcome.how is FlightEnd.REFUSED and not outcome.flew):
         # The mission needs every vehicle: those in the air land again.
-        team.stop.ask(Outcome(FlightEnd.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
+        team.stop.request(Outcome(FlightEnd.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
     return outcome

@@ -18,7 +18,7 @@ from estimation.plant.provenance import Identification, IdentifiedLog, PlantGrad
 from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import LimitsSection
 from gcs.autopilots.autopilot import Autopilot
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 
@@ -191,7 +191,7 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
 
 def profile_text(found: Found, identified: Identification, logs: Sequence[VehicleLog]) -> str:
     """Return a profile's text: plant and filter as identified, limits as logged, the rest from the bundled profile."""
-    autopilot = known_as(identified.autopilot)
+    autopilot = autopilot_of(identified.autopilot)
     lines = ["# Written by `cordon identify`; x points north, y west."]
     if autopilot.is_known:
         lines.append(f"autopilot = {_toml(autopilot.name)}")

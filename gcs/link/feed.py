@@ -36,7 +36,7 @@ class Postbox:
         An exception goes to the loop's handler, and does not affect other calls.
         """
         self._waiting.append((take, values))
-        self._handover.ask()
+        self._handover.request()
 
     def _take_all(self) -> None:
         for _ in range(len(self._waiting)):

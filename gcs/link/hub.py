@@ -117,10 +117,10 @@ class MavsdkHub:
         if url in self._relays:
             self._relays[url][0].mute(system_id, muted)
 
-    def show_life(self, url: str) -> None:
+    def send_heartbeats(self, url: str) -> None:
         """Send the vehicles of a connection a heartbeat beside those of MAVSDK."""
         if url in self._relays:
-            self._relays[url][0].show_life()
+            self._relays[url][0].send_heartbeats()
 
     def traffic(self, url: str) -> Traffic:
         """Return the counts of a connection."""

@@ -386,7 +386,7 @@ class MavsdkLink:
         while True:
             notified = await self._attention.wait(WATCH_PERIOD_S)
             if self._clock.is_governed:
-                self._hub.show_life(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
+                self._hub.send_heartbeats(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
             silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and feed.origin_m is not None:
                 feed.lose()

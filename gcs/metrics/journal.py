@@ -217,19 +217,19 @@ class Journal:
         if not truth:
             return (), ""
         missing = missing_truth(estimated, truth, time_s, time_s + start_s)
-        if not self._knows_target(run):
+        if not self._has_true_target(run):
             missing = "no ground truth of the target"
         if missing:
             return (), missing
         return tuple(true_track(each, truth[each.vehicle_id], time_s + start_s) for each in estimated), ""
 
-    def _knows_target(self, run: RunTotals) -> bool:
+    def _has_true_target(self, run: RunTotals) -> bool:
         """Whether the target's motion is that of the mission, because it is simulated."""
         return run.source == "simulation" or self._mission.target.source == "simulated"
 
     def _true_target(self, time_s: Vector, run: RunTotals) -> tuple[Vector, Vector]:
         """Return the target's true position and velocity (T, 2), NaN where it is not simulated."""
-        if not self._knows_target(run):
+        if not self._has_true_target(run):
             unknown = np.full((time_s.size, 2), np.nan)
             return unknown, unknown
         target = self._mission.target.motion

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from datetime import date
 
 from estimation.plant.provenance import Identification, PlantGrade
-from gcs.autopilots.registry import UNKNOWN, known_as
+from gcs.autopilots.registry import UNKNOWN, autopilot_of
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
 
@@ -38,15 +38,15 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
 def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
     """Refuse a profile of another autopilot; a warning if the mission itself states this autopilot."""
     key = vehicle.profile.autopilot
-    if key is None or facts.autopilot in (known_as(key), UNKNOWN):
+    if key is None or facts.autopilot in (autopilot_of(key), UNKNOWN):
         return
     chosen = vehicle.section.autopilot
-    meant = chosen is not None and known_as(chosen) is facts.autopilot
+    meant = chosen is not None and autopilot_of(chosen) is facts.autopilot
     yield Finding(
         Grade.WARNING if meant else Grade.REFUSE,
         facts.subject,
         "profile",
-        f"its profile '{vehicle.section.profile}' is for {known_as(key).label} (autopilot = \"{key}\"), and the "
+        f"its profile '{vehicle.section.profile}' is for {autopilot_of(key).label} (autopilot = \"{key}\"), and the "
         f"vehicle reports {facts.autopilot.label}",
         "plant, filter and limits of another autopilot do not describe this vehicle",
         f"use a profile for {facts.autopilot.label} in the mission, or check the url",

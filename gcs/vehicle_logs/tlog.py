@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from estimation.frames import up_from_ned
-from gcs.autopilots.registry import numbered
+from gcs.autopilots.registry import autopilot_numbered
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US, LogFile
 from gcs.vehicle_logs.raw_log import RawLog, Samples, Stamps, vehicle_log
@@ -155,7 +155,7 @@ def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
 
 
 def _read(log: LogFile, system_id: int, vehicle: _Vehicle, packets: _Packets) -> VehicleLog:
-    autopilot = numbered(vehicle.autopilot)
+    autopilot = autopilot_numbered(vehicle.autopilot)
     raw = RawLog(
         path=log.name,
         format=FORMAT,
@@ -276,7 +276,7 @@ def _add_status(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
     raw.mode_topic = "HEARTBEAT"
     beats = [packet for packet in vehicle.packets["HEARTBEAT"] if packet[1].autopilot != NO_AUTOPILOT]
     for stamp_us, (_, m) in zip(clock(_stamps(beats)).tolist(), beats, strict=True):
-        raw.modes.append((stamp_us, numbered(vehicle.autopilot).mode(m.custom_mode)))
+        raw.modes.append((stamp_us, autopilot_numbered(vehicle.autopilot).mode(m.custom_mode)))
         raw.armed.append((stamp_us, bool(m.base_mode & ARMED)))
     texts = vehicle.packets["STATUSTEXT"]
     parts: dict[int, int] = {}

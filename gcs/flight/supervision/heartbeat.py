@@ -47,8 +47,8 @@ class SupervisorLink(Protocol):
         """Whether the supervisor has ended or stopped."""
         ...
 
-    def relay(self, ask: Callable[[], object]) -> None:
-        """Call `ask`, on another thread, for each request of the operator to end."""
+    def relay(self, request: Callable[[], object]) -> None:
+        """Call `request`, on another thread, for each request of the operator to end."""
         ...
 
     def follow(self, clock: MissionClock) -> AbstractAsyncContextManager[None]:
@@ -65,9 +65,9 @@ class Unsupervised:
         """Return a heartbeat that is not sent."""
         return _Unsent()
 
-    def relay(self, ask: Callable[[], object]) -> None:
-        """Call `ask` for each signal."""
-        signals.relay(ask)
+    def relay(self, request: Callable[[], object]) -> None:
+        """Call `request` for each signal."""
+        signals.relay(request)
 
     def follow(self, _clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Return a context without effect."""
@@ -138,17 +138,17 @@ class SupervisorHeartbeat:
         with suppress(OSError):  # the supervisor has ended: the listening thread handles it
             self._connection.send(encode_clock(number))
 
-    def relay(self, ask: Callable[[], object]) -> None:
-        """Call `ask` for each request of the operator to end, and once if the supervisor is lost before that."""
+    def relay(self, request: Callable[[], object]) -> None:
+        """Call `request` for each request of the operator to end, and once if the supervisor is lost before that."""
 
         def listen() -> None:
             with suppress(RuntimeError):  # the event loop is closed: the flight is over
-                self._listen(ask)
+                self._listen(request)
 
         self._listener = threading.Thread(target=listen, name="supervisor", daemon=True)
         self._listener.start()
 
-    def _listen(self, ask: Callable[[], object]) -> None:
+    def _listen(self, request: Callable[[], object]) -> None:
         asked, silence = False, _Silence(self._time)
         while not self._closing:
             measured_on = self._time
@@ -163,7 +163,7 @@ class SupervisorHeartbeat:
                 self.is_lost = True
                 requests = 0 if asked else 1  # a second request would mean: land at once
             for _ in range(requests):
-                ask()
+                request()
             asked = asked or requests > 0
             if lost:
                 self._on_lost()  # after the request: printing may fail if the terminal has closed, too

@@ -88,11 +88,11 @@ def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
             flying = _start(theirs.fileno(), page.kept_open)
         raise_supervisor()
 
-        def ask() -> None:
+        def request() -> None:
             _send(ours, STOP)
             page.interrupt()
 
-        relay(ask)
+        relay(request)
         monitor = LoopMonitor()
         silences_s = _watch(flying, ours, monitor)
         code = flying.wait()

@@ -198,7 +198,7 @@ class Relay:
         queue.setpoint_hz, queue.extra_bytes = setpoint_hz, SIGNATURE_LENGTH if signed else 0
         self._queue = queue
 
-    def show_life(self) -> None:
+    def send_heartbeats(self) -> None:
         """Send a heartbeat to every verified vehicle now."""
         self._shows_life = True
         self._thread.wake()
@@ -227,7 +227,7 @@ class Relay:
         self._carrier.call_again()
         # Each system call releases the interpreter lock, and waits to acquire it again.
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
-        outgoing = self._paced([*sent, *self._requests(), *self._signs_of_life()])
+        outgoing = self._paced([*sent, *self._requests(), *self._heartbeats()])
         for frame, address in (*self._signed_all(outgoing), *self._calls()):
             if not self._is_muted(frame) and self._carrier.send(frame, address):
                 self._up_bytes += len(frame)
@@ -293,7 +293,7 @@ class Relay:
         request = timesync_request(self._round_trips, now_ns)
         return [(request, address) for address in peers]
 
-    def _signs_of_life(self) -> list[Outgoing]:
+    def _heartbeats(self) -> list[Outgoing]:
         """Return the heartbeats that were requested."""
         if not self._shows_life:
             return []

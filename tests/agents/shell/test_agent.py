@@ -58,7 +58,7 @@ async def reach(phase: Phase) -> FakeFlight:
         flight.command("hold")
     if phase is P.CHECKING_ARMED:
         await asyncio.sleep(0.3)
-        flight.stop.ask()
+        flight.stop.request()
         await flight.until(phase)
     return flight
 
@@ -77,7 +77,7 @@ def _told(act: Callable[[FakeFlight], object]) -> Callable[[FakeFlight], Corouti
 
 
 _LEAD: dict[Phase, Callable[[FakeFlight], Coroutine[Any, Any, None]]] = {
-    P.STOPPING: _told(lambda flight: flight.stop.ask()),
+    P.STOPPING: _told(lambda flight: flight.stop.request()),
     P.PILOT_OVERRIDE: _told(lambda flight: flight.link.change(mode=FlightMode.HOLD)),
     P.TAKING_BACK: _take_back,
     P.LEAVING_OFFBOARD: _told(lambda flight: flight.command("land")),
@@ -315,8 +315,8 @@ def test_the_link_is_lost(phase: Phase) -> None:
 
 def test_a_vehicle_without_telemetry_never_enters_offboard_and_lands_at_the_second_stop() -> None:
     def disturb(flight: FakeFlight) -> None:
-        flight.stop.ask()
-        asyncio.get_running_loop().call_later(5.0, flight.stop.ask)
+        flight.stop.request()
+        asyncio.get_running_loop().call_later(5.0, flight.stop.request)
 
     _, calls, outcome = fly_disturbed(P.HOVERING, disturb)
     assert (calls, outcome.how) == (LAND, X.OPERATOR)
@@ -415,7 +415,7 @@ def test_the_operator_stops_the_flight(phase: Phase) -> None:
     def disturb(flight: FakeFlight) -> None:
         nonlocal began
         began = len(flight.events())
-        flight.stop.ask()
+        flight.stop.request()
         flight.link.telemetry = True
         flight.link.release()
 
@@ -444,8 +444,8 @@ def test_the_operator_stops_the_flight(phase: Phase) -> None:
 )
 def test_the_operator_stops_the_flight_twice(phase: Phase, expected: list[str], ending: FlightEnd) -> None:
     def disturb(flight: FakeFlight) -> None:
-        flight.stop.ask()
-        flight.stop.ask()
+        flight.stop.request()
+        flight.stop.request()
 
     flight, calls, outcome = fly_disturbed(phase, disturb)
     assert steered(calls) == expected
@@ -471,7 +471,7 @@ def test_a_take_off_that_is_abandoned_before_it_arms_lands_nothing_but_waits_for
         await flight.until(P.TAKE_OFF)
         await asyncio.sleep(0.5)
         asked_s = asyncio.get_running_loop().time()
-        flight.stop.ask()
+        flight.stop.request()
         outcome = await flight.outcome()
         assert asyncio.get_running_loop().time() - asked_s == pytest.approx(2.5, abs=0.1)
         assert (outcome.how, outcome.flew) == (X.OPERATOR, False)
@@ -663,7 +663,7 @@ def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypat
             take(item)
 
         monkeypatch.setattr(flight.core, "take", crash)
-        flight.stop.ask()
+        flight.stop.request()
         with pytest.raises(ZeroDivisionError):
             await flight.outcome()
         assert flight.link.calls == FLOWN
@@ -719,7 +719,7 @@ def test_what_was_started_flies_and_no_longer_reports_that_it_waits() -> None:
         report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
         assert isinstance(report, VehicleReport)
         assert report.start_blockers is None
-        flight.stop.ask()
+        flight.stop.request()
         await flight.outcome()
 
     run_simulated(story())

@@ -43,7 +43,7 @@ CAUSES: dict[str, tuple[Callable[[FakeFlight], object], tuple[FlightEnd, str]]] 
     "battery low": (lambda flight: flight.link.change(battery=0.18), (FlightEnd.BATTERY, "battery low")),
     "held meanwhile": (twice, (FlightEnd.BATTERY, "battery critical")),
     "kill": (lambda flight: flight.command("kill"), (FlightEnd.KILLED, "an operator had its motors cut")),
-    "Ctrl-C": (lambda flight: flight.stop.ask(), (FlightEnd.OPERATOR, "the operator ended the flight")),
+    "Ctrl-C": (lambda flight: flight.stop.request(), (FlightEnd.OPERATOR, "the operator ended the flight")),
 }
 
 
@@ -74,10 +74,10 @@ def test_a_vehicle_that_resumed_completes_its_mission() -> None:
 
 def test_a_stop_keeps_the_reason_of_its_first_request() -> None:
     stop = Stop()
-    stop.ask(Outcome(FlightEnd.WATCHDOG, "its supervisor was gone"))
-    stop.ask()
+    stop.request(Outcome(FlightEnd.WATCHDOG, "its supervisor was gone"))
+    stop.request()
     assert stop.outcome == Outcome(FlightEnd.WATCHDOG, "its supervisor was gone")
     assert stop.hurried.is_set()
     by_default = Stop()
-    by_default.ask()
+    by_default.request()
     assert by_default.outcome is BY_OPERATOR
