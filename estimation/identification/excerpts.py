@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.identification.response import AxisInput, Between, SetpointSteps, steps_of
+from estimation.identification.response import AxisInput, InputHold, SetpointSteps, steps_of
 from estimation.state import Vector
 
 GRID_S = 0.1
@@ -88,12 +88,12 @@ class Excerpt:
         velocity_m_s = self.recording.velocity_m_s
         return self._held(np.zeros_like(self.recording.setpoint_m) if velocity_m_s is None else velocity_m_s)
 
-    def inputs(self, between: Between) -> tuple[AxisInput, AxisInput]:
+    def inputs(self, between: InputHold) -> tuple[AxisInput, AxisInput]:
         """Return the input of each axis, as sums of steps or ramps."""
         x, y = (self._inputs(axis, between) for axis in range(2))
         return x, y
 
-    def _inputs(self, axis: int, between: Between) -> AxisInput:
+    def _inputs(self, axis: int, between: InputHold) -> AxisInput:
         recording = self.recording
         times_s, velocity_m_s = recording.setpoint_time_s, recording.velocity_m_s
         velocity: SetpointSteps | None = None

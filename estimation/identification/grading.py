@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.identification.excerpts import Excerpt, MotionRecording
-from estimation.identification.identified import Found, Identified
+from estimation.identification.identified import Identified, ParameterEstimate
 from estimation.identification.output_error import DELAY_MAX_S
 from estimation.plant.model import FEEDFORWARD_MAX
 from estimation.plant.provenance import PlantGrade
@@ -59,7 +59,9 @@ def _centred(values: Vector) -> Vector:
     return np.asarray(values - values.mean(axis=0), dtype=np.float64)
 
 
-def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> tuple[PlantGrade, tuple[str, ...]]:
+def graded(
+    found: ParameterEstimate, unbounded_delay_s: float, delay_deviation_s: float
+) -> tuple[PlantGrade, tuple[str, ...]]:
     """Return the grade of an identified plant, with the reasons, the gravest first."""
     reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, unbounded_delay_s, delay_deviation_s)]
     reasons += _of_feedforward(found)
@@ -84,7 +86,7 @@ def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> 
     return verdict, tuple(words for _, words in reasons)
 
 
-def _of_shaping(found: Found) -> Reasons:
+def _of_shaping(found: ParameterEstimate) -> Reasons:
     shaping = found.shaping
     if not shaping.matters:
         return []
@@ -109,7 +111,7 @@ def _of_shaping(found: Found) -> Reasons:
     return reasons
 
 
-def _of_delay(found: Found, unbounded_s: float, deviation_s: float) -> Reasons:
+def _of_delay(found: ParameterEstimate, unbounded_s: float, deviation_s: float) -> Reasons:
     delay = found.delay_s
     if delay.value > DELAY_MAX_S - 0.01:
         words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
@@ -132,7 +134,7 @@ def _of_delay(found: Found, unbounded_s: float, deviation_s: float) -> Reasons:
     return []
 
 
-def _of_feedforward(found: Found) -> Reasons:
+def _of_feedforward(found: ParameterEstimate) -> Reasons:
     gain = found.feedforward
     if gain is None:
         return []
@@ -148,11 +150,11 @@ def _of_feedforward(found: Found) -> Reasons:
     return []
 
 
-def _why_wide(found: Found) -> str:
+def _why_wide(found: ParameterEstimate) -> str:
     return "too little excitation for this noise" if found.consistent else "the vehicle is not exactly of second order"
 
 
-def _of_axes(found: Found) -> Reasons:
+def _of_axes(found: ParameterEstimate) -> Reasons:
     reasons: Reasons = []
     wide: list[tuple[float, str]] = []
     for name, axis in zip(_AXES, found.axes, strict=True):

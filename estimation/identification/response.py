@@ -21,7 +21,7 @@ _JUMP_S, _JUMP_SHARE = 1e-3, 0.2
 """A change is a jump if the changes before and after it are smaller than this share of it."""
 
 
-class Between(Enum):
+class InputHold(Enum):
     """The assumption about the input between two setpoints of a log."""
 
     HELD = "held from each until the next"
@@ -51,16 +51,16 @@ class AxisInput:
     velocity: SetpointSteps | None = None
 
 
-def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> SetpointSteps:
+def steps_of(time_s: Vector, setpoint_m: Vector, between: InputHold) -> SetpointSteps:
     """Return logged setpoints (n,) at times (n,) as the assumed continuous input."""
     before_m = float(setpoint_m[0])
-    if between is Between.MIXED:
+    if between is InputHold.MIXED:
         time_s, setpoint_m = _with_jumps(time_s, setpoint_m)
-    if between in (Between.LINEAR, Between.MIXED):
+    if between in (InputHold.LINEAR, InputHold.MIXED):
         slopes = np.diff(setpoint_m) / np.diff(time_s)
         changes = np.diff(slopes, prepend=0.0, append=0.0)
         return SetpointSteps(time_s, changes, before_m, ramps=True)
-    at_s = time_s[1:] if between is Between.HELD else (time_s[1:] + time_s[:-1]) / 2.0
+    at_s = time_s[1:] if between is InputHold.HELD else (time_s[1:] + time_s[:-1]) / 2.0
     changes = np.diff(setpoint_m)
     moved = changes != 0.0
     return SetpointSteps(at_s[moved], changes[moved], before_m, ramps=False)

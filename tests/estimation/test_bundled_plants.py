@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from estimation.identification.identified import Found
+from estimation.identification.identified import ParameterEstimate
 from estimation.identification.identify import identify
 from estimation.profile.autopilots import AutopilotName
 from estimation.profile.library import ProfileLibrary
@@ -28,7 +28,7 @@ class Bundled:
     """A bundled profile, and what its log says today."""
 
     profile: Profile
-    found: Found
+    found: ParameterEstimate
     log: VehicleLog
 
     @property

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.identification.excerpts import MotionRecording
 from estimation.identification.filter_noise import FilterNoise
-from estimation.identification.identified import Found
+from estimation.identification.identified import ParameterEstimate
 from estimation.identification.identify import identify
 from estimation.state import Vector
 from tests.support.synthetic_flights import FINE_S, SENT_S, Truth, excitation_m, flown, recorded
@@ -18,7 +18,7 @@ TRUTH = Truth((1.5, 1.5), (1.9, 1.9), 0.2)
 PUSH_M_S2 = 0.8
 
 
-def found_in(recording: MotionRecording) -> Found:
+def found_in(recording: MotionRecording) -> ParameterEstimate:
     found = identify([recording]).found
     assert found is not None
     return found
