@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.table_view import TACTIC_STYLES
-from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Judged, Metric, evidence
+from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Criterion, Metric, evidence
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import EstimateResult, FlightResult, reference_line, window_line
@@ -62,7 +62,7 @@ def _verdict_table(result: FlightResult) -> Table:
     return table
 
 
-def _told(metric: Metric, judged: Judged, values: Sequence[float]) -> str:
+def _told(metric: Metric, judged: Criterion, values: Sequence[float]) -> str:
     """Return the worst value in words; of values that are no errors, their range."""
     if judged.desired:
         return _range(judged.noun, values, metric.form.removeprefix("+"), metric.spaced_unit)

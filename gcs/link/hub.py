@@ -17,7 +17,7 @@ from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from gcs.autopilots.registry import AUTOPILOTS, advice
-from gcs.link.feed import Postbox
+from gcs.link.feed import PostedCalls
 from gcs.link.ports.urls import require_usable
 from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Traffic
@@ -51,7 +51,7 @@ class MavsdkHub:
         governed = clock if clock is not None and clock.is_governed else None
         _redirect_log()
         self._link_s = time.monotonic if governed is None else governed.now_s
-        self.postbox = Postbox(gathers=governed is None)
+        self.posted_calls = PostedCalls(gathers=governed is None)
         """Passes what MAVSDK's threads receive to the event loop, for all vehicles together."""
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
         self._mavsdk: Any = None

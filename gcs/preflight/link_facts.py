@@ -185,7 +185,7 @@ async def _facts(
         await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
-    feed = VehicleFeed(system, frame, clock, hub.postbox)
+    feed = VehicleFeed(system, frame, clock, hub.posted_calls)
     calls = VehicleCalls(system_id, feed, clock)
     try:
         feed.subscribe()

@@ -20,7 +20,7 @@ from sitl.autopilot.dialect import Dialect
 from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import Guidance, PositionTarget
-from sitl.autopilot.modes import Conditions, Intention, ModeEvent, NavMode, can_run
+from sitl.autopilot.modes import Conditions, ModeEvent, NavMode, SelectedMode, can_run
 from sitl.autopilot.parameters import Parameters, ParameterTable
 from sitl.vehicle.shaping import ShapeLimits
 
@@ -93,7 +93,7 @@ class StubAutopilot:
         self._delay_s = plant.delay_s
         self._feeds = plant.feedforward > 0.0
         self._guidance = Guidance(self.parameters, self.airframe)
-        self._intention = Intention(self.BOOT_MODE)
+        self._intention = SelectedMode(self.BOOT_MODE)
         self._steps = 0
         self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
         self._applied: PositionTarget | None = None
