@@ -82,7 +82,7 @@ class CommandHandler:
                 answer = _refused(resume_refused)
             else:
                 answer, event = self._carry_out(command, tactic, now_s)
-            self._remember(command, answer, now_s)
+            self._record(command, answer, now_s)
         self._unanswered[command.number] = None
         return event
 
@@ -103,7 +103,7 @@ class CommandHandler:
         """Take the outcome of a kill as the vehicle reports it: why it failed, empty if it did not."""
         answer = _refused(refusal) if refusal else _Answer(VERBS["kill"].done)
         for command in self._kills:
-            self._remember(command, answer, now_s)
+            self._record(command, answer, now_s)
             self._unanswered[command.number] = None
         self._kills.clear()
 
@@ -172,12 +172,12 @@ class CommandHandler:
             self._abort = None  # the operator has decided what comes after the hover
         return _Answer(row.did), row.event
 
-    def _remember(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
+    def _record(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
         answer = answer._replace(did=printable(answer.did))  # it may hold text from the autopilot
         self._done[command.number] = command, answer
         while len(self._done) > NUMBERS_KEPT:
-            forgotten, _ = self._done.popitem(last=False)
-            self._unanswered.pop(forgotten, None)
+            dropped, _ = self._done.popitem(last=False)
+            self._unanswered.pop(dropped, None)
         is_refused = answer.outcome == "refused"
         self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
 

@@ -215,7 +215,7 @@ def _amplitude_m(
     """Return the largest amplitude that stays within all limits, each peak being proportional to it."""
     unit = Part("", 0.0, seconds, signals, 1.0)
     known = _flown(config.plant, config.rate_hz, unit)
-    doubted = [_flown(plant, config.rate_hz, unit) for plant in _doubted(config.plant, settings.plant_doubt)]
+    doubted = [_flown(plant, config.rate_hz, unit) for plant in _uncertain_plants(config.plant, settings.plant_doubt)]
     acceleration_m_s2 = min(settings.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
     return min(
         BOX_RESERVE * settings.half_width_m,  # the setpoints stay inside as well
@@ -226,7 +226,7 @@ def _amplitude_m(
     )
 
 
-def _doubted(plant: Plant, doubt: float) -> Iterator[Plant]:
+def _uncertain_plants(plant: Plant, doubt: float) -> Iterator[Plant]:
     """Return the plant, and those whose parameters are at the limits of their uncertainty."""
     for stiffer, damped in ((1.0, 1.0), *product((1.0 - doubt, 1.0 + doubt), repeat=2)):
         x, y = (PlantAxis(axis.a0_per_s2 * stiffer, axis.a1_per_s * damped) for axis in (plant.x, plant.y))

@@ -56,13 +56,13 @@ def _verdict_table(result: FlightResult) -> Table:
     table = Table.grid(padding=(0, 2))
     for verdict in VERDICTS:
         sign, style = VERDICT_SIGNS[held[verdict.name]]
-        measured = ", ".join(_told(*each) for each in evidence(verdict.name, result))
+        measured = ", ".join(_worst_text(*each) for each in evidence(verdict.name, result))
         told = "; ".join(filter(None, (measured, beside.get(verdict.name))))
         table.add_row(Text(sign, style=style), Text(verdict.title), Text(told, style="dim"))
     return table
 
 
-def _told(metric: Metric, judged: Criterion, values: Sequence[float]) -> str:
+def _worst_text(metric: Metric, judged: Criterion, values: Sequence[float]) -> str:
     """Return the worst value in words; of values that are no errors, their range."""
     if judged.desired:
         return _range(judged.noun, values, metric.form.removeprefix("+"), metric.spaced_unit)

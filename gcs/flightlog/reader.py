@@ -218,11 +218,11 @@ class _Topics:
             case Channel() if entry.id not in self.known and entry.id not in self._others:
                 schema = self._schemas.get(entry.schema_id)
                 if schema is None or schema.name.startswith(f"{PACKAGE}."):
-                    self._learn(entry, schema)
+                    self._add_channel(entry, schema)
                 else:
                     self._others[entry.id] = _VIEWERS
 
-    def _learn(self, channel: Channel, schema: Schema | None) -> None:
+    def _add_channel(self, channel: Channel, schema: Schema | None) -> None:
         topic = topic_of(channel.topic)
         if topic is None:
             self._others[channel.id] = f"{channel.topic} is unknown to this version"

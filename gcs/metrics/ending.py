@@ -21,7 +21,7 @@ HEADLINES = {
     FlightEnd.LANDED: "Landed and disarmed",
     FlightEnd.SIMULATED: "Flown to the end of the simulation",
 }
-_GRAVITY = {how: place for place, how in enumerate(FlightEnd)}
+_SEVERITY = {how: place for place, how in enumerate(FlightEnd)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class TeamEnding:
         """Return the ending of the flight of these vehicles, None without vehicles."""
         if not endings:
             return None
-        ordered = sorted(endings, key=lambda each: (_GRAVITY[each.how], each.vehicle))
+        ordered = sorted(endings, key=lambda each: (_SEVERITY[each.how], each.vehicle))
         how = ordered[0].how
         alike: dict[str, list[int]] = {}
         for each in ordered:

@@ -27,12 +27,18 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
     identified = vehicle.profile.identified
     if identified is None:
         return
-    doubts = [*_doubts(identified, facts, today), *_other_kind(identified, vehicle)]
+    reservations = [*_reservations(identified, facts, today), *_other_kind(identified, vehicle)]
     if not other and identified.autopilot.lower() != facts.autopilot.label.lower():
-        doubts.append(f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.label}")
+        reservations.append(
+            f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.label}"
+        )
     what = f"its profile '{vehicle.section.profile}', identified on {identified.date}"
-    found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} with its firmware, is {identified.verdict.value}"
-    yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
+    found = (
+        f"{what}: {'; '.join(reservations)}"
+        if reservations
+        else f"{what} with its firmware, is {identified.verdict.value}"
+    )
+    yield Finding.graded(Grade.WARNING if reservations else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
 
 
 def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
@@ -53,7 +59,7 @@ def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[F
     )
 
 
-def _doubts(identified: Identification, facts: VehicleFacts, today: date | None) -> Iterator[str]:
+def _reservations(identified: Identification, facts: VehicleFacts, today: date | None) -> Iterator[str]:
     if identified.verdict is PlantGrade.DO_NOT_FLY:
         reasons = "".join(f", {reason}" for reason in identified.reasons)
         yield f"its own verdict is '{identified.verdict.value}'{reasons}"

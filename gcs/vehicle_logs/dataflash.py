@@ -57,7 +57,7 @@ class _Records:
         self.notes: list[str] = []
         self.is_damaged = False
         self._cut()
-        self._learn_units()
+        self._read_units()
 
     def table(self, name: str) -> Table:
         """Return all records of a type as columns, in SI where the format itself has a factor; empty without any."""
@@ -124,7 +124,7 @@ class _Records:
             self.is_damaged = True
             self.notes.append(f"the format of {name} is inconsistent: its records were skipped")
 
-    def _learn_units(self) -> None:
+    def _read_units(self) -> None:
         units = {row["Id"]: null_term(row["Label"]) for row in self.rows("UNIT", "Id", "Label")}
         factors = {row["Id"]: float(f"{row['Mult']:.7g}") for row in self.rows("MULT", "Id", "Mult")}
         named = {chr(key): unit for key, unit in units.items() if key in range(128)}

@@ -182,14 +182,14 @@ class ArduCopter(StubAutopilot):
         """React to a silent ground station; the mode persists when its heartbeats return."""
         lost = self._station.check(self.time_s)
         if lost is False:
-            self._say("GCS Failsafe Cleared", Severity.WARNING)
+            self._send_text("GCS Failsafe Cleared", Severity.WARNING)
         if not lost:
             return
         if self.armed and self.landed:
-            self._say("GCS Failsafe - Disarming", Severity.WARNING)
+            self._send_text("GCS Failsafe - Disarming", Severity.WARNING)
             self._disarm("ground station failsafe")
             return
-        self._say("GCS Failsafe", Severity.WARNING)
+        self._send_text("GCS Failsafe", Severity.WARNING)
         reaction = self._station.reaction(self.mode) if self.armed else None
         if reaction is NavMode.RETURN and not self.global_position_known:
             reaction = NavMode.LAND

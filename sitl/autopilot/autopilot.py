@@ -168,7 +168,7 @@ class StubAutopilot:
         self.armed = True
         self._armed_s = self.time_s
         self._guidance.on_arm()
-        self._say(self.ARMED_TEXT)
+        self._send_text(self.ARMED_TEXT)
         return MavResult.ACCEPTED
 
     def disarm(self, *, force: bool = False) -> MavResult:
@@ -195,7 +195,7 @@ class StubAutopilot:
         """Land where the vehicle is."""
         result = self.select(NavMode.LAND)
         if result is MavResult.ACCEPTED:
-            self._say(self.LAND_TEXT)
+            self._send_text(self.LAND_TEXT)
         return result
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
@@ -239,7 +239,7 @@ class StubAutopilot:
             self.mode = flown
             self._on_mode_change()
             if self.failsafe:
-                self._say("Failsafe activated", Severity.CRITICAL)
+                self._send_text("Failsafe activated", Severity.CRITICAL)
 
     def _watch_take_off(self) -> None:
         # If hold cannot be flown, it continues to hover in take-off.
@@ -251,13 +251,13 @@ class StubAutopilot:
         """Detect lift-off at once, and landing after some time on the ground; then disarm."""
         if not self.airframe.on_ground:
             if self.landed:
-                self._say(self.TAKE_OFF_TEXT)
+                self._send_text(self.TAKE_OFF_TEXT)
             self.landed = False
             self._airborne_s = self.time_s
         elif not self.landed and self.time_s - self._airborne_s >= LANDED_AFTER_S:
             self.landed = True
             self._landed_s = self.time_s
-            self._say(self.LANDING_TEXT)
+            self._send_text(self.LANDING_TEXT)
         if self.armed and self.landed:
             self._disarm_when_idle()
 
@@ -268,7 +268,7 @@ class StubAutopilot:
         self._breached = breach is not None
         if breach is not None and not before:
             words, self._breach_mode = breach
-            self._say(words, Severity.CRITICAL)
+            self._send_text(words, Severity.CRITICAL)
 
     def _watch_station(self) -> None:
         """React to a silent ground station."""
@@ -282,13 +282,13 @@ class StubAutopilot:
         self.armed = False
         self._breach_mode = None
         self._on_disarmed()
-        self._say(self.DISARMED_TEXT.format(reason=reason))
+        self._send_text(self.DISARMED_TEXT.format(reason=reason))
 
     def _reject(self, why: str | None) -> MavResult:
-        self._say(why, Severity.CRITICAL)
+        self._send_text(why, Severity.CRITICAL)
         return MavResult.REJECTED
 
-    def _say(self, text: str | None, severity: Severity = Severity.INFO) -> None:
+    def _send_text(self, text: str | None, severity: Severity = Severity.INFO) -> None:
         if text is not None:
             self._texts.append((severity, text))
 

@@ -136,7 +136,7 @@ class Px4(StubAutopilot):
         if result is MavResult.ACCEPTED:
             self._guidance.plan_take_off(altitude_m)
             if altitude_m is None:
-                self._say(f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
+                self._send_text(f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
         return result
 
     def _flown(self) -> NavMode:
