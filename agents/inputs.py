@@ -153,10 +153,10 @@ class Message(msgspec.Struct, frozen=True):
         """Return it as text."""
         message = self.message
         if isinstance(message, OperatorCommand):
-            said = _command_text(message)
+            text = _command_text(message)
         else:
-            said = f"vehicle {message.sender} at {time(message.time_s)}: {_message_text(message)}"
-        return f"received at {time(self.now_s)}: {said}"
+            text = f"vehicle {message.sender} at {time(message.time_s)}: {_message_text(message)}"
+        return f"received at {time(self.now_s)}: {text}"
 
 
 class Command(msgspec.Struct, frozen=True):

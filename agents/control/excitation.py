@@ -68,8 +68,8 @@ class Sweep(msgspec.Struct, frozen=True):
         """Return the rate of change at a time."""
         frequency_hz, turns = self._reached(time_s)
         falls_per_s = self._growth_per_s if frequency_hz > self.knee_hz else 0.0
-        swing = 2.0 * pi * frequency_hz * cos(2.0 * pi * turns) - falls_per_s * sin(2.0 * pi * turns)
-        return min(1.0, self.knee_hz / frequency_hz) * swing
+        slope = 2.0 * pi * frequency_hz * cos(2.0 * pi * turns) - falls_per_s * sin(2.0 * pi * turns)
+        return min(1.0, self.knee_hz / frequency_hz) * slope
 
     @property
     def _growth_per_s(self) -> float:

@@ -77,8 +77,8 @@ class Homing:
         here = situation.own.mean[POSITION]
         near_m = APART * self._config.safety.separation_m
         known = [(peer, dist(peer.position_m, here.tolist())) for peer in peers]
-        unheard = since_s < RECEIVED_AFTER_S * time_scale and any(away_m < near_m for _, away_m in known)
-        return self._there(situation) and not unheard and not any(self._waits_for(*each, near_m) for each in known)
+        awaited = since_s < RECEIVED_AFTER_S * time_scale and any(away_m < near_m for _, away_m in known)
+        return self._there(situation) and not awaited and not any(self._waits_for(*each, near_m) for each in known)
 
     def _there(self, situation: Situation) -> bool:
         if not self.returns:

@@ -39,7 +39,7 @@ class Reporter:
         self._ended = ""
         self._start_blockers: str | None = None
         self._motion_s: float | None = None
-        self._said: tuple[object, ...] = ()
+        self._last_report: tuple[object, ...] = ()
         self._sent_s = 0.0
         self._running: asyncio.Task[None] | None = None
 
@@ -85,7 +85,7 @@ class Reporter:
         output, status, now_s = self._newest(), self._parts.link.status, self._wall_s()
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
-        said = (
+        report = (
             status.mode,
             status.armed,
             status.in_air,
@@ -95,8 +95,8 @@ class Reporter:
             self._ended,
             self._start_blockers,
         )
-        if said != self._said or now_s - self._sent_s >= PERIOD_S:
-            self._said = said
+        if report != self._last_report or now_s - self._sent_s >= PERIOD_S:
+            self._last_report = report
             self._send(now_s)
 
     def _send(self, now_s: float) -> None:

@@ -57,8 +57,8 @@ def _verdict_table(result: FlightResult) -> Table:
     for verdict in VERDICTS:
         sign, style = VERDICT_SIGNS[held[verdict.name]]
         measured = ", ".join(_worst_text(*each) for each in evidence(verdict.name, result))
-        told = "; ".join(filter(None, (measured, beside.get(verdict.name))))
-        table.add_row(Text(sign, style=style), Text(verdict.title), Text(told, style="dim"))
+        text = "; ".join(filter(None, (measured, beside.get(verdict.name))))
+        table.add_row(Text(sign, style=style), Text(verdict.title), Text(text, style="dim"))
     return table
 
 

@@ -85,11 +85,11 @@ class FlightLog:
     @cached_property
     def run(self) -> Run:
         """The newest record of the run; raises LogError if there is none."""
-        said = [each for each in self.run_records if each.kind is Run]
-        if not said:
+        runs = [each for each in self.run_records if each.kind is Run]
+        if not runs:
             reason = "it holds no record of the run (mission and vehicles): it ends too early, or that part is damaged"
             raise LogError([f"{self.path}: {each}" for each in (reason, *self.faults)])
-        return said[-1].read(Run)
+        return runs[-1].read(Run)
 
     @cached_property
     def end(self) -> RunEnd | None:

@@ -59,7 +59,7 @@ def recovered_path(path: Path) -> Path:
 
 
 def _gone_through(path: Path, container: Container, take: Callable[[Entry], None], progress: Progress) -> Recovery:
-    counter, undescribed, told_bytes = RecordCounter(), 0, 0
+    counter, undescribed, reported_bytes = RecordCounter(), 0, 0
     vehicles: dict[int, int | None] = {}
     for entry in container.entries():
         take(entry)
@@ -71,9 +71,9 @@ def _gone_through(path: Path, container: Container, take: Callable[[Entry], None
             undescribed += entry.channel_id not in vehicles
             if vehicle_id is not None:
                 counter.note(vehicle_id, entry.time_ns, entry.payload)
-        if container.offset - told_bytes > _PROGRESS_STEP_BYTES:
-            told_bytes = container.offset
-            progress(told_bytes / container.size_bytes)
+        if container.offset - reported_bytes > _PROGRESS_STEP_BYTES:
+            reported_bytes = container.offset
+            progress(reported_bytes / container.size_bytes)
     faults = faults_of(container, counter)
     if not counter.total:
         raise LogError([f"{path}: it holds no cordon record", *(f"{path}: {fault}" for fault in container.faults)])

@@ -138,7 +138,7 @@ class _Connection:
         self._url = url
         self._quiet = asyncio.Barrier(pace.vehicles)
 
-    async def came_bytes_s(self) -> float | None:
+    async def received_bytes_s(self) -> float | None:
         """Return the traffic from all vehicles once all queries are answered; None if the data rate is unknown.
 
         Every vehicle's query has to await this, also one without an answer.
@@ -181,7 +181,7 @@ async def _facts(
     try:
         system = await hub.find(url, system_id, HEARTBEAT_TIMEOUT_S, signing_key=signing_key)
     except VehicleRefusedError as refusal:
-        await connection.came_bytes_s()
+        await connection.received_bytes_s()
         await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
@@ -195,9 +195,9 @@ async def _facts(
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)
         facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
-        came_bytes_s = await connection.came_bytes_s()
+        received_bytes_s = await connection.received_bytes_s()
         await connection.streaming.over()
-        return replace(facts, link=hub.report(system_id), link_bytes_s=came_bytes_s)
+        return replace(facts, link=hub.report(system_id), link_bytes_s=received_bytes_s)
     finally:
         await calls.close()
         await asyncio.to_thread(feed.close)

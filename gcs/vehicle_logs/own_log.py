@@ -86,9 +86,9 @@ def _round_trip_s(flight: FlightLog, vehicle_id: int) -> float:
 
 
 def _add_motion(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
-    told = list(flight.of_kind(vehicle_id, Telemetry))
-    _add(raw, "position", TELEMETRY, [(each.time_s, each.position_m) for each in told], frame)
-    _add(raw, "velocity", TELEMETRY, [(each.time_s, each.velocity_m_s) for each in told], frame)
+    samples = list(flight.of_kind(vehicle_id, Telemetry))
+    _add(raw, "position", TELEMETRY, [(each.time_s, each.position_m) for each in samples], frame)
+    _add(raw, "velocity", TELEMETRY, [(each.time_s, each.velocity_m_s) for each in samples], frame)
     true = list(flight.of_kind(vehicle_id, Truth))
     if true:
         _add(raw, "true_position", TRUTH, [(each.time_s, each.position_m) for each in true], frame)

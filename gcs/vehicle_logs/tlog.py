@@ -188,13 +188,13 @@ def _boot_us(packets: Sequence[Packet]) -> Stamps:
 
 def _clock(raw: RawLog, vehicle: _Vehicle) -> Clock:
     """Return the mapping from the ground station's stamps to the vehicle's time [us]."""
-    told = [packet for kind in (LOCAL, "ATTITUDE", ECHO) for packet in vehicle.packets[kind]]
-    if not told:
+    received = [packet for kind in (LOCAL, "ATTITUDE", ECHO) for packet in vehicle.packets[kind]]
+    if not received:
         raw.notes.append("the vehicle sent no time: all times are those of the packets' arrival")
         return lambda stamps: stamps
-    stamps = np.array([stamp_us for stamp_us, _ in told], dtype=np.int64)
+    stamps = np.array([stamp_us for stamp_us, _ in received], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
-    arrived, boot = stamps[order], np.maximum.accumulate(_boot_us(told)[order])
+    arrived, boot = stamps[order], np.maximum.accumulate(_boot_us(received)[order])
 
     def vehicle_us(at: Stamps) -> Stamps:
         # Relative to the first stamp: microseconds since 1970 fill a float to its last bits.
@@ -245,12 +245,14 @@ def _add_setpoints(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
         return
     rows = [[nan if m.type_mask >> axis & 1 else (m.x, m.y, m.z)[axis] for axis in range(3)] for _, m in local]
     # The reported target includes the velocity added by the vehicle's position controller: it is not used.
-    told = [(m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local]
+    rates_ned = [
+        (m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local
+    ]
     stamps = clock(_stamps(local)) if topic == SET else _boot_us(local)
     if topic == ECHO:
         raw.notes.append(f"setpoints are those that the vehicle reports in {ECHO}: its autopilot may shape them")
     values = up_from_ned(np.array(rows, dtype=np.float64))
-    rates = up_from_ned(np.array(told, dtype=np.float64))
+    rates = up_from_ned(np.array(rates_ned, dtype=np.float64))
     ordered = _in_order(raw, topic, stamps, np.hstack((values, rates)))
     raw.add_setpoints(topic, ordered.stamps_us, ordered.values[:, :3], ordered.values[:, 3:])
 

@@ -39,23 +39,23 @@ class StationFailsafe:
     def __init__(self, parameters: Parameters) -> None:
         """Monitor the station of the parameters, with their values at each check."""
         self._parameters = parameters
-        self._heard_s: float | None = None
+        self._received_s: float | None = None
         self._lost = False
         self._checked_s = -inf
 
     def receive_heartbeat(self, time_s: float, system_id: int) -> None:
         """Take a heartbeat that arrived at `time_s`."""
         if system_id == self._parameters["SYSID_MYGCS"]:
-            self._heard_s = time_s
+            self._received_s = time_s
 
     def check(self, time_s: float) -> bool | None:
         """Return whether it is lost, if that has changed; None if no check is due or the failsafe is off."""
         if time_s < self._checked_s + CHECK_PERIOD_S or self._parameters["FS_GCS_ENABLE"] == DISABLED:
             return None
         self._checked_s = time_s
-        if self._heard_s is None:
+        if self._received_s is None:
             return None
-        before, self._lost = self._lost, time_s - self._heard_s > self._parameters["FS_GCS_TIMEOUT"]
+        before, self._lost = self._lost, time_s - self._received_s > self._parameters["FS_GCS_TIMEOUT"]
         return None if self._lost is before else self._lost
 
     def reaction(self, mode: NavMode) -> NavMode | None:
@@ -204,7 +204,7 @@ class ArduCopter(StubAutopilot):
         flown = self._applied
         if not self._feeds or flown is None or not flown.velocity_m_s:
             return
-        if self.time_s - self._heard_s > GUIDED_TIMEOUT_S:
+        if self.time_s - self._received_s > GUIDED_TIMEOUT_S:
             self._applied = replace(flown, velocity_m_s=())
         else:
             x, y, z = (place + rate * STEP_S for place, rate in zip(flown.position_m, flown.velocity_m_s, strict=True))

@@ -98,7 +98,7 @@ class StubAutopilot:
         self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
         self._applied: PositionTarget | None = None
         self.setpoints_received = 0
-        self._heard_s = -inf
+        self._received_s = -inf
         self._armed_s = self._airborne_s = self._landed_s = -inf
         self._texts: list[tuple[Severity, str]] = []
         self.zones: tuple[Zone, ...] = ()
@@ -200,7 +200,7 @@ class StubAutopilot:
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""
-        self._heard_s = time_s
+        self._received_s = time_s
         self.setpoints_received += 1
         self._pending.append((time_s + self._delay_s, target))
 

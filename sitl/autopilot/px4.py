@@ -121,7 +121,7 @@ class Px4(StubAutopilot):
     @property
     def conditions(self) -> Conditions:
         """The present conditions of flight modes."""
-        age_s = self.time_s - self._heard_s
+        age_s = self.time_s - self._received_s
         flow = age_s <= self.parameters["COM_OF_LOSS_T"] + CHECK_PERIOD_S
         return Conditions(self.estimator_ready, flow, self.global_position_known)
 

@@ -63,7 +63,7 @@ class FailingBus:
         """Join."""
 
         def receive(message: BusMessage) -> None:
-            if _sender(message) not in self._present.now.unheard:
+            if _sender(message) not in self._present.now.not_received:
                 self._delayed(on_message, message)
 
         await self._bus.open(receive, partial(self._delayed, on_sensor), on_presence)

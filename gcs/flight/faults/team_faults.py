@@ -18,15 +18,15 @@ Hang = Literal["", "interpreter", "event loop", "exit"]
 class TeamFaults(msgspec.Struct, frozen=True):
     """All faults of a flying process that are present at a time.
 
-    `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
-    [wall s]; no other vehicle receives the messages of `unheard`. Vehicles with `falsified_positions` report positions
+    `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages [wall
+    s]; no other vehicle receives the messages of `not_received`. Vehicles with `falsified_positions` report positions
     that are off by their `position_offset_m`; the states of `impostors` come from two sources, the second of which is
     off; `flooders` also send junk messages. `blind` sensors see no target. A process may `hang`.
     """
 
     loss: float = 0.0
     delay_s: float = 0.0
-    unheard: frozenset[int] = frozenset()
+    not_received: frozenset[int] = frozenset()
     falsified_positions: frozenset[int] = frozenset()
     impostors: frozenset[int] = frozenset()
     position_offset_m: Mapping[int, tuple[float, float]] = {}
@@ -39,7 +39,7 @@ class TeamFaults(msgspec.Struct, frozen=True):
         return TeamFaults(
             loss=max(self.loss, more.loss),
             delay_s=max(self.delay_s, more.delay_s),
-            unheard=self.unheard | more.unheard,
+            not_received=self.not_received | more.not_received,
             falsified_positions=self.falsified_positions | more.falsified_positions,
             impostors=self.impostors | more.impostors,
             position_offset_m={**self.position_offset_m, **more.position_offset_m},
