@@ -300,7 +300,7 @@ class VehicleCore:
 
     @property
     def alert(self) -> str:
-        """The gravest active condition of the failsafe table, empty if there is none."""
+        """The most severe active condition of the failsafe table, empty if there is none."""
         return self._failsafe.alert
 
     @property

@@ -84,7 +84,7 @@ class FailsafeMonitor:
 
     @property
     def alert(self) -> str:
-        """The gravest condition, empty if there is none."""
+        """The most severe condition, empty if there is none."""
         if not self._alerts:
             return ""
         return max(self._alerts.values(), key=lambda alert: alert.severity).row.condition.value
@@ -95,7 +95,7 @@ class FailsafeMonitor:
         return self._alerts
 
     def react(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
-        """Return the event that is due, None if the present tactic is grave enough.
+        """Return the event that is due, None if the present tactic is severe enough.
 
         A landing vehicle does not react any more.
         """

@@ -9,7 +9,7 @@ from agents.safety.landing_cause import LandingCause
 
 
 class FlightEnd(StrEnum):
-    """How a flight ended, gravest first; the values stand in logs and in the JSON output."""
+    """How a flight ended, most severe first; the values stand in logs and in the JSON output."""
 
     KILLED = "killed"
     ERROR = "error"

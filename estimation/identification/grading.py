@@ -62,7 +62,7 @@ def _centred(values: Vector) -> Vector:
 def graded(
     found: ParameterEstimate, unbounded_delay_s: float, delay_deviation_s: float
 ) -> tuple[PlantGrade, tuple[str, ...]]:
-    """Return the grade of an identified plant, with the reasons, the gravest first."""
+    """Return the grade of an identified plant, with the reasons, the most severe first."""
     reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, unbounded_delay_s, delay_deviation_s)]
     reasons += _of_feedforward(found)
     if not found.order.second_is_enough:
@@ -92,10 +92,10 @@ def _of_shaping(found: ParameterEstimate) -> Reasons:
         return []
     reasons: Reasons = []
     if shaping.speed_share > 0.03:
-        grave = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
+        severe = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
         reasons.append(
             (
-                PlantGrade.DO_NOT_FLY if grave else PlantGrade.USABLE,
+                PlantGrade.DO_NOT_FLY if severe else PlantGrade.USABLE,
                 f"saturation: speed was limited to {shaping.speed_max_m_s:.1f} m/s for "
                 f"{100 * shaping.speed_share:.0f} % of the time; fly smaller or slower setpoints",
             )

@@ -35,7 +35,7 @@ class VehicleEnding:
 
 @dataclass(frozen=True, slots=True)
 class TeamEnding:
-    """How a flight ended: the gravest ending, the reasons of all vehicles, and the vehicles with that ending."""
+    """How a flight ended: the most severe ending, the reasons of all vehicles, and the vehicles with that ending."""
 
     how: FlightEnd
     reason: str

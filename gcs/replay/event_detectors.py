@@ -163,7 +163,7 @@ class GuardEvents:
         self._begin_s = self._last_s = 0.0
         self._changed = 0
         self._causes: dict[str, None] = {}
-        self._gravest = ""
+        self._most_severe = ""
         self._moved = ""
         self._nearest: Neighbour | None = None
 
@@ -175,14 +175,14 @@ class GuardEvents:
         if self._changed and decision.time_s - self._last_s > QUIET_S:
             yield from self.end()
         if not self._changed:
-            self._begin_s, self._nearest, self._gravest, self._causes = decision.time_s, None, "", {}
+            self._begin_s, self._nearest, self._most_severe, self._causes = decision.time_s, None, "", {}
             self._moved = next((note.because for note in decision.notes if note.kind == "guard"), "")
         self._changed += 1
         self._last_s = decision.time_s
         self._causes |= dict.fromkeys(decision.guard.causes)
         if decision.guard.status in ("yielded", "braked"):
             yielded = f"the guard relaxed constraints, up to {decision.guard.yielded}"
-            self._gravest = "the guard braked to a stop" if decision.guard.status == "braked" else yielded
+            self._most_severe = "the guard braked to a stop" if decision.guard.status == "braked" else yielded
         nearest = received.nearest(decision)
         if nearest and (self._nearest is None or nearest.distance_m < self._nearest.distance_m):
             self._nearest = nearest
@@ -193,7 +193,7 @@ class GuardEvents:
             return
         lasting_s, causes = self._last_s - self._begin_s, ", ".join(self._causes)
         near = self._nearest and f"closest peer: vehicle {self._nearest.vehicle_id}, {self._nearest.distance_m:.2f} m"
-        because = "; ".join(filter(None, (self._moved, near, self._gravest)))
+        because = "; ".join(filter(None, (self._moved, near, self._most_severe)))
         many = "1 setpoint" if self._changed == 1 else f"{self._changed} setpoints in {lasting_s:.1f} s"
         yield TimelineEntry(self._begin_s, "guard", f"guard moved {many} ({causes})", because, f"guard {causes}")
         self._changed = 0
