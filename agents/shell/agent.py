@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+from agents.flight_end import FlightEnd
 from agents.inputs import (
     AutopilotStatus,
     Command,
@@ -24,7 +25,7 @@ from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.activities import Activities, ActivityKind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
-from agents.shell.outcome import FAILED, KILLED, FlightEnd, LoopReport, Outcome, Stop, outcome_of
+from agents.shell.outcome import FAILED, KILLED, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.parts import AgentParts
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement

@@ -2,36 +2,10 @@
 
 import asyncio
 from dataclasses import dataclass
-from enum import StrEnum
 
+from agents.flight_end import FlightEnd
 from agents.safety.failsafe import Condition
 from agents.safety.landing_cause import LandingCause
-
-
-class FlightEnd(StrEnum):
-    """How a flight ended, most severe first; the values stand in logs and in the JSON output."""
-
-    KILLED = "killed"
-    ERROR = "error"
-    WATCHDOG = "watchdog"
-    """Its supervisor or its process had ended."""
-    IN_FLIGHT = "in flight"
-    """The log ends there."""
-    PILOT = "pilot"
-    REFUSED = "refused"
-    BATTERY = "battery"
-    FAILSAFE = "failsafe"
-    UNKNOWN = "unknown"
-    """A value that a newer version wrote."""
-    ABORTED = "aborted"
-    OPERATOR = "operator"
-    """By the end of the flight, a landing or a return."""
-    LANDED = "landed"
-    SIMULATED = "simulated"
-
-    @classmethod
-    def _missing_(cls, _value: object) -> "FlightEnd":
-        return cls.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)

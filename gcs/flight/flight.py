@@ -8,9 +8,10 @@ from contextlib import AsyncExitStack, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 
+from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
-from agents.shell.outcome import BY_OPERATOR, FlightEnd, Outcome, Stop
+from agents.shell.outcome import BY_OPERATOR, Outcome, Stop
 from gcs.console.live import LiveView
 from gcs.flight.fault_injector import FaultInjector
 from gcs.flight.keyboard import command_by_keyboard

@@ -7,8 +7,9 @@ from dataclasses import replace
 from functools import partial
 from math import isinf
 
+from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
-from agents.shell.outcome import FlightEnd, Outcome
+from agents.shell.outcome import Outcome
 from gcs.console.advice import late_ticks
 from gcs.console.buffered_output import unblocked
 from gcs.console.live import LiveView

@@ -10,10 +10,10 @@ import numpy as np
 
 from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
+from agents.flight_end import FlightEnd
 from agents.inputs import Message, Presence, Start
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
-from agents.shell.outcome import FlightEnd
 from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY
 from gcs.metrics.ending import VehicleEnding

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from shlex import quote
 
-from agents.shell.outcome import FlightEnd
+from agents.flight_end import FlightEnd
 from gcs.console.advice import advice, late_ticks
 from gcs.metrics.ending import named
 from gcs.metrics.result import FlightResult

@@ -6,8 +6,8 @@ from math import inf
 
 from msgspec.structs import replace
 
+from agents.flight_end import FlightEnd
 from agents.inputs import Start
-from agents.shell.outcome import FlightEnd
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, VehicleEnd

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
+from agents.flight_end import FlightEnd
 from agents.inputs import AutopilotStatus
 from agents.ports import VehicleStatus
-from agents.shell.outcome import FlightEnd
 from agents.shell.reporter import estimator_words
 from agents.team.messages import LINK_SILENT_S
 from estimation.state import MOTION, Telemetry

@@ -8,8 +8,8 @@ from statistics import median_high
 
 from msgspec.structs import replace
 
+from agents.flight_end import FlightEnd
 from agents.ring.place import ring_place
-from agents.shell.outcome import FlightEnd
 from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport
 from gcs.console.advice import Severity
 from gcs.console.team_state import SILENT_AFTER_S, TeamState

@@ -12,10 +12,10 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
+from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
 from agents.shell.bus.zenoh_bus import single_bus
 from agents.shell.bus.zenoh_session import BusTeam
-from agents.shell.outcome import FlightEnd
 from agents.team import participant
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, StartProposal

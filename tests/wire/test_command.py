@@ -16,7 +16,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from agents.shell.outcome import FlightEnd, Outcome
+from agents.flight_end import FlightEnd
+from agents.shell.outcome import Outcome
 from agents.team.perception import TOPIC, ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView

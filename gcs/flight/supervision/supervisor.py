@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Protocol
 
-from agents.shell.outcome import FlightEnd
+from agents.flight_end import FlightEnd
 from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
 from gcs.metrics.ending import LostFlight, TeamEnding

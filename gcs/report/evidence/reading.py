@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
+from agents.flight_end import FlightEnd
 from agents.inputs import AutopilotStatus, LateTicks, Start
-from agents.shell.outcome import FlightEnd
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError

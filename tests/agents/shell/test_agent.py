@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.inputs import ReceivedInput, Start, TacticEvent, Tick, TimeScale
 from agents.ports import FlightMode
 from agents.shell.life import Phase
-from agents.shell.outcome import FlightEnd, Outcome
+from agents.shell.outcome import Outcome
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
 from agents.team.messages import REPORT_TOPIC, CommandAnswer, OperatorCommand, StartProposal, VehicleReport

@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.shell.life import Phase
-from agents.shell.outcome import BY_OPERATOR, FlightEnd, Outcome, Stop
+from agents.shell.outcome import BY_OPERATOR, Outcome, Stop
 from tests.support.fake_flight import FakeFlight
 from tests.support.simulated_loop import run_simulated
 

@@ -5,10 +5,11 @@ import asyncio
 import numpy as np
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, GpsThreat, VehicleStatus
 from agents.shell.life import Phase
-from agents.shell.outcome import FlightEnd, Outcome
+from agents.shell.outcome import Outcome
 from agents.shell.reporter import ended_words, estimator_words, target_report
 from agents.situation.situation import Situation
 from agents.tactics import Tactic

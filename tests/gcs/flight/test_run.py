@@ -2,7 +2,8 @@
 
 import pytest
 
-from agents.shell.outcome import FlightEnd, Outcome
+from agents.flight_end import FlightEnd
+from agents.shell.outcome import Outcome
 from gcs.errors import Exit
 from gcs.flight.run import exit_code
 

@@ -5,7 +5,7 @@ from math import dist
 
 import pytest
 
-from agents.shell.outcome import FlightEnd
+from agents.flight_end import FlightEnd
 from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from tests.support.mission_text import LOW_M, content, parsed, put

@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import pytest
 
-from agents.shell.outcome import FlightEnd, Outcome
+from agents.flight_end import FlightEnd
+from agents.shell.outcome import Outcome
 from gcs.flight.team import ending_of
 from gcs.metrics.ending import HEADLINES, TeamEnding, VehicleEnding
 

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from agents.shell.outcome import FlightEnd
+from agents.flight_end import FlightEnd
 from gcs.cli.report import ReportOptions, report
 from gcs.console.result import verdict_of
 from gcs.console.summary import summary as terminal_summary

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.notes import AlertChange
-from agents.shell.outcome import FlightEnd
 from gcs.console.advice import advice
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import TeamEnding

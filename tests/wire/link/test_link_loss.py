@@ -13,9 +13,9 @@ from typing import Any, Self, cast
 import pytest
 from rich.console import Console
 
+from agents.flight_end import FlightEnd
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
 from agents.shell.clock import WallClock
-from agents.shell.outcome import FlightEnd
 from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from agents.shell.outcome import FlightEnd
+from agents.flight_end import FlightEnd
 from gcs.console.live import LiveView
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan

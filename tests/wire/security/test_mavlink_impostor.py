@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from agents.flight_end import FlightEnd
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
-from agents.shell.outcome import FlightEnd
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
