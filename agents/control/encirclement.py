@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.control.linearization import aim_for, aim_for_acceleration
 from agents.control.lmpc import Bounds, Lmpc, QpStatus, Solver
-from agents.control.programme import Programme, condensed
+from agents.control.programme import QuadraticProgram, condensed
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
 from agents.ring.place import RingPlace
@@ -207,7 +207,7 @@ def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
     return Lmpc(ring_programme(settings), _SLACK_WEIGHT)
 
 
-def ring_programme(settings: EncirclementSettings) -> Programme:
+def ring_programme(settings: EncirclementSettings) -> QuadraticProgram:
     """Return the ring's programme: integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
 
     Angles are in metres along the ring of radius R, so that one slack suits all bounds.

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
-from agents.control.programme import Programme, condensed
+from agents.control.programme import QuadraticProgram, condensed
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant, exact_step
 from estimation.state import POSITION, VELOCITY, Vector
@@ -76,7 +76,7 @@ class FormationPlanner:
         return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
 
 
-def formation_programme(config: AgentConfig) -> Programme:
+def formation_programme(config: AgentConfig) -> QuadraticProgram:
     """Return the formation's programme: the error dynamics of a vehicle and its predecessor - (1), (2), (13), (14).
 
     They equal the plant's, in [e_x e_y e_x' e_y'] with relative aims as inputs.

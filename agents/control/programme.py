@@ -24,7 +24,7 @@ class Gains(msgspec.Struct, frozen=True):
     previous: Vector
 
 
-class Programme(msgspec.Struct, frozen=True):
+class QuadraticProgram(msgspec.Struct, frozen=True):
     """Half U' `hessian` U + g' `gradient`' U, with g the state, the reference and the previous input in one vector.
 
     U has s = `control_horizon` m entries, g has n + `horizon` n + m. `hessian` is (s, s), `gradient` (s, g). Without
@@ -59,7 +59,7 @@ def condensed(
     state_weight: Vector,
     increment_weight: Vector,
     constrained_states: tuple[int, ...],
-) -> Programme:
+) -> QuadraticProgram:
     """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,)."""
     states, inputs = input_gain.shape
     size = control_horizon * inputs
@@ -70,7 +70,7 @@ def condensed(
     hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
     gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
     rows = [step * states + state for step in range(horizon) for state in constrained_states]
-    return Programme(
+    return QuadraticProgram(
         states=states,
         inputs=inputs,
         horizon=horizon,

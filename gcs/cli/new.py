@@ -175,12 +175,12 @@ def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
 
 def _known_profile(folder: Path, text: str) -> str:
     """Return a valid profile name or plant; raises ValueError."""
+    from estimation.profile.library import ProfileLibrary
     from estimation.profile.profile import ProfileError
-    from estimation.profile.shelf import ProfileShelf
 
     if not _plant(text):
         try:
-            ProfileShelf(folder).load(text)
+            ProfileLibrary(folder).load(text)
         except ProfileError as error:
             raise ValueError("; ".join(error.faults)) from error
     return text

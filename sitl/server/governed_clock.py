@@ -152,15 +152,15 @@ class GovernedClock:
             self._holds.discard(hold)
             self.look()
 
-    def transit(self, system_id: int) -> "LinkTransit":
+    def transit(self, system_id: int) -> "GovernedLinkTransit":
         """Return what is under way to and from a vehicle: the time waits for its motions."""
-        transit = LinkTransit(self, self._seat, system_id)
+        transit = GovernedLinkTransit(self, self._seat, system_id)
         self._arriving.append(transit)
         return transit
 
-    def bus_transit(self) -> "BusTransit":
+    def bus_transit(self) -> "GovernedBusTransit":
         """Return what is under way on the bus: the time waits for the states of vehicles of other processes."""
-        transit = BusTransit(self, self._seat)
+        transit = GovernedBusTransit(self, self._seat)
         self._arriving.append(transit)
         return transit
 
@@ -282,7 +282,7 @@ class MotionTransit:
         self._seat.memory.send_motion(self._system_id, MOTION.pack(*ned))
 
 
-class LinkTransit:
+class GovernedLinkTransit:
     """What is under way to and from a vehicle; implements `agents.shell.clock.LinkTransit`.
 
     Once a motion is lost, as on a link that is cut, none is waited for until one has arrived again.
@@ -346,7 +346,7 @@ class SetpointTransit:
         self._lost, _ = self._seat.memory.newest_setpoint(self._system_id)
 
 
-class BusTransit:
+class GovernedBusTransit:
     """The states of vehicles under way on the bus; implements `agents.shell.clock.BusTransit`.
 
     The states of a vehicle are waited for once one has arrived, and until one is lost.

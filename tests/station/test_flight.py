@@ -193,7 +193,7 @@ def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file
         until_now(lambda: bus.newest(MemberState, 2).tactic == "encircle")
         expect(tactic).to_have_text("encircle")
 
-        until_now(lambda: any("practice: link cut" in line for line in lines), 60.0)
+        until_now(lambda: any("injected: link cut" in line for line in lines), 60.0)
         cut_s, mark = clock.now_s, page.locator(f".symbol[data-vehicle='{CUT}']")
         while mark.get_attribute("data-current") != "false":
             assert clock.now_s - cut_s <= STALE_WITHIN_S

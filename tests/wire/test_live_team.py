@@ -243,8 +243,8 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
             assert process.returncode in (0, 1), errors.decode()
         await until(lambda: all(each.has_ended for each in scene.team.vehicles), waiting_for="the end")
         team = scene.team
-        assert team.ending == "completed"
-        assert [each.ending for each in team.vehicles] == ["completed"] * 3
+        assert team.ending == "landed"
+        assert [each.ending for each in team.vehicles] == ["landed"] * 3
         await until(lambda: "no flight" in scene.team.link, waiting_for="the flight is over")
     assert not scene.faults, (len(scene.faults), scene.compared, scene.faults[:20])
     compare_with_log(scene, read_log(log_path))
@@ -252,7 +252,7 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
     replay_bit_for_bit(read_log(log_path))
     texts = {(each.vehicle_id, each.text) for each in scene.events}
     for vehicle_id in (1, 2, 3):
-        for text in ("connected, tactic standby", way_back(log_path, vehicle_id), "flight ended: completed"):
+        for text in ("connected, tactic standby", way_back(log_path, vehicle_id), "flight ended: landed"):
             assert (vehicle_id, text) in texts
     assert [each.number for each in scene.events] == list(range(1, len(scene.events) + 1))
     assert json.loads(output)

@@ -13,16 +13,16 @@ from typing import Any, Self, cast
 import pytest
 from rich.console import Console
 
+from agents.flight_end import FlightEnd
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
 from agents.shell.clock import WallClock
-from agents.shell.outcome import Ending
 from agents.shell.ticker import Ticker
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveRow, LiveView
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.link.config import LinkConfig
@@ -33,7 +33,7 @@ from gcs.metrics.record import FlightEvent
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.server.endpoint import StubClock
@@ -69,7 +69,7 @@ class Restarting:
         self._stack = AsyncExitStack()
 
     @property
-    def vehicle(self) -> Autopilot:
+    def vehicle(self) -> StubAutopilot:
         """Its autopilot since the newest start."""
         assert self.stub is not None
         return self.stub.autopilot
@@ -155,7 +155,7 @@ class Team:
         monkeypatch.setattr(MavsdkLink, "__init__", made)
 
     @asynccontextmanager
-    async def flying(self, duration_s: float) -> AsyncIterator["asyncio.Task[Flight]"]:
+    async def flying(self, duration_s: float) -> AsyncIterator["asyncio.Task[FlightOutcome]"]:
         """Fly until all are in the ring, evenly spaced; then it is the test's turn."""
         with stub_clock(SPEED) as self.clock:
             self.stubs = {i: Restarting(config, self.clock) for i, config in self.configs.items()}
@@ -300,8 +300,8 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         await CommandClient(team.mission).command("resume", (1,), 1)
         await team.until(lambda: team.tactics(1) == ["pilot override"], 40.0, "standing down again")
         outcomes = (await flight).outcomes
-    endings = [outcomes[i].ending for i in (1, 2, 3)]
-    assert endings == [Ending.PILOT_OVERRIDE, Ending.COMPLETED, Ending.PILOT_OVERRIDE], outcomes
+    endings = [outcomes[i].how for i in (1, 2, 3)]
+    assert endings == [FlightEnd.PILOT, FlightEnd.LANDED, FlightEnd.PILOT], outcomes
     assert "is disarmed" in outcomes[1].reason
     assert outcomes[3].reason == "it disarmed, which cordon did not request: its autopilot restarted"
     assert "log" in outcomes[3].next_step
@@ -325,14 +325,14 @@ async def test_dead_links_do_not_starve_a_living_one(monkeypatch: pytest.MonkeyP
     for stub in stubs:
         await stub.start()
     fresh_s: dict[float, float] = {}
-    take = Autopilot.receive_setpoint
+    take = StubAutopilot.receive_setpoint
 
-    def note(autopilot: Autopilot, time_s: float, target: PositionTarget) -> None:
+    def note(autopilot: StubAutopilot, time_s: float, target: PositionTarget) -> None:
         # MAVSDK repeats the last one by itself: what counts is when each new one comes.
         fresh_s.setdefault(round(target.position_m[2], 4), time.monotonic())
         take(autopilot, time_s, target)
 
-    monkeypatch.setattr(Autopilot, "receive_setpoint", note)
+    monkeypatch.setattr(StubAutopilot, "receive_setpoint", note)
     hub = MavsdkHub()
     links = [
         MavsdkLink(hub, LinkConfig(f"udpin://{LOOPBACK}:{each.client_port}", each.vehicle_id, FRAME), clock)
