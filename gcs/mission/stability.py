@@ -12,8 +12,7 @@ from math import cos, inf, log, tau
 
 import numpy as np
 
-from agents.control.encirclement import ring_programme
-from agents.control.formation import formation_programme
+from agents.control.programme import formation_programme, ring_programme
 from agents.ring.place import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import PlantAxis, exact_step
