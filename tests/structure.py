@@ -56,6 +56,20 @@ def unseeded_generators(files: list[Path]) -> list[str]:
     ]
 
 
+def repeated_classes(files: list[Path]) -> list[str]:
+    """Return the names of classes that several files define, each with its places: one name means one thing."""
+    places: dict[str, dict[str, int]] = {}
+    for path in files:
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, {}).setdefault(path.as_posix(), node.lineno)
+    return [
+        f"{name}: {', '.join(f'{path}:{line}' for path, line in found.items())}"
+        for name, found in sorted(places.items())
+        if len(found) > 1
+    ]
+
+
 def file_circles(files: list[Path]) -> list[str]:
     """Return one circle of files that import one another, empty if there is none."""
     return _circle(_imports(files))
@@ -130,7 +144,7 @@ def _text(path: Path) -> str:
 
 
 def main() -> int:
-    """Print the figures, and return 1 if there is a circle or a generator without a seed."""
+    """Print the figures, and return 1 if there is a circle, a repeated class name or a generator without a seed."""
     files = sources()
     for folder, count in files_per_folder(files).items():
         print(f"{count:4d} files  {folder}")
@@ -140,6 +154,7 @@ def main() -> int:
     faults = {
         "circles of files": file_circles(files),
         "circles of folders": folder_circles(files),
+        "class names that several files define": repeated_classes(files),
         "random generators without a seed": unseeded_generators(files),
     }
     lengths = {

@@ -51,7 +51,7 @@ class Condition(Enum):
 
 
 class Reaction(Enum):
-    """The reactions, from the least to the gravest."""
+    """The reactions, from the least to the most severe."""
 
     DEGRADE = "fly on and report"
     ASIDE = "step aside"
@@ -359,7 +359,7 @@ TABLE = (
         shell=True,
     ),
 )
-"""Among equally grave conditions the first one in the table is reported."""
+"""Among equally severe conditions the first one in the table is reported."""
 
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}

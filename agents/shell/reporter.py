@@ -37,9 +37,9 @@ class Reporter:
         self._clock_lags_s = clock_lags_s
         self._mission: tuple[float | None, float] = (None, 0.0)
         self._ended = ""
-        self._lacks: str | None = None
+        self._start_blockers: str | None = None
         self._motion_s: float | None = None
-        self._said: tuple[object, ...] = ()
+        self._last_report: tuple[object, ...] = ()
         self._sent_s = 0.0
         self._running: asyncio.Task[None] | None = None
 
@@ -55,9 +55,9 @@ class Reporter:
         """Take the mission's begin on the team's clock, and its duration."""
         self._mission = (start_s, duration_s)
 
-    def wait(self, lacks: str | None) -> None:
+    def wait(self, start_blockers: str | None) -> None:
         """Take what forbids the start that the vehicle waits for, None if it waits for none."""
-        self._lacks = lacks
+        self._start_blockers = start_blockers
 
     def end(self, outcome: Outcome) -> None:
         """Report the end of the flight, unless it was reported before."""
@@ -85,7 +85,7 @@ class Reporter:
         output, status, now_s = self._newest(), self._parts.link.status, self._wall_s()
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
-        said = (
+        report = (
             status.mode,
             status.armed,
             status.in_air,
@@ -93,10 +93,10 @@ class Reporter:
             is_silent,
             alert,
             self._ended,
-            self._lacks,
+            self._start_blockers,
         )
-        if said != self._said or now_s - self._sent_s >= PERIOD_S:
-            self._said = said
+        if report != self._last_report or now_s - self._sent_s >= PERIOD_S:
+            self._last_report = report
             self._send(now_s)
 
     def _send(self, now_s: float) -> None:
@@ -121,8 +121,8 @@ class Reporter:
             duration_s,
             self._ended,
             None if output is None else target_report(output.status),
-            self._lacks,
-            None if self._lacks is None else max(map(abs, self._clock_lags_s().values()), default=None),
+            self._start_blockers,
+            None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
         )
 
 
@@ -154,5 +154,5 @@ def target_report(status: CoreStatus) -> TargetReport | None:
 
 def ended_words(outcome: Outcome) -> str:
     """Return how a vehicle's flight ended, as text."""
-    words = f"{outcome.ending.value}: {outcome.reason}" if outcome.reason else outcome.ending.value
+    words = f"{outcome.how}: {outcome.reason}" if outcome.reason else outcome.how
     return printable(words)[:ENDED_LIMIT]

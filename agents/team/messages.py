@@ -31,7 +31,7 @@ _Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
 _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 
-DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
+DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
 LINK_SILENT_S = 0.8
 """Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
 Metres2 = tuple[_Metres, _Metres]
@@ -197,8 +197,8 @@ class VehicleReport(msgspec.Struct, frozen=True):
     `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint,
     `estimator` the state of the autopilot's estimator as text. The mission began at `start_s` and lasts `duration_s`.
     `ended` is how the vehicle's flight ended, empty during the flight. While it waits on the ground for an operator's
-    start, `lacks` is what forbids the start, empty if nothing does, and `clock_off_s` the largest offset of a peer's
-    computer's clock from its own [wall s]. Unknown values are None, or empty.
+    start, `start_blockers` forbid the start, empty if nothing does, and `clock_off_s` is the largest offset of a
+    peer's computer's clock from its own [wall s]. Unknown values are None, or empty.
     """
 
     sender: VehicleId
@@ -214,7 +214,9 @@ class VehicleReport(msgspec.Struct, frozen=True):
     duration_s: _Seconds = 0.0
     ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)] = ""
     target: TargetReport | None = None
-    lacks: Annotated[Annotated[str, msgspec.Meta(max_length=LACKS_LIMIT, pattern=PRINTABLE)] | None, Added(1)] = None
+    start_blockers: Annotated[
+        Annotated[str, msgspec.Meta(max_length=START_BLOCKERS_LIMIT, pattern=PRINTABLE)] | None, Added(1)
+    ] = None
     clock_off_s: Annotated[_Seconds | None, Added(2)] = None
 
     @property

@@ -89,7 +89,7 @@ class Packing(Generic[MessageT]):
 
     def __init__(self, kind: type[MessageT], tag: str | None = None) -> None:
         """Take a type of message and its tag on the bus, None for a part of another message."""
-        fields = _Fields()
+        fields = _MessageColumns()
         restored = fields.add(kind, "m")
         columns = sorted(fields.columns, key=lambda each: each.added)
         packed = "".join(f"{each}, " for each in [*[repr(tag)] * (tag is not None), *(each.packed for each in columns)])
@@ -120,7 +120,7 @@ class _Column(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Fields:
+class _MessageColumns:
     """The columns of a message, and the names in their expressions, in which `m` is packed and `w` is restored."""
 
     names: dict[str, Any] = field(default_factory=lambda: {"above": _above, "towards_zero": _towards_zero})

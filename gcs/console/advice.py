@@ -67,7 +67,7 @@ def severity(alert: str) -> Severity:
     return "warning" if alert in _WARNINGS else "alarm"
 
 
-class Happened(Protocol):
+class VehicleEvent(Protocol):
     """A note of a vehicle or an event of a flight (`agents.notes.Note`, `gcs.metrics.record.FlightEvent`)."""
 
     @property
@@ -83,7 +83,7 @@ class Happened(Protocol):
         """The command whose outcome it is."""
 
 
-def event_severity(event: Happened) -> Severity:
+def event_severity(event: VehicleEvent) -> Severity:
     """Return the severity of an event.
 
     An alert has the severity of its condition. The end of an alert is information, and so are all other events but a

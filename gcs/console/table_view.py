@@ -40,7 +40,7 @@ MOTION_COLUMNS: tuple[Column, ...] = (
 NO_HINT = Text()
 _ALERTS_MAX, _NOTES_MAX, _ROWS_MIN = 4, 2, 3
 _HEADER_LINES = 3
-_GRAVEST_FIRST: tuple[Severity, ...] = ("alarm", "warning", "information")
+_MOST_SEVERE_FIRST: tuple[Severity, ...] = ("alarm", "warning", "information")
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +233,7 @@ def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
     alerts = {row.alert: row for row in rows if row.alert}
     lines = [
         Text(f"{WORDS[row.severity]}{whose[row.alert]}: {row.alert}: {row.advice}", style=STYLES[row.severity])
-        for row in sorted(alerts.values(), key=lambda row: _GRAVEST_FIRST.index(row.severity))
+        for row in sorted(alerts.values(), key=lambda row: _MOST_SEVERE_FIRST.index(row.severity))
     ]
     return _first(lines, _ALERTS_MAX, "alerts")
 
@@ -258,6 +258,6 @@ def _first(lines: list[Text], count: int, what: str) -> list[Text]:
 
 def _most_urgent(rows: Sequence[TeamRow], count: int) -> Sequence[TeamRow]:
     """Return `count` rows in their order, preferring those with alerts."""
-    ranked = sorted(range(len(rows)), key=lambda i: (_GRAVEST_FIRST.index(rows[i].severity), i))
+    ranked = sorted(range(len(rows)), key=lambda i: (_MOST_SEVERE_FIRST.index(rows[i].severity), i))
     # One line less, for the number of omitted rows.
     return rows if len(rows) <= count else [rows[i] for i in sorted(ranked[: count - 1])]

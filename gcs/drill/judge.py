@@ -34,7 +34,7 @@ class ReportedStatus(NamedTuple):
     alert: str
 
 
-class Place(NamedTuple):
+class TeamPositions(NamedTuple):
     """Positions of the airborne vehicles at a time."""
 
     time_s: float
@@ -49,7 +49,7 @@ class TeamLog:
     reported: defaultdict[int, list[ReportedStatus]] = field(default_factory=lambda: defaultdict(list))
     received_s: dict[int, float] = field(default_factory=dict)
     setpoint_s: dict[int, float] = field(default_factory=dict)
-    places: list[Place] = field(default_factory=list)
+    places: list[TeamPositions] = field(default_factory=list)
     radii_m: defaultdict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     bearings_rad: dict[int, tuple[float, float]] = field(default_factory=dict)
 
@@ -67,7 +67,7 @@ class TeamLog:
     def note_places(self, time_s: float, position_m: dict[int, Triple]) -> None:
         """Record the positions of the airborne vehicles."""
         if not self.places or time_s - self.places[-1].time_s >= PLACE_PERIOD_S:
-            self.places.append(Place(time_s, position_m))
+            self.places.append(TeamPositions(time_s, position_m))
 
     def mode(self, vehicle: int) -> str:
         """Return the present flight mode, empty if unknown."""

@@ -10,12 +10,13 @@ import numpy as np
 
 from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
+from agents.flight_end import FlightEnd
 from agents.inputs import Message, Presence, Start
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY
-from gcs.metrics.ending import How, VehicleEnding
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
@@ -104,9 +105,9 @@ class _Observed:
     def endings(self, vehicle_ids: Sequence[int]) -> tuple[VehicleEnding, ...]:
         """Return how the flights ended: in the air at the end of the simulation, or earlier by a failsafe landing."""
         return tuple(
-            VehicleEnding(vehicle_id, How.FAILSAFE, status.alert)
+            VehicleEnding(vehicle_id, FlightEnd.FAILSAFE, status.alert)
             if status is not None and status.alert and status.tactic in _COMES_DOWN
-            else VehicleEnding(vehicle_id, How.SIMULATED, "in the air when the simulation ended")
+            else VehicleEnding(vehicle_id, FlightEnd.SIMULATED, "in the air when the simulation ended")
             for vehicle_id, status in zip(vehicle_ids, self._latest, strict=True)
         )
 

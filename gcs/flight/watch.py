@@ -16,7 +16,7 @@ from gcs.console.advice import event_severity
 from gcs.console.live import flight_title
 from gcs.console.table_view import NO_HINT
 from gcs.console.vehicle_view import TeamRow, with_alert, with_surroundings
-from gcs.flight.team import Member, Team
+from gcs.flight.team import FlightTeam, Member
 from gcs.metrics.event_log import event_line
 from gcs.metrics.record import FlightEvent
 from gcs.mission.geometry import Place, fences
@@ -34,7 +34,7 @@ DISARMED = "disarmed"
 class Watch:
     """Shows a team in its live view. `report` receives findings, `hint` returns the text below the table."""
 
-    def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], Text]) -> None:
+    def __init__(self, team: FlightTeam, report: FindingsReport, hint: Callable[[], Text]) -> None:
         self._team = team
         self._report = report
         self._hint = hint
@@ -166,7 +166,7 @@ class Watch:
         return max(clock.now_s() - motion.time_s, 0.0) / clock.time_scale
 
 
-def _places_m(team: Team) -> dict[int, Place]:
+def _places_m(team: FlightTeam) -> dict[int, Place]:
     """Return the positions of all vehicles in flight: from their autopilots, or from messages to their peers."""
     places_m = {peer.sender: peer.position_m for status in team.newest.values() for peer in status.peers}
     for member in team.members:
@@ -178,7 +178,7 @@ def _places_m(team: Team) -> dict[int, Place]:
     return places_m
 
 
-def _ring_members(team: Team) -> int:
+def _ring_members(team: FlightTeam) -> int:
     """Return how many vehicles fly on the ring, by their own status or by messages to their peers."""
     flying = [member.vehicle.id for member in team.members if not _ending(member)]
     statuses = [team.newest[each] for each in flying if each in team.newest]

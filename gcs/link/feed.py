@@ -21,7 +21,7 @@ from gcs.link.self_reports import SelfReports, tilt_deg
 from gcs.link.status_texts import StatusTexts
 
 
-class Postbox:
+class PostedCalls:
     """Calls functions with posted values on the running event loop, in the order of posting."""
 
     def __init__(self, *, gathers: bool) -> None:
@@ -36,7 +36,7 @@ class Postbox:
         An exception goes to the loop's handler, and does not affect other calls.
         """
         self._waiting.append((take, values))
-        self._handover.ask()
+        self._handover.request()
 
     def _take_all(self) -> None:
         for _ in range(len(self._waiting)):
@@ -87,7 +87,7 @@ class VehicleFeed:
         system: Any,
         frame: MissionFrame,
         clock: MissionClock,
-        postbox: Postbox,
+        posted_calls: PostedCalls,
         *,
         truth: GroundTruth | None = None,
         transit: LinkTransit | None = None,
@@ -115,7 +115,7 @@ class VehicleFeed:
         self._home_z_m: float | None = None
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
-        self._postbox = postbox
+        self._posted_calls = posted_calls
 
     def subscribe(self) -> None:
         """Subscribe only to what the control loop uses: MAVSDK drops callbacks near 1500 per second."""
@@ -213,7 +213,7 @@ class VehicleFeed:
         """Return a callback for MAVSDK's thread that runs `take` on the event loop."""
 
         def post(value: Any, _user_data: object = None) -> None:
-            self._postbox.post(take, value)
+            self._posted_calls.post(take, value)
 
         return post
 
@@ -223,7 +223,7 @@ class VehicleFeed:
     def _note_attitude(self, attitude: Any, _user_data: object) -> None:
         # On MAVSDK's thread: the time of reception is now, not the time when the event loop runs.
         times_s = (self.link_s(), attitude.timestamp_us * 1e-6)
-        self._postbox.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
+        self._posted_calls.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
 
     def _take_attitude(self, times_s: tuple[float, float], roll_deg: float, pitch_deg: float) -> None:
         self._take_clock(times_s)

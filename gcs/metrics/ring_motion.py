@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.references import RingReference
+from gcs.metrics.references import DesiredRing
 
 SETTLED_RADIUS_FRACTION = 0.05
 SETTLED_SPACING_RAD = np.radians(5.0)
@@ -71,7 +71,7 @@ def ring_motion(record: FlightRecord) -> RingMotion:
     )
 
 
-def off_ring(motion: RingMotion, ring: RingReference) -> Mask:
+def off_ring(motion: RingMotion, ring: DesiredRing) -> Mask:
     """Return the samples (T,) with a radius or a spacing outside of what counts as settled."""
     radius_error_m = np.abs(motion.radius_m - ring.radius_m)
     spacing_error_rad = np.abs(motion.lead_rad - motion.desired_spacing_rad)

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
-from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.ring_motion import RingMotion, flies, measured
 
 FORMATION_START_S = 30.0
@@ -49,7 +49,7 @@ class EstimatedVehicleResult:
 def vehicle_results(
     record: FlightRecord,
     motion: RingMotion,
-    ring: RingReference,
+    ring: DesiredRing,
     formation: FormationReference,
     window: Mask,
 ) -> tuple[VehicleResult, ...]:
@@ -78,7 +78,7 @@ def vehicle_results(
 
 
 def estimated_vehicles(
-    record: FlightRecord, motion: RingMotion, ring: RingReference, window: Mask
+    record: FlightRecord, motion: RingMotion, ring: DesiredRing, window: Mask
 ) -> tuple[EstimatedVehicleResult, ...]:
     """Return the ring metrics of every vehicle by estimate, and the errors of the estimates."""
     vehicles = []

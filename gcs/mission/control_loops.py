@@ -7,7 +7,7 @@ from estimation.plant.model import Plant
 from estimation.settings import Settings
 from gcs.mission.links import LinkSection
 from gcs.mission.mission import Mission, MissionSection
-from gcs.mission.stability import BEARING, Loop, loops
+from gcs.mission.stability import BEARING, ClosedLoop, loops
 
 _NEUTRAL = 1e-6
 """A marginally stable loop is accepted: a spacing gain of 0 is allowed."""
@@ -33,7 +33,7 @@ def unstable_loops(mission: Mission) -> Iterator[str]:
         yield from unstable or _not_followed(every, index, mission)
 
 
-def _unstable(every: Sequence[Loop], index: int) -> Iterator[str]:
+def _unstable(every: Sequence[ClosedLoop], index: int) -> Iterator[str]:
     for section, advice in _ADVICE.items():
         worst = min((loop for loop in every if loop.section == section), key=lambda loop: loop.margin)
         if worst.margin < -_NEUTRAL:
@@ -43,7 +43,7 @@ def _unstable(every: Sequence[Loop], index: int) -> Iterator[str]:
             )
 
 
-def _not_followed(every: Sequence[Loop], index: int, mission: Mission) -> Iterator[str]:
+def _not_followed(every: Sequence[ClosedLoop], index: int, mission: Mission) -> Iterator[str]:
     gain_per_s = mission.encirclement.spacing_gain_per_s
     followed_per_s = min(loop.decay_per_s(mission.mission.rate_hz) for loop in every if loop.name.startswith(BEARING))
     if len(mission.vehicles) > 1 and gain_per_s > followed_per_s > _NEUTRAL:

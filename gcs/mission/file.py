@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 from agents.team.messages import MissionIdentity
 from agents.team.text import printable
 from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import ProfileError
-from estimation.profile.shelf import ProfileShelf
 from estimation.settings import OwnFilterSettings, Settings
 from gcs.errors import InputError
 from gcs.mission.control_loops import unstable_loops
@@ -116,14 +116,14 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
         raise MissionError([f"not TOML: {error}"]) from error
     excites = content.pop(EXCITES, None)
     try:
-        mission = _checked(content, text, ProfileShelf(folder, profile_texts), moves.faults)
+        mission = _checked(content, text, ProfileLibrary(folder, profile_texts), moves.faults)
     except MissionError as error:
         raise MissionError([moves.as_written(fault) for fault in error.faults]) from error
     mission = replace(mission, warnings=tuple(moves.warnings), folder=folder or Path())
     return mission if excites is None else _excited(mission, excites)
 
 
-def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: list[str]) -> Mission:
+def _checked(content: dict[str, Any], text: str, library: ProfileLibrary, faults: list[str]) -> Mission:
     """Return the mission of a file's content in the present form; raises MissionError with `faults` and all others."""
     own_filter = validated(OwnFilterSettings, content.pop(OLD_OWN_FILTER, {}), OLD_OWN_FILTER, faults)
     known = [*SECTIONS, "links", "vehicles", "tuning"]
@@ -137,13 +137,13 @@ def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: li
     # Invalid thresholds are reported once, not for every vehicle.
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
     links = _links(content.get("links", {}), faults)
-    vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), shelf, faults)
+    vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), library, faults)
     faults += cross_checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
     sections.pop("decision")
     complete = tuple(resolved(*vehicle, own_filter) for vehicle in vehicles if vehicle is not None)
-    read = {"text": text, "profile_texts": shelf.texts, "parse": parse_mission}
+    read = {"text": text, "profile_texts": library.texts, "parse": parse_mission}
     mission = Mission(**sections, links=links, vehicles=complete, **read)  # type: ignore[arg-type]  # each is of its section's model
     if unstable := list(unstable_loops(mission)):
         raise MissionError(unstable)
@@ -233,7 +233,9 @@ class _Shared(NamedTuple):
         return {**entry, "url": link.url}
 
 
-def _vehicles(content: object, shared: _Shared, shelf: ProfileShelf, faults: list[str]) -> list[LoadedVehicle | None]:
+def _vehicles(
+    content: object, shared: _Shared, library: ProfileLibrary, faults: list[str]
+) -> list[LoadedVehicle | None]:
     if isinstance(content, dict):
         faults.append("vehicles: [vehicles] is a single table: write [[vehicles]] above each vehicle")
         return []
@@ -243,15 +245,17 @@ def _vehicles(content: object, shared: _Shared, shelf: ProfileShelf, faults: lis
     if len(content) > VEHICLES_MAX:
         faults.append(f"vehicles: a team has at most {VEHICLES_MAX} vehicles (given: {len(content)})")
         return []
-    return [_vehicle(entry, shared, shelf, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
+    return [_vehicle(entry, shared, library, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
 
 
-def _vehicle(entry: object, shared: _Shared, shelf: ProfileShelf, path: str, faults: list[str]) -> LoadedVehicle | None:
+def _vehicle(
+    entry: object, shared: _Shared, library: ProfileLibrary, path: str, faults: list[str]
+) -> LoadedVehicle | None:
     section = validated(VehicleSection, shared.completed(entry, path, faults), path, faults)
     if section is None:
         return None
     try:
-        return section, shelf.load(section.profile)
+        return section, library.load(section.profile)
     except ProfileError as error:
         faults += [f"{path}.profile: {fault}" for fault in error.faults]
         return None

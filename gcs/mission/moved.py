@@ -25,7 +25,7 @@ CONSTANTS = {
 
 
 @dataclass(slots=True)
-class Moves:
+class MovedKeys:
     """The moved keys: warnings, faults of keys given at both places, and the places in the file."""
 
     warnings: list[str] = field(default_factory=list)
@@ -49,18 +49,18 @@ class Moves:
         self.warnings.append(f"{before}: moved to {after}")
 
 
-def modernised(content: Content) -> tuple[Content, Moves]:
+def modernised(content: Content) -> tuple[Content, MovedKeys]:
     """Return a mission file's content in the present form, and what was moved.
 
     The section `own_filter` is not moved: it belongs to the profiles, and overrides each of them.
     """
-    content, moves = deepcopy(content), Moves()
+    content, moves = deepcopy(content), MovedKeys()
     for move in _MOVES:
         move(content, moves)
     return content, moves
 
 
-def _plants(content: Content, moves: Moves) -> None:
+def _plants(content: Content, moves: MovedKeys) -> None:
     vehicles = content.get("vehicles")
     for index, vehicle in enumerate(vehicles if isinstance(vehicles, list) else []):
         if isinstance(vehicle, dict) and "plant" in vehicle:
@@ -68,7 +68,7 @@ def _plants(content: Content, moves: Moves) -> None:
             moves.key(vehicle, (place, "plant"), vehicle, (place, "profile"))
 
 
-def _own_filter(content: Content, moves: Moves) -> None:
+def _own_filter(content: Content, moves: MovedKeys) -> None:
     section = content.get("own_filter")
     for key in section if isinstance(section, dict) else ():
         moves.warnings.append(
@@ -77,7 +77,7 @@ def _own_filter(content: Content, moves: Moves) -> None:
         )
 
 
-def _target_filter(content: Content, moves: Moves) -> None:
+def _target_filter(content: Content, moves: MovedKeys) -> None:
     """Move keys that describe the target to `[target]`, the others to `[tuning]`; keep anything but a table."""
     section = content.get("target_filter")
     if not isinstance(section, dict):
@@ -88,7 +88,7 @@ def _target_filter(content: Content, moves: Moves) -> None:
     del content["target_filter"]
 
 
-def _tuning(content: Content, moves: Moves) -> None:
+def _tuning(content: Content, moves: MovedKeys) -> None:
     for name, model in TUNING.items():
         section = content.get(name)
         for key in list(section) if isinstance(section, dict) else ():
@@ -96,7 +96,7 @@ def _tuning(content: Content, moves: Moves) -> None:
                 _move(content, moves, (name, key), f"tuning.{name}")
 
 
-def _constants(content: Content, moves: Moves) -> None:
+def _constants(content: Content, moves: MovedKeys) -> None:
     """Leave out keys that became constants; another value than the constant is a fault, as it would not be flown."""
     for (*tables, key), constant in CONSTANTS.items():
         section: Any = content
@@ -110,7 +110,7 @@ def _constants(content: Content, moves: Moves) -> None:
                 moves.faults.append(f"{place}: no longer a key, its value is always {constant:g}, not {value!r}")
 
 
-def _move(content: Content, moves: Moves, old: tuple[str, str], new: str) -> None:
+def _move(content: Content, moves: MovedKeys, old: tuple[str, str], new: str) -> None:
     """Move a key of a section to another table of the same name, which is created if it is missing."""
     target: Any = content
     for part in new.split("."):
@@ -122,4 +122,4 @@ def _move(content: Content, moves: Moves, old: tuple[str, str], new: str) -> Non
     moves.key(content[old[0]], old, target, (new, old[1]))
 
 
-_MOVES: tuple[Callable[[Content, Moves], None], ...] = (_plants, _own_filter, _target_filter, _tuning, _constants)
+_MOVES: tuple[Callable[[Content, MovedKeys], None], ...] = (_plants, _own_filter, _target_filter, _tuning, _constants)

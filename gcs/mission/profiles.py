@@ -1,6 +1,7 @@
 """A mission's vehicles with their profiles: the plant that each controller assumes, and the simulation's true plant."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from agents.settings.sections import DecisionSettings
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
@@ -38,7 +39,7 @@ def true_plant(section: VehicleSection, plant: Plant) -> Plant:
         return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
 
     gain = min(plant.feedforward * scale.feedforward, FEEDFORWARD_MAX)
-    return Plant(true(plant.x), true(plant.y), plant.delay_s, gain)
+    return replace(plant, x=true(plant.x), y=true(plant.y), feedforward=gain)
 
 
 def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None]) -> Iterator[str]:

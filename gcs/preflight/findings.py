@@ -8,7 +8,7 @@ from math import isfinite
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
 from gcs.autopilots.autopilot import Autopilot
-from gcs.autopilots.kind import Evidence, Kind
+from gcs.autopilots.kind import Evidence, VehicleKind
 from gcs.autopilots.registry import UNKNOWN
 from gcs.link.estimator_report import EstimatorReport
 from gcs.link.relay.gate import LinkReport
@@ -127,7 +127,7 @@ class VehicleFacts:
         return bool(self.health) and all(self.health.values())
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> VehicleKind:
         """The kind of vehicle, from its reports."""
         return self.autopilot.kind(
             Evidence(self.system_id, self.uid, self.vendor_id, hil=self.link.hil, parameters=self.parameters)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from gcs.autopilots.kind import Kind
+from gcs.autopilots.kind import VehicleKind
 from gcs.autopilots.registry import advice
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts
 
@@ -27,13 +27,13 @@ def kinds(team: Sequence[VehicleFacts], *, bench: bool) -> Iterator[Finding]:
 
 def bench_line(team: Sequence[VehicleFacts]) -> str:
     """Return the vehicles of each kind as one line."""
-    ids = {kind: [str(facts.vehicle_id) for facts in team if facts.kind is kind] for kind in Kind}
+    ids = {kind: [str(facts.vehicle_id) for facts in team if facts.kind is kind] for kind in VehicleKind}
     parts = (f"{kind.value}: {', '.join(each)}" for kind, each in ids.items() if each)
     return "; ".join(parts)
 
 
 def _stated(facts: VehicleFacts) -> Finding:
-    known = facts.kind is not Kind.UNKNOWN
+    known = facts.kind is not VehicleKind.UNKNOWN
     return Finding.graded(
         Grade.PASS if known else Grade.WARNING,
         facts.subject,

@@ -36,7 +36,7 @@ REQUEST_MESSAGE, AUTOPILOT_VERSION = 512, 148
 RELEASED = ("release", "unknown")
 
 
-class Identity(NamedTuple):
+class AutopilotVersion(NamedTuple):
     """The firmware, such as 1.17.0-beta+0f1e2d3c, empty if unknown, and two numbers of AUTOPILOT_VERSION."""
 
     firmware: str = ""
@@ -44,7 +44,7 @@ class Identity(NamedTuple):
     vendor_id: int | None = None
 
 
-def read_identity(system: Any, timeout_s: float) -> Identity:
+def read_identity(system: Any, timeout_s: float) -> AutopilotVersion:
     """Return an autopilot's identity; blocks for `timeout_s` wall seconds if it is not received.
 
     MAVSDK requests it once on connection; on a link with losses it is requested again.
@@ -56,16 +56,16 @@ def read_identity(system: Any, timeout_s: float) -> Identity:
             with suppress(MavlinkDirectError):  # not acknowledged: the message may still arrive
                 direct.send_command(command_long(system.get_system_id(), REQUEST_MESSAGE, AUTOPILOT_VERSION))
             time.sleep(REQUEST_PERIOD_S)
-        return identity or Identity()
+        return identity or AutopilotVersion()
     finally:
         plugin.destroy()
         direct.destroy()
 
 
-def _received(plugin: Any) -> Identity | None:
+def _received(plugin: Any) -> AutopilotVersion | None:
     try:
         uid, vendor_id = plugin.get_identification().legacy_uid, plugin.get_product().vendor_id
-        return Identity(_firmware(plugin.get_version()), int(uid), int(vendor_id))
+        return AutopilotVersion(_firmware(plugin.get_version()), int(uid), int(vendor_id))
     except InfoError:
         return None
 
@@ -138,7 +138,7 @@ class _Connection:
         self._url = url
         self._quiet = asyncio.Barrier(pace.vehicles)
 
-    async def came_bytes_s(self) -> float | None:
+    async def received_bytes_s(self) -> float | None:
         """Return the traffic from all vehicles once all queries are answered; None if the data rate is unknown.
 
         Every vehicle's query has to await this, also one without an answer.
@@ -181,11 +181,11 @@ async def _facts(
     try:
         system = await hub.find(url, system_id, HEARTBEAT_TIMEOUT_S, signing_key=signing_key)
     except VehicleRefusedError as refusal:
-        await connection.came_bytes_s()
+        await connection.received_bytes_s()
         await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
-    feed = VehicleFeed(system, frame, clock, hub.postbox)
+    feed = VehicleFeed(system, frame, clock, hub.posted_calls)
     calls = VehicleCalls(system_id, feed, clock)
     try:
         feed.subscribe()
@@ -195,9 +195,9 @@ async def _facts(
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)
         facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
-        came_bytes_s = await connection.came_bytes_s()
+        received_bytes_s = await connection.received_bytes_s()
         await connection.streaming.over()
-        return replace(facts, link=hub.report(system_id), link_bytes_s=came_bytes_s)
+        return replace(facts, link=hub.report(system_id), link_bytes_s=received_bytes_s)
     finally:
         await calls.close()
         await asyncio.to_thread(feed.close)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gcs.mission.overrides import override_text
 from gcs.sweep.columns import Column, Row
-from gcs.sweep.plan import Run, SweepPlan
+from gcs.sweep.plan import SweepPlan, SweepRun
 from gcs.sweep.summary import VERDICT
 
 
@@ -41,7 +41,7 @@ def worst_cases(
     ]
 
 
-def command(plan: SweepPlan, run: Run, mission: str) -> str:
+def command(plan: SweepPlan, run: SweepRun, mission: str) -> str:
     """Return the command that flies a run again."""
     values = {**plan.fixed, **run.values}
     words = [word for place, value in values.items() for word in ("--set", override_text(place, value))]

@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import inf
 
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
-from gcs.link.rates.rates import Rates, Traffic, ladder
+from gcs.link.rates.rates import Rates, Traffic, rate_levels
 
 LOOK_PERIOD_S = 2.0
 LOSS_HIGH, LOSS_LOW = 0.1, 0.03
@@ -20,8 +20,8 @@ FRAMES_MIN = 20
 class RateController:
     """The rates in force on one connection, for all of its vehicles alike.
 
-    `look` finds what is lost and what the radio reports. `automatic` rates begin at the first of `ladder(full)` that
-    fits `capacity_bytes_s` (None: unknown), and move along that ladder by it. They never rise above their first rung.
+    `look` finds what is lost and what the radio reports. `automatic` rates begin at the first of `rate_levels(full)`
+    that fits `capacity_bytes_s` (None: unknown), and step along these levels by it. They never rise above their first.
     Simulators' true motions, `truth_bytes_s` together, are requested where there is room for them.
     """
 
@@ -42,8 +42,8 @@ class RateController:
         """Whether frames wait in the transmit queue."""
         self.vehicles, self.signed = vehicles, signed
         self._positions_hz = positions_hz
-        self._rungs = ladder(full) if automatic else (full,)
-        self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)
+        self._levels = rate_levels(full) if automatic else (full,)
+        self._first = fitting(self._levels, vehicles, capacity_bytes_s or inf, signed=signed)
         self._at = self._first
         self.truth_bytes_s = 0.0
         """The load of simulators' true motions; 0 if the connection has no room for them."""
@@ -58,7 +58,7 @@ class RateController:
     @property
     def rates(self) -> Rates:
         """The rates in force."""
-        return self._rungs[self._at]
+        return self._levels[self._at]
 
     @property
     def load(self) -> Load:
@@ -89,7 +89,7 @@ class RateController:
         lost, free = traffic.lost_share(before), 1.0 if traffic.buffer_free is None else traffic.buffer_free
         if lost > LOSS_HIGH or free < BUFFER_LOW:
             self.fault = f"{lost:.0%} of its messages are lost" if lost > LOSS_HIGH else "its radio's buffer is full"
-            self._at = min(self._at + 1, len(self._rungs) - 1)
+            self._at = min(self._at + 1, len(self._levels) - 1)
             self._well_since_s = now_s
         elif lost > LOSS_LOW or free < BUFFER_HIGH:
             self._well_since_s = now_s

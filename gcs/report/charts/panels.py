@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, VehicleTrack
-from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
 from gcs.metrics.ring_motion import RingMotion
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
@@ -25,7 +25,7 @@ class Sheet:
 
     record: FlightRecord
     result: FlightResult
-    ring: RingReference
+    ring: DesiredRing
     formation: FormationReference | None
     motion: RingMotion
     points_max: int | None = None

@@ -34,7 +34,7 @@ class EstimateSeries:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class LoopTiming:
     """One vehicle's control loop, an entry per tick: time (T,), computing time [us], and ticks skipped before it.
 
     `qp` is the source of each plan (`interior`, `bounded`, `fallback`), `guard` the action of the guard (`passed`,
@@ -74,7 +74,7 @@ class VehicleEvidence:
     own: EstimateSeries = field(default_factory=EstimateSeries)
     target: EstimateSeries = field(default_factory=EstimateSeries)
     altitude_m: Vector = field(default_factory=_none)
-    loop: Loop = field(default_factory=Loop)
+    loop: LoopTiming = field(default_factory=LoopTiming)
     telemetry: Reception = field(default_factory=lambda: Reception(np.empty(0), np.empty(0)))
     peers: dict[int, Reception] = field(default_factory=dict)
     dropped: str = ""

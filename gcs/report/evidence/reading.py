@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
-from agents.inputs import Autopilot, LateTicks, Start
+from agents.flight_end import FlightEnd
+from agents.inputs import AutopilotStatus, LateTicks, Start
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
 from gcs.flightlog.run import mission_of
-from gcs.metrics.ending import How, VehicleEnding
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.mission.mission import Mission
-from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
+from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
 from sitl.server.server import TruthTrack
 
 SAME_START_S = 1.0
@@ -168,7 +169,7 @@ class _VehicleReader:
             Taken: self._message,
             FormerMessage: self._message,
             Truth: self._position,
-            Autopilot: self._autopilot,
+            AutopilotStatus: self._autopilot,
         }
         for record in records:
             if record.kind in takers:
@@ -194,8 +195,8 @@ class _VehicleReader:
         """Return how its flight ended: where the log does not say so it ends before that; None in older logs."""
         if self._end is None:
             ends = f"the log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
-            return VehicleEnding(self.vehicle_id, How.IN_FLIGHT, ends)
-        return VehicleEnding(self.vehicle_id, How(self._end.how), self._end.reason) if self._end.how else None
+            return VehicleEnding(self.vehicle_id, FlightEnd.IN_FLIGHT, ends)
+        return VehicleEnding(self.vehicle_id, FlightEnd(self._end.how), self._end.reason) if self._end.how else None
 
     def truth(self, mission: Mission) -> TruthTrack | None:
         """Return the true motion of the vehicle, known afterwards or else received in flight; None if not known."""
@@ -218,7 +219,7 @@ class _VehicleReader:
             own=_estimates(own_s - start_s, rows.own, rows.own_sigma),
             target=_estimates(np.array(rows.target_s) - start_s, rows.target, rows.target_sigma),
             altitude_m=altitude_m,
-            loop=Loop(
+            loop=LoopTiming(
                 np.array(rows.time_s) - start_s,
                 np.array(rows.tick_us),
                 np.array(rows.skipped),

@@ -601,12 +601,12 @@ def test_an_area_is_a_polygon_of_finite_corners() -> None:
 SERIAL = "serial:///dev/ttyUSB0:%d"
 
 
-def on_one_line(baud: int, came_bytes_s: float | None = None) -> dict[str, Finding]:
+def on_one_line(baud: int, received_bytes_s: float | None = None) -> dict[str, Finding]:
     """What is found of the connection, with all vehicles of case 2 on one serial line."""
     vehicles = tuple(
         replace(each, section=each.section.model_copy(update={"url": SERIAL % baud})) for each in CASE2.vehicles
     )
-    found = preflight(replace(CASE2, vehicles=vehicles), [well(i, link_bytes_s=came_bytes_s) for i in CASE2.ids])
+    found = preflight(replace(CASE2, vehicles=vehicles), [well(i, link_bytes_s=received_bytes_s) for i in CASE2.ids])
     return {each.check: each for each in found if each.check.startswith("link ")}
 
 
@@ -632,11 +632,11 @@ def test_a_line_that_is_too_slow_at_any_rate_is_told_so() -> None:
     assert "faster radio" in on_one_line(9600)["link budget"].next_step
 
 
-@pytest.mark.parametrize(("came_bytes_s", "grade"), [(2500.0, Grade.PASS), (7000.0, Grade.WARNING)])
-def test_streams_that_were_not_asked_for_are_noticed(came_bytes_s: float, grade: Grade) -> None:
-    traffic = on_one_line(115200, came_bytes_s)["link traffic"]
+@pytest.mark.parametrize(("received_bytes_s", "grade"), [(2500.0, Grade.PASS), (7000.0, Grade.WARNING)])
+def test_streams_that_were_not_asked_for_are_noticed(received_bytes_s: float, grade: Grade) -> None:
+    traffic = on_one_line(115200, received_bytes_s)["link traffic"]
     assert traffic.grade is grade
-    assert f"{came_bytes_s:.0f} bytes/s received" in traffic.found
+    assert f"{received_bytes_s:.0f} bytes/s received" in traffic.found
 
 
 def test_a_vehicle_whose_id_is_doubled_on_its_line_is_refused() -> None:
