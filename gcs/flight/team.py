@@ -289,5 +289,4 @@ def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:
 
 def _line(vehicle: MissionVehicle, refusal: VehicleRefusedError) -> str:
     """Return one line about a vehicle among several that cannot be reached."""
-    reason = refusal.reason.removeprefix(f"vehicle {vehicle.system_id} ")
-    return f"vehicle {vehicle.id}: {reason}; next: {refusal.next_step}"
+    return f"vehicle {vehicle.id}: {refusal.clause}; next: {refusal.next_step}"

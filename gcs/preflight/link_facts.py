@@ -212,7 +212,7 @@ async def _find_place(
         configured = vehicle.origin_m if frame.is_local else None
         feed.origin_m = configured or await find_origin(calls, feed, frame, WallClock(), ORIGIN_TIMEOUT_S)
     except VehicleRefusedError as refusal:
-        return f"it {refusal.reason.removeprefix(f'vehicle {vehicle.system_id} ')}", refusal.next_step
+        return f"it {refusal.clause}", refusal.next_step
     with suppress(VehicleRefusedError):  # the facts state what is missing
         await calls.until(lambda: not feed.missing(), STATUS_TIMEOUT_S, lambda: "is silent", "wait")
     return None

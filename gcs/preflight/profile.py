@@ -32,7 +32,7 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
         doubts.append(f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.label}")
     what = f"its profile '{vehicle.section.profile}', identified on {identified.date}"
     found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} with its firmware, is {identified.verdict.value}"
-    yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
+    yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.vehicle_id, "profile", found, _WHY, _STEP)
 
 
 def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
@@ -44,7 +44,7 @@ def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[F
     meant = chosen is not None and known_as(chosen) is facts.autopilot
     yield Finding(
         Grade.WARNING if meant else Grade.REFUSE,
-        facts.subject,
+        facts.vehicle_id,
         "profile",
         f"its profile '{vehicle.section.profile}' is for {known_as(key).label} (autopilot = \"{key}\"), and the "
         f"vehicle reports {facts.autopilot.label}",

@@ -525,7 +525,7 @@ def rendered() -> Callable[[object], str]:
 
 def test_a_finding_to_act_on_says_why_and_what_next() -> None:
     with pytest.raises(ValueError, match="without a reason"):
-        Finding(Grade.WARNING, "mission", "battery", "it is low")
+        Finding(Grade.WARNING, 2, "battery", "it is low")
 
 
 def test_facts_hold_finite_numbers() -> None:
