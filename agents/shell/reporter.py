@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
-from agents.shell.outcome import Outcome
+from agents.shell.outcome import Ending, Outcome
 from agents.shell.parts import AgentParts
 from agents.team.codec import encode
 from agents.team.messages import ENDED_LIMIT, LINK_SILENT_S, REPORT_TOPIC, TOPICS, TargetReport, VehicleReport
@@ -36,7 +36,7 @@ class Reporter:
         self._newest = newest
         self._clock_lags_s = clock_lags_s
         self._mission: tuple[float | None, float] = (None, 0.0)
-        self._ended = ""
+        self._ended, self._is_completed = "", False
         self._lacks: str | None = None
         self._motion_s: float | None = None
         self._said: tuple[object, ...] = ()
@@ -61,7 +61,8 @@ class Reporter:
 
     def end(self, outcome: Outcome) -> None:
         """Report the end of the flight, unless it was reported before."""
-        self._ended = self._ended or ended_words(outcome)
+        if not self._ended:
+            self._ended, self._is_completed = ended_words(outcome), outcome.ending is Ending.COMPLETED
         self._look()
 
     async def close(self) -> None:
@@ -126,6 +127,7 @@ class Reporter:
             None if output is None else target_report(output.status),
             self._lacks,
             None if self._lacks is None else max(map(abs, self._clock_lags_s().values()), default=None),
+            self._is_completed if self._ended else None,
         )
 
 

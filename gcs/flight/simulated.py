@@ -16,7 +16,7 @@ from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY
 from gcs.metrics.ending import How, VehicleEnding
-from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
+from gcs.metrics.record import NO_TACTIC, FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
 from sitl.simulation.simulation import Inputs, NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
@@ -87,7 +87,7 @@ class _Observed:
     """The vehicles' decisions: tactics (T, N), events, the guard's interventions, and the latest status."""
 
     def __init__(self, ticks: int, vehicles: int) -> None:
-        self.tactics = np.full((ticks, vehicles), "unknown", dtype="<U16")
+        self.tactics = np.full((ticks, vehicles), NO_TACTIC, dtype="<U16")
         self.events: list[FlightEvent] = []
         self.guard = GuardTally()
         self._latest: list[CoreStatus | None] = [None] * vehicles

@@ -244,7 +244,7 @@ class Team:
             wall_time_s,
             (*self._received_truth(), *(() if stubs is None else stubs.tracks)),
             endings=tuple(ending_of(vehicle_id, outcome) for vehicle_id, outcome in outcomes.items()),
-            faults=tuple(fault.given for fault in self.plan.faults),
+            faults=tuple(fault.injected for fault in self.plan.faults),
             kinds=self.kinds,
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)

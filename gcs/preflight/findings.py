@@ -12,6 +12,7 @@ from gcs.autopilots.kind import Evidence, Kind
 from gcs.autopilots.registry import UNKNOWN
 from gcs.link.estimator_report import EstimatorReport
 from gcs.link.relay.gate import LinkReport
+from gcs.link.status_texts import HealthItem
 
 
 class Whole(Enum):
@@ -118,7 +119,7 @@ class VehicleFacts:
     multicopter: bool = False
     status: VehicleStatus = field(default_factory=VehicleStatus)
     mode_received: bool = True
-    health: Mapping[str, bool] = field(default_factory=dict)
+    health: Mapping[HealthItem, bool] = field(default_factory=dict)
     failed_checks: tuple[str, ...] = ()
     origin_m: Triple | None = None
     lost: tuple[str, str] | None = None

@@ -1,6 +1,5 @@
 """Preflight checks of each vehicle on the ground, and of the vehicles against each other, without parameters."""
 
-import re
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from math import hypot
@@ -10,7 +9,7 @@ from agents.shell.computer import ComputerClock
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
 from gcs.autopilots.registry import AUTOPILOTS, advice
-from gcs.link.status_texts import quoted
+from gcs.link.status_texts import POSITION_ITEMS, HealthItem, explains, quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import FrameSection, Mission, MissionVehicle
 from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, VehicleFacts, tolerated
@@ -27,8 +26,6 @@ WHOLE_SPEED_TOLERANCE, CLOCK_TOLERANCE = 1e-6, 0.1
 COMPUTER_CLOCK_ERROR_MAX_S = 0.5
 """The kernel states an upper bound, which grows by 1 ms every 2 s between two adjustments."""
 CLOCK_LAG_TOLERANCE_S = 0.05
-ARMING_CHECKS = "arming checks"
-POSITION_ITEMS = ("local position", "global position", "home position")
 CALM_MODES = (FlightMode.HOLD, FlightMode.READY)
 
 
@@ -87,26 +84,27 @@ def health(facts: VehicleFacts) -> Iterator[Finding]:
         yield Finding(Grade.REFUSE, facts.vehicle_id, "health", "it sent no health report", why, step, temporary=True)
     failing = [item for item, well in facts.health.items() if not well]
     independent = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
-    for item in independent if failing == [ARMING_CHECKS] else [item for item in independent if item != ARMING_CHECKS]:
+    if failing != [HealthItem.ARMING]:
+        independent = [item for item in independent if item is not HealthItem.ARMING]
+    for item in independent:
         # Arming checks depend on the mode, and cordon changes to hold before it arms.
-        by_mode = item == ARMING_CHECKS and facts.status.mode not in CALM_MODES
+        by_mode = item is HealthItem.ARMING and facts.status.mode not in CALM_MODES
         yield Finding(
             Grade.WARNING if by_mode else Grade.REFUSE,
             facts.vehicle_id,
             "health",
             f"{item}: not healthy{f' in {facts.status.mode.value}' if by_mode else ''}{_reported(facts, item)}",
             "the autopilot will refuse to arm, or will have no position in flight",
-            HEALTH_STEPS.get(item, "resolve the cause that the autopilot reports"),
-            temporary=item in (*POSITION_ITEMS, ARMING_CHECKS),
+            HEALTH_STEPS[item],
+            temporary=item in (*POSITION_ITEMS, HealthItem.ARMING),
         )
     if facts.is_ready:
         yield Finding(Grade.PASS, facts.vehicle_id, "health", f"all of its {len(facts.health)} health items are good")
 
 
-def _reported(facts: VehicleFacts, *items: str) -> str:
+def _reported(facts: VehicleFacts, *items: HealthItem) -> str:
     """Return what the autopilot reports about health items, to follow a finding; empty if it reports nothing."""
-    about = [_ABOUT[item] for item in items if item in _ABOUT]
-    texts = [text for text in facts.failed_checks if any(words.search(text) for words in about)]
+    texts = [text for text in facts.failed_checks if explains(text, items)]
     return f"; it reports {quoted(texts)}" if texts else ""
 
 
@@ -114,23 +112,14 @@ def _lost(facts: VehicleFacts) -> bool:
     return facts.origin_m is None or facts.position_m is None
 
 
-_PLACE = re.compile(r"pos|estimat|ekf|ahrs|gps|gnss|home|navigation", re.IGNORECASE)
-_ABOUT = {
-    "gyrometer calibration": re.compile("gyro", re.IGNORECASE),
-    "accelerometer calibration": re.compile("accel", re.IGNORECASE),
-    "magnetometer calibration": re.compile(r"compass|\bmag", re.IGNORECASE),
-    **dict.fromkeys(POSITION_ITEMS, _PLACE),
-    ARMING_CHECKS: re.compile(""),
-}
-"""Patterns of failed checks that explain each health item; arming depends on all of them."""
 HEALTH_STEPS = {
-    "gyrometer calibration": "calibrate the gyrometer with a ground station",
-    "accelerometer calibration": "calibrate the accelerometer with a ground station",
-    "magnetometer calibration": "calibrate the compass with a ground station, away from steel",
-    "local position": "wait for its estimator, and check GPS and compass",
-    "global position": "wait for GPS with a clear view of the sky",
-    "home position": "wait for GPS: home is set with the first good position",
-    ARMING_CHECKS: "set it to hold, and resolve the failed arming checks that a ground station then shows",
+    HealthItem.GYROMETER: "calibrate the gyrometer with a ground station",
+    HealthItem.ACCELEROMETER: "calibrate the accelerometer with a ground station",
+    HealthItem.MAGNETOMETER: "calibrate the compass with a ground station, away from steel",
+    HealthItem.LOCAL_POSITION: "wait for its estimator, and check GPS and compass",
+    HealthItem.GLOBAL_POSITION: "wait for GPS with a clear view of the sky",
+    HealthItem.HOME_POSITION: "wait for GPS: home is set with the first good position",
+    HealthItem.ARMING: "set it to hold, and resolve the failed arming checks that a ground station then shows",
 }
 
 
@@ -219,7 +208,7 @@ def gps(facts: VehicleFacts) -> Iterator[Finding]:
     fix = f"{facts.gps.dimensions}D fix" if facts.gps.dimensions else "no fix"
     blind = facts.gps.dimensions < 3
     poor = blind or facts.gps.satellites < SATELLITES_LEAST
-    elsewhere = facts.health.get("global position", False)  # the autopilot may use another receiver
+    elsewhere = facts.health.get(HealthItem.GLOBAL_POSITION, False)  # the autopilot may use another receiver
     yield Finding.graded(
         Grade.REFUSE if blind and not elsewhere else Grade.WARNING if poor else Grade.PASS,
         facts.vehicle_id,
