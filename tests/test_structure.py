@@ -1,4 +1,4 @@
-"""The structure of the packages: no circles of imports, and no chance without a seed. Sizes are only reported."""
+"""The structure of the packages: no circles of imports, no chance without a seed, no parsed text. Sizes are reported."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +11,12 @@ from tests.structure import (
     folder_circles,
     long_files,
     long_functions,
+    parsed_texts,
     sources,
     unseeded_generators,
 )
 
-RULES = (file_circles, folder_circles, unseeded_generators)
+RULES = (file_circles, folder_circles, parsed_texts, unseeded_generators)
 REPORTED = (long_files, long_functions)
 
 
@@ -39,6 +40,7 @@ def test_breach_is_found(
         "gcs/a/one.py": "from gcs.b.two import x\ndef long():\n" + "    pass\n" * structure.FUNCTION_LINES_MAX,
         "gcs/b/two.py": "from gcs.a.one import y\n" + "\n" * structure.FILE_LINES_MAX,
         "gcs/a/seed.py": "import numpy as np\nchance = np.random.default_rng()\nfixed = np.random.default_rng(1)\n",
+        "gcs/a/texts.py": "def at_the_edge(text):\n    return text.split()\nis_low = alert.text == 'battery low'\n",
     }
     for name, text in texts.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
