@@ -35,9 +35,10 @@ class Fault(NamedTuple):
 
 
 class InputError(Exception):
-    """The user's input is invalid; `faults` holds one line for each fault, `placed` the same faults as values."""
+    """The user's input is invalid; `faults` holds one line for each fault."""
 
     def __init__(self, faults: Sequence[Fault | str]) -> None:
         self.placed = tuple(fault if isinstance(fault, Fault) else Fault("", fault) for fault in faults)
+        """The faults as values."""
         self.faults = tuple(" ".join(str(fault).splitlines()) for fault in faults)
         super().__init__("\n".join(self.faults))

@@ -1,4 +1,4 @@
-"""The structure of the packages: no circles of imports, no chance without a seed, no parsed text. Sizes are reported."""
+"""The structure of the packages: no circles of imports, no chance without a seed, no parsed text; sizes are shown."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
-from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
+from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from agents.shell.outcome import Ending, Outcome
 from agents.shell.parts import AgentParts
 from agents.team.codec import encode

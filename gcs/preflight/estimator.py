@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
+from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from gcs.link.estimator_report import EstimatorReport
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade, VehicleFacts, limited
