@@ -13,10 +13,10 @@ from agents.core import VehicleCore
 from agents.inputs import Message, Presence, Start
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
-from agents.tactics import Tactic
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import POSITION, VELOCITY
 from gcs.metrics.ending import How, VehicleEnding
-from gcs.metrics.record import NO_TACTIC, FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
+from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
 from sitl.simulation.simulation import Inputs, NetworkModel, SimulatedFlight, SimulatedVehicle, simulate

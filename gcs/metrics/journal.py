@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.outputs import CoreStatus
+from agents.tactics import NO_TACTIC
 from agents.team.messages import MemberState, NeighbourAngle
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.event_log import EventLog
 from gcs.metrics.record import (
-    NO_TACTIC,
     FlightEvent,
     FlightRecord,
     GuardTally,

@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -18,8 +18,7 @@ from gcs.metrics.ending import VehicleEnding
 Mask = NDArray[np.bool_]
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
-NO_TACTIC = "unknown"
-"""Stands for the tactic in samples without data of a vehicle."""
+Reference = Literal["truth", "estimate"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +135,7 @@ class FlightRecord:
     mission: str
     seed: int
     source: str
-    reference: str
+    reference: Reference
     time_s: Vector
     target_position_m: Vector
     target_velocity_m_s: Vector

@@ -13,7 +13,7 @@ from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.json_output import json_output
-from gcs.metrics.record import FlightEvent, LoopStatistics
+from gcs.metrics.record import FlightEvent, LoopStatistics, Reference
 from gcs.metrics.reynolds import ReynoldsResult
 from gcs.metrics.ring import RingResult
 from gcs.metrics.transitions import TransitionResult
@@ -62,7 +62,7 @@ class FlightResult:
     mission: str
     seed: int
     source: str
-    reference: str
+    reference: Reference
     duration_s: float
     window_s: tuple[float, float] | None
     vehicles: tuple[VehicleResult, ...]

@@ -9,9 +9,9 @@ from math import tau
 
 import numpy as np
 
-from agents.tactics import Tactic
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
-from gcs.metrics.record import NO_TACTIC, FlightRecord, Mask
+from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import RingReference
 
 SETTLED_RADIUS_FRACTION = 0.05

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.tactics import Tactic
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
-from gcs.metrics.record import NO_TACTIC, TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
+from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
 from gcs.metrics.references import FormationReference, RingReference
 from gcs.metrics.ring_motion import RingMotion, flies, measured
 

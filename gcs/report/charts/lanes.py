@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.safety.guard import GuardStatus
-from gcs.metrics.record import NO_TACTIC, FlightRecord, VehicleTrack
+from agents.tactics import NO_TACTIC
+from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.report.charts.panels import Sheet, title
 from gcs.report.evidence.flight import FlightEvidence
 from gcs.style import ENGAGED, FAIL, FAINT, INK, TACTIC_COLOURS
