@@ -18,7 +18,6 @@ from gcs.metrics.ending import VehicleEnding
 Mask = NDArray[np.bool_]
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
-Reference = Literal["truth", "estimate"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +134,7 @@ class FlightRecord:
     mission: str
     seed: int
     source: str
-    reference: Reference
+    reference: Literal["truth", "estimate"]
     time_s: Vector
     target_position_m: Vector
     target_velocity_m_s: Vector

@@ -6,6 +6,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import FlightEnding
 from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.json_output import json_output
-from gcs.metrics.record import FlightEvent, LoopStatistics, Reference
+from gcs.metrics.record import FlightEvent, LoopStatistics
 from gcs.metrics.reynolds import ReynoldsResult
 from gcs.metrics.ring import RingResult
 from gcs.metrics.transitions import TransitionResult
@@ -62,7 +63,7 @@ class FlightResult:
     mission: str
     seed: int
     source: str
-    reference: Reference
+    reference: Literal["truth", "estimate"]
     duration_s: float
     window_s: tuple[float, float] | None
     vehicles: tuple[VehicleResult, ...]
