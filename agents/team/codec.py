@@ -138,6 +138,7 @@ class _Report(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     target: _Estimate | None
     start_blockers: Annotated[str, msgspec.Meta(max_length=START_BLOCKERS_LIMIT, pattern=PRINTABLE)] | None = None
     clock_off_ms: _Positive | None = None
+    is_completed: bool | None = None
 
 
 _Former = MemberState | NeighbourAngle | TargetPackage
@@ -314,6 +315,7 @@ def _packed_report(report: VehicleReport) -> _Report:
         None if report.target is None else _packed_estimate(report.target),
         report.start_blockers,
         _scaled(report.clock_off_s, _MM),
+        report.is_completed,
     )
 
 
@@ -355,6 +357,7 @@ def _unpacked_report(report: _Report) -> VehicleReport:
         None if report.target is None else _unpacked_estimate(report.target),
         report.start_blockers,
         None if report.clock_off_ms is None else report.clock_off_ms / _MM,
+        report.is_completed,
     )
 
 

@@ -11,14 +11,20 @@ from rich.segment import ControlType, Segment
 from rich.table import Table
 from rich.text import Text
 
+from agents.tactics import NO_TACTIC, Tactic
 from gcs.console.advice import Severity, advice, severity
 from gcs.console.terminal import Printable, printable_lines
 
 REFRESH_HZ = 4.0
 WIDE = 110
 """Terminals with at least this many columns show all columns without abbreviations."""
-SHORT_TACTICS = {"return and land": "return", "pilot override": "PILOT"}
-TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
+SHORT_TACTICS = {Tactic.RETURN_AND_LAND.value: "return", Tactic.PILOT_OVERRIDE.value: "PILOT"}
+TACTIC_STYLES = {
+    Tactic.FORMATION.value: "cyan",
+    Tactic.ENCIRCLE.value: "magenta",
+    Tactic.EXCITE.value: "blue",
+    NO_TACTIC: "dim",
+}
 STYLES: dict[Severity, str] = {"information": "", "warning": "yellow", "alarm": "bold red"}
 WORDS: dict[Severity, str] = {"information": "", "warning": "warning: ", "alarm": "ALARM: "}
 SIGNS: dict[Severity, str] = {"information": "", "warning": "!", "alarm": "!!"}
