@@ -20,7 +20,7 @@ class Exit(IntEnum):
     """Ended in flight by a failsafe or the operator."""
 
 
-class Fault(NamedTuple):
+class KeyFault(NamedTuple):
     """A fault of the input: the path of its key or the name of its source, the reason, and the line if it is known.
 
     The place is empty for a text that names it itself; lines count from 1.
@@ -37,8 +37,8 @@ class Fault(NamedTuple):
 class InputError(Exception):
     """The user's input is invalid; `faults` holds one line for each fault."""
 
-    def __init__(self, faults: Sequence[Fault | str]) -> None:
-        self.placed = tuple(fault if isinstance(fault, Fault) else Fault("", fault) for fault in faults)
+    def __init__(self, faults: Sequence[KeyFault | str]) -> None:
+        self.placed = tuple(fault if isinstance(fault, KeyFault) else KeyFault("", fault) for fault in faults)
         """The faults as values."""
         self.faults = tuple(" ".join(str(fault).splitlines()) for fault in faults)
         super().__init__("\n".join(self.faults))

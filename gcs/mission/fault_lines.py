@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 from itertools import accumulate
 from pathlib import Path
 
-from gcs.errors import Fault
+from gcs.errors import KeyFault
 
 _SYNTAX_LINE = re.compile(r"at line (\d+)")
 _HEADER = re.compile(r"\s*(\[\[?)\s*([\w.-]+)\s*\]")
@@ -25,16 +25,16 @@ _ADVICE = {
 """Next steps for faults of TOML syntax, by the beginning of the parser's message."""
 
 
-def syntax_fault(error: ValueError, text: str) -> Fault:
+def syntax_fault(error: ValueError, text: str) -> KeyFault:
     """Return the fault of a text that is not TOML, from the parser's error."""
     message = str(error)
     advice = next((f"; {each}" for start, each in _ADVICE.items() if message.startswith(start)), "")
     match = _SYNTAX_LINE.search(message)
     line = int(match[1]) if match else len(text.rstrip().split("\n"))  # at the end of the document
-    return Fault("not TOML", f"{message}{advice}", line)
+    return KeyFault("not TOML", f"{message}{advice}", line)
 
 
-def located(faults: Sequence[Fault], path: Path, text: str, changes: Collection[str]) -> list[str]:
+def located(faults: Sequence[KeyFault], path: Path, text: str, changes: Collection[str]) -> list[str]:
     """Return the faults of a mission, each followed by file, line and the line's text as far as they are known.
 
     A fault at a path of `changes` comes from the command line.
@@ -44,7 +44,7 @@ def located(faults: Sequence[Fault], path: Path, text: str, changes: Collection[
     return [f"{fault}{_source(fault, path, lines, known, changes)}" for fault in faults]
 
 
-def _source(fault: Fault, path: Path, lines: list[str], known: dict[str, int], changes: Collection[str]) -> str:
+def _source(fault: KeyFault, path: Path, lines: list[str], known: dict[str, int], changes: Collection[str]) -> str:
     """Return the text behind a fault that states its source."""
     around = [*accumulate(_PARTS.findall(fault.place), _below)][::-1]
     if any(each in changes for each in around):
