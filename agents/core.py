@@ -36,13 +36,12 @@ from agents.inputs import (
 from agents.notes import Notes, ResumeRefusal, ShapeChange, TacticChange
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Connection, Setpoint
-from agents.safety.failsafe import POSITION_ALERTS, Condition
+from agents.safety.failsafe import LOST, POSITION_ALERTS, Condition
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.landing_cause import LandingCause
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
-from agents.safety.reported_faults import LOST
 from agents.setpoint.altitude import Altitude
 from agents.setpoint.feedforward import FeedForward
 from agents.setpoint.slew_limit import SlewLimit

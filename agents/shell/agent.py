@@ -400,7 +400,7 @@ class Agent:
 
     def _report_refusal(self) -> None:
         if self._refusal is not None:
-            self._report(Outcome(FlightEnd.REFUSED, self._refusal.reason, self._refusal.next_step))
+            self._report(Outcome(FlightEnd.REFUSED, self._refusal.clause, self._refusal.next_step))
 
     def _report_override(self) -> None:
         self._report(override_outcome(self._override_reason, restarted=self._link.status.restarts > 0))

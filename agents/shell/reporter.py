@@ -3,9 +3,10 @@
 import asyncio
 from collections.abc import Callable, Mapping
 
+from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
-from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
+from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from agents.shell.outcome import Outcome
 from agents.shell.parts import AgentParts
 from agents.team.codec import encode
@@ -36,7 +37,7 @@ class Reporter:
         self._newest = newest
         self._clock_lags_s = clock_lags_s
         self._mission: tuple[float | None, float] = (None, 0.0)
-        self._ended = ""
+        self._ended, self._is_completed = "", False
         self._start_blockers: str | None = None
         self._motion_s: float | None = None
         self._last_report: tuple[object, ...] = ()
@@ -61,7 +62,8 @@ class Reporter:
 
     def end(self, outcome: Outcome) -> None:
         """Report the end of the flight, unless it was reported before."""
-        self._ended = self._ended or ended_words(outcome)
+        if not self._ended:
+            self._ended, self._is_completed = ended_words(outcome), outcome.how is FlightEnd.LANDED
         self._look()
 
     async def close(self) -> None:
@@ -123,6 +125,7 @@ class Reporter:
             None if output is None else target_report(output.status),
             self._start_blockers,
             None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
+            self._is_completed if self._ended else None,
         )
 
 

@@ -205,5 +205,5 @@ def _target_speed_m_s(text: str) -> float:
 
 def _ports_beside(path: Path) -> set[int]:
     """Return the ports named in the other files of a new mission's folder."""
-    texts = (other.read_text(encoding="utf-8", errors="replace") for other in path.parent.glob("*.toml"))
-    return {int(port) for text in texts for port in _PORT.findall(text)}
+    files = (other.read_text(encoding="utf-8", errors="replace") for other in path.parent.glob("*.toml"))
+    return {int(port) for content in files for port in _PORT.findall(content)}

@@ -12,6 +12,7 @@ from rich.segment import ControlType, Segment
 from rich.table import Table
 from rich.text import Text
 
+from agents.tactics import NO_TACTIC, Tactic
 from gcs.console.advice import Severity
 from gcs.console.terminal import Printable, printable_lines
 from gcs.console.vehicle_view import TeamRow
@@ -23,9 +24,14 @@ PlainNumber = tuple[str, float | None, str, str]
 REFRESH_HZ = 4.0
 WIDE = 110
 """Terminals with at least this many columns show all columns without abbreviations."""
-SHORT_TACTICS = {"return and land": "return", "pilot override": "PILOT"}
+SHORT_TACTICS = {Tactic.RETURN_AND_LAND.value: "return", Tactic.PILOT_OVERRIDE.value: "PILOT"}
 UNKNOWN_TACTIC = "-"
-TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
+TACTIC_STYLES = {
+    Tactic.FORMATION.value: "cyan",
+    Tactic.ENCIRCLE.value: "magenta",
+    Tactic.EXCITE.value: "blue",
+    NO_TACTIC: "dim",
+}
 STYLES: dict[Severity, str] = {"information": "", "warning": "yellow", "alarm": "bold red"}
 WORDS: dict[Severity, str] = {"information": "", "warning": "warning: ", "alarm": "ALARM: "}
 SIGNS: dict[Severity, str] = {"information": "", "warning": "!", "alarm": "!!"}

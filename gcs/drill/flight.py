@@ -15,6 +15,7 @@ import msgspec
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
+from agents.tactics import Tactic
 from agents.team.messages import BusMessage, MemberState
 from estimation.frames import Triple
 from estimation.profile.library import bundled_profiles
@@ -179,7 +180,9 @@ class DrillFlight:
             ):
                 return False
             radii = self.log.radii_m[vehicle]
-            return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)
+            return tactics(vehicle) != Tactic.ENCIRCLE.value or (
+                bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m
+            )
 
         with suppress(TimeoutError):
             async with asyncio.timeout(_BEGUN_TIMEOUT_S):

@@ -11,10 +11,12 @@ from itertools import combinations
 from math import degrees, hypot, tau
 from typing import NamedTuple
 
+from agents.ports import FlightMode
+from agents.tactics import Tactic
 from estimation.frames import Triple
 
-OFFBOARD = "offboard"
-ON_MISSION = ("formation", "encircle")
+OFFBOARD = FlightMode.OFFBOARD.value
+ON_MISSION = (Tactic.FORMATION.value, Tactic.ENCIRCLE.value)
 NEAR_TOLERANCE_M = 0.3
 SAME_HEIGHT_M = 1.0
 PLACE_PERIOD_S = 0.02
@@ -99,7 +101,7 @@ class TeamLog:
 
     def uneven_deg(self, vehicles: tuple[int, ...]) -> float | None:
         """Return by how much the widest gap on the ring exceeds an even one; None if a vehicle is not on the ring."""
-        if any(each not in self.bearings_rad or self.tactic(each) != "encircle" for each in vehicles):
+        if any(each not in self.bearings_rad or self.tactic(each) != Tactic.ENCIRCLE.value for each in vehicles):
             return None
         bearings = sorted(self.bearings_rad[each][1] % tau for each in vehicles)
         gaps = [after - before for before, after in zip(bearings, [*bearings[1:], bearings[0] + tau], strict=True)]

@@ -37,7 +37,7 @@ class FaultInjector:
             for each in self.faults:
                 while team.start_s is None:
                     await team.clock.sleep(_PERIOD_S)
-                await team.clock.sleep_until(team.start_s + each.at_s)
+                await team.clock.sleep_until(team.start_s + each.injected.at_s)
                 await self._begin(each, team, stubs)
             await asyncio.Event().wait()
         finally:
@@ -47,8 +47,8 @@ class FaultInjector:
     async def _begin(self, scheduled: ScheduledFault, team: FlightTeam, stubs: FlightStubs) -> None:
         """Print a fault, and inject it if the vehicles that it needs are airborne."""
         fault, airborne = scheduled.fault, _airborne(team)
-        subject = scheduled.vehicle or (last_in_line(team.plan.mission, tuple(airborne)) if airborne else 0)
-        time, named = f"{scheduled.at_s:.1f} s", fault.name + ("" if fault.of_team else f", vehicle {subject}")
+        subject = scheduled.injected.vehicle or (last_in_line(team.plan.mission, tuple(airborne)) if airborne else 0)
+        time, named = f"{scheduled.injected.at_s:.1f} s", fault.name + ("" if fault.of_team else f", vehicle {subject}")
         if subject not in airborne or len(airborne) < fault.vehicles_min:
             team.view.print_line(f"{time}: not injected: {named}: too few vehicles are airborne", "warning")
             return

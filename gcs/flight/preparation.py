@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from agents.ports import VehicleRefusedError
 from gcs.flight.team import FlightTeam
-from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade
-from gcs.preflight.findings_view import joined_subjects
+from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, Subject, subjects_text
 from gcs.preflight.preflight import worst
 
 FIRST_REPORTS_S = 3.0
@@ -80,10 +79,10 @@ def about_to_pass(findings: Sequence[Finding]) -> Sequence[Finding]:
 
 def blocker_lines(blockers: Sequence[Finding]) -> list[str]:
     """Return a line for each start blocker, with the vehicles concerned."""
-    subjects: dict[str, list[str]] = {}
+    subjects: dict[str, list[Subject]] = {}
     for each in blockers:
-        subjects.setdefault(each.found, []).append(each.subject)
-    return [f"  {joined_subjects(named)}: {found}" for found, named in subjects.items()]
+        subjects.setdefault(each.found, []).append(each.about)
+    return [f"  {subjects_text(named)}: {found}" for found, named in subjects.items()]
 
 
 CHECK_AGAIN_S = 3.0
@@ -136,6 +135,6 @@ class StartWait:
 
 def start_blockers(vehicle_id: int, findings: Sequence[Finding]) -> str:
     """Return what forbids a vehicle's start, empty if nothing does: the first refusal that concerns it."""
-    subjects = (MISSION, COMPUTER, f"vehicle {vehicle_id}")
-    refusals = (each for each in findings if each.grade is Grade.REFUSE and each.subject in subjects)
+    subjects = (MISSION, COMPUTER, vehicle_id)
+    refusals = (each for each in findings if each.grade is Grade.REFUSE and each.about in subjects)
     return next((f"{each.check}: {each.found}" for each in refusals), "")

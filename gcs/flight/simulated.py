@@ -14,7 +14,7 @@ from agents.flight_end import FlightEnd
 from agents.inputs import Message, Presence, Start
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
-from agents.tactics import Tactic
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import POSITION, VELOCITY
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
@@ -88,7 +88,7 @@ class _Observed:
     """The vehicles' decisions: tactics (T, N), events, the guard's interventions, and the latest status."""
 
     def __init__(self, ticks: int, vehicles: int) -> None:
-        self.tactics = np.full((ticks, vehicles), "unknown", dtype="<U16")
+        self.tactics = np.full((ticks, vehicles), NO_TACTIC, dtype="<U16")
         self.events: list[FlightEvent] = []
         self.guard = GuardTally()
         self._latest: list[CoreStatus | None] = [None] * vehicles

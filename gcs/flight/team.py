@@ -230,7 +230,7 @@ class FlightTeam:
             wall_time_s,
             (*self._received_truth(), *(() if stubs is None else stubs.tracks)),
             endings=tuple(ending_of(vehicle_id, outcome) for vehicle_id, outcome in outcomes.items()),
-            faults=tuple(fault.given for fault in self.plan.faults),
+            faults=tuple(fault.injected for fault in self.plan.faults),
             kinds=self.kinds,
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
@@ -275,5 +275,4 @@ def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:
 
 def _line(vehicle: MissionVehicle, refusal: VehicleRefusedError) -> str:
     """Return one line about a vehicle among several that cannot be reached."""
-    reason = refusal.reason.removeprefix(f"vehicle {vehicle.system_id} ")
-    return f"vehicle {vehicle.id}: {reason}; next: {refusal.next_step}"
+    return f"vehicle {vehicle.id}: {refusal.clause}; next: {refusal.next_step}"

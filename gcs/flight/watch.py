@@ -115,13 +115,13 @@ class Watch:
     def _report_senders(self) -> None:
         """Report each other sender once that uses a vehicle's system id, and each change of a vehicle's address."""
         for member in self._team.members:
-            link, subject = member.link.report, f"vehicle {member.vehicle.id}"
+            link = member.link.report
             known = self._links_reported.get(member.vehicle.id, (0, 0))
             self._links_reported[member.vehicle.id] = (len(link.impostors), len(link.moves))
             if len(link.impostors) > known[0]:
-                self._report([impostor(subject, link)])
+                self._report([impostor(member.vehicle.id, link)])
             if len(link.moves) > known[1]:
-                self._report([moved(subject, link)])
+                self._report([moved(member.vehicle.id, link)])
 
     def _report_rates(self) -> None:
         """Print each change of a connection's rates."""

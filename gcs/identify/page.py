@@ -122,6 +122,7 @@ def _responses(found: ParameterEstimate) -> Section:
                 [partial(_draw_gain, draws=draws, axis=axis), partial(_draw_phase, draws=draws, axis=axis)],
                 f"Bode plot along {_AXES[axis]}: gain and phase with their 95 % bands.",
                 4.4,
+                is_over_time=False,
             )
         )
     lead = f"Responses of {_DRAWS} plants drawn from the fit's covariance; bands contain 95 % of them."
@@ -208,6 +209,7 @@ def _residuals(found: ParameterEstimate) -> Section:
                 f"whiteness-{axis}",
                 partial(_draw_whiteness, found=found, axis=axis),
                 f"Autocorrelation of the errors along {_AXES[axis]}, and the bounds of white noise.",
+                is_over_time=False,
             )
         )
     how = "whitened errors" if found.whitened else "errors"

@@ -318,7 +318,7 @@ class MavsdkLink:
 
     def _connected(self) -> LinkParts:
         if self._parts is None:
-            raise VehicleRefusedError(f"vehicle {self._config.system_id} is not connected", "connect first")
+            raise VehicleRefusedError("is not connected", "connect first", subject=f"vehicle {self._config.system_id}")
         return self._parts
 
     async def _plan_climb(self, altitude_m: float) -> float:

@@ -12,7 +12,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect
 from mavsdk.plugins.telemetry import FixType
 
 from agents.ports import Connection, GpsThreat
-from agents.safety.reported_faults import COMPASS, RATIO_MAX
+from agents.safety.failsafe import COMPASS, RATIO_MAX
 from gcs.autopilots.registry import autopilot_of
 from gcs.link.estimator_report import EstimatorReport, estimator_report, wind_m_s
 

@@ -50,7 +50,7 @@ class TeamEnding:
         how = ordered[0].how
         alike: dict[str, list[int]] = {}
         for each in ordered:
-            alike.setdefault(each.reason.removeprefix(f"vehicle {each.vehicle} "), []).append(each.vehicle)
+            alike.setdefault(each.reason, []).append(each.vehicle)
         sentence = "; ".join(f"{named(vehicles)}: {reason}" for reason, vehicles in alike.items())
         concerned = tuple(each.vehicle for each in ordered if each.how is how)
         return cls(how, f"{sentence[:1].upper()}{sentence[1:]}.", concerned)

@@ -9,11 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.outputs import CoreStatus
+from agents.tactics import NO_TACTIC
 from agents.team.messages import MemberState, NeighbourAngle
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.event_log import EventLog
-from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, Mask, VehicleTrack, in_order
+from gcs.metrics.record import (
+    FlightEvent,
+    FlightRecord,
+    GuardTally,
+    InjectedFault,
+    LoopStatistics,
+    Mask,
+    VehicleTrack,
+    in_order,
+)
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
 
@@ -44,7 +54,7 @@ def missing_truth(
         sampled_s = _samples(truth[track.vehicle_id])[0] if track.vehicle_id in truth else np.empty(0)
         if not sampled_s.size:
             return f"no ground truth of vehicle {track.vehicle_id}"
-        missing = np.flatnonzero((track.tactic != "unknown") & ~_known(sampled_s, grid_s))
+        missing = np.flatnonzero((track.tactic != NO_TACTIC) & ~_known(sampled_s, grid_s))
         if missing.size:
             first = int(missing[0])
             known_again = np.flatnonzero(_known(sampled_s, grid_s[first:]))
@@ -110,7 +120,7 @@ class RunTotals:
     truth: tuple[TruthTrack, ...] = ()
     seed: int | None = None
     endings: tuple[VehicleEnding, ...] = ()
-    faults: tuple[str, ...] = ()
+    faults: tuple[InjectedFault, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
 
 
@@ -266,7 +276,7 @@ def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:
 def _latest(time_s: Vector, tactic: "NDArray[np.str_]", grid_s: Vector) -> "np.ndarray[tuple[int], np.dtype[np.str_]]":
     """Return the tactic at each time of the grid."""
     index = np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
-    return np.where(_covered(time_s, grid_s), tactic[index], "unknown")
+    return np.where(_covered(time_s, grid_s), tactic[index], NO_TACTIC)
 
 
 def _covered(time_s: Vector, grid_s: Vector) -> NDArray[np.bool_]:

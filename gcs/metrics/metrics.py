@@ -70,7 +70,7 @@ def evaluate(
         truth_missing=record.truth_missing or None,
         ended=TeamEnding.of(record.endings),
         engagement=engagement(record, engages, each_engaged_s),
-        faults=record.faults,
+        faults=tuple(fault.given for fault in record.faults),
         kinds=record.kinds,
     )
     return replace(result, verdicts=judge(result, ring, tolerances))

@@ -6,6 +6,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class FlightResult:
     mission: str
     seed: int
     source: str
-    reference: str
+    reference: Literal["truth", "estimate"]
     duration_s: float
     window_s: tuple[float, float] | None
     vehicles: tuple[VehicleResult, ...]

@@ -12,6 +12,7 @@ from typing import Any
 from agents.ring.transition import ACCELERATION_MAX_M_S2, JERK_MAX_M_S3
 from agents.team.clock_watch import STEP_S
 from estimation.settings import TargetBehaviour
+from gcs.errors import KeyFault
 from gcs.mission.sections import TUNING
 
 Content = dict[str, Any]
@@ -29,20 +30,19 @@ class MovedKeys:
     """The moved keys: warnings, faults of keys given at both places, and the places in the file."""
 
     warnings: list[str] = field(default_factory=list)
-    faults: list[str] = field(default_factory=list)
+    faults: list[KeyFault] = field(default_factory=list)
     read_at: dict[str, str] = field(default_factory=dict)
 
-    def as_written(self, fault: str) -> str:
+    def as_written(self, fault: KeyFault) -> KeyFault:
         """Return a fault with its key's place in the original file."""
-        place, colon, reason = fault.partition(": ")
-        return f"{self.read_at.get(place, place)}{colon}{reason}"
+        return fault._replace(place=self.read_at.get(fault.place, fault.place))
 
     def key(self, source: Content, old: tuple[str, str], target: Content, new: tuple[str, str]) -> None:
         """Move a key between tables; `old` and `new` are (place of the table, name of the key)."""
         before, after = ".".join(old), ".".join(new)
         value = source.pop(old[1])
         if new[1] in target:
-            self.faults.append(f"{before}: moved to {after}, which is given too: leave this one out")
+            self.faults.append(KeyFault(before, f"moved to {after}, which is given too: leave this one out"))
             return
         target[new[1]] = value
         self.read_at[after] = before
@@ -107,7 +107,9 @@ def _constants(content: Content, moves: MovedKeys) -> None:
             if value == constant:
                 moves.warnings.append(f"{place}: no longer a key, its value is always {constant:g}: leave it out")
             else:
-                moves.faults.append(f"{place}: no longer a key, its value is always {constant:g}, not {value!r}")
+                moves.faults.append(
+                    KeyFault(place, f"no longer a key, its value is always {constant:g}, not {value!r}")
+                )
 
 
 def _move(content: Content, moves: MovedKeys, old: tuple[str, str], new: str) -> None:
@@ -116,7 +118,7 @@ def _move(content: Content, moves: MovedKeys, old: tuple[str, str], new: str) ->
     for part in new.split("."):
         target = target.setdefault(part, {})
         if not isinstance(target, dict):
-            moves.faults.append(f"{'.'.join(old)}: moved to {new}.{old[1]}, but {new} is not a table")
+            moves.faults.append(KeyFault(".".join(old), f"moved to {new}.{old[1]}, but {new} is not a table"))
             content[old[0]].pop(old[1])
             return
     moves.key(content[old[0]], old, target, (new, old[1]))

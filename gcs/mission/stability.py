@@ -21,17 +21,17 @@ from estimation.state import Vector
 _BEFORE = np.array([0.0, 0.0, 1.0])
 
 
-BEARING = "keeping the bearing"
-"""Name of the loops by which a vehicle follows its reference around the ring."""
-
-
 @dataclass(frozen=True, slots=True)
 class ClosedLoop:
-    """A closed loop: the section of its gains, its name, and the largest modulus of its eigenvalues."""
+    """A closed loop: the section of its gains, its name, and the largest modulus of its eigenvalues.
+
+    A vehicle follows its reference around the ring by those that are `of_bearing`.
+    """
 
     section: str
     name: str
     modulus: float
+    of_bearing: bool = False
 
     def decay_per_s(self, rate_hz: float) -> float:
         """Return the slowest decay rate of a deviation [1/s]."""
@@ -56,7 +56,7 @@ def loops(config: AgentConfig) -> Iterator[ClosedLoop]:
         radius = motion.linearised(polar.state[0, [0, 2]], polar.previous[0, 0])
         yield ClosedLoop("encirclement", f"keeping the radius along {'xy'[index]}", _modulus(radius))
         bearing = motion.linearised(polar.state[1, [1, 3]], polar.previous[1, 1])
-        yield ClosedLoop("encirclement", f"{BEARING} along {'xy'[index]}", _modulus(bearing))
+        yield ClosedLoop("encirclement", f"keeping the bearing along {'xy'[index]}", _modulus(bearing), of_bearing=True)
     for mode in range(1, members // 2 + 1):  # the other modes mirror these
         yield ClosedLoop("encirclement", f"mode {mode} of the spacing", _modulus(_spacing(config, members, mode)))
 

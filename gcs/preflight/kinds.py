@@ -36,7 +36,7 @@ def _stated(facts: VehicleFacts) -> Finding:
     known = facts.kind is not VehicleKind.UNKNOWN
     return Finding.graded(
         Grade.PASS if known else Grade.WARNING,
-        facts.subject,
+        facts.vehicle_id,
         "kind",
         f"what it is: {facts.kind.value}",
         "a vehicle of unknown kind is treated as a real one",
@@ -52,8 +52,8 @@ def _mixed(team: Sequence[VehicleFacts]) -> Finding:
 def _not_simulated(facts: VehicleFacts) -> Finding:
     found = f"it is not simulated: {facts.kind.value}"
     step = f"take it out of the mission, or set it up with a simulated body ({advice('bench')})"
-    return Finding(Grade.REFUSE, facts.subject, "bench", found, "--bench is for simulated vehicles only", step)
+    return Finding(Grade.REFUSE, facts.vehicle_id, "bench", found, "--bench is for simulated vehicles only", step)
 
 
 def _board(facts: VehicleFacts) -> Finding:
-    return Finding(Grade.REFUSE, facts.subject, "bench", f"it is a {facts.kind.value}", LIVE, BENCH)
+    return Finding(Grade.REFUSE, facts.vehicle_id, "bench", f"it is a {facts.kind.value}", LIVE, BENCH)

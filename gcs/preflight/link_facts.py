@@ -26,10 +26,11 @@ from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.link.self_reports import DIMENSIONS
 from gcs.link.signing_keys import signing_keys
+from gcs.link.status_texts import HealthItem
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.reader import read_estimator, read_parameters
-from gcs.preflight.vehicle import ARMING_CHECKS, CALM_MODES
+from gcs.preflight.vehicle import CALM_MODES
 
 REQUEST_PERIOD_S = 0.5
 REQUEST_MESSAGE, AUTOPILOT_VERSION = 512, 148
@@ -212,7 +213,7 @@ async def _find_place(
         configured = vehicle.origin_m if frame.is_local else None
         feed.origin_m = configured or await find_origin(calls, feed, frame, WallClock(), ORIGIN_TIMEOUT_S)
     except VehicleRefusedError as refusal:
-        return f"it {refusal.reason.removeprefix(f'vehicle {vehicle.system_id} ')}", refusal.next_step
+        return f"it {refusal.clause}", refusal.next_step
     with suppress(VehicleRefusedError):  # the facts state what is missing
         await calls.until(lambda: not feed.missing(), STATUS_TIMEOUT_S, lambda: "is silent", "wait")
     return None
@@ -288,7 +289,7 @@ def _is_healthy(feed: VehicleFeed) -> bool:
     """Return whether all health items are good; arming checks only in a mode in which cordon arms."""
     calm = feed.status.mode in CALM_MODES
     items = feed.health()
-    return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
+    return bool(items) and all(well or (item is HealthItem.ARMING and not calm) for item, well in items.items())
 
 
 def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:

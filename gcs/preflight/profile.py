@@ -38,7 +38,7 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
         if reservations
         else f"{what} with its firmware, is {identified.verdict.value}"
     )
-    yield Finding.graded(Grade.WARNING if reservations else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
+    yield Finding.graded(Grade.WARNING if reservations else Grade.PASS, facts.vehicle_id, "profile", found, _WHY, _STEP)
 
 
 def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
@@ -50,7 +50,7 @@ def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[F
     meant = chosen is not None and autopilot_of(chosen) is facts.autopilot
     yield Finding(
         Grade.WARNING if meant else Grade.REFUSE,
-        facts.subject,
+        facts.vehicle_id,
         "profile",
         f"its profile '{vehicle.section.profile}' is for {autopilot_of(key).label} (autopilot = \"{key}\"), and the "
         f"vehicle reports {facts.autopilot.label}",

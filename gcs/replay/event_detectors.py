@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 from agents.control.lmpc import QpStatus
 from agents.inputs import AutopilotStatus, Bus, Message, TacticEvent
 from agents.ports import VehicleStatus
-from agents.safety.guard import QUIET_S
+from agents.safety.guard import QUIET_S, GuardStatus
 from agents.team.messages import sightings_of
 from estimation.state import Sighting, Telemetry, place_text
 from gcs.flightlog.records import Decision
@@ -180,9 +180,11 @@ class GuardEvents:
         self._changed += 1
         self._last_s = decision.time_s
         self._causes |= dict.fromkeys(decision.guard.causes)
-        if decision.guard.status in ("yielded", "braked"):
-            yielded = f"the guard relaxed constraints, up to {decision.guard.yielded}"
-            self._most_severe = "the guard braked to a stop" if decision.guard.status == "braked" else yielded
+        match decision.guard.status:
+            case GuardStatus.YIELDED.value:
+                self._most_severe = f"the guard relaxed constraints, up to {decision.guard.yielded}"
+            case GuardStatus.BRAKED.value:
+                self._most_severe = "the guard braked to a stop"
         nearest = received.nearest(decision)
         if nearest and (self._nearest is None or nearest.distance_m < self._nearest.distance_m):
             self._nearest = nearest

@@ -24,7 +24,7 @@ from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from estimation.state import MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
-from gcs.errors import InputError
+from gcs.errors import InputError, KeyFault
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
 from gcs.mission.mission import Mission
@@ -87,20 +87,20 @@ def recorded_filters(mission: Mission) -> dict[int, FilterSettings]:
 
 def changed_filters(mission: Mission, changes: Sequence[str]) -> dict[int, FilterSettings]:
     """Return the same with values of KEY=VALUE changed for every vehicle; raises InputError with every fault."""
-    faults: list[str] = []
+    faults: list[KeyFault] = []
     values: dict[str, dict[str, object]] = {name: {} for name in FILTERS}
     for change in changes:
         key, is_set, text = change.partition("=")
         section, _, name = key.strip().partition(".")
         if not is_set or not name:
-            faults.append(f"{change!r}: it must be KEY=VALUE, for example own_filter.gate_sigma=4")
+            faults.append(KeyFault(repr(change), "it must be KEY=VALUE, for example own_filter.gate_sigma=4"))
         elif section not in FILTERS:
             faults.append(unknown_key("", section, list(FILTERS)))
         else:
             try:
                 (values[section][name],) = tomllib.loads(f"value = {text}").values()
             except (ValueError, RecursionError):  # also more than one value
-                faults.append(f"{section}.{name}: {text!r} is not a TOML value")
+                faults.append(KeyFault(f"{section}.{name}", f"{text!r} is not a TOML value"))
     own = validated(OwnFilterSettings, values["own_filter"], "own_filter", faults)
     target = validated(TargetFilterSettings, values["target_filter"], "target_filter", faults)
     if faults or own is None or target is None:

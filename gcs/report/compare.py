@@ -247,9 +247,15 @@ _LEAD = (
 def _paths(flights: Sequence[ComparedFlight]) -> Chart:
     points_m = np.concatenate([landmarks_m(flight.sheet) for flight in flights])
     draw = partial(draw_compared_paths, flights=flights)
-    return chart("compared-paths", draw, "Map of the paths of all flights.", map_height_in(points_m, WIDTH_IN))
+    return chart(
+        "compared-paths",
+        draw,
+        "Map of the paths of all flights.",
+        map_height_in(points_m, WIDTH_IN),
+        is_over_time=False,
+    )
 
 
 def _error(flights: Sequence[ComparedFlight], name: str) -> Chart:
-    alt = f"{ERRORS[name][0]} of all flights over the time since the first engagement."
+    alt = f"{ERRORS[name].heading} of all flights over the time since the first engagement."
     return chart(f"compared-{name}", partial(draw_compared_error, flights=flights, name=name), alt)

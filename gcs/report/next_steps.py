@@ -117,5 +117,5 @@ def _hurry(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]
 
 
 def _explained(evidence: FlightEvidence, vehicle: int | str) -> str:
-    log = evidence.facts.get("log", "")
-    return f"cordon replay {quote(log) if log and ', ' not in log else 'LOG'} --explain {vehicle}"
+    log = quote(evidence.logs[0]) if len(evidence.logs) == 1 else "LOG"
+    return f"cordon replay {log} --explain {vehicle}"

@@ -147,7 +147,9 @@ def _paper(flight: ReportedFlight) -> Section:
 def _map(sheet: Sheet, width_in: float) -> Chart:
     alt = "Map of the paths of all vehicles and of the target, with the final ring."
     height_in = panels.map_height_in(panels.landmarks_m(sheet), width_in)
-    return chart("paths", partial(panels.draw_paths, sheet=sheet), alt, height_in, width_in=width_in)
+    return chart(
+        "paths", partial(panels.draw_paths, sheet=sheet), alt, height_in, width_in=width_in, is_over_time=False
+    )
 
 
 def _errors(flight: ReportedFlight) -> Section:

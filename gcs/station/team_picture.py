@@ -6,7 +6,6 @@ from itertools import count
 from math import inf
 from statistics import median_high
 
-from agents.flight_end import FlightEnd
 from agents.ring.place import ring_place
 from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport
 from gcs.console.advice import Severity
@@ -249,7 +248,7 @@ def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str
     if report.is_link_cut != before.is_link_cut:
         news.append(("link to its autopilot cut", "alarm") if report.is_link_cut else ("link restored", "information"))
     if report.ended != before.ended:
-        news.append((f"flight ended: {report.ended}", "information" if report.ended == FlightEnd.LANDED else "warning"))
+        news.append((f"flight ended: {report.ended}", "information" if report.is_completed else "warning"))
     return news
 
 

@@ -5,9 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs.mission.overrides import override_text
-from gcs.sweep.columns import Column, Row
+from gcs.sweep.columns import Column, Row, failed_verdicts
 from gcs.sweep.plan import SweepPlan, SweepRun
-from gcs.sweep.summary import VERDICT
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +53,6 @@ def _worst(metrics: Sequence[str]) -> list[str]:
 
 
 def _faults(row: Row) -> list[str]:
-    failing = [name.removeprefix(VERDICT) for name, value in row.items() if name.startswith(VERDICT) and value is False]
+    failing = failed_verdicts(row)
     named = [f"does not hold: {', '.join(failing)}"] if failing else []
     return [*named, *([f"failed: {row['error']}"] if "error" in row else [])]

@@ -3,14 +3,15 @@
 from dataclasses import replace
 from math import inf
 
+from agents.safety.failsafe import LINK_LOSS_MAX
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
 from gcs.link.rates.rates import Rates, Traffic, rate_levels
 
 LOOK_PERIOD_S = 2.0
-LOSS_HIGH, LOSS_LOW = 0.1, 0.03
-"""Shares of lost frames between two looks: above the first the rates go down, below the second they may go up."""
+LOSS_LOW = 0.03
+"""Share of lost frames between two looks below which the rates may go up; above `LINK_LOSS_MAX` they go down."""
 BUFFER_LOW, BUFFER_HIGH = 0.2, 0.6
-"""Free shares of the radio's transmit buffer, likewise."""
+"""Free shares of the radio's transmit buffer: below the first the rates go down, above the second they may go up."""
 UP_AFTER_S = 20.0
 """How long a connection must be healthy before its rates go up by a step: a step up may overload it again."""
 FRAMES_MIN = 20
@@ -87,8 +88,9 @@ class RateController:
             self._well_since_s = now_s
             return
         lost, free = traffic.lost_share(before), 1.0 if traffic.buffer_free is None else traffic.buffer_free
-        if lost > LOSS_HIGH or free < BUFFER_LOW:
-            self.fault = f"{lost:.0%} of its messages are lost" if lost > LOSS_HIGH else "its radio's buffer is full"
+        if lost > LINK_LOSS_MAX or free < BUFFER_LOW:
+            is_lossy = lost > LINK_LOSS_MAX
+            self.fault = f"{lost:.0%} of its messages are lost" if is_lossy else "its radio's buffer is full"
             self._at = min(self._at + 1, len(self._levels) - 1)
             self._well_since_s = now_s
         elif lost > LOSS_LOW or free < BUFFER_HIGH:

@@ -100,12 +100,13 @@ class PlantNote:
 class FlightEvidence:
     """The record behind the metrics, and each vehicle's evidence in the record's order.
 
-    `facts` are name and value of what heads the report: date, log, versions. `speed` is seconds of mission time per
-    second of wall time; ages, computing times and intervals of messages are wall time.
+    `facts` are name and value of what heads the report: date, log, versions; `logs` the names of its logs. `speed`
+    is seconds of mission time per second of wall time; ages, computing times and intervals of messages are wall time.
     """
 
     record: FlightRecord
     vehicles: tuple[VehicleEvidence, ...]
     facts: dict[str, str] = field(default_factory=dict)
+    logs: tuple[str, ...] = ()
     plants: tuple[PlantNote, ...] = ()
     speed: float = 1.0

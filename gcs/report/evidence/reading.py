@@ -20,6 +20,7 @@ from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Tru
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
+from gcs.metrics.record import injected_faults
 from gcs.mission.mission import Mission
 from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
 from sitl.server.server import TruthTrack
@@ -58,7 +59,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
         tuple(ending for each in vehicles if (ending := each.ending(start_s)) is not None),
-        logs[0].run.faults,
+        injected_faults(logs[0].run.faults),
         _kinds(logs),
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
@@ -66,7 +67,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in vehicles}
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
     is_damaged = any(log.is_damaged for log in logs)
-    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs), speed=speed), is_damaged)
+    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs), _names(logs), speed=speed), is_damaged)
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:
@@ -99,12 +100,16 @@ def _wall_time_s(log: FlightLog) -> float:
     return (max(stamps) - min(stamps)) / 1e9 if stamps else 0.0
 
 
+def _names(logs: Sequence[FlightLog]) -> tuple[str, ...]:
+    return tuple(log.path.name for log in logs)
+
+
 def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
     run: Run = logs[0].run
     began = datetime.fromtimestamp(run.began_s, UTC)
     facts = {
         "date": f"{began:%Y-%m-%d %H:%M:%S} UTC",
-        "log": ", ".join(log.path.name for log in logs),
+        "log": ", ".join(_names(logs)),
         "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),
     }
     if kinds := _kinds(logs):

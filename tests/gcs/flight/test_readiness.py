@@ -10,18 +10,18 @@ import pytest
 from agents.ports import VehicleRefusedError
 from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, blocker_lines
 from gcs.flight.team import FlightTeam
-from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.findings import MISSION, Finding, Grade
 
-WELL = Finding(Grade.PASS, "vehicle 1", "gps", "GPS: 3D fix, 14 satellites")
-WARNED = Finding(Grade.WARNING, "vehicle 1", "battery", "its battery is at 40%", "it may not last", "charge it")
+WELL = Finding(Grade.PASS, 1, "gps", "GPS: 3D fix, 14 satellites")
+WARNED = Finding(Grade.WARNING, 1, "battery", "its battery is at 40%", "it may not last", "charge it")
 
 
 def lack(vehicle: int, found: str, *, temporary: bool = True) -> Finding:
-    return Finding(Grade.REFUSE, f"vehicle {vehicle}", "gps", found, "why", "next", temporary=temporary)
+    return Finding(Grade.REFUSE, vehicle, "gps", found, "why", "next", temporary=temporary)
 
 
 NO_FIX = lack(2, "GPS: no fix, 0 satellites")
-CLOCKS = Finding(Grade.REFUSE, "mission", "clocks", "they run at different speeds", "why", "next")
+CLOCKS = Finding(Grade.REFUSE, MISSION, "clocks", "they run at different speeds", "why", "next")
 WRONG = lack(3, "COM_OF_LOSS_T = 6", temporary=False)
 
 

@@ -23,7 +23,7 @@ HELD = Verdicts(True, True, True, True, True, True)
 def flight() -> tuple[FlightEvidence, FlightResult]:
     """A flight of which nothing is to be corrected."""
     evidence, result, _ = flown(3, duration_s=120.0, rate_hz=5.0)
-    return replace(evidence, facts={"log": "flight one.mcap"}), replace(result, verdicts=HELD)
+    return replace(evidence, logs=("flight one.mcap",)), replace(result, verdicts=HELD)
 
 
 def test_a_flight_in_which_all_held_needs_no_step(flight: tuple[FlightEvidence, FlightResult]) -> None:
