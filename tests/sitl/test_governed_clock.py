@@ -15,10 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sitl.server import shared_clock
+from sitl.server import governed_clock, shared_clock
 from sitl.server.clock_memory import NEVER_US
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import ClockError, ClockName, Rank, Seat, new_clock
+from tests.support.wire import PATIENCE_S
 
 MOTION = (1.0, 2.0, -3.0, 0.1, 0.2, 0.3)
 
@@ -79,16 +80,16 @@ def seat_epoch_is_whole(name: ClockName) -> bool:
 
 
 def test_one_that_hangs_is_passed_over_until_it_goes_on(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared_clock, "HUNG_S", 0.1)
+    monkeypatch.setattr(shared_clock, "HUNG_S", hung_s := 0.1)
     with Seat(fast, Rank.AGENTS) as hangs, Seat(fast, Rank.SUPERVISOR) as other:
         hangs.state(1_000)
         assert hangs.turn() == 0.0  # it handles its event, and hangs
         began_s = time.monotonic()
         other.wait_until(2_000)
-        assert time.monotonic() - began_s >= 0.1
+        assert time.monotonic() - began_s >= hung_s
+        monkeypatch.setattr(shared_clock, "HUNG_S", inf)
         for event_us in (3_000, 4_000):  # at once: it is known to hang
             other.wait_until(event_us)
-        assert time.monotonic() - began_s < 0.2
         other.state(9_000)
         hangs.state(1_500)  # it goes on, at the present time
         assert hangs.waits_us == 4_000
@@ -176,7 +177,7 @@ async def test_the_time_stands_still_while_work_of_this_computer_is_awaited(fast
 
 
 async def test_motions_and_setpoints_under_way_are_waited_for(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sitl.server.governed_clock.TRANSIT_MAX_S", 0.2)
+    monkeypatch.setattr(governed_clock, "TRANSIT_MAX_S", inf)
     with GovernedClock(fast, Rank.AGENTS) as client, GovernedClock(fast, Rank.STUBS) as stubs:
         link, motions, setpoints = client.transit(7), stubs.motions(7), stubs.setpoints(7)
         stubs.expect(setpoints)
@@ -188,24 +189,28 @@ async def test_motions_and_setpoints_under_way_are_waited_for(fast: ClockName, m
         assert not ticking.done()
         (north, east, down), velocity = MOTION[:3], MOTION[3:]
         assert link.sent_s(north, east, down, velocity) == sent_s
-        await asyncio.wait_for(ticking, 0.1)
+        await asyncio.wait_for(ticking, PATIENCE_S)
         link.send(1.5, 2.5, -3.5)
         stepping = asyncio.create_task(stubs.sleep(0.1))
         await asyncio.sleep(0.05)
         assert not stepping.done()
         setpoints.take(1.5, 2.5, -3.5)
-        await asyncio.wait_for(stepping, 0.1)
+        await asyncio.wait_for(stepping, PATIENCE_S)
         motions.send((*MOTION[:5], 9.0))  # lost
+        monkeypatch.setattr(governed_clock, "TRANSIT_MAX_S", 0.2)
         began_s = time.monotonic()
-        await client.sleep(0.1)
-        assert 0.2 <= time.monotonic() - began_s < 1.0
+        await asyncio.wait_for(client.sleep(0.1), PATIENCE_S)
+        assert time.monotonic() - began_s >= 0.2
 
 
-async def test_states_on_the_bus_are_waited_for_once_one_has_arrived(fast: ClockName) -> None:
+async def test_states_on_the_bus_are_waited_for_once_one_has_arrived(
+    fast: ClockName, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(governed_clock, "TRANSIT_MAX_S", inf)
     with GovernedClock(fast, Rank.AGENTS) as sender, GovernedClock(fast, Rank.GUEST) as observer:
         outgoing, incoming = sender.bus_transit(), observer.bus_transit()
         outgoing.send(3)
-        await asyncio.wait_for(observer.sleep(0.1), 0.1)  # not connected yet
+        await asyncio.wait_for(observer.sleep(0.1), PATIENCE_S)  # not connected yet
         outgoing.send(3)
         incoming.take(3)
         outgoing.send(3)
@@ -213,7 +218,7 @@ async def test_states_on_the_bus_are_waited_for_once_one_has_arrived(fast: Clock
         await asyncio.sleep(0.05)
         assert not waiting.done()
         incoming.take(3)
-        await asyncio.wait_for(waiting, 0.1)
+        await asyncio.wait_for(waiting, PATIENCE_S)
 
 
 async def test_a_call_that_fails_affects_no_other(fast: ClockName) -> None:
@@ -222,8 +227,8 @@ async def test_a_call_that_fails_affects_no_other(fast: ClockName) -> None:
     with GovernedClock(fast, Rank.AGENTS) as clock:
         began_s = clock.now_s()
         clock.call_at(began_s + 0.1, lambda: 1 // 0)
-        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.1), 0.5) == pytest.approx(began_s + 0.1)
-        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.2), 0.5) == pytest.approx(began_s + 0.2)
+        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.1), PATIENCE_S) == pytest.approx(began_s + 0.1)
+        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.2), PATIENCE_S) == pytest.approx(began_s + 0.2)
     assert [type(each) for each in failures] == [ZeroDivisionError]
 
 
@@ -240,7 +245,7 @@ async def test_two_clocks_of_one_event_loop_do_not_wait_for_each_other() -> None
                 await clock.sleep_until(began_s + 1e-3 * number * period_ms)
                 order.append((round((clock.now_s() - began_s) * 1e3), who))
 
-        await asyncio.wait_for(asyncio.gather(tick(agents, "agents", 100), tick(stubs, "stubs", 4)), 5.0)
+        await asyncio.wait_for(asyncio.gather(tick(agents, "agents", 100), tick(stubs, "stubs", 4)), PATIENCE_S)
     expected = [(ms, "stubs") for ms in range(4, 1001, 4)] + [(ms, "agents") for ms in range(100, 1001, 100)]
     assert order == sorted(expected, key=lambda each: (each[0], each[1] != "stubs"))
 

@@ -26,10 +26,7 @@ from gcs.console.keyboard.bindings import (
 from gcs.console.keyboard.commands import KeyCommands
 from gcs.console.keyboard.keyboard import Keyboard
 from tests.support.paths import ROOT
-from tests.support.wire import until
-
-WAIT_S = 20.0
-
+from tests.support.wire import PATIENCE_S, until
 
 TEAM = (1, 2, 3)
 BY_HAND_S = 0.15
@@ -299,7 +296,7 @@ def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: 
             os.write(person, b"\x1b")
             heard += _read_until(person, "pressed \x1b")
             heard += _press_until(person, ending, f"pressed {ending}")
-            assert child.wait(WAIT_S) == code
+            assert child.wait(PATIENCE_S) == code
         finally:
             child.kill()
     assert settings(person) == before
@@ -310,7 +307,7 @@ def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: 
 def _press_until(fd: int, key: str, text: str) -> str:
     """Press a key again and again: read together with what was pasted before it, it would count as pasted too."""
     heard = ""
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     while text not in heard:
         assert time.monotonic() < end_s, heard
         os.write(fd, key.encode())
@@ -320,7 +317,7 @@ def _press_until(fd: int, key: str, text: str) -> str:
 
 def _read_until(fd: int, text: str) -> str:
     heard = ""
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     while text not in heard:
         assert time.monotonic() < end_s, heard
         heard += _heard(fd, 0.2)

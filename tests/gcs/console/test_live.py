@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
@@ -19,6 +18,7 @@ from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
 from gcs.metrics.ring import RingResult
 from gcs.metrics.vehicles import EstimatedVehicleResult, VehicleResult
+from tests.support.wire import until_now
 
 ROWS = (
     LiveRow(
@@ -254,9 +254,7 @@ def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
     console, output = terminal()
     with LiveView(console) as view:
         view.update(ROWS, 1.0, "flying", Text("h hold"))
-        end_s = time.monotonic() + 5.0
-        while "h hold" not in output.getvalue() and time.monotonic() < end_s:
-            time.sleep(0.05)
+        until_now(lambda: "h hold" in output.getvalue())
         view.print_line("0.5 s: vehicle 1: [holds]")
         told = output.getvalue()
         assert told.index("[holds]") < told.rindex("1.0 s") < told.rindex("flying") < told.rindex("h hold")

@@ -109,9 +109,8 @@ def test_the_busiest_programs_are_named_by_what_they_used_in_between() -> None:
 
 
 def test_a_program_that_computes_is_found_among_those_of_this_computer() -> None:
-    """The system's own account of its processor time is the truth: it may not get a whole processor."""
+    """The system's own account of its processor time is the truth."""
     command = "import sys, time\nwhile time.process_time() < 0.5: pass\nsys.stdin.read()"
-    before, began_s = processes(), time.monotonic()
     with subprocess.Popen([sys.executable, "-c", command], stdin=subprocess.PIPE) as spinner:
         while _ticks(spinner.pid)["cpu"] < 0.4:
             time.sleep(0.05)
@@ -119,9 +118,9 @@ def test_a_program_that_computes_is_found_among_those_of_this_computer() -> None
         name, used_s = next(used for (pid, _), used in after.used.items() if pid == spinner.pid)
         assert spinner.stdin is not None
         spinner.stdin.close()
-    assert 0.399 < used_s < 0.51 + (after.time_s - began_s)
-    only = Processes(after.time_s, {key: used for key, used in after.used.items() if key[0] == spinner.pid})
-    assert busiest(before, only)[0] == Program(name, spinner.pid, used_s / (after.time_s - before.time_s))
+    assert 0.399 < used_s < 0.6
+    only = Processes(1.0, {key: used for key, used in after.used.items() if key[0] == spinner.pid})
+    assert busiest(Processes(0.0, {}), only) == [Program(name, spinner.pid, used_s)]
 
 
 def _ticks(pid: int) -> Mapping[str, float]:

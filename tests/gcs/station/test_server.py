@@ -18,7 +18,7 @@ from gcs.station.picture import FlightPicture, OperatorRights, TeamPicture
 from gcs.station.server import REQUEST_MAX_BYTES, listen, recorded_app, serve
 from gcs.viewer.address import Address
 from tests.support.page.station import TOKEN, CannedSource, Station, asked, received, station
-from tests.support.wire import LOOPBACK, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port
 
 pytestmark = pytest.mark.wire
 
@@ -143,7 +143,7 @@ async def test_a_page_that_says_what_it_should_not_is_closed_alone(
 ) -> None:
     async with served.connected() as other, served.connected() as page:
         await page.send(said)
-        await asyncio.wait_for(page.wait_closed(), 5.0)
+        await asyncio.wait_for(page.wait_closed(), PATIENCE_S)
         assert page.close_code == code
         served.source.team(7.0)
         assert (await received(other, "team"))["time_s"] == 7.0
@@ -206,7 +206,7 @@ async def test_a_recorded_flight_is_one_object(page_folder: Path) -> None:
         async with running.connected():
             pass
     stop.set()
-    await asyncio.wait_for(serving, 3.0)
+    await asyncio.wait_for(serving, PATIENCE_S)
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
-from tests.support.wire import LOOPBACK, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until_now
 
 VEHICLES = (7, 8)
 
@@ -27,11 +27,13 @@ class Ends:
     def find(self, vehicle: int) -> None:
         """Wait for a vehicle's heartbeat, and accept its address."""
         self.relay.claim(vehicle, None)
-        autopilot, end_s = mavlink.MAVLink(None, vehicle, 1), time.monotonic() + 5.0
-        while not self.relay.candidates(vehicle):
-            assert time.monotonic() < end_s
+        autopilot = mavlink.MAVLink(None, vehicle, 1)
+
+        def found() -> bool:
             self.vehicles.send(bytes(autopilot.heartbeat_encode(2, 12, 0, 0, 4).pack(autopilot)))
-            time.sleep(0.02)
+            return bool(self.relay.candidates(vehicle))
+
+        until_now(found)
         self.relay.verify(vehicle, self.relay.candidates(vehicle)[0])
 
     def sends(self, *messages: mavlink.MAVLink_message) -> list[tuple[str, int]]:
@@ -52,7 +54,7 @@ def ends() -> Iterator[Ends]:
     relay = Relay(f"udpin://{LOOPBACK}:{port}", thread)
     at = relay.inner_url.removeprefix("tcpout://").split(":")
     with socket.create_connection((at[0], int(at[1]))) as mavsdk, socket.socket(type=socket.SOCK_DGRAM) as vehicles:
-        vehicles.settimeout(5.0)
+        vehicles.settimeout(PATIENCE_S)
         vehicles.connect((LOOPBACK, port))
         relay.start()
         both = Ends(relay, mavsdk, vehicles)
