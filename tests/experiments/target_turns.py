@@ -69,10 +69,11 @@ def mission(flight: Flight) -> Mission:
     return parsed(text)
 
 
-def flown(seed: int, flight: Flight) -> Turns:
-    """Fly once, and compare with the truth."""
+def flown(seed: int, flight: Flight, duration_s: float | None = None) -> Turns:
+    """Fly once, for as long as the mission unless told otherwise, and compare with the truth."""
     turning = mission(flight)
-    rate_hz, duration_s, count = turning.mission.rate_hz, turning.mission.duration_s, len(turning.vehicles)
+    rate_hz, count = turning.mission.rate_hz, len(turning.vehicles)
+    duration_s = duration_s or turning.mission.duration_s
     believed_m = np.full((round(duration_s * rate_hz) + 1, count, 2), np.nan)
     setpoint_m = np.full_like(believed_m, np.nan)
     tactics: list[Tactic] = []

@@ -178,7 +178,7 @@ PLACES = {
     place=st.sampled_from(list(PLACES.values())),
     weights=st.tuples(st.floats(4.0, 10.0), st.floats(4.0, 10.0)),
 )
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_the_plan_minimises_the_papers_cost(
     make_config: Maker, polar: Polar, place: RingPlace, weights: tuple[float, float]
 ) -> None:

@@ -149,10 +149,6 @@ def test_many_alerts_leave_room_for_vehicles_and_the_hint() -> None:
     assert f"and {len(alerts) - 4} more alerts" in lines
 
 
-def test_brackets_in_a_note_are_no_markup() -> None:
-    assert "vehicle 2: ring [pair 1]" in shown_at(120)
-
-
 def test_after_the_end_nothing_is_shown_as_flying(subtests: pytest.Subtests) -> None:
     down = [replace(row, ending="disarmed", alert="") for row in ROWS]
     for rows, ending in ((down, "disarmed"), (ROWS, "unknown")):

@@ -37,7 +37,7 @@ def flown(mission: Mission, duration_s: float) -> FlightResult:
 @pytest.mark.parametrize("bounds", [{}, SHAPED], ids=["plain", "shaped"])
 def test_the_mixed_team_keeps_its_ring_on_plants_off_their_profiles(bounds: dict[str, float]) -> None:
     mission = perturbed(load_mission("mixed-team"))
-    result = flown(replace(mission, simulation=mission.simulation.model_copy(update=bounds)), 300.0)
+    result = flown(replace(mission, simulation=mission.simulation.model_copy(update=bounds)), 200.0)
     verdicts = result.verdicts
     assert (verdicts.c1, verdicts.c2, verdicts.c3, verdicts.separation) == (True, True, True, True)
     for vehicle in result.vehicles:
@@ -50,7 +50,7 @@ def test_a_wandering_estimate_disturbs_px4s_vehicles_less_with_their_profiles_fi
     mission = load_mission("mixed-team")
     mission = replace(mission, simulation=mission.simulation.model_copy(update={"wander_m": 0.3}))
     plain = tuple(replace(each, own_filter=OwnFilterSettings()) for each in mission.vehicles)
-    own, defaults = flown(mission, 120.0), flown(replace(mission, vehicles=plain), 120.0)
+    own, defaults = flown(mission, 100.0), flown(replace(mission, vehicles=plain), 100.0)
     for index in (0, 2):
         before, after = defaults.vehicles[index].radius_error_rms_m, own.vehicles[index].radius_error_rms_m
         assert before is not None

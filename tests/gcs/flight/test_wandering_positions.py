@@ -25,8 +25,8 @@ STEP_MAX_M = 0.3
 class Wandering:
     """What a flight shows: true offsets from the target, and claimed ones (T, V, 2); what was sent; uncertainties."""
 
-    def __init__(self, mission: Mission) -> None:
-        vehicles, shape = simulated_vehicles(mission, SEED), (round(UNTIL_S * mission.mission.rate_hz) + 1, 3)
+    def __init__(self, mission: Mission, until_s: float = UNTIL_S) -> None:
+        vehicles, shape = simulated_vehicles(mission, SEED), (round(until_s * mission.mission.rate_hz) + 1, 3)
         self.claimed_m, self.setpoint_m = np.full((2, *shape, 2), np.nan)
         self.sigma_m = np.full(shape, np.nan)
 
@@ -42,7 +42,7 @@ class Wandering:
             vehicles,
             NetworkModel(1000.0),
             rate_hz=mission.mission.rate_hz,
-            duration_s=UNTIL_S,
+            duration_s=until_s,
             seed=SEED,
             inputs=INPUTS,
             observe=observe,
@@ -91,7 +91,7 @@ def test_the_same_vehicles_that_know_nothing_of_their_wander_fly_a_ring_that_is_
     plain = tuple(
         replace(each, own_filter=each.own_filter.model_copy(update={"wander_m": 0.0})) for each in mission.vehicles
     )
-    flight = Wandering(replace(mission, vehicles=plain))
+    flight = Wandering(replace(mission, vehicles=plain), 150.0)
     assert rms(flight.radius_error_m[flight.seeing]) > 0.15
 
 

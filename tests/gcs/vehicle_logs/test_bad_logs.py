@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs.errors import Exit, InputError
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.foreign import read_vehicle_logs
 from gcs.vehicle_logs.vehicle_log import VehicleLog
@@ -84,10 +83,6 @@ def faults(read: Callable[[bytes], VehicleLog], log: bytes) -> str:
 
 
 # What is no log
-
-
-def test_bad_input_ends_in_exit_code_two() -> None:
-    assert issubclass(LogError, InputError), f"that is {Exit.BAD_INPUT!r} to the command line"
 
 
 def test_what_is_no_log_is_refused(subtests: pytest.Subtests, read: Callable[[bytes], VehicleLog]) -> None:
