@@ -15,13 +15,12 @@ from sitl.autopilot.autopilot import Autopilot, CommandResult, LandedState
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
-from sitl.autopilot.modes import Conditions, NavMode
+from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.px4 import DEFAULTS, Px4
 from sitl.mavlink.schedule import Schedule
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
-READY = Conditions(estimator_ready=True, setpoints_flow=False)
 
 
 def mode_of(autopilot: Autopilot) -> NavMode:
@@ -71,9 +70,6 @@ def offboard(height_m: float = 5.0, **parameters: float) -> Autopilot:
     assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
     stream(autopilot, PositionTarget((0.0, 0.0, height_m)), 2.0)
     return autopilot
-
-
-# The mode tables
 
 
 # Motion

@@ -4,6 +4,7 @@ import copy
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,14 @@ def drop(mission: Content, path: Place) -> Content:
     for key in path[:-1]:
         node = node[key]
     del node[path[-1]]
+    return mission
+
+
+def changed(changes: Mapping[Place, object]) -> Content:
+    """Return case 2 with some values set."""
+    mission = content()
+    for path, value in changes.items():
+        mission = put(mission, path, value)
     return mission
 
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-TEXT, BINARY, PING, PONG = 1, 2, 9, 10
+TEXT, PONG = 1, 10
 MESSAGE_DATA = 1
 
 

@@ -15,7 +15,7 @@ from tests.support.flight_logs import engaging
 
 pytestmark = pytest.mark.slow
 
-SETTLED_S, BLIND_FROM_S, BLIND_TO_S, UNTIL_S = 60.0, 200.0, 220.0, 300.0
+SETTLED_S, BLIND_FROM_S, BLIND_TO_S, UNTIL_S = 60.0, 150.0, 170.0, 220.0
 WANDER_M, RING_M, SEED = 0.25, 10.0, 1
 BLIND = 0
 """The vehicle whose sensor is blind for a while."""

@@ -203,9 +203,7 @@ def test_a_home_that_nobody_knows_is_no_place(
 def test_a_place_that_was_told_and_is_none_ends_in_bad_input(subtests: pytest.Subtests, tmp_path: Path) -> None:
     rows: tuple[tuple[str, str], ...] = (
         ("file", "exists already"),
-        (".", "exists already"),
         ("nowhere/log.mcap", "No such file"),
-        ("file/log.mcap", "Not a directory"),
         ("x" * 300, "File name too long"),
     )
     for name, reason in rows:

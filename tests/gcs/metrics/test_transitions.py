@@ -12,7 +12,6 @@ from gcs.metrics.ring_motion import ring_motion
 from gcs.metrics.transitions import TransitionResult, transitions
 
 TIME_S = np.arange(0.0, 80.0, 0.1)
-RING = RingReference(10.0, 0.05)
 ENGAGES_S = 20.0
 DRIFT_M_S = np.array([0.1, -0.05])
 

@@ -5,19 +5,12 @@ from math import cos, pi, sin
 import pytest
 
 from gcs.mission.geometry import fences, nearest_other
-from tests.support.mission_text import Content, content, faults, parsed, put
+from tests.support.mission_text import changed, faults, parsed
 
 Changes = dict[tuple[str | int, ...], object]
 
 # case2: starts at x = 0, y = 4, 0 and -4; the target goes from (35, -5) to (95, -5) within a ring of 10 m.
 BOX: list[list[float]] = [[-5.0, -20.0], [110.0, -20.0], [110.0, 10.0], [-5.0, 10.0]]
-
-
-def changed(changes: Changes) -> Content:
-    mission = content()
-    for path, value in changes.items():
-        mission = put(mission, path, value)
-    return mission
 
 
 def fenced(*corners: tuple[float, float], **more: object) -> Changes:

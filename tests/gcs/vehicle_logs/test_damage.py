@@ -1,7 +1,7 @@
 """Which logs of others are damaged, and which only end early: exit codes rest on it."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +9,22 @@ import pytest
 
 from gcs.errors import Exit
 from gcs.vehicle_logs.foreign import read_vehicle_logs
-from gcs.vehicle_logs.vehicle_log import VehicleLog
 from tests.conftest import RunHere
-from tests.gcs.vehicle_logs.test_bad_logs import BIN, LOCAL, ULOG, bin_records, topic_records, ulog_records
+from tests.gcs.vehicle_logs.test_bad_logs import (
+    BIN,
+    LOCAL,
+    LOGS,
+    TLOG,
+    ULOG,
+    Read,
+    bin_records,
+    topic_records,
+    ulog_records,
+)
 from tests.support.flight_logs import record_simulation
 from tests.support.mission_text import content, parsed, put
 from tests.support.result_keys import OUTPUT_KEYS
-from tests.support.telemetry_log import flight
 
-TLOG = bytes(flight((3,), seconds=5.0).log)
-LOGS = {"ulg": ULOG, "bin": BIN, "tlog": TLOG}
 STAMP_BYTES, V2_OVERHEAD_BYTES = 8, 12
 
 
@@ -61,18 +67,8 @@ DAMAGED = {
 }
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Callable[[bytes], VehicleLog]:
-    def write_and_read(log: bytes) -> VehicleLog:
-        file = tmp_path / "flight.log"
-        file.write_bytes(log)
-        return read_vehicle_logs(file)[0]
-
-    return write_and_read
-
-
 @pytest.mark.parametrize("name", DAMAGED)
-def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Callable[[bytes], VehicleLog]) -> None:
+def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Read) -> None:
     found, whole = read(DAMAGED[name]), read(LOGS[name.partition(":")[0]])
     assert (found.is_damaged, whole.is_damaged) == (True, False)
     assert any("damaged" in note for note in found.notes)
@@ -84,7 +80,7 @@ def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Callable[[byte
 
 
 @pytest.mark.parametrize("kind", LOGS)
-def test_a_log_that_ends_early_is_not_damaged(kind: str, read: Callable[[bytes], VehicleLog]) -> None:
+def test_a_log_that_ends_early_is_not_damaged(kind: str, read: Read) -> None:
     """As without power: after any byte, within a record or between two."""
     log = LOGS[kind]
     for at in np.random.default_rng(5).integers(len(log) // 2, len(log), 25):
