@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from math import hypot
 
 import numpy as np
@@ -22,6 +23,7 @@ WIND = np.array([0.3, -0.2])
 FINE_S = 0.005
 
 
+@cache
 def flown(
     a0: float, a1: float, delay_s: float, *, noise_m: float = 0.05, seconds: float = 150.0, step_m: float = 1.5
 ) -> tuple[Vector, Vector]:
