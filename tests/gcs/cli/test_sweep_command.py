@@ -150,12 +150,12 @@ def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path, run_her
     assert list(summary["errors"].values()) == [2]
     assert "encirclement.radius_m: it must be greater than 0 (given: -1)" in err
     mission.write_text("edited")
-    code, out, _ = run_here("sweep", "plot", str(folder), "--out", str(figure), "--json")
-    drawn = json.loads(out)
+    plotted = run_here("sweep", "plot", str(folder), "--out", str(figure), "--json")
+    drawn = json.loads(plotted.out)
     (failed,) = (each for each in drawn["worst"] if "-1" in each["command"])
     plot_keys = OUTPUT_KEYS["sweep plot"].split(), OUTPUT_KEYS["worst[] of sweep plot"].split()
     assert (list(drawn), list(failed)) == plot_keys
     copy = folder / "mission" / "mine.toml"
     assert failed["command"] == f"cordon sim {copy} --set encirclement.radius_m=-1 --seed 3 --duration 5"
     assert copy.read_text() == (MISSIONS / "case2.toml").read_text()
-    assert (code, b"</svg>" in figure.read_bytes()) == (Exit.HOLDS, True)
+    assert (plotted.code, b"</svg>" in figure.read_bytes()) == (Exit.HOLDS, True)

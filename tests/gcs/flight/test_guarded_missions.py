@@ -12,7 +12,7 @@ from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.experiments.random_missions import random_flight
-from tests.gcs.flight.test_missions_simulated import apart_m, places_m
+from tests.gcs.flight.test_missions_simulated import apart_m, places_m, section
 
 pytestmark = pytest.mark.slow
 
@@ -21,8 +21,9 @@ ARRIVED_S = 60.0
 
 
 def fly(mission: Mission, seed: int = 0, duration_s: float | None = None, **safety: Any) -> FlightRecord:
-    changed = replace(mission, safety=mission.safety.model_copy(update=safety))
-    return fly_simulated(changed, seed, duration_s or mission.mission.duration_s, lambda _: None)
+    return fly_simulated(
+        section("safety", **safety)(mission), seed, duration_s or mission.mission.duration_s, lambda _: None
+    )
 
 
 @pytest.mark.parametrize("seed", [93, 111, 12])

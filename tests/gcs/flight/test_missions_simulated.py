@@ -318,7 +318,7 @@ def plants(*changes: tuple[float, float, float]) -> Change:
 
     def true(plant: Plant, a0: float, a1: float, delay_s: float) -> Plant:
         x, y = (PlantAxis(axis.a0_per_s2 * a0, axis.a1_per_s * a1) for axis in (plant.x, plant.y))
-        return Plant(x, y, plant.delay_s + delay_s)
+        return replace(plant, x=x, y=y, delay_s=plant.delay_s + delay_s)
 
     def change(mission: Mission) -> Mission:
         each = changes if len(changes) > 1 else changes * len(mission.vehicles)
