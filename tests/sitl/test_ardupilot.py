@@ -26,7 +26,7 @@ from sitl.mavlink.reports import MavlinkConfig
 from sitl.server import shared_clock
 from sitl.server.server import StubConfig
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
-from tests.support.wire import free_port, served, stub_clock, stub_process
+from tests.support.wire import PATIENCE_S, free_port, served, stub_clock, stub_process
 
 PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
@@ -533,7 +533,7 @@ async def test_while_the_time_stands_still_it_sends_heartbeats_by_the_wall(monke
     port, read, heard = free_port(), dialect.MAVLink(None), 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", port))
-        station.settimeout(10.0)
+        station.settimeout(PATIENCE_S)
         async with served([copter_on(port)], SPEED) as stubs:
             with shared_clock.Seat(stubs.clock.name, shared_clock.Rank.GUEST) as other:
                 other.state(other.now_us + 1_000)  # which it never goes on from

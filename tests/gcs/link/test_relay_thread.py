@@ -60,7 +60,8 @@ class Echo:
 
 
 @pytest.fixture
-def thread() -> Iterator[RelayThread]:
+def thread(monkeypatch: pytest.MonkeyPatch) -> Iterator[RelayThread]:
+    monkeypatch.setattr(relay_thread, "REMOVED_WITHIN_S", PATIENCE_S)
     thread = RelayThread("relays")
     yield thread
     thread.close()

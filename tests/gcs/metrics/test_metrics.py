@@ -542,14 +542,14 @@ def test_faulty_references_are_refused(subtests: pytest.Subtests) -> None:
                 faulty()
 
 
-def test_a_ten_minute_flight_is_evaluated_in_well_under_a_tenth_of_a_second() -> None:
+def test_a_ten_minute_flight_is_evaluated_in_a_tenth_of_a_second() -> None:
     flown = record(*ring_of_three())
     taken_s = []
     for _ in range(5):
         start_s = time.process_time()
         evaluate(flown, RING, FORMATION, TOLERANCES)
         taken_s.append(time.process_time() - start_s)
-    assert min(taken_s) < 0.05
+    assert min(taken_s) < 0.1
 
 
 # --- truth and estimates ---
