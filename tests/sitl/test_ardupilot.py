@@ -21,11 +21,12 @@ from sitl.autopilot.autopilot import CommandResult
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
-from sitl.mavlink.protocol import Drop, MavlinkVehicle
+from sitl.mavlink.protocol import Drop
 from sitl.mavlink.reports import MavlinkConfig
 from sitl.server import shared_clock
 from sitl.server.server import StubConfig
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
+from tests.support.ground_station import GroundStation
 from tests.support.wire import PATIENCE_S, free_port, served, stub_clock, stub_process
 
 PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
@@ -273,36 +274,18 @@ def test_the_motion_is_as_fast_as_its_parameters_say() -> None:
 # The bytes
 
 
-class Client:
-    """A ground station that knows nothing of the stub but its bytes."""
+class Client(GroundStation):
+    """The ground station of an ArduCopter stub."""
 
     def __init__(self, copter: ArduCopter | None = None) -> None:
         self.copter = copter or ArduCopter(PLANT, (0.0, 0.0, 1.5))
-        self.vehicle = MavlinkVehicle(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)))
-        self._writer = dialect.MAVLink(None, 245, 190)
-        self._reader = dialect.MAVLink(None)
-
-    def run(self, seconds: float) -> list[Any]:
-        messages: list[Any] = []
-        for _ in range(round(seconds / STEP_S)):
-            wait(self.copter, STEP_S)
-            messages += self._read(self.vehicle.emit(self.copter.time_s))
-        return messages
-
-    def send(self, message: Any) -> list[Any]:
-        return self._read(self.vehicle.receive(bytes(message.pack(self._writer)), self.copter.time_s))
-
-    def command(self, command: int, *params: float) -> list[Any]:
-        return self.send(dialect.MAVLink_command_long_message(3, 1, command, 0, *(*params, *[0.0] * 7)[:7]))
+        super().__init__(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)), dialect)
 
     def results(self, command: int, *params: float) -> list[int]:
         return [each.result for each in self.command(command, *params) if each.get_type() == "COMMAND_ACK"]
 
     def heartbeat(self) -> Any:
         return next(each for each in reversed(self.run(1.1)) if each.get_type() == "HEARTBEAT")
-
-    def _read(self, packets: list[bytes]) -> list[Any]:
-        return [message for packet in packets for message in self._reader.parse_buffer(packet) or []]
 
 
 @pytest.fixture
