@@ -6,14 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests import structure
-from tests.structure import (
-    file_circles,
-    folder_circles,
-    long_files,
-    long_functions,
-    sources,
-    unseeded_generators,
-)
+from tests.structure import file_circles, folder_circles, long_files, long_functions, sources, unseeded_generators
 
 RULES = (file_circles, folder_circles, unseeded_generators)
 REPORTED = (long_files, long_functions)

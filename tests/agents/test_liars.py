@@ -255,9 +255,7 @@ def test_a_lie_about_the_target_does_not_move_the_estimates_of_those_who_see_it(
 
 
 @pytest.mark.parametrize("scene", [on_the_ring, crossing])
-def test_teams_without_faults_raise_no_doubt_with_loss_delay_and_drift(
-    scene: Callable[[], Scene],
-) -> None:
+def test_teams_without_faults_raise_no_doubt_with_loss_delay_and_drift(scene: Callable[[], Scene]) -> None:
     mission = scene().mission
     mission["network"] = {"loss": 0.4, "delay_s": 0.2}
     mission["simulation"] = {"wander_m": 0.5, "position_noise_m": 0.1, "velocity_noise_m_s": 0.1, "gusts": True}

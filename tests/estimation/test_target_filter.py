@@ -212,10 +212,7 @@ def test_a_sighting_that_makes_no_sense_is_refused(subtests: pytest.Subtests) ->
         (0.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), nan, 0.5),
     )
     for fields in rows:
-        with (
-            subtests.test(fields=fields),
-            pytest.raises(ValueError, match=r"not finite|positive definite|\[0, 1\]"),
-        ):
+        with subtests.test(fields=fields), pytest.raises(ValueError, match=r"not finite|positive definite|\[0, 1\]"):
             Sighting(*fields)
 
 

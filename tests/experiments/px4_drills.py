@@ -162,12 +162,7 @@ DRILLS: tuple[Drill, ...] = (
         lands_subject=True,
     ),
     Drill("killed agent", "all out of offboard", dead, ends_flight=True),
-    Drill(
-        "autopilot restarted",
-        "stand down, nothing sent; the others close the gap",
-        _restarted,
-        lands_subject=True,
-    ),
+    Drill("autopilot restarted", "stand down, nothing sent; the others close the gap", _restarted, lands_subject=True),
     Drill("frozen agent", "all out of offboard", dead, ends_flight=True),
 )
 

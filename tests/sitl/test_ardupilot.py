@@ -94,11 +94,7 @@ def test_a_long_distance_takes_the_time_of_the_limits() -> None:
 
 
 def test_limits_are_positive(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float, float], ...] = (
-        (0.0, 1.0, 1.0),
-        (1.0, -1.0, 1.0),
-        (1.0, 1.0, float("nan")),
-    )
+    rows: tuple[tuple[float, float, float], ...] = ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan")))
     for wrong in rows:
         with subtests.test(wrong=wrong), pytest.raises(ValueError, match="it must be positive"):
             ShapeLimits(*wrong)
@@ -215,9 +211,7 @@ def test_guided_entered_anew_stays_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("mode", [NavMode.LAND, NavMode.RETURN])
-def test_after_a_landing_it_disarms_at_once_and_cannot_be_armed_in_that_mode(
-    mode: NavMode,
-) -> None:
+def test_after_a_landing_it_disarms_at_once_and_cannot_be_armed_in_that_mode(mode: NavMode) -> None:
     copter = guided()
     assert copter.select(mode) is CommandResult.ACCEPTED
     while not copter.landed:
@@ -246,11 +240,7 @@ def test_armed_anew_it_does_not_follow_the_last_flights_setpoint() -> None:
 
 
 def test_idle_on_the_ground_it_disarms_after_the_delay(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[int, float], ...] = (
-        (10, 9.9),
-        (3, 2.9),
-        (0, 60.0),
-    )
+    rows: tuple[tuple[int, float], ...] = ((10, 9.9), (3, 2.9), (0, 60.0))
     for delay_s, stays_s in rows:
         with subtests.test(delay_s=delay_s, stays_s=stays_s):
             copter = ready(DISARM_DELAY=delay_s)

@@ -310,11 +310,7 @@ def test_gf_action_selects_the_mode_after_a_breach(subtests: pytest.Subtests) ->
         ({"GF_MAX_HOR_DIST": 6.0}, (), (6.0, 6.0, 5.0), "Geofence: exceeding maximum distance to Home"),
         ({"GF_MAX_VER_DIST": 8.0}, (), (0.0, 0.0, 12.0), "Geofence: exceeding maximum altitude above Home"),
     )
-    actions: tuple[tuple[int, NavMode], ...] = (
-        (2, NavMode.HOLD),
-        (3, NavMode.RETURN),
-        (5, NavMode.LAND),
-    )
+    actions: tuple[tuple[int, NavMode], ...] = ((2, NavMode.HOLD), (3, NavMode.RETURN), (5, NavMode.LAND))
     for parameters, zones, place_m, says in breaches:
         for action, mode in actions:
             with subtests.test(
@@ -513,9 +509,7 @@ COMMANDS = st.one_of(
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(COMMANDS, st.floats(0.02, 4.0)), max_size=25))
-def test_no_sequence_of_commands_breaks_the_vehicle(
-    script: list[tuple[Callable[[Autopilot], object], float]],
-) -> None:
+def test_no_sequence_of_commands_breaks_the_vehicle(script: list[tuple[Callable[[Autopilot], object], float]]) -> None:
     autopilot = ready()
     for command, pause_s in script:
         command(autopilot)

@@ -42,12 +42,7 @@ def test_a_sensor_has_a_range(distance: float, seen: bool) -> None:
 
 
 def test_a_sensor_measures_at_its_rate_with_any_call_rate(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float], ...] = (
-        (5.0, 0.2),
-        (10.0, 0.1),
-        (2.0, 0.5),
-        (50.0, 0.1),
-    )
+    rows: tuple[tuple[float, float], ...] = ((5.0, 0.2), (10.0, 0.1), (2.0, 0.5), (50.0, 0.1))
     for rate_hz, period_s in rows:
         with subtests.test(rate_hz=rate_hz, period_s=period_s):
             model = SensorModel(inf, rate_hz, 0.0, 0.8, 0.2)

@@ -11,12 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from agents.control.encirclement import (
-    Approach,
-    EncirclementPlan,
-    EncirclementPlanner,
-    RingTask,
-)
+from agents.control.encirclement import Approach, EncirclementPlan, EncirclementPlanner, RingTask
 from agents.control.lmpc import QpStatus
 from agents.ring.detour import MARGIN_M, Obstacle
 from agents.ring.feasibility import Orbit

@@ -16,13 +16,7 @@ import pytest
 
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
-from gcs.console.keyboard.bindings import (
-    ANSWERED_WITHIN_S,
-    DIGITS_WITHIN_S,
-    SELECTED_FOR_S,
-    KeyBindings,
-    KeyedCommand,
-)
+from gcs.console.keyboard.bindings import ANSWERED_WITHIN_S, DIGITS_WITHIN_S, SELECTED_FOR_S, KeyBindings, KeyedCommand
 from gcs.console.keyboard.commands import KeyCommands
 from gcs.console.keyboard.keyboard import Keyboard
 from tests.support.paths import ROOT

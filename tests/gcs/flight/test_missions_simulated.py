@@ -175,20 +175,13 @@ def begun(record: FlightRecord, duration_s: float) -> FlightRecord:
     kept = record.time_s <= duration_s + 1e-9
     tracks = tuple(
         replace(
-            track,
-            position_m=track.position_m[kept],
-            velocity_m_s=track.velocity_m_s[kept],
-            tactic=track.tactic[kept],
+            track, position_m=track.position_m[kept], velocity_m_s=track.velocity_m_s[kept], tactic=track.tactic[kept]
         )
         for track in record.vehicles
     )
     target_m, target_m_s = record.target_position_m[kept], record.target_velocity_m_s[kept]
     return replace(
-        record,
-        time_s=record.time_s[kept],
-        target_position_m=target_m,
-        target_velocity_m_s=target_m_s,
-        vehicles=tracks,
+        record, time_s=record.time_s[kept], target_position_m=target_m, target_velocity_m_s=target_m_s, vehicles=tracks
     )
 
 

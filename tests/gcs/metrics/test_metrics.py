@@ -122,12 +122,7 @@ def test_radius_errors_are_the_closed_form_of_an_offset_and_a_ripple() -> None:
 
 
 def test_the_mean_rate_counts_whole_turns_and_direction(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, bool], ...] = (
-        (0.053, False),
-        (0.047, False),
-        (0.0515, True),
-        (-0.05, False),
-    )
+    rows: tuple[tuple[float, bool], ...] = ((0.053, False), (0.047, False), (0.0515, True), (-0.05, False))
     for rate, holds in rows:
         with subtests.test(rate=rate, holds=holds):
             result = judged(orbit(1, 3.0, rate_rad_s=rate))  # wraps past pi within seconds, four turns or more in all
@@ -309,11 +304,7 @@ def test_a_follower_is_judged_against_the_nearest_one_ahead_still_in_formation()
 
 
 def test_the_formation_verdict_needs_speed_and_spacing(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float, bool], ...] = (
-        (0.3, 0.0, False),
-        (0.0, 0.06, False),
-        (0.2, 0.04, True),
-    )
+    rows: tuple[tuple[float, float, bool], ...] = ((0.3, 0.0, False), (0.0, 0.06, False), (0.2, 0.04, True))
     for error_m, speed_m_s, holds in rows:
         with subtests.test(error_m=error_m, speed_m_s=speed_m_s, holds=holds):
             assert judged(line(1), line(2, error_m, speed_m_s)).verdicts.formation is holds
@@ -323,11 +314,7 @@ def test_the_formation_verdict_needs_speed_and_spacing(subtests: pytest.Subtests
 
 
 def test_closest_approach_is_the_smallest_over_pairs_and_time(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, bool], ...] = (
-        (2.9, False),
-        (3.0, True),
-        (3.1, True),
-    )
+    rows: tuple[tuple[float, bool], ...] = ((2.9, False), (3.0, True), (3.1, True))
     for closest_m, holds in rows:
         with subtests.test(closest_m=closest_m, holds=holds):
             passing = line(3)
@@ -439,11 +426,7 @@ def test_a_vehicle_on_top_of_the_target_leaves_no_nan() -> None:
 
 def test_a_vehicle_never_heard_has_nulls() -> None:
     vehicle = judged(silenced(line(1), 0.0, 601.0), line(2)).vehicles[0]
-    assert (vehicle.tactic, vehicle.engaged_at_s, vehicle.formation_speed_error_rms_m_s) == (
-        "unknown",
-        None,
-        None,
-    )
+    assert (vehicle.tactic, vehicle.engaged_at_s, vehicle.formation_speed_error_rms_m_s) == ("unknown", None, None)
 
 
 # --- the whole ---
@@ -451,9 +434,7 @@ def test_a_vehicle_never_heard_has_nulls() -> None:
 
 def rigid(track: VehicleTrack, rotation: Vector, shift_m: Vector) -> VehicleTrack:
     return replace(
-        track,
-        position_m=track.position_m @ rotation.T + shift_m,
-        velocity_m_s=track.velocity_m_s @ rotation.T,
+        track, position_m=track.position_m @ rotation.T + shift_m, velocity_m_s=track.velocity_m_s @ rotation.T
     )
 
 
@@ -500,13 +481,7 @@ def test_json_has_the_documented_keys_in_their_order() -> None:
         "cohesion_max_m",
     ]
     assert list(told["ring"]) == RESULT_KEYS["ring"].split()
-    assert told["loop"] == {
-        "rate_hz": 10.0,
-        "ticks": 18000,
-        "missed": 3,
-        "tick_p50_us": 50.0,
-        "tick_p99_us": 99.0,
-    }
+    assert told["loop"] == {"rate_hz": 10.0, "ticks": 18000, "missed": 3, "tick_p50_us": 50.0, "tick_p99_us": 99.0}
     assert list(told["verdicts"]) == ["C1", "C2", "C3", "formation", "separation", "engaged"]
     assert told["engagement"] == {"to_engage": [], "engaged": [1, 2, 3]}
     assert (told["duration_s"], told["window_s"], told["guard_interventions"]) == (600.0, [0.0, 600.0], 14)

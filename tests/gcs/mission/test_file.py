@@ -311,10 +311,7 @@ def changed(*changes: tuple[Place, object]) -> Content:
 
 RADIUS, RATE = ("encirclement", "radius_m"), ("encirclement", "angular_rate_rad_s")
 BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
-    "an unknown section": (
-        changed((("formaton",), {"spacing_m": 5.0})),
-        [("formaton", "did you mean 'formation'")],
-    ),
+    "an unknown section": (changed((("formaton",), {"spacing_m": 5.0})), [("formaton", "did you mean 'formation'")]),
     "a misspelt key": (
         changed((("encirclement", "radius_mm"), 10.0)),
         [("encirclement.radius_mm", "did you mean 'radius_m'")],
@@ -630,12 +627,7 @@ def test_what_is_no_toml_is_one_fault(subtests: pytest.Subtests) -> None:
 
 
 def test_odd_values_are_shown_on_one_short_line(subtests: pytest.Subtests) -> None:
-    rows: tuple[str, ...] = (
-        "0x" + "f" * 5000,
-        "1979-05-27T07:32:00Z",
-        "1" * 400,
-        '"""a\nb"""',
-    )
+    rows: tuple[str, ...] = ("0x" + "f" * 5000, "1979-05-27T07:32:00Z", "1" * 400, '"""a\nb"""')
     for value in rows:
         with subtests.test(value=value):
             (fault,) = faults(CASE2.replace("radius_m = 10.0", f"radius_m = {value}"))

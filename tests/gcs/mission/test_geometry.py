@@ -24,10 +24,7 @@ def box(left: float = -5.0, right: float = 110.0, low: float = -20.0, high: floa
 
 APART: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
 REFUSED: dict[str, tuple[Changes, list[str]]] = {
-    "two corners": (
-        fenced((0.0, 0.0), (10.0, 0.0)),
-        ["safety.fence_m: a fence needs at least 3 corners (given: 2)"],
-    ),
+    "two corners": (fenced((0.0, 0.0), (10.0, 0.0)), ["safety.fence_m: a fence needs at least 3 corners (given: 2)"]),
     "equal corners": (
         fenced((-5.0, -20.0), (110.0, -20.0), (110.0, -20.0), (110.0, 10.0), (-5.0, 10.0)),
         ["safety.fence_m: corners 1 and 2 are the same, (110, -20)"],
@@ -85,9 +82,7 @@ REFUSED: dict[str, tuple[Changes, list[str]]] = {
     ),
     "no room between keep-out and ring": (
         {("safety", "keep_out_m"): 10.0},
-        [
-            "safety.keep_out_m: 10.0 m about the target leaves no room for the ring of encirclement.radius_m = 10.0 m",
-        ],
+        ["safety.keep_out_m: 10.0 m about the target leaves no room for the ring of encirclement.radius_m = 10.0 m"],
     ),
     "slower than the ring": (
         {("safety", "speed_max_m_s"): 0.4},

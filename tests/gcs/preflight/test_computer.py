@@ -152,11 +152,7 @@ input()
 @pytest.mark.skipif(sys.platform != "linux", reason="priority and memory are those of Linux")
 @pytest.mark.parametrize(
     ("who", "scheduling", "policy"),
-    [
-        ("root", "REAL_TIME", (2, NICE, 1)),
-        ("no real time", "RAISED", (0, -10, 0)),
-        ("nobody", "NORMAL", (0, NICE, 0)),
-    ],
+    [("root", "REAL_TIME", (2, NICE, 1)), ("no real time", "RAISED", (0, -10, 0)), ("nobody", "NORMAL", (0, NICE, 0))],
 )
 def test_all_threads_are_raised_as_far_as_the_system_permits(
     who: str, scheduling: str, policy: tuple[int, int, int]
@@ -210,8 +206,7 @@ ALL = Privileges(Scheduling.REAL_TIME, memory_locked=True)
 
 
 @pytest.mark.parametrize(
-    ("late_s", "grade"),
-    [(0.05, Grade.PASS), (0.051, Grade.WARNING), (0.2, Grade.WARNING), (0.201, Grade.REFUSE)],
+    ("late_s", "grade"), [(0.05, Grade.PASS), (0.051, Grade.WARNING), (0.2, Grade.WARNING), (0.201, Grade.REFUSE)]
 )
 def test_a_late_computer_is_refused_with_the_programs_that_keep_it_busy(late_s: float, grade: Grade) -> None:
     finding = found(late_s, ALL)["lateness"]

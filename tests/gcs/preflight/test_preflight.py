@@ -338,12 +338,7 @@ def test_vehicles_too_near_to_each_other_on_the_ground_are_refused() -> None:
 
 
 def test_the_height_of_the_ground(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, list[str]], ...] = (
-        (1.9, []),
-        (-2.1, ["warning"]),
-        (6.9, ["warning"]),
-        (7.1, ["refuse"]),
-    )
+    rows: tuple[tuple[float, list[str]], ...] = ((1.9, []), (-2.1, ["warning"]), (6.9, ["warning"]), (7.1, ["refuse"]))
     for ground_m, expected in rows:
         with subtests.test(ground_m=ground_m, expected=expected):
             findings = team(position_m=(*CASE2.vehicle(2).section.start_m, ground_m))

@@ -53,11 +53,7 @@ def test_an_estimators_report_means(kind: Autopilot, fields: dict[str, float]) -
     assert report == EstimatorReport(RATIOS, relative=True, absolute=True)
     blind = estimator_report(kind.estimator, fields | {"flags": 0b1000_0000})
     assert blind is not None
-    assert (blind.relative, blind.absolute, blind.wrong) == (
-        False,
-        False,
-        ("no attitude", "no height"),
-    )
+    assert (blind.relative, blind.absolute, blind.wrong) == (False, False, ("no attitude", "no height"))
     indoors = estimator_report(kind.estimator, fields | {"flags": 0b10_1111})
     assert indoors == EstimatorReport(RATIOS, relative=True, absolute=False)
 

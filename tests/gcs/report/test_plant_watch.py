@@ -161,10 +161,7 @@ def test_all_that_is_tried_is_another_plant() -> None:
     assert len(set(others(FILE))) == len(others(FILE)) == 124
 
 
-@pytest.mark.parametrize(
-    ("stiffer", "expected"),
-    [(1.0, "valid for this flight"), (0.55, "(cordon excite)")],
-)
+@pytest.mark.parametrize(("stiffer", "expected"), [(1.0, "valid for this flight"), (0.55, "(cordon excite)")])
 def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -> None:
     mission = load_mission("px4-trio")
     plant = mission.vehicles[0].plant

@@ -134,13 +134,7 @@ def test_a_format_of_ardupilot_that_makes_no_sense_costs_its_own_records_only(
     subtests: pytest.Subtests, read: Read
 ) -> None:
     """A length of 0, of less than a header, of too much; a letter that is none; one that changes the length."""
-    rows: tuple[tuple[int, int], ...] = (
-        (4, 0),
-        (4, 2),
-        (4, 255),
-        (9, ord("!")),
-        (9, ord("Z")),
-    )
+    rows: tuple[tuple[int, int], ...] = ((4, 0), (4, 2), (4, 255), (9, ord("!")), (9, ord("Z")))
     for offset, value in rows:
         with subtests.test(offset=offset, value=value):
             log = bytearray(BIN)
@@ -233,9 +227,7 @@ def test_what_is_no_record_is_passed_over_soon(kind: str, tail: bytes, read: Rea
 # Time and units
 
 
-def test_time_going_backwards_in_a_log_of_px4_is_refused_with_topic_and_time(
-    read: Read,
-) -> None:
+def test_time_going_backwards_in_a_log_of_px4_is_refused_with_topic_and_time(read: Read) -> None:
     first, second = topic_records(LOCAL)[100:102]
     log = bytearray(ULOG)
     stamps = [log[at + 5 : at + 13] for at in (first, second)]
@@ -244,9 +236,7 @@ def test_time_going_backwards_in_a_log_of_px4_is_refused_with_topic_and_time(
     assert f"vehicle_local_position: time goes backwards at {later_s:.6f} s" in faults(read, bytes(log))
 
 
-def test_time_going_backwards_in_a_log_of_ardupilot_is_refused_with_topic_and_time(
-    read: Read,
-) -> None:
+def test_time_going_backwards_in_a_log_of_ardupilot_is_refused_with_topic_and_time(read: Read) -> None:
     log = bytearray(BIN)
     at = [at for at, name in bin_records(BIN) if name == "GUIP"][50]
     log[at + 3 : at + 11] = struct.pack("<Q", 41_500_000)

@@ -76,12 +76,7 @@ class Station:
         own = {"Origin": f"http://{LOOPBACK}:{self.port}", "Cookie": self.headers["Cookie"]}
         given = {key: value for key, value in (own | headers).items() if value}
         return websockets.connect(
-            f"ws://{name}/stream",
-            host=LOOPBACK,
-            port=self.port,
-            additional_headers=given,
-            compression=None,
-            proxy=None,
+            f"ws://{name}/stream", host=LOOPBACK, port=self.port, additional_headers=given, compression=None, proxy=None
         )
 
     async def get(
