@@ -94,8 +94,7 @@ def test_a_long_distance_takes_the_time_of_the_limits() -> None:
 
 
 def test_limits_are_positive(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float, float], ...] = ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan")))
-    for wrong in rows:
+    for wrong in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))):
         with subtests.test(wrong=wrong), pytest.raises(ValueError, match="it must be positive"):
             ShapeLimits(*wrong)
 
@@ -240,8 +239,7 @@ def test_armed_anew_it_does_not_follow_the_last_flights_setpoint() -> None:
 
 
 def test_idle_on_the_ground_it_disarms_after_the_delay(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[int, float], ...] = ((10, 9.9), (3, 2.9), (0, 60.0))
-    for delay_s, stays_s in rows:
+    for delay_s, stays_s in ((10, 9.9), (3, 2.9), (0, 60.0)):
         with subtests.test(delay_s=delay_s, stays_s=stays_s):
             copter = ready(DISARM_DELAY=delay_s)
             copter.arm()
@@ -405,7 +403,7 @@ def left_mode_after_s(copter: ArduCopter, limit_s: float = 30.0) -> float:
 
 def test_a_silent_ground_station_ends_guided_by_its_parameter(subtests: pytest.Subtests) -> None:
     """By ArduCopter's documentation of FS_GCS_ENABLE; it looks for the heartbeats three times a second."""
-    rows = (
+    for enabled, timeout_s, mode in (
         (1, 5.0, NavMode.RETURN),
         (2, 5.0, NavMode.RETURN),
         (3, 5.0, NavMode.RETURN),
@@ -414,8 +412,7 @@ def test_a_silent_ground_station_ends_guided_by_its_parameter(subtests: pytest.S
         (5, 2.0, NavMode.LAND),
         (6, 5.0, NavMode.RETURN),
         (7, 5.0, NavMode.HOLD),
-    )
-    for enabled, timeout_s, mode in rows:
+    ):
         with subtests.test(enabled=enabled, timeout_s=timeout_s):
             copter = guided(FS_GCS_ENABLE=enabled, FS_GCS_TIMEOUT=timeout_s, SYSID_MYGCS=STATION)
             copter.take_texts()
@@ -446,12 +443,11 @@ def test_a_landing_by_failsafe_begins_with_a_hover() -> None:
 
 
 def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Subtests) -> None:
-    rows = (
+    for words, enabled, watched, sender, every_s in (
         ("switched off", 0, STATION, STATION, 0.0),
         ("another station's heartbeats", 5, STATION, OTHER_STATION, 0.0),
         ("heartbeats go on", 5, STATION, STATION, 1.0),
-    )
-    for words, enabled, watched, sender, every_s in rows:
+    ):
         with subtests.test(words):
             copter = guided(FS_GCS_ENABLE=enabled, SYSID_MYGCS=watched)
             client = Client(copter)
@@ -465,13 +461,12 @@ def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Sub
 
 def test_the_reaction_to_a_silent_ground_station_depends_on_the_mode(subtests: pytest.Subtests) -> None:
     """The bits 8 (landing goes on) and 16 (a pilot's mode goes on) of FS_OPTIONS; 16 is the default."""
-    rows = (
+    for before, options, after in (
         (NavMode.HOLD, 16, NavMode.HOLD),
         (NavMode.HOLD, 0, NavMode.RETURN),
         (NavMode.LAND, 16, NavMode.RETURN),
         (NavMode.LAND, 8, NavMode.LAND),
-    )
-    for before, options, after in rows:
+    ):
         with subtests.test(before=before, options=options):
             copter = guided(FS_GCS_ENABLE=1, SYSID_MYGCS=STATION, FS_OPTIONS=options, LAND_SPEED=20.0)
             copter.select(before)

@@ -287,7 +287,7 @@ TRIANGLE = Zone(True, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)))
 
 
 def test_what_a_zone_allows(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[Zone, tuple[float, float], bool], ...] = (
+    for zone, place_m, allowed in (
         (SQUARE, (4.9, -4.9), True),
         (SQUARE, (5.1, 0.0), False),
         (SQUARE, (0.0, -5.1), False),
@@ -297,8 +297,7 @@ def test_what_a_zone_allows(subtests: pytest.Subtests) -> None:
         (TRIANGLE, (4.9, 4.9), True),
         (TRIANGLE, (5.1, 5.1), False),
         (TRIANGLE, (-0.1, 5.0), False),
-    )
-    for zone, place_m, allowed in rows:
+    ):
         with subtests.test(zone=zone, place_m=place_m, allowed=allowed):
             assert zone.allows(place_m) is allowed
 

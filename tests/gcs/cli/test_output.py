@@ -48,14 +48,13 @@ def test_a_figure_that_can_be_written_is_no_fault(folder: Path) -> None:
 
 
 def test_a_figure_that_cannot_be_is_a_fault(folder: Path, subtests: pytest.Subtests) -> None:
-    rows: list[tuple[str | None, int | None, str]] = [
+    for name, number, fault in [
         *((name, None, r"--plot: .* must end in") for name in ("a.bmp", "flight", "a.png.txt", "png", "", ".")),
         *((f"{parent}/a.png", None, "--plot: no folder") for parent in ("missing", "file")),
         ("folder.png", None, r"--plot: .*folder\.png"),
         ("a.png", 7, "--figure: the paper has no figure 7"),
         (None, 4, "add --plot"),
-    ]
-    for name, number, fault in rows:
+    ]:
         with subtests.test(name=name, number=number), pytest.raises(InputError, match=fault):
             check_plot(None if name is None else Path(name), number)
 

@@ -40,7 +40,7 @@ def commands(
 
 
 def test_keys_and_what_confirms_them(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+    for keys, given in (
         ("hra", [("hold", None), ("resume", None), ("abort", None)]),
         ("ly", [("land", None)]),
         ("ty", [("rtl", None)]),
@@ -70,23 +70,21 @@ def test_keys_and_what_confirms_them(subtests: pytest.Subtests) -> None:
         ("23h", [("hold", 3)]),
         ("2ly", [("land", 2)]),
         ("9h", [("hold", None)]),
-    )
-    for keys, given in rows:
+    ):
         with subtests.test(keys=keys):
             assert commands(keys) == given
 
 
 def test_digits_select_vehicles_of_two_digits(subtests: pytest.Subtests) -> None:
     many = (1, 2, 10, 12, 31)
-    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+    for keys, given in (
         ("12h", [("hold", 12)]),
         ("1h", [("hold", 1)]),
         ("10h", [("hold", 10)]),
         ("112h", [("hold", 12)]),
         ("3h", []),
         ("31h", [("hold", 31)]),
-    )
-    for keys, given in rows:
+    ):
         with subtests.test(keys=keys):
             assert commands(keys, team=many) == given
     assert commands("12h", team=many, every_s=DIGITS_WITHIN_S + 0.1) == [("hold", 2)]
@@ -121,7 +119,7 @@ def test_a_paste_ends_an_open_question() -> None:
 
 
 def test_a_vehicle_that_its_pilot_has_is_taken_back_only_when_that_is_confirmed(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+    for keys, given in (
         ("r", []),
         ("rr", []),
         ("rrrr", []),
@@ -129,22 +127,20 @@ def test_a_vehicle_that_its_pilot_has_is_taken_back_only_when_that_is_confirmed(
         ("2r", []),
         ("2ry", [("resume", 2)]),
         ("1r", [("resume", 1)]),
-    )
-    for keys, given in rows:
+    ):
         with subtests.test(keys=keys):
             assert commands(keys, piloted=(2,)) == given
 
 
 def test_questions_name_what_they_are_about(subtests: pytest.Subtests) -> None:
-    rows = (
+    for keys, words in (
         ("l", ("land", "3 vehicles", "y within 3 s")),
         ("t", ("return", "3 vehicles", "y within 3 s")),
         ("k", ("type kill", "motors", "3 vehicles")),
         ("kki", ("type kill", "3 vehicles", ": ki")),
         ("2k", ("type kill", "vehicle 2")),
         ("2r", ("vehicle 2", "pilot", "y within 3 s")),
-    )
-    for keys, words in rows:
+    ):
         with subtests.test(keys=keys):
             bindings = KeyBindings(TEAM)
             for number, key in enumerate(keys):

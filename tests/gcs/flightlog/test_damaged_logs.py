@@ -240,13 +240,12 @@ def test_an_index_that_is_damaged_costs_no_record(sample: Sample) -> None:
 
 
 def test_what_is_no_log_is_refused(subtests: pytest.Subtests, sample: Sample) -> None:
-    rows: tuple[tuple[bytes, str], ...] = (
+    for data, reason in (
         (b"", "it is empty"),
         (b"# Flight logs", "it is not an MCAP file"),
         (b"\x89MCAP0\r\n", "it holds no cordon record"),
         (b"\x89MCAP0\r\n" + bytes(10_000_000), "it holds no cordon record"),
-    )
-    for data, reason in rows:
+    ):
         with subtests.test(reason=reason):
             path = sample.written(data)
             with pytest.raises(LogError, match=reason):

@@ -201,12 +201,11 @@ def test_a_home_that_nobody_knows_is_no_place(
 
 
 def test_a_place_that_was_told_and_is_none_ends_in_bad_input(subtests: pytest.Subtests, tmp_path: Path) -> None:
-    rows: tuple[tuple[str, str], ...] = (
+    for name, reason in (
         ("file", "exists already"),
         ("nowhere/log.mcap", "No such file"),
         ("x" * 300, "File name too long"),
-    )
-    for name, reason in rows:
+    ):
         with subtests.test(name=name, reason=reason):
             (tmp_path / "file").write_text("kept")
             with pytest.raises(InputError, match=reason):

@@ -27,8 +27,7 @@ def test_all_that_threads_post_is_taken_in_order_with_few_wakes() -> None:
             for number in range(COUNT):
                 box.post(lambda *value: taken.append(value), thread, number)
 
-        threads = [threading.Thread(target=post, args=(each,)) for each in range(THREADS)]
-        for each in threads:
+        for each in [threading.Thread(target=post, args=(each,)) for each in range(THREADS)]:
             each.start()
         async with asyncio.timeout(PATIENCE_S):
             while len(taken) < THREADS * COUNT:

@@ -122,8 +122,7 @@ def test_radius_errors_are_the_closed_form_of_an_offset_and_a_ripple() -> None:
 
 
 def test_the_mean_rate_counts_whole_turns_and_direction(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, bool], ...] = ((0.053, False), (0.047, False), (0.0515, True), (-0.05, False))
-    for rate, holds in rows:
+    for rate, holds in ((0.053, False), (0.047, False), (0.0515, True), (-0.05, False)):
         with subtests.test(rate=rate, holds=holds):
             result = judged(orbit(1, 3.0, rate_rad_s=rate))  # wraps past pi within seconds, four turns or more in all
             assert result.vehicles[0].angular_rate_mean_rad_s == pytest.approx(rate, rel=1e-9)
@@ -304,8 +303,7 @@ def test_a_follower_is_judged_against_the_nearest_one_ahead_still_in_formation()
 
 
 def test_the_formation_verdict_needs_speed_and_spacing(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float, bool], ...] = ((0.3, 0.0, False), (0.0, 0.06, False), (0.2, 0.04, True))
-    for error_m, speed_m_s, holds in rows:
+    for error_m, speed_m_s, holds in ((0.3, 0.0, False), (0.0, 0.06, False), (0.2, 0.04, True)):
         with subtests.test(error_m=error_m, speed_m_s=speed_m_s, holds=holds):
             assert judged(line(1), line(2, error_m, speed_m_s)).verdicts.formation is holds
 
@@ -314,8 +312,7 @@ def test_the_formation_verdict_needs_speed_and_spacing(subtests: pytest.Subtests
 
 
 def test_closest_approach_is_the_smallest_over_pairs_and_time(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, bool], ...] = ((2.9, False), (3.0, True), (3.1, True))
-    for closest_m, holds in rows:
+    for closest_m, holds in ((2.9, False), (3.0, True), (3.1, True)):
         with subtests.test(closest_m=closest_m, holds=holds):
             passing = line(3)
             passing.position_m[1234] = line(2).position_m[1234] - (0.0, closest_m)
@@ -503,14 +500,13 @@ def test_a_loop_that_was_not_timed_has_no_percentiles() -> None:
 
 
 def test_faulty_references_are_refused(subtests: pytest.Subtests) -> None:
-    rows: tuple[object, ...] = (
+    for faulty in (
         lambda: RingReference(0.0, 0.05),
         lambda: RingReference(10.0, float("nan")),
         lambda: FormationReference(float("inf"), {}),
         lambda: FormationReference(0.2, {1: (0.0, float("nan"))}),
         lambda: VerdictTolerances(separation_m=-1.0),
-    )
-    for faulty in rows:
+    ):
         with subtests.test(faulty=faulty):
             assert callable(faulty)
             with pytest.raises(ValueError, match=r"must|not finite|greater than 0"):

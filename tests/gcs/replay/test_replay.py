@@ -220,7 +220,7 @@ def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path:
 
 
 def test_what_is_close(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, object, object, bool], ...] = (
+    for field, one, other, same in (
         ("own.mean[0]", 1.0, 1.0 + 0.9 * TOLERANCE, True),
         ("own.covariance[0]", 1.0, 1.0 + 2.0 * COVARIANCE_TOLERANCE, False),
         ("notes[0].because", "moved by 0.53 m", "moved by 0.54 m", True),
@@ -229,8 +229,7 @@ def test_what_is_close(subtests: pytest.Subtests) -> None:
         ("notes[0].text", "hold", "land", False),
         ("messages_dropped", 3, 4, False),
         ("own", None, 1.0, False),
-    )
-    for field, one, other, same in rows:
+    ):
         with subtests.test(field=field, one=one, other=other, same=same):
             assert close(field, one, other) is same
 
@@ -326,7 +325,7 @@ def test_a_tick_without_a_decision_in_mid_flight_is_a_difference(copy: FlightLog
 
 
 def test_what_cannot_be_done_is_told(subtests: pytest.Subtests, case2: FlightLog, run_here: RunHere) -> None:
-    rows: tuple[tuple[tuple[str, ...], str], ...] = (
+    for arguments, told in (
         (("--explain", "9"), "--explain: the log has no vehicle 9 (it has 1, 2, 3)"),
         (("--set", "own_filter.gate_sigm=3"), "gate_sigm: unknown key; did you mean 'gate_sigma'?"),
         (("--set", "own_filtr.gate_sigma=3"), "own_filtr: unknown key; did you mean 'own_filter'?"),
@@ -335,8 +334,7 @@ def test_what_cannot_be_done_is_told(subtests: pytest.Subtests, case2: FlightLog
         (("--set", "own_filter.gate_sigma=3\nx=1"), "own_filter.gate_sigma: "),
         (("--set", "target_filter.gate_sigma=-3"), "gate_sigma: it must be greater than 1 (given: -3)"),
         (("--set", "own_filter.gate_sigma"), "it must be KEY=VALUE"),
-    )
-    for arguments, told in rows:
+    ):
         with subtests.test(arguments=arguments, told=told):
             code, out, err = run_here("replay", str(case2.path), *arguments)
             assert (code, out) == (2, "")

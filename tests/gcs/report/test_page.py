@@ -207,14 +207,13 @@ def test_a_verdict_that_fails_is_told_on_top(page: Page) -> None:
 
 
 def test_the_headline_counts_only_what_applies(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[tuple[bool | None, ...], str], ...] = (
+    for held, words in (
         ((True, True, True, True, True, True), "All verdicts hold"),
         ((True, True, True, True, True, None), "All 5 verdicts that apply hold"),
         ((True, None, None, True, True), "All 3 verdicts that apply hold"),
         ((False, None, None, True, True), "1 of 3 verdicts does not hold"),
         ((None, None, None, None, None), "No verdict applies"),
-    )
-    for held, words in rows:
+    ):
         with subtests.test(held=held, words=words):
             _, result, _ = flown(2, duration_s=60.0, rate_hz=5.0)
             assert headline(replace(result, verdicts=Verdicts(*held))) == words

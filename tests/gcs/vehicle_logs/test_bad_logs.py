@@ -74,7 +74,7 @@ def faults(read: Read, log: bytes) -> str:
 
 
 def test_what_is_no_log_is_refused(subtests: pytest.Subtests, read: Read) -> None:
-    rows: tuple[tuple[bytes, str], ...] = (
+    for content, fault in (
         (b"", "is empty"),
         (b"\x00" * 5000, "unknown format; the readable formats are PX4"),
         (b"time_s,x\n0,1\n", "unknown format"),
@@ -83,8 +83,7 @@ def test_what_is_no_log_is_refused(subtests: pytest.Subtests, read: Read) -> Non
         (b"ULog\x01\x12\x35\x01" + bytes(8), "holds none of the topics trajectory_setpoint"),
         (b"\xa3\x95\x80" + bytes(40), "holds none of the messages XKF1"),
         (struct.pack(">Q", 1_763_700_000_000_000) + b"\xfd" + bytes(400), "no HEARTBEAT of an autopilot"),
-    )
-    for content, fault in rows:
+    ):
         with subtests.test(fault=fault):
             assert fault in faults(read, content)
 
@@ -115,13 +114,12 @@ def record(kind: str, body: bytes) -> bytes:
 
 
 def test_formats_cannot_claim_gigabytes(subtests: pytest.Subtests, read: Read) -> None:
-    rows: tuple[list[bytes], ...] = (
+    for formats in (
         [b"vehicle_status:uint64_t timestamp;vehicle_status[60000] me;"],
         [b"vehicle_status:uint64_t timestamp;a[60000] x;", b"a:b[60000] x;", b"b:uint8_t x;"],
         [b"vehicle_status:uint64_t timestamp;a[60000] x;", b"a:b[60000] x;", b"b:"],
         [b"vehicle_status:uint64_t timestamp;" + b"".join(b"uint8_t[65535] a%d;" % i for i in range(3000))],
-    )
-    for formats in rows:
+    ):
         with subtests.test():
             added = b"".join(record("A", struct.pack("<BH", 0, number) + b"vehicle_status") for number in range(50))
             begin_s = time.process_time()
@@ -134,8 +132,7 @@ def test_a_format_of_ardupilot_that_makes_no_sense_costs_its_own_records_only(
     subtests: pytest.Subtests, read: Read
 ) -> None:
     """A length of 0, of less than a header, of too much; a letter that is none; one that changes the length."""
-    rows: tuple[tuple[int, int], ...] = ((4, 0), (4, 2), (4, 255), (9, ord("!")), (9, ord("Z")))
-    for offset, value in rows:
+    for offset, value in ((4, 0), (4, 2), (4, 255), (9, ord("!")), (9, ord("Z"))):
         with subtests.test(offset=offset, value=value):
             log = bytearray(BIN)
             at = next(at for at, name in bin_records(BIN) if name == "FMT" and BIN[at + 5 : at + 9] == b"GUIP")
@@ -254,7 +251,7 @@ X, VELOCITY, PLACE = (40, "<3f"), (64, "<3f"), (24, "<2d")
 
 
 def test_other_units_are_refused_with_topic_and_time(subtests: pytest.Subtests, read: Read) -> None:
-    rows: tuple[tuple[bytes, str], ...] = (
+    for log, fault in (
         (scaled(LOCAL, *X, 1000.0), "vehicle_local_position: the position moves about 1000 times"),
         (scaled(LOCAL, *X, 1e-5), "vehicle_local_position: the position moves about 1e-05 times"),
         (scaled(LOCAL, *VELOCITY, 1000.0), "m/s at"),
@@ -262,8 +259,7 @@ def test_other_units_are_refused_with_topic_and_time(subtests: pytest.Subtests, 
         (scaled(LOCAL, *PLACE, 1e7), "s since boot: its origin, Geodetic("),
         (scaled(SETPOINT, 8, "<3f", 1000.0), "trajectory_setpoint: the setpoints move about 1000 times"),
         (scaled(SETPOINT, 8, "<3f", 1e7), "is not a plausible setpoint (at most 100000 m)"),
-    )
-    for log, fault in rows:
+    ):
         with subtests.test(fault=fault):
             told = faults(read, log)
             assert fault in told
