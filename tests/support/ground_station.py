@@ -3,7 +3,7 @@
 from typing import Any
 
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.faults import VehicleFaults
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig
@@ -13,7 +13,7 @@ class GroundStation:
     """Sends messages of a dialect of pymavlink's to one stub, and reads what it answers and sends as time passes."""
 
     def __init__(
-        self, autopilot: Autopilot, config: MavlinkConfig, dialect: Any, faults: VehicleFaults | None = None
+        self, autopilot: StubAutopilot, config: MavlinkConfig, dialect: Any, faults: VehicleFaults | None = None
     ) -> None:
         self.vehicle = MavlinkVehicle(autopilot, config, faults=faults)
         self._autopilot, self._system_id, self._dialect = autopilot, config.system_id, dialect

@@ -14,7 +14,7 @@ from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from tests.support.mission_text import LOW, LOW_M
 from tests.support.wire import served, until
 
@@ -57,7 +57,7 @@ class Shown:
         return {i: row.alert for i, row in self.rows.items() if row.alert}
 
 
-def place_m(vehicle: Autopilot) -> tuple[float, float]:
+def place_m(vehicle: StubAutopilot) -> tuple[float, float]:
     x, y, _ = vehicle.airframe.position_m
     return x, y
 

@@ -140,7 +140,7 @@ async def process(keys: TeamKeys) -> AsyncIterator[Peers]:
         yield team
 
 
-class Stranger:
+class UnauthorisedClient:
     """A plain Zenoh session that connects to both vehicles, with some certificate or none, and no access control."""
 
     def __init__(self, endpoints: Sequence[str], settings: Mapping[str, object], scheme: str = "tls") -> None:
@@ -205,7 +205,7 @@ LISTENED = {"member/1", "member/2", "alive/1", "alive/2"}
 
 async def tried(team: Peers, *settings: Mapping[str, object], scheme: str = "tls") -> list[Tried]:
     """Return what strangers reach side by side: what vehicles hear counts for each of them."""
-    strangers = [await asyncio.to_thread(Stranger, team.endpoints, each, scheme) for each in settings]
+    strangers = [await asyncio.to_thread(UnauthorisedClient, team.endpoints, each, scheme) for each in settings]
     try:
         end_s = time.monotonic() + LINK_S
         while time.monotonic() < end_s and not all(stranger.linked for stranger in strangers):

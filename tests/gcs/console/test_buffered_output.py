@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 WRITER = """
 import time
-from gcs.console.backlog import unblocked
+from gcs.console.buffered_output import unblocked
 from gcs.console.terminal import STDERR, print_line
 with unblocked(STDERR):
     for number in range(400):
@@ -57,7 +57,7 @@ def test_nothing_waits_for_a_terminal_that_takes_no_output_and_it_says_so_afterw
     text = rest(reader)
     assert process.wait(PATIENCE_S) == 0
     assert "line 0 " in text
-    assert "line 399 " not in text, "more than the backlog holds"
+    assert "line 399 " not in text, "more than the buffer holds"
     assert "took no output for" in text
     os.close(reader)
 

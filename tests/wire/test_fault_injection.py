@@ -1,4 +1,4 @@
-"""Practice: faults that `cordon fly --sitl --fault` injects, and what the team and its records say of them."""
+"""Faults that `cordon fly --sitl --fault` injects, and what the team and its records say of them."""
 
 import json
 from collections.abc import Callable
@@ -16,13 +16,13 @@ FLY = ("--sitl", "--speed", "4", "--json")
 
 
 def test_faults_come_at_their_times_and_the_team_reacts(mission_file: Callable[..., str], tmp_path: Path) -> None:
-    log = tmp_path / "practice.mcap"
+    log = tmp_path / "faults.mcap"
     faults = ("foreign-mode@8:2", "one-vehicle-not-heard@16:3", "link-cut@24:3")
     options = [word for fault in faults for word in ("--fault", fault)]
     mission = mission_file("case2", LOW)
     with cordon("fly", mission, *FLY, "--duration", "40", "--log", str(log), *options) as flight:
         out, err = flight.communicate(timeout=120.0)
-    assert "8.0 s: practice: foreign mode, vehicle 2" in err
+    assert "8.0 s: injected: foreign mode, vehicle 2" in err
     result = json.loads(out)
     assert tuple(result["faults"]) == read_log(log).run.faults == faults
     events = [(event["time_s"], event["vehicle"], event["text"]) for event in result["events"]]
@@ -41,7 +41,7 @@ def test_a_killed_agent_is_named_before_the_process_ends(mission_file: Callable[
     with cordon("fly", mission_file("case2", LOW), *FLY, "--duration", "40", "--fault", "killed-agent@3") as flight:
         _, err = flight.communicate(timeout=PATIENCE_S)
     assert flight.returncode == 4
-    assert "3.0 s: practice: killed agent" in err
+    assert "3.0 s: injected: killed agent" in err
     assert "ended by signal 9" in err
 
 
