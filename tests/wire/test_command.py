@@ -29,13 +29,14 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.modes import NavMode
+from sitl.server.governed_clock import GovernedClock
 from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
 
 SPEED = 5.0
-HIGH_M = 8.0
-"""High enough that a vehicle is still in the air when the next command arrives while it lands."""
+SLOW = 0.5
+"""The speed at which a vehicle that lands is still in the air when the next command arrives, by the wall's clock."""
 
 
 class Team:
@@ -43,13 +44,14 @@ class Team:
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
+        self.clock: GovernedClock
         self.vehicles: dict[int, Autopilot] = {}
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
         self.flight: asyncio.Task[Flight]
 
     async def outcomes(self) -> dict[int, Outcome]:
-        return (await asyncio.wait_for(self.flight, 60.0)).outcomes
+        return (await self.flight).outcomes
 
     async def command(self, verb: str, vehicle: int | None = None, shape: str | None = None) -> dict[int, str]:
         asked = self.mission.ids if vehicle is None else (vehicle,)
@@ -67,8 +69,7 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
 
     @asynccontextmanager
     async def flying() -> AsyncIterator[Team]:
-        changes = ('name = "case2"', 'name = "commanded"'), ("endpoint =", f"altitude_m = {HIGH_M}\nendpoint =")
-        mission = load_mission(mission_file("case2", *changes))
+        mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "commanded"')))
         team = Team(mission)
         view = LiveView(Console(file=StringIO()))
         monkeypatch.setattr(
@@ -76,7 +77,7 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
         )
         monkeypatch.setattr(view, "print_line", lambda text, *_: team.said.append(text))
         async with served(stub_configs(mission), SPEED) as stubs:
-            team.vehicles = stubs.vehicles
+            team.clock, team.vehicles = stubs.clock, stubs.vehicles
             plan = FlightPlan(mission, 300.0, mission.vehicles, speed=None, clock=stubs.clock.name)
             team.flight = asyncio.create_task(fly(plan, view))
             try:
@@ -165,9 +166,11 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
         return disarm(autopilot, force=force and refusals < 0)
 
     await _kill(team, 3, armed=(1, 2))
+    team.clock.set_speed(SLOW)
     assert await team.command("land", 2) == {2: "lands"}
     await until(lambda: team.vehicles[2].mode is NavMode.LAND)
     await _kill(team, 2, armed=(1,))
+    team.clock.set_speed(SPEED)
     team.vehicles[1].select(NavMode.HOLD)
     await until(lambda: team.tactics[1] == "pilot override")
     monkeypatch.setattr(Autopilot, "disarm", stubborn)
@@ -195,12 +198,12 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             os.execv(sys.executable, command)
         terminal, shown = Terminal(person), termios.tcgetattr(person)
         # Until it has joined the clock, the other process is not waited for: it is first.
-        await until(lambda: stubs.vehicles[1].armed, 100.0, "the other process has armed its vehicle")
+        await until(lambda: stubs.vehicles[1].armed, waiting_for="the other process has armed its vehicle")
         plan = FlightPlan(mission, 300.0, mission.vehicles[1:], speed=None, clock=stubs.clock.name)
         stubs.clock.set_speed(1.0)  # the other process waits for these two, which take wall time to connect
         flight = asyncio.create_task(fly(plan, view))
         try:
-            await until(lambda: all(each.armed for each in stubs.vehicles.values()), 100.0, "all have armed")
+            await until(lambda: all(each.armed for each in stubs.vehicles.values()), waiting_for="all have armed")
             stubs.clock.set_speed(SPEED)
             await until(lambda: list(tactics.values()) == ["formation"] * 2, 300.0, clock=stubs.clock)
             assert "h hold" in terminal.text

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from gcs.flightlog.reader import read_log
-from gcs.mission.file import parse_mission
+from gcs.link.ports.claims import flight_claims
+from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import LOW
 from tests.support.wire import PATIENCE_S, cordon
 
@@ -18,21 +19,21 @@ def test_agents_stubs_and_log_have_the_values_given(mission_file: Callable[..., 
     mission, log = mission_file("case2", LOW), tmp_path / "set.mcap"
     # A stub at the file's start would be 16 m off, and the preflight would refuse it.
     changes = ("--set", "vehicles[2].start_m=[0.0, -20.0]", "--set", "encirclement.radius_m=12")
-    flying = ("fly", mission, "--sitl", "--speed", "2", "--duration", "3", "--json", "--log", str(log))
+    flying = ("fly", mission, "--sitl", "--speed", "10", "--duration", "3", "--json", "--log", str(log))
     with cordon(*flying, *changes) as flight:
-        out, err = flight.communicate(timeout=120.0)
+        out, err = flight.communicate()
     assert json.loads(out)["ended"]["how"] == "landed", err
     flown = parse_mission(read_log(log).run.mission_text, None)
     assert (flown.encirclement.radius_m, flown.vehicle(3).section.start_m) == (12.0, (0.0, -20.0))
 
 
 def test_processes_that_were_given_other_values_do_not_fly_together(mission_file: Callable[..., str]) -> None:
-    mission = mission_file("case2")
-    with cordon("fly", mission, "--only", "1", "--no-log") as first:
-        assert first.stderr is not None
-        while "looking for the vehicles" not in first.stderr.readline():
-            assert first.poll() is None
-        with cordon("fly", mission, "--only", "2", "--no-log", "--set", "mission.rate_hz=20") as second:
-            _, err = second.communicate(timeout=PATIENCE_S)
-    assert second.returncode == 3
+    path = mission_file("case2")
+    mission = load_mission(path)
+    with (
+        flight_claims(mission, mission.ids[:1]),
+        cordon("fly", path, "--only", "2", "--no-log", "--set", "mission.rate_hz=20") as other,
+    ):
+        _, err = other.communicate(timeout=PATIENCE_S)
+    assert other.returncode == 3
     assert "flies another mission" in err
