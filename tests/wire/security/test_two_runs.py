@@ -28,7 +28,7 @@ from gcs.console.watch import WatchView, watch
 from gcs.link.ports.claims import flight_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
-from tests.support.wire import free_ports
+from tests.support.wire import PATIENCE_S, free_ports
 
 pytestmark = pytest.mark.wire
 
@@ -52,7 +52,7 @@ async def cordon(*arguments: str) -> AsyncIterator[Process]:
 
 async def refused(*arguments: str) -> str:
     """Run a command that is to be refused, and return what it says."""
-    async with asyncio.timeout(60.0), cordon(*arguments) as process:
+    async with asyncio.timeout(PATIENCE_S), cordon(*arguments) as process:
         out, err = await process.communicate()
     assert (process.returncode, out) == (3, b""), (arguments, process.returncode, err.decode())
     assert "Traceback" not in err.decode()
@@ -61,7 +61,7 @@ async def refused(*arguments: str) -> str:
 
 async def line_with(process: Process, text: str) -> None:
     assert process.stderr is not None
-    async with asyncio.timeout(60.0):
+    async with asyncio.timeout(PATIENCE_S):
         while text not in (line := (await process.stderr.readline()).decode()):
             assert line, "it has ended"
 
@@ -84,16 +84,11 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
     flown, renamed, moved = map(load_mission, missions)
     section = flown.vehicles[0].section
     fed = f"udp port {section.url.rpartition(':')[2]} receives the vehicle of another run, by process "
-    seconds = {
-        ("sitl", missions[1]): (fed, "flown.toml --sitl"),
-        ("fly", missions[0], "--sitl", "--no-log"): (section.url, f"endpoint {section.endpoint} is in use by", fed),
-        ("command", "land", "--mission", missions[1]): ("'case2'", "'survey'"),
-    }
     async with cordon("fly", missions[0], "--sitl", "--speed", "2", "--no-log", "--json") as flight:
         await line_with(flight, "standby -> formation")
-        for second, parts in seconds.items():
-            said = await refused(*second)
-            assert all(part in said for part in parts), (second, said)
+        said = await refused("fly", missions[0], "--sitl", "--no-log")
+        for part in (section.url, f"endpoint {section.endpoint} is in use by", fed, "flown.toml --sitl"):
+            assert part in said, said
         with pytest.raises(VehicleRefusedError, match="flies another mission on this computer, by process"):
             flight_claims(moved, moved.ids).__enter__()
         sighting = ExternalSighting("mission", (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2)
@@ -159,6 +154,6 @@ async def test_stub_vehicles_serve_a_ground_station_that_listens_already(mission
     flown, _, _ = missions
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", int(load_mission(flown).vehicles[0].section.url.rpartition(":")[2])))
-        station.settimeout(20.0)
+        station.settimeout(PATIENCE_S)
         async with cordon("sitl", flown):
             assert (await asyncio.to_thread(station.recv, 2048))[0] in (0xFD, 0xFE), "MAVLink arrives"
