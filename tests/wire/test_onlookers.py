@@ -85,9 +85,7 @@ async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_no
     live = ("--live", "--live-address", f"{LOOPBACK}:{port}", "--no-log", "--duration", "30", "--json")
     async with flown(path, *live) as flight:
         viewer, hanging, dying = [await looking_at(port) for _ in range(3)]
-        for each in (viewer, hanging, dying):
-            await each.know(*TOPICS)
-            each.subscribe(*TOPICS)
+        await asyncio.gather(*(each.subscribe(*TOPICS) for each in (viewer, hanging, dying)))
         for page in ("Origin: https://evil.example", "Origin: null"):
             with pytest.raises(AssertionError, match="403 Forbidden"):
                 await Onlooker.connected(port, page)
@@ -141,8 +139,7 @@ from tests.support.onlooker import Onlooker
 
 async def hang():
     viewer = await Onlooker.connected(int(sys.argv[1]))
-    await viewer.know("/points")
-    viewer.subscribe("/points")
+    await viewer.subscribe("/points")
     await viewer.writer.drain()
     print("looking", flush=True)
     time.sleep({HANGS_S})

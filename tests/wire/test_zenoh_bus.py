@@ -299,9 +299,10 @@ async def test_a_taken_port_is_refused_with_a_next_step() -> None:
 
 @pytest.mark.wire
 async def test_opening_never_blocks_the_loop_and_can_be_cancelled() -> None:
+    ends: list[str] = []
+
     async def attempt() -> None:
-        nonlocal ends
-        ends = free_endpoints(2)
+        ends[:] = free_endpoints(2)
         bus = single_bus(vehicle(1), TEAM, ends[0], [ends[1]])
         opening, longest_s = asyncio.create_task(bus.open(lambda *_: None, lambda *_: None, lambda *_: None)), 0.0
         for _ in range(20):
@@ -313,7 +314,6 @@ async def test_opening_never_blocks_the_loop_and_can_be_cancelled() -> None:
             await opening
         assert longest_s < 0.25
 
-    ends: list[str] = []
     await repeated(attempt)
 
     async def port_is_free() -> None:

@@ -30,7 +30,7 @@ from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, Te
 from gcs.station.server import listen, serve_team
 from gcs.station.tiles import MapTiles
 from gcs.viewer.address import Address
-from tests.support.wire import LOOPBACK, free_port, until
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until
 
 TOKEN = "a token of the tests: ümläut"
 HERE = (0.0, 0.0)
@@ -90,7 +90,7 @@ class Station:
         """Request a file; headers replace its own."""
 
         def ask() -> tuple[int, HTTPMessage, bytes]:
-            connection = http.client.HTTPConnection(LOOPBACK, self.port, timeout=5.0)
+            connection = http.client.HTTPConnection(LOOPBACK, self.port, timeout=PATIENCE_S)
             connection.request(method, path, body, {**self.headers, **headers})
             answer = connection.getresponse()
             return answer.status, answer.headers, answer.read()
@@ -113,7 +113,7 @@ async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -
         yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"})
     finally:
         stop.set()
-        await asyncio.wait_for(serving, 5.0)
+        await asyncio.wait_for(serving, PATIENCE_S)
 
 
 @dataclass
@@ -171,7 +171,7 @@ def entered(line: str) -> tuple[int, str]:
     """Return the port in the line that `cordon station` prints, and the cookie for the token in it."""
     found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", line)
     assert found is not None, line
-    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=5.0)
+    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=PATIENCE_S)
     connection.request("POST", "/enter", unquote(found[2]))
     answer = connection.getresponse()
     assert answer.status == 204
@@ -186,7 +186,7 @@ def stream(port: int, cookie: str, **options: Any) -> websockets.connect:
     )
 
 
-async def received(page: ClientConnection, kind: str, timeout_s: float = 5.0) -> dict[str, Any]:
+async def received(page: ClientConnection, kind: str, timeout_s: float = PATIENCE_S) -> dict[str, Any]:
     """Return the next message of a kind."""
     async with asyncio.timeout(timeout_s):
         while True:

@@ -159,7 +159,7 @@ async def test_a_vehicle_is_reached_and_commanded_over_every_kind_of_url(
         link = MavsdkLink(hub, LinkConfig(url, 1, FRAME), clock)
         stack.push_async_callback(link.close)
         await link.connect(samples.append)
-        await until(lambda: len(samples) > 10, 15.0, "telemetry", clock=clock)
+        await until(lambda: len(samples) > 10, waiting_for="telemetry")
         await link.take_off(2.0)
         assert link.status.armed
     assert link.unsent == 0
