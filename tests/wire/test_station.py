@@ -136,7 +136,7 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
     mission_file: Callable[..., str], subtests: pytest.Subtests
 ) -> None:
     address = f"{LOOPBACK}:{free_port()}"
-    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "60", "--no-log")
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "300", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
         port, cookie = entered(process.stderr.readline())
@@ -167,7 +167,7 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
 ) -> None:
     """A page stays with the vehicles' last state, until the operator closes it at the terminal."""
     address = f"{LOOPBACK}:{free_port()}"
-    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "60", "--no-log")
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "300", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
         port, cookie = entered(process.stderr.readline())

@@ -109,6 +109,13 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
     assert tactics == {"standby -> formation", "formation -> land"}
 
 
+async def test_processes_that_were_given_other_values_do_not_fly_together(missions: tuple[str, str, str]) -> None:
+    flown = load_mission(missions[0])
+    with flight_claims(flown, flown.ids[:1]):
+        said = await refused("fly", missions[0], "--only", "2", "--no-log", "--set", "mission.rate_hz=20")
+    assert "flies another mission" in said
+
+
 async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missions: tuple[str, str, str]) -> None:
     flown = parse_mission(load_mission(missions[0]).text.replace(*INSECURE), None)
     changed = parse_mission(flown.text.replace("separation_m = ", "keep_out_m = 1.0\nseparation_m = "), None)
