@@ -84,25 +84,32 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
     flown, renamed, moved = map(load_mission, missions)
     section = flown.vehicles[0].section
     fed = f"udp port {section.url.rpartition(':')[2]} receives the vehicle of another run, by process "
-    async with cordon("fly", missions[0], "--sitl", "--speed", "2", "--no-log", "--json") as flight:
-        await line_with(flight, "standby -> formation")
-        said = await refused("fly", missions[0], "--sitl", "--no-log")
-        for part in (section.url, f"endpoint {section.endpoint} is in use by", fed, "flown.toml --sitl"):
-            assert part in said, said
-        with pytest.raises(VehicleRefusedError, match="flies another mission on this computer, by process"):
-            flight_claims(moved, moved.ids).__enter__()
-        sighting = ExternalSighting("mission", (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2)
-        for stranger in (
-            CommandClient(renamed).command("kill", renamed.ids, None),
-            CommandClient(renamed).send_sighting(sighting, 0.0),
-            watch(renamed, WatchView(Console(file=StringIO())), asyncio.Event()),
-        ):
-            with pytest.raises(VehicleRefusedError, match="'case2', not 'survey'"):
-                await stranger
-        assert flight.returncode is None, "it has to fly all the time"
-        answers = await CommandClient(flown).command("land", flown.ids, None)
-        assert {answer.did for answer in answers.values() if answer is not None} == {"lands"}
-        out, err = await flight.communicate()
+    async with cordon("sitl", missions[0], "--lockstep", "--speed", "4") as stubs:
+        await line_with(stubs, "Ctrl-C ends it")
+        async with cordon("fly", missions[0], "--no-log", "--json") as flight:
+            await line_with(flight, "standby -> formation")
+            said = await refused("sitl", missions[1])
+            assert fed in said, said
+            said = await refused("fly", missions[0], "--sitl", "--no-log")
+            for part in (section.url, f"endpoint {section.endpoint} is in use by", fed):
+                assert part in said, said
+            with pytest.raises(VehicleRefusedError, match="flies another mission on this computer, by process"):
+                flight_claims(moved, moved.ids).__enter__()
+            sighting = ExternalSighting("mission", (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2)
+            for stranger in (
+                CommandClient(renamed).command("kill", renamed.ids, None),
+                CommandClient(renamed).send_sighting(sighting, 0.0),
+                watch(renamed, WatchView(Console(file=StringIO())), asyncio.Event()),
+            ):
+                with pytest.raises(VehicleRefusedError, match="'case2', not 'survey'"):
+                    await stranger
+            assert flight.returncode is None, "it has to fly all the time"
+            answers = await CommandClient(flown).command("land", flown.ids, None)
+            assert {answer.did for answer in answers.values() if answer is not None} == {"lands"}
+            out, err = await flight.communicate()
+        stubs.send_signal(signal.SIGINT)
+        await stubs.communicate()
+        assert stubs.returncode == 0
     result = json.loads(out)
     assert result["loop"]["missed"] <= MISSED_SHARE_MAX * result["loop"]["ticks"], err.decode()
     tactics = {event["text"].partition(":")[0] for event in result["events"] if event["kind"] == "tactic"}
@@ -138,23 +145,6 @@ async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missi
     finally:
         flying.cancel()
         await bus.close()
-
-
-async def test_stub_vehicles_and_one_flight_go_together_and_a_second_of_either_does_not(
-    missions: tuple[str, str, str],
-) -> None:
-    flown, _, _ = missions
-    async with cordon("sitl", flown, "--speed", "5") as stubs:
-        await line_with(stubs, "Ctrl-C ends it")
-        assert "receives the vehicle of another run" in await refused("sitl", flown)
-        async with cordon("fly", flown, "--speed", "5", "--no-log") as flight:
-            await line_with(flight, "standby -> formation")
-            answers = await CommandClient(load_mission(flown)).command("land", (1, 2, 3), None)
-            assert {answer.did for answer in answers.values() if answer is not None} == {"lands"}
-            await flight.communicate()
-        stubs.send_signal(signal.SIGINT)
-        await stubs.communicate()
-        assert stubs.returncode == 0
 
 
 async def test_stub_vehicles_serve_a_ground_station_that_listens_already(missions: tuple[str, str, str]) -> None:
