@@ -161,6 +161,20 @@ def repeated_now(attempt: Callable[[], None]) -> None:
                 raise
 
 
+@asynccontextmanager
+async def running(*arguments: str) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Run a command in the background for tasks of an event loop, without a terminal and without line breaks."""
+    pipe, environment = asyncio.subprocess.PIPE, {**os.environ, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "400"}
+    command = [sys.executable, "-m", "gcs", *arguments]
+    process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe, env=environment)
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            process.kill()
+        await process.communicate()
+
+
 @contextmanager
 def cordon(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
     """Run a command in the background, without a terminal."""

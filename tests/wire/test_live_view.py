@@ -1,20 +1,17 @@
 """What the live view of a flight shows, against the vehicles as they truly are; an alert that ends, and the end."""
 
-import asyncio
 from collections.abc import Callable, Sequence
-from io import StringIO
 from math import dist
 from typing import Any
 
 import pytest
-from rich.console import Console
 
-from gcs.console.live import LiveRow, LiveView
-from gcs.flight.flight import fly
+from gcs.console.live import LiveRow
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from sitl.autopilot.autopilot import Autopilot
+from tests.support.flights import flying, in_flight, unseen_view
 from tests.support.mission_text import LOW, LOW_M
 from tests.support.wire import served, until
 
@@ -64,18 +61,15 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
     mission = load_mission(mission_file("case2", *NEAR))
-    view = LiveView(Console(file=StringIO()))
+    view = unseen_view()
     async with served(stub_configs(mission), SPEED) as stubs:
         clock, faults, shown = stubs.clock, stubs.stubs[2].faults, Shown(stubs.vehicles)
         monkeypatch.setattr(view, "update", shown.update)
         monkeypatch.setattr(view, "print_line", shown.print_line)
         plan = FlightPlan(mission, 65.0, mission.vehicles, speed=SPEED, clock=clock.name)
-        flight = asyncio.create_task(fly(plan, view))
-        try:
+        async with flying(plan, view) as flight:
             ring = "ring 3 of 3"
-            await until(
-                lambda: flight.done() or bool(shown.titles and ring in shown.titles[-1]), 300.0, ring, clock=clock
-            )
+            await in_flight(flight, lambda: bool(shown.titles) and ring in shown.titles[-1], ring, clock)
             with subtests.test("numbers"):
                 await until(
                     lambda: all(shown.flies_at(i, RING_M_S) for i in shown.rows),
@@ -114,9 +108,6 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
                 assert shown.rows[2].tactic == "hold"
                 assert "estimator failing cleared: resume" in shown.rows[2].note
             await flight
-        finally:
-            flight.cancel()
-            await asyncio.gather(flight, return_exceptions=True)
     assert {row.ending for row in shown.rows.values()} == {"disarmed"}
     assert all(row.height_m == pytest.approx(0.0, abs=0.3) for row in shown.rows.values())
     assert "ring 0 of 3" in shown.titles[-1]

@@ -2,16 +2,15 @@
 
 import asyncio
 import json
-import os
 import re
 import socket
 import ssl
 import subprocess
 import sys
 import time
-from asyncio.subprocess import PIPE, Process
-from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from asyncio.subprocess import Process
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, suppress
 from math import dist
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from gcs.viewer.live_server import STOP_TIMEOUT_S, live_server
 from tests.support.mission_text import LOW
 from tests.support.onlooker import Onlooker
 from tests.support.paths import ROOT, finds_tests
-from tests.support.wire import LOOPBACK, PATIENCE_S, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, running
 
 pytestmark = pytest.mark.wire
 
@@ -40,23 +39,9 @@ MESSAGES, WATCHES = 200, 2
 TOPICS = ("/scene", "/tf", "/points", *(f"/vehicle/{i}/{name}" for i in VEHICLES for name in ("decision", "pose")))
 
 
-@asynccontextmanager
-async def cordon(*arguments: str) -> AsyncIterator[Process]:
-    """Run a command in a process of its own, which is killed in the end."""
-    environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1"}
-    command = [sys.executable, "-m", "gcs", *arguments]
-    process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
-    try:
-        yield process
-    finally:
-        with suppress(ProcessLookupError):
-            process.kill()
-        await process.communicate()
-
-
 def flown(mission: str, *arguments: str) -> AbstractAsyncContextManager[Process]:
     """Fly a team of stubs in a process of its own."""
-    return cordon("fly", mission, "--sitl", "--speed", str(SPEED), *arguments)
+    return running("fly", mission, "--sitl", "--speed", str(SPEED), *arguments)
 
 
 async def looking_at(port: int) -> Onlooker:
@@ -70,7 +55,7 @@ async def looking_at(port: int) -> Onlooker:
 
 async def watch_and_be_killed(mission: str) -> None:
     """Watch the team from another terminal, and die."""
-    async with cordon("watch", "--mission", mission) as watching:
+    async with running("watch", "--mission", mission) as watching:
         assert watching.stderr is not None
         while not re.search(r"vehicle \d: connected", line := (await watching.stderr.readline()).decode()):
             assert line, "it saw nobody"

@@ -2,15 +2,12 @@
 
 import asyncio
 from collections.abc import Callable
-from io import StringIO
 from math import dist
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from agents.shell.outcome import Ending
-from gcs.console.live import LiveView
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -19,6 +16,7 @@ from gcs.preflight.findings import Grade
 from gcs.preflight.link_facts import gather_facts
 from gcs.preflight.preflight import preflight
 from sitl.server.shared_clock import new_clock
+from tests.support.flights import unseen_view
 from tests.support.wire import stub_process
 
 pytestmark = pytest.mark.wire
@@ -45,7 +43,7 @@ async def test_a_team_without_gps_ends_up_where_the_mission_says(mission_file: C
         findings = preflight(mission, await gather_facts(mission))
         assert [each for each in findings if each.grade is Grade.REFUSE] == []
         plan = FlightPlan(mission, DURATION_S, mission.vehicles, speed=SPEED, clock=name)
-        flight = await fly(plan, LiveView(Console(file=StringIO())))
+        flight = await fly(plan, unseen_view())
         record = await asyncio.to_thread(stubs.stop)
     assert [each.ending for each in flight.outcomes.values()] == [Ending.COMPLETED] * 2, flight.outcomes
     assert flight.record is not None

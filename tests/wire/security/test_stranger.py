@@ -29,7 +29,7 @@ from agents.team.perception import ExternalSighting, encode_sighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
 from gcs.console.watch import WatchView, watch
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import Flight
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.metrics.journal import Journal
@@ -37,6 +37,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.server.governed_clock import GovernedClock
+from tests.support.flights import flying, in_flight
 from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT, finds_tests
 from tests.support.stranger import FAR_M, Stranger, state
@@ -106,21 +107,20 @@ class Scene:
 
 
 @asynccontextmanager
-async def flying(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path | None = None) -> AsyncIterator[Scene]:
+async def attacked(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path | None = None) -> AsyncIterator[Scene]:
     """Fly on stubs of this process, with a watch beside."""
     scene, stop = Scene(mission, monkeypatch), asyncio.Event()
     async with served(stub_configs(mission), SPEED) as stubs:
         scene.clock = stubs.clock
         plan = FlightPlan(mission, 300.0, mission.vehicles, speed=SPEED, clock=stubs.clock.name)
         view = LiveView(Console(file=scene.text, width=300))
-        scene.flight = asyncio.create_task(fly(plan, view, scene.findings.extend))
-        watching = asyncio.create_task(watch(mission, WatchView(Console(file=scene.watched, width=300)), stop))
-        try:
-            yield scene
-        finally:
-            stop.set()
-            scene.flight.cancel()
-            await asyncio.gather(scene.flight, watching, return_exceptions=True)
+        async with flying(plan, view, scene.findings) as scene.flight:
+            watching = asyncio.create_task(watch(mission, WatchView(Console(file=scene.watched, width=300)), stop))
+            try:
+                yield scene
+            finally:
+                stop.set()
+                await asyncio.gather(watching, return_exceptions=True)
 
 
 @contextmanager
@@ -186,7 +186,7 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
     mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"'), INSECURE))
-    async with flying(mission, monkeypatch) as scene:
+    async with attacked(mission, monkeypatch) as scene:
         stranger = Stranger(mission.network.team, scene.endpoints)
 
         def past_start() -> list[tuple[str, bytes]]:
@@ -196,8 +196,7 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
 
         with subtests.test("a start in 1970, or in the year 33658, from a vehicle's own key"):
             agreeing = asyncio.create_task(spoken(stranger, past_start))
-            await until(lambda: scene.flight.done() or scene.tactics == ["formation"] * 3, 300.0, clock=scene.clock)
-            assert not scene.flight.done(), scene.flight.result()
+            await in_flight(scene.flight, lambda: scene.tactics == ["formation"] * 3, "formation", scene.clock)
             await scene.clock.sleep(5.0)
             agreeing.cancel()
             assert scene.tactics == ["formation"] * 3

@@ -2,14 +2,11 @@
 
 import asyncio
 import json
-import os
 import signal
 import socket
-import sys
 import time
-from asyncio.subprocess import PIPE, Process
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from asyncio.subprocess import Process
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
@@ -28,7 +25,7 @@ from gcs.console.watch import WatchView, watch
 from gcs.link.ports.claims import flight_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
-from tests.support.wire import PATIENCE_S, free_ports
+from tests.support.wire import PATIENCE_S, free_ports, running
 
 pytestmark = pytest.mark.wire
 
@@ -36,23 +33,9 @@ MISSED_SHARE_MAX = 0.01
 """Of the ticks of the first flight: the other runs take processor time to start and to be refused."""
 
 
-@asynccontextmanager
-async def cordon(*arguments: str) -> AsyncIterator[Process]:
-    """Run a command of cordon in a process of its own."""
-    environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "400"}
-    command = [sys.executable, "-m", "gcs", *arguments]
-    process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
-    try:
-        yield process
-    finally:
-        with suppress(ProcessLookupError):
-            process.kill()
-        await process.communicate()
-
-
 async def refused(*arguments: str) -> str:
     """Run a command that is to be refused, and return what it says."""
-    async with asyncio.timeout(PATIENCE_S), cordon(*arguments) as process:
+    async with asyncio.timeout(PATIENCE_S), running(*arguments) as process:
         out, err = await process.communicate()
     assert (process.returncode, out) == (3, b""), (arguments, process.returncode, err.decode())
     assert "Traceback" not in err.decode()
@@ -84,9 +67,9 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
     flown, renamed, moved = map(load_mission, missions)
     section = flown.vehicles[0].section
     fed = f"udp port {section.url.rpartition(':')[2]} receives the vehicle of another run, by process "
-    async with cordon("sitl", missions[0], "--lockstep", "--speed", "4") as stubs:
+    async with running("sitl", missions[0], "--lockstep", "--speed", "4") as stubs:
         await line_with(stubs, "Ctrl-C ends it")
-        async with cordon("fly", missions[0], "--no-log", "--json") as flight:
+        async with running("fly", missions[0], "--no-log", "--json") as flight:
             await line_with(flight, "standby -> formation")
             said = await refused("sitl", missions[1])
             assert fed in said, said
@@ -152,5 +135,5 @@ async def test_stub_vehicles_serve_a_ground_station_that_listens_already(mission
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", int(load_mission(flown).vehicles[0].section.url.rpartition(":")[2])))
         station.settimeout(PATIENCE_S)
-        async with cordon("sitl", flown):
+        async with running("sitl", flown):
             assert (await asyncio.to_thread(station.recv, 2048))[0] in (0xFD, 0xFE), "MAVLink arrives"
