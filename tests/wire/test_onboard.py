@@ -1,6 +1,6 @@
-"""Agents that wait on the ground for an operator's start, on computers of their own, with a router between them.
+"""Agents that wait on the ground for an operator's start, on another computer, with a router between them.
 
-A computer without keys beside them gets nothing.
+A computer without keys beside them gets nothing. The agents' processes are on one computer, as is the clock of stubs.
 """
 
 import json
@@ -25,7 +25,7 @@ from tests.support.wire import PATIENCE_S
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
-SPEED = "2"
+SPEED = "4"
 HOLDERS = ("router-hill", "vehicle-1", "vehicle-2", "operator-anna")
 KEYLESS, PLAIN = "keyless", "plain"
 """Who has the mission without its keys, and who has it without its security."""
@@ -45,7 +45,9 @@ def mission_text(router: Computer, **security: object) -> str:
 
 
 class Site:
-    """Five computers with the files of one holder each, the last one without keys, and the commands that run there."""
+    """Computers of the router, of both vehicles, of the operator, and one without keys: who has which files, and runs
+    which commands.
+    """
 
     def __init__(self, hosts: list[Computer], folder: Path, stack: ExitStack) -> None:
         keys = AuthorityFolder(folder / "keys")
@@ -53,10 +55,12 @@ class Site:
         for role, _, name in (holder.partition("-") for holder in HOLDERS):
             keys.issue(role, name, 1.0)  # type: ignore[arg-type]
         self._places = {}
-        for holder, host in zip((*HOLDERS, KEYLESS, PLAIN), (*hosts, hosts[-1]), strict=True):
+        router, vehicles, operator, other = hosts
+        at = (router, vehicles, vehicles, operator, other, other)
+        for holder, host in zip((*HOLDERS, KEYLESS, PLAIN), at, strict=True):
             if holder in HOLDERS:
                 copytree(keys.path / holder, folder / holder / "keys" / holder)
-            mission = mission_text(hosts[0], **{"insecure": True} if holder == PLAIN else {"keys": "keys"})
+            mission = mission_text(router, **{"insecure": True} if holder == PLAIN else {"keys": "keys"})
             (folder / holder).mkdir(exist_ok=True)
             (folder / holder / "mission.toml").write_text(mission, encoding="utf-8")
             self._places[holder] = host, folder / holder
@@ -77,10 +81,8 @@ class Site:
         return process.returncode, out, err
 
     def agent(self, vehicle: int) -> "subprocess.Popen[str]":
-        holder = f"vehicle-{vehicle}"
-        self.run(holder, "sitl", "mission.toml", "--speed", SPEED)
-        options = ("--only", str(vehicle), "--wait-for-start", "--speed", SPEED, "--log", "flight.mcap")
-        return self.run(holder, "fly", "mission.toml", *options)
+        options = ("--only", str(vehicle), "--wait-for-start", "--log", "flight.mcap")
+        return self.run(f"vehicle-{vehicle}", "fly", "mission.toml", *options)
 
 
 def said_until(process: "subprocess.Popen[str]", *words: str) -> str:
@@ -95,9 +97,10 @@ def said_until(process: "subprocess.Popen[str]", *words: str) -> str:
 
 
 def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_operator_leaves(tmp_path: Path) -> None:
-    with computers(5) as hosts, ExitStack() as stack:
+    with computers(4) as hosts, ExitStack() as stack:
         site = Site(hosts, tmp_path, stack)
         said_until(site.run("router-hill", "router", "mission.toml"), "Ctrl-C ends it")
+        said_until(site.run("vehicle-1", "sitl", "mission.toml", "--lockstep", "--speed", SPEED), "Ctrl-C ends it")
         first = site.agent(1)
         said_until(first, "waits for its start: ready")
         code, out, _ = site.ended("operator-anna", "start", "mission.toml", "--wait", "6", "--json")
