@@ -39,7 +39,7 @@ def mission_text(router: Computer, **security: object) -> str:
         del vehicle["endpoint"]
         vehicle["altitude_m"] = LOW_M
     mission["formation"]["leader"] = 1
-    mission["network"] = {"router": f"tcp/{router.address}:7447", "security": security}
+    mission["network"] = {"team": "onboard", "router": f"tcp/{router.address}:7447", "security": security}
     mission["failsafe"] = {"no_operator": "hold", "no_operator_s": 2.0}
     return tomli_w.dumps(mission)
 

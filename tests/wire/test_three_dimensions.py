@@ -4,7 +4,6 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from math import atan2, degrees, hypot
-from pathlib import Path
 from statistics import median
 
 import pytest
@@ -13,6 +12,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from tests.support.flights import flying, in_flight
+from tests.support.mission_text import with_first_vehicles
 from tests.support.relay import Message, Relay
 from tests.support.wire import free_port, served
 
@@ -71,10 +71,7 @@ class Witness:
 async def test_a_vehicle_on_the_ring_says_that_it_looks_at_the_target_and_flies_above_it(
     mission_file: Callable[..., str],
 ) -> None:
-    path = Path(mission_file("px4-trio", *ALONE))
-    text = path.read_text(encoding="utf-8")
-    path.write_text("[[vehicles]]".join(text.split("[[vehicles]]")[:2]), encoding="utf-8")
-    mission = load_mission(str(path))
+    mission = load_mission(with_first_vehicles(mission_file("px4-trio", *ALONE), 1))
     (stub,) = stub_configs(mission)
     witness, front_port = Witness(), free_port()
     relay = Relay(1, front_port, stub.client_port, on_message=witness.hear, on_setpoint=lambda: None)

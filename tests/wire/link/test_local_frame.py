@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Callable
 from math import dist
-from pathlib import Path
 
 import pytest
 
@@ -17,6 +16,7 @@ from gcs.preflight.link_facts import gather_facts
 from gcs.preflight.preflight import preflight
 from sitl.server.shared_clock import new_clock
 from tests.support.flights import unseen_view
+from tests.support.mission_text import with_first_vehicles
 from tests.support.wire import stub_process
 
 pytestmark = pytest.mark.wire
@@ -34,10 +34,7 @@ INDOORS = (
 
 
 async def test_a_team_without_gps_ends_up_where_the_mission_says(mission_file: Callable[..., str]) -> None:
-    path = mission_file("px4-trio", *INDOORS)
-    text = Path(path).read_text(encoding="utf-8")
-    Path(path).write_text(text[: text.rindex("[[vehicles]]")], encoding="utf-8")  # two are a team
-    mission = load_mission(path)
+    mission = load_mission(with_first_vehicles(mission_file("px4-trio", *INDOORS), 2))
     assert [config.gps for config in stub_configs(mission)] == [False, False]
     with new_clock(SPEED) as name, stub_process(stub_configs(mission), name) as stubs:
         findings = preflight(mission, await gather_facts(mission))
