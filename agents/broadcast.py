@@ -17,7 +17,7 @@ from estimation.polar import Polar
 from estimation.state import MOTION, POSITION, Sighting
 
 
-class Broadcast:
+class StateBroadcast:
     """Makes one vehicle's state messages and decides when they are sent.
 
     `often` is set while another vehicle is, or soon comes, close enough to need states at the full rate.

@@ -52,7 +52,7 @@ class CommandHandler:
         self._shapes = shapes
         self.reshaping: Reshaping | None = None
         """The newest change of the formation that this vehicle has received."""
-        self.lacks: str | None = None
+        self.start_blockers: str | None = None
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
         """Whether an operator has started the vehicle."""
@@ -82,7 +82,7 @@ class CommandHandler:
                 answer = _refused(resume_refused)
             else:
                 answer, event = self._carry_out(command, tactic, now_s)
-            self._remember(command, answer, now_s)
+            self._record(command, answer, now_s)
         self._unanswered[command.number] = None
         return event
 
@@ -103,7 +103,7 @@ class CommandHandler:
         """Take the outcome of a kill as the vehicle reports it: why it failed, empty if it did not."""
         answer = _refused(refusal) if refusal else _Answer(VERBS["kill"].done)
         for command in self._kills:
-            self._remember(command, answer, now_s)
+            self._record(command, answer, now_s)
             self._unanswered[command.number] = None
         self._kills.clear()
 
@@ -126,7 +126,7 @@ class CommandHandler:
                 return _Answer(row.did, "begun"), row.event
             case "start":
                 return self._start(row), None
-            case _ if self.lacks is not None:
+            case _ if self.start_blockers is not None:
                 return _refused("it waits on the ground for its start"), None
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s)
@@ -136,11 +136,11 @@ class CommandHandler:
                 return self._steer(row, tactic)
 
     def _start(self, row: VerbRow) -> _Answer:
-        if self.lacks is None:
+        if self.start_blockers is None:
             return _Answer("did not wait for its start" if not self.starts else "had taken off already")
-        if self.lacks:
-            return _refused(self.lacks)
-        self.starts, self.lacks = True, None
+        if self.start_blockers:
+            return _refused(self.start_blockers)
+        self.starts, self.start_blockers = True, None
         return _Answer(row.did)
 
     def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[_Answer, Event | None]:
@@ -172,12 +172,12 @@ class CommandHandler:
             self._abort = None  # the operator has decided what comes after the hover
         return _Answer(row.did), row.event
 
-    def _remember(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
+    def _record(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
         answer = answer._replace(did=printable(answer.did))  # it may hold text from the autopilot
         self._done[command.number] = command, answer
         while len(self._done) > NUMBERS_KEPT:
-            forgotten, _ = self._done.popitem(last=False)
-            self._unanswered.pop(forgotten, None)
+            dropped, _ = self._done.popitem(last=False)
+            self._unanswered.pop(dropped, None)
         is_refused = answer.outcome == "refused"
         self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
 

@@ -1,6 +1,6 @@
 """`VehicleCore`: the estimation, decision and control of one vehicle, without clock, sockets or asyncio.
 
-Everything that it hears goes through `take`, the time is an argument of `tick`, and all outputs are in what `tick`
+Everything that it receives goes through `take`, the time is an argument of `tick`, and all outputs are in what `tick`
 returns. The same object therefore flies over MAVLink, in the simulation, and again from a log.
 """
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from mypy_extensions import mypyc_attr
 
-from agents.broadcast import Broadcast, command_answer, received_sighting
+from agents.broadcast import StateBroadcast, command_answer, received_sighting
 from agents.command_handler import CommandHandler, Reshaping
 from agents.control.aims import shifted
 from agents.control.homing import assembled
@@ -19,16 +19,16 @@ from agents.control.plan import Plan, PlannerFactory
 from agents.control.planner import planner_of
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.inputs import (
-    Autopilot,
+    AutopilotStatus,
     Bus,
     Command,
     Computer,
     Ground,
-    Heard,
     Killed,
     LateTicks,
     Message,
     Presence,
+    ReceivedInput,
     Start,
     TacticEvent,
     TimeScale,
@@ -36,13 +36,12 @@ from agents.inputs import (
 from agents.notes import Notes, ResumeRefusal, ShapeChange, TacticChange
 from agents.outputs import CoreStatus, Outgoing, TickOutput
 from agents.ports import Connection, Setpoint
-from agents.safety.failsafe import POSITION_ALERTS, Condition
+from agents.safety.failsafe import LOST, POSITION_ALERTS, Condition
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.landing_cause import LandingCause
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
-from agents.safety.reported_faults import LOST
 from agents.setpoint.altitude import Altitude
 from agents.setpoint.feedforward import FeedForward
 from agents.setpoint.slew_limit import SlewLimit
@@ -75,7 +74,7 @@ class VehicleCore:
         self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
         self._estimator = Estimator(config)
         self._own_sensor = OwnSensor(config)
-        self._broadcast = Broadcast(config, self._team, self._own_sensor)
+        self._broadcast = StateBroadcast(config, self._team, self._own_sensor)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensor, self._team, clocks)
         self._failsafe = FailsafeMonitor(config)
         self._planner = planner_of(config, self._team, planner)
@@ -101,7 +100,7 @@ class VehicleCore:
             TimeScale: self._take_time_scale,
             Start: self._take_start,
             TacticEvent: self._take_event,
-            Autopilot: self._take_autopilot,
+            AutopilotStatus: self._take_autopilot,
             LateTicks: self._take_late_ticks,
             Bus: self._take_bus,
             Drops: self._take_drops,
@@ -300,7 +299,7 @@ class VehicleCore:
 
     @property
     def alert(self) -> str:
-        """The gravest active condition of the failsafe table, empty if there is none."""
+        """The most severe active condition of the failsafe table, empty if there is none."""
         return self._failsafe.alert
 
     @property
@@ -309,8 +308,8 @@ class VehicleCore:
         own = self._inbox.dropped.drops
         return own if self._bus_drops is NO_DROPS else own.plus(self._bus_drops)
 
-    def take(self, item: Heard) -> None:
-        """Take what is heard between two ticks."""
+    def take(self, item: ReceivedInput) -> None:
+        """Take what is received between two ticks."""
         self._takes[type(item)](item)
 
     def _take_time_scale(self, item: TimeScale) -> None:
@@ -324,7 +323,7 @@ class VehicleCore:
     def _take_event(self, item: TacticEvent) -> None:
         self._change(item.event)
 
-    def _take_autopilot(self, item: Autopilot) -> None:
+    def _take_autopilot(self, item: AutopilotStatus) -> None:
         self._fault_detector.vehicle.status = item.status
         self._estimator.follow_link(item.status.round_trip_s)
         if item.status.lost is not Connection.NONE:
@@ -343,7 +342,7 @@ class VehicleCore:
         self._fault_detector.computer_short_of = item.short_of
 
     def _take_ground(self, item: Ground) -> None:
-        self.commands.lacks = item.lacks
+        self.commands.start_blockers = item.start_blockers
 
     def _take_telemetry(self, telemetry: Telemetry) -> None:
         self._estimator.measure(telemetry)
@@ -368,11 +367,11 @@ class VehicleCore:
         self._receive_sightings(message)
         match message:
             case MemberState():
-                self._team.hear(message)
+                self._team.receive(message)
                 if message.shape is not None:
                     self._reshape(Reshaping(message.shaped_s, message.shape))
             case NeighbourAngle():
-                self._team.ring.hear(message)
+                self._team.ring.receive(message)
             case OperatorCommand():
                 self._command(message, now_s)
             case CommandAnswer():

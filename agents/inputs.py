@@ -1,4 +1,4 @@
-"""The inputs of a core: everything that it hears, each a frozen struct that names its topic and describes itself.
+"""The inputs of a core: everything that it receives, each a frozen struct that names its topic and describes itself.
 
 A core is deterministic: the same inputs in the same order give the same outputs, bit for bit. Recording a flight is
 writing each input before the core takes it (`agents.recording`), a replay is reading each and letting a core take it.
@@ -69,7 +69,7 @@ class TacticEvent(msgspec.Struct, frozen=True):
         return f"tactic event: {self.event.value}"
 
 
-class Autopilot(msgspec.Struct, frozen=True):
+class AutopilotStatus(msgspec.Struct, frozen=True):
     """The autopilot's status."""
 
     topic: ClassVar = "autopilot"
@@ -127,15 +127,15 @@ class Computer(msgspec.Struct, frozen=True):
 
 
 class Ground(msgspec.Struct, frozen=True):
-    """The vehicle waits for its start, and what forbids the start, empty if nothing does."""
+    """The vehicle waits for its start, and what forbids its start, empty if nothing does."""
 
     topic: ClassVar = "ground"
     lasts: ClassVar = False
-    lacks: str
+    start_blockers: str
 
     def describe(self, _time: Time) -> str:
         """Return it as text."""
-        return f"on the ground: {self.lacks or 'ready to start'}"
+        return f"on the ground: {self.start_blockers or 'ready to start'}"
 
 
 class Message(msgspec.Struct, frozen=True):
@@ -153,10 +153,10 @@ class Message(msgspec.Struct, frozen=True):
         """Return it as text."""
         message = self.message
         if isinstance(message, OperatorCommand):
-            said = _command_text(message)
+            text = _command_text(message)
         else:
-            said = f"vehicle {message.sender} at {time(message.time_s)}: {_message_text(message)}"
-        return f"received at {time(self.now_s)}: {said}"
+            text = f"vehicle {message.sender} at {time(message.time_s)}: {_message_text(message)}"
+        return f"received at {time(self.now_s)}: {text}"
 
 
 class Command(msgspec.Struct, frozen=True):
@@ -210,11 +210,11 @@ class Tick(msgspec.Struct, frozen=True):
         return f"tick at {time(self.now_s)}"
 
 
-Heard = (
+ReceivedInput = (
     TimeScale
     | Start
     | TacticEvent
-    | Autopilot
+    | AutopilotStatus
     | LateTicks
     | Bus
     | Drops
@@ -228,7 +228,7 @@ Heard = (
     | Presence
 )
 """What a core takes between two ticks."""
-CoreInput = Heard | Tick
+CoreInput = ReceivedInput | Tick
 """The same, and the ticks."""
 
 

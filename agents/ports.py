@@ -99,12 +99,16 @@ class Setpoint(msgspec.Struct, frozen=True):
 
 
 class VehicleRefusedError(Exception):
-    """A vehicle refused, or failed, to do what the mission needs: the reason, and the next step."""
+    """A vehicle refused, or failed, to do what the mission needs: the reason, and the next step.
 
-    def __init__(self, reason: str, next_step: str) -> None:
-        super().__init__(f"{reason}; {next_step}")
-        self.reason = reason
+    `clause` is the reason without its `subject`, for a text that names the vehicle itself.
+    """
+
+    def __init__(self, clause: str, next_step: str, *, subject: str = "") -> None:
+        self.clause = clause
+        self.reason = f"{subject} {clause}" if subject else clause
         self.next_step = next_step
+        super().__init__(f"{self.reason}; {next_step}")
 
 
 class VehicleLink(Protocol):

@@ -4,12 +4,12 @@ from typing import Protocol
 
 from agents.core import VehicleCore
 from agents.drops import NO_DROPS
-from agents.inputs import Bus, Computer, CoreInput, Heard, LateTicks, Tick
+from agents.inputs import Bus, Computer, CoreInput, LateTicks, ReceivedInput, Tick
 from agents.outputs import TickOutput
 from agents.settings.config import AgentConfig
 
-_AT_FIRST: tuple[Heard, ...] = (LateTicks(0), Bus(alive=True), NO_DROPS, Computer(""))
-"""What a core assumes before it hears otherwise."""
+_AT_FIRST: tuple[ReceivedInput, ...] = (LateTicks(0), Bus(alive=True), NO_DROPS, Computer(""))
+"""What a core assumes before its first inputs."""
 
 
 class InputRecorder(Protocol):
@@ -26,9 +26,9 @@ class RecordedCore(VehicleCore):
     def __init__(self, config: AgentConfig, recorder: InputRecorder) -> None:
         super().__init__(config)
         self._write = recorder.write
-        self._lasting: dict[type, Heard] = {type(each): each for each in _AT_FIRST}
+        self._lasting: dict[type, ReceivedInput] = {type(each): each for each in _AT_FIRST}
 
-    def take(self, item: Heard) -> None:
+    def take(self, item: ReceivedInput) -> None:
         """See VehicleCore."""
         kind = type(item)
         if not item.lasts:

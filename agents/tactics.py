@@ -23,6 +23,10 @@ class Tactic(Enum):
     PILOT_OVERRIDE = "pilot override"
 
 
+NO_TACTIC = "unknown"
+"""Stands for the tactic's name where no data of a vehicle is known."""
+
+
 class Event(Enum):
     """The events that may change a vehicle's tactic."""
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class Exit(IntEnum):
@@ -19,9 +20,25 @@ class Exit(IntEnum):
     """Ended in flight by a failsafe or the operator."""
 
 
+class Fault(NamedTuple):
+    """A fault of the input: the path of its key or the name of its source, the reason, and the line if it is known.
+
+    The place is empty for a text that names it itself; lines count from 1.
+    """
+
+    place: str
+    reason: str
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.reason}" if self.place else self.reason
+
+
 class InputError(Exception):
     """The user's input is invalid; `faults` holds one line for each fault."""
 
-    def __init__(self, faults: Sequence[str]) -> None:
-        self.faults = tuple(" ".join(fault.splitlines()) for fault in faults)
+    def __init__(self, faults: Sequence[Fault | str]) -> None:
+        self.placed = tuple(fault if isinstance(fault, Fault) else Fault("", fault) for fault in faults)
+        """The faults as values."""
+        self.faults = tuple(" ".join(str(fault).splitlines()) for fault in faults)
         super().__init__("\n".join(self.faults))

@@ -2,21 +2,23 @@
 
 from typing import Any
 
+from agents.tactics import NO_TACTIC, Tactic
+
 # Vehicles 1, 2, 3 are blue, red and green as in the paper, in shades that are distinguishable with colour blindness.
 COLOURS = ("#0077BB", "#CC3311", "#009E73", "#AA4499", "#E69F00", "#56B4E9", "#882255", "#8A8A2A")
 DASHES = ("-", (0, (5, 1.2, 1, 1.2)), (0, (1, 1)), (0, (7, 1, 1, 1, 1, 1)))
 # Paul Tol's light scheme, for areas behind dark text.
 TACTIC_COLOURS = {
-    "standby": "#DDDDDD",
-    "formation": "#99DDFF",
-    "encircle": "#BBCC33",
-    "excite": "#44BB99",
-    "aside": "#FFAABB",
-    "hold": "#EEDD88",
-    "return and land": "#77AADD",
-    "land": "#AAAAAA",
-    "pilot override": "#EE8866",
-    "unknown": "#F7F7F7",
+    Tactic.STANDBY.value: "#DDDDDD",
+    Tactic.FORMATION.value: "#99DDFF",
+    Tactic.ENCIRCLE.value: "#BBCC33",
+    Tactic.EXCITE.value: "#44BB99",
+    Tactic.ASIDE.value: "#FFAABB",
+    Tactic.HOLD.value: "#EEDD88",
+    Tactic.RETURN_AND_LAND.value: "#77AADD",
+    Tactic.LAND.value: "#AAAAAA",
+    Tactic.PILOT_OVERRIDE.value: "#EE8866",
+    NO_TACTIC: "#F7F7F7",
 }
 INK, FAINT, WINDOW, FAIL = "#333333", "#8A8A8A", "#F2F2F2", "#B3200A"
 DESIRED: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}

@@ -54,7 +54,7 @@ class ModeFlag(IntFlag):
     SAFETY_ARMED = 128
 
 
-class Sensor(IntFlag):
+class SensorFlag(IntFlag):
     """The MAV_SYS_STATUS_SENSOR values that are used."""
 
     GYRO = 1

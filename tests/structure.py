@@ -4,9 +4,10 @@ A circle is a set of siblings - files or folders of one folder - that import one
 """
 
 import ast
+import re
 import sys
-from collections.abc import Iterator, Mapping
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache, partial
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -15,6 +16,15 @@ PACKAGES = ("cordon", "gcs", "agents", "sitl", "estimation")
 FUNCTION_LINES_MAX = 40
 FILE_LINES_MAX = 400
 """More is reported: a length is a reason to look, not a fault."""
+_TEXT = re.compile(
+    "advice|alert|because|cause|clause|condition|detail|did|ended|ending|fault|finding|found|headline|how|lacks|mode|"
+    "note|problem|reason|refusal|sentence|subject|tactic|text|title|why"
+)
+"""Attributes and variables that hold text for people, or the name of a member of an enumeration."""
+_LABEL = re.compile("get_(label|text|title|xlabel|ylabel)")
+_TAKES_APART = re.compile("(starts|ends)with|r?partition|r?split|splitlines|remove(pre|suf)fix|r?find|r?index|count")
+_SEARCHES = re.compile("match|search|fullmatch|findall|finditer")
+_UNCHANGED = re.compile("lower|upper|[lr]?strip|casefold")
 
 
 def sources() -> list[Path]:
@@ -53,6 +63,34 @@ def unseeded_generators(files: list[Path]) -> list[str]:
         f"{path.as_posix()}:{node.lineno} {ast.unparse(node)}"
         for path, node in calls
         if not node.args and not node.keywords and ast.unparse(node.func).endswith("default_rng")
+    ]
+
+
+def repeated_classes(files: list[Path]) -> list[str]:
+    """Return the names of classes that several files define, each with its places: one name means one thing."""
+    places: dict[str, dict[str, int]] = {}
+    for path in files:
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, {}).setdefault(path.as_posix(), node.lineno)
+    return [
+        f"{name}: {', '.join(f'{path}:{line}' for path, line in found.items())}"
+        for name, found in sorted(places.items())
+        if len(found) > 1
+    ]
+
+
+def parsed_texts(files: list[Path]) -> list[str]:
+    """Return the places that take text apart which other code wrote: text is for people, values carry its content.
+
+    What comes from outside is parsed once, in a function that takes it as its argument `text`.
+    """
+    return [
+        f"{path.as_posix()}:{node.lineno} {ast.unparse(node)}"
+        for path in files
+        for node, arguments in _nodes(_tree(path))
+        if isinstance(node, ast.Call | ast.Compare)
+        and _parses(node, partial(_is_text, from_outside="text" in arguments))
     ]
 
 
@@ -120,6 +158,48 @@ def _circle(graph: Mapping[str, set[str]]) -> list[str]:
     return []
 
 
+def _nodes(node: ast.AST, arguments: frozenset[str] = frozenset()) -> Iterator[tuple[ast.AST, frozenset[str]]]:
+    """Return all nodes below one, each with the names of the arguments of the functions around it."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+        arguments |= {each.arg for each in ast.walk(node.args) if isinstance(each, ast.arg)}
+    yield node, arguments
+    for child in ast.iter_child_nodes(node):
+        yield from _nodes(child, arguments)
+
+
+def _is_text(node: ast.expr, from_outside: bool) -> bool:
+    """Return whether an expression is text for people; the variable `text` is not if it is `from_outside`."""
+    match node:
+        case ast.Name(id="text"):
+            return not from_outside
+        case ast.Attribute(attr=name) | ast.Name(id=name):
+            return _TEXT.fullmatch(name) is not None
+        case ast.Call(func=ast.Attribute(value=value, attr=name)):
+            unchanged = _UNCHANGED.fullmatch(name) and _is_text(value, from_outside)
+            return bool(_LABEL.fullmatch(name) or unchanged)
+    return False
+
+
+def _parses(node: ast.AST, is_text: Callable[[ast.expr], bool]) -> bool:
+    match node:
+        case ast.Call(func=ast.Attribute(value=value, attr=name), args=arguments):
+            parsed = [value] if _TAKES_APART.fullmatch(name) else arguments if _SEARCHES.fullmatch(name) else []
+            return any(map(is_text, parsed))
+        case ast.Compare(left=left, comparators=others):
+            return any(map(is_text, (left, *others))) and any(_is_literal(each) for each in (left, *others))
+    return False
+
+
+def _is_literal(node: ast.expr) -> bool:
+    """Return whether an expression is text written out, or a sequence with such; the empty text stands for none."""
+    match node:
+        case ast.Constant(value=value):
+            return isinstance(value, str) and bool(value)
+        case ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Set(elts=parts):
+            return any(map(_is_literal, parts))
+    return isinstance(node, ast.JoinedStr)
+
+
 @cache
 def _tree(path: Path) -> ast.Module:
     return ast.parse(_text(path))
@@ -130,7 +210,7 @@ def _text(path: Path) -> str:
 
 
 def main() -> int:
-    """Print the figures, and return 1 if there is a circle or a generator without a seed."""
+    """Print the figures, and return 1 if the structure breaches a rule."""
     files = sources()
     for folder, count in files_per_folder(files).items():
         print(f"{count:4d} files  {folder}")
@@ -140,7 +220,9 @@ def main() -> int:
     faults = {
         "circles of files": file_circles(files),
         "circles of folders": folder_circles(files),
+        "class names that several files define": repeated_classes(files),
         "random generators without a seed": unseeded_generators(files),
+        "texts taken apart": parsed_texts(files),
     }
     lengths = {
         f"functions over {FUNCTION_LINES_MAX} lines": long_functions(files),

@@ -1,4 +1,4 @@
-"""The structure of the packages: no circles of imports, and no chance without a seed. Sizes are only reported."""
+"""The structure of the packages: no circles, one class of a name, no parsed text, no chance without a seed."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +11,13 @@ from tests.structure import (
     folder_circles,
     long_files,
     long_functions,
+    parsed_texts,
+    repeated_classes,
     sources,
     unseeded_generators,
 )
 
-RULES = (file_circles, folder_circles, unseeded_generators)
+RULES = (file_circles, folder_circles, parsed_texts, repeated_classes, unseeded_generators)
 REPORTED = (long_files, long_functions)
 
 
@@ -37,8 +39,10 @@ def test_breach_is_found(
     texts = {
         "gcs/a/__init__.py": "",
         "gcs/a/one.py": "from gcs.b.two import x\ndef long():\n" + "    pass\n" * structure.FUNCTION_LINES_MAX,
-        "gcs/b/two.py": "from gcs.a.one import y\n" + "\n" * structure.FILE_LINES_MAX,
+        "gcs/b/two.py": "from gcs.a.one import y\nclass Twin: ...\n" + "\n" * structure.FILE_LINES_MAX,
+        "gcs/a/twin.py": "class Twin: ...\n",
         "gcs/a/seed.py": "import numpy as np\nchance = np.random.default_rng()\nfixed = np.random.default_rng(1)\n",
+        "gcs/a/texts.py": "def at_the_edge(text):\n    return text.split()\nis_low = alert.text == 'battery low'\n",
     }
     for name, text in texts.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.control.linearization import aim_for, aim_for_acceleration
 from agents.control.lmpc import Bounds, Lmpc, QpStatus, Solver
-from agents.control.programme import Programme, condensed
+from agents.control.programme import RING_CONSTRAINED, ring_programme
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
 from agents.ring.place import RingPlace
@@ -19,7 +19,6 @@ from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import VELOCITY, Vector
 
-_CONSTRAINED = (1, 2, 3)  # bearing, radial speed, angular rate
 _APPROACH_GAIN_PER_S = 0.5
 _FREE = 1e20
 _SLACK_WEIGHT = 100.0
@@ -92,7 +91,7 @@ class EncirclementPlanner:
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         # The bounds of a plan: constant entries are set here, the others before each plan.
         self._pushes = self._settings.acceleration_max_m_s2 * np.array([[-1.0, -1.0], [1.0, 1.0]])
-        self._limits = np.empty((2, self._settings.horizon, len(_CONSTRAINED)))
+        self._limits = np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
         self._limits[0], self._limits[1] = -self._settings.speed_max_m_s, self._settings.speed_max_m_s
         self._bearings_min, self._bearings_max = self._limits[..., 0]
         self._rates_min, self._rates_max = self._limits[..., 2]
@@ -205,29 +204,3 @@ def damped_motion(task: RingTask) -> Vector:
 def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
     """Return the LMPC that solves the ring's programme."""
     return Lmpc(ring_programme(settings), _SLACK_WEIGHT)
-
-
-def ring_programme(settings: EncirclementSettings) -> Programme:
-    """Return the ring's programme: integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
-
-    Angles are in metres along the ring of radius R, so that one slack suits all bounds.
-
-    (24b) and (24c) weight, by rho and zeta, the differences between the angles to the neighbours behind and in front
-    and the angles between the references. The neighbours are predicted on their references, as (25) and (26) do at the
-    ring's rate. Both terms therefore weight the vehicle's distance from its own reference, by rho + zeta.
-    """
-    per_m2 = settings.radius_m**-2
-    spacing_weight = settings.lag_weight + settings.lead_weight
-    step_s = settings.prediction_step_s
-    transition = np.eye(4)
-    transition[:2, 2:] = np.eye(2) * step_s
-    input_gain = np.vstack([np.eye(2) * step_s**2 / 2.0, np.eye(2) * step_s])
-    return condensed(
-        transition,
-        input_gain,
-        horizon=settings.horizon,
-        control_horizon=settings.control_horizon,
-        state_weight=np.diag([settings.radius_weight, spacing_weight * per_m2, 0.0, settings.rate_weight * per_m2]),
-        increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight * per_m2]),
-        constrained_states=_CONSTRAINED,
-    )

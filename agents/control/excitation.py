@@ -68,8 +68,8 @@ class Sweep(msgspec.Struct, frozen=True):
         """Return the rate of change at a time."""
         frequency_hz, turns = self._reached(time_s)
         falls_per_s = self._growth_per_s if frequency_hz > self.knee_hz else 0.0
-        swing = 2.0 * pi * frequency_hz * cos(2.0 * pi * turns) - falls_per_s * sin(2.0 * pi * turns)
-        return min(1.0, self.knee_hz / frequency_hz) * swing
+        slope = 2.0 * pi * frequency_hz * cos(2.0 * pi * turns) - falls_per_s * sin(2.0 * pi * turns)
+        return min(1.0, self.knee_hz / frequency_hz) * slope
 
     @property
     def _growth_per_s(self) -> float:
@@ -104,7 +104,7 @@ class Part(msgspec.Struct, frozen=True):
         return self.amplitude_m * x, self.amplitude_m * y
 
 
-class Programme(msgspec.Struct, frozen=True):
+class ExcitationProgramme(msgspec.Struct, frozen=True):
     """All parts in order; before each part and after the last, the vehicle rests in the middle of the box."""
 
     parts: tuple[Part, ...]
@@ -115,7 +115,7 @@ class Programme(msgspec.Struct, frozen=True):
         return next((part for part in self.parts if part.begin_s <= time_s < part.end_s), None)
 
 
-class Motion(msgspec.Struct, frozen=True):
+class MotionExtent(msgspec.Struct, frozen=True):
     """The maxima of a motion - reach along either axis, speed, acceleration, lead of the aim - and its path length."""
 
     reach_m: float
@@ -136,7 +136,7 @@ class Preview(msgspec.Struct, frozen=True):
 
 
 @lru_cache(maxsize=64)
-def programme(config: AgentConfig) -> Programme:
+def programme(config: AgentConfig) -> ExcitationProgramme:
     """Return the programme of an identification flight; `config` must have `excitation`."""
     settings = config.excitation
     assert settings is not None
@@ -146,7 +146,7 @@ def programme(config: AgentConfig) -> Programme:
         amplitude_m = _amplitude_m(config, settings, signals, seconds)
         parts.append(Part(name, begin_s, begin_s + seconds, signals, amplitude_m))
         begin_s += seconds + settings.rest_s
-    return Programme(tuple(parts), begin_s)
+    return ExcitationProgramme(tuple(parts), begin_s)
 
 
 def preview(config: AgentConfig) -> Preview:
@@ -215,7 +215,7 @@ def _amplitude_m(
     """Return the largest amplitude that stays within all limits, each peak being proportional to it."""
     unit = Part("", 0.0, seconds, signals, 1.0)
     known = _flown(config.plant, config.rate_hz, unit)
-    doubted = [_flown(plant, config.rate_hz, unit) for plant in _doubted(config.plant, settings.plant_doubt)]
+    doubted = [_flown(plant, config.rate_hz, unit) for plant in _uncertain_plants(config.plant, settings.plant_doubt)]
     acceleration_m_s2 = min(settings.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
     return min(
         BOX_RESERVE * settings.half_width_m,  # the setpoints stay inside as well
@@ -226,14 +226,14 @@ def _amplitude_m(
     )
 
 
-def _doubted(plant: Plant, doubt: float) -> Iterator[Plant]:
+def _uncertain_plants(plant: Plant, doubt: float) -> Iterator[Plant]:
     """Return the plant, and those whose parameters are at the limits of their uncertainty."""
     for stiffer, damped in ((1.0, 1.0), *product((1.0 - doubt, 1.0 + doubt), repeat=2)):
         x, y = (PlantAxis(axis.a0_per_s2 * stiffer, axis.a1_per_s * damped) for axis in (plant.x, plant.y))
         yield replace(plant, x=x, y=y)
 
 
-def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:
+def _flown(plant: Plant, rate_hz: float, part: Part) -> MotionExtent:
     """Simulate a part and the return to the middle; without the plant's delay, which only shifts the motion in time."""
     seconds = part.end_s - part.begin_s
     times_s = [part.begin_s + k / rate_hz for k in range(round(seconds * rate_hz))]
@@ -246,7 +246,7 @@ def _flown(plant: Plant, rate_hz: float, part: Part) -> Motion:
     path = np.array(states)
     lead = np.array(aims) - path[:-1, POSITION]
     push = plant.a0_per_s2 * lead - plant.a1_per_s * path[:-1, VELOCITY]
-    return Motion(
+    return MotionExtent(
         float(np.abs(path[:, POSITION]).max()),
         _largest(path[:, VELOCITY]),
         _largest(push),

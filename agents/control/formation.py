@@ -11,12 +11,10 @@ import msgspec
 import numpy as np
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
-from agents.control.programme import Programme, condensed
+from agents.control.programme import formation_programme
 from agents.settings.config import AgentConfig
-from estimation.plant.model import Plant, exact_step
+from estimation.plant.model import Plant
 from estimation.state import POSITION, VELOCITY, Vector
-
-_CONSTRAINED = (2, 3)  # the two speeds
 
 
 class Predecessor(msgspec.Struct, frozen=True):
@@ -74,24 +72,6 @@ class FormationPlanner:
         """Bound the aim's lead ahead of the vehicle, and the vehicle's speed."""
         from_vehicle = motion[POSITION] - predecessor.aim_m
         return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
-
-
-def formation_programme(config: AgentConfig) -> Programme:
-    """Return the formation's programme: the error dynamics of a vehicle and its predecessor - (1), (2), (13), (14).
-
-    They equal the plant's, in [e_x e_y e_x' e_y'] with relative aims as inputs.
-    """
-    settings = config.formation
-    step = exact_step(config.plant, settings.prediction_step_s)
-    return condensed(
-        step.transition,
-        step.input_gain,
-        horizon=settings.horizon,
-        control_horizon=settings.control_horizon,
-        state_weight=np.diag([settings.position_weight] * 2 + [settings.velocity_weight] * 2),
-        increment_weight=np.full(2, settings.increment_weight),
-        constrained_states=_CONSTRAINED,
-    )
 
 
 def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float) -> Predecessor:

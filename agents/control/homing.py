@@ -23,9 +23,9 @@ IN_PLACE_M = 1.0
 """The largest distance from its place in the line at which a vehicle counts as in place."""
 APART = 1.5
 """In separations: vehicles farther apart than this may land at the same time and fly at the same height."""
-HEARD_AFTER_S = 1.5
+RECEIVED_AFTER_S = 1.5
 """Within this time the states of peers whose mission ended at the same moment arrive."""
-UNHEARD_LONGEST_S = 10.0
+NOT_RECEIVED_LONGEST_S = 10.0
 LANDING_LONGEST_S = 60.0
 _ON_THE_WAY = Tactic.RETURN_AND_LAND.value
 _COMING_DOWN = (_ON_THE_WAY, Tactic.LAND.value)
@@ -77,8 +77,8 @@ class Homing:
         here = situation.own.mean[POSITION]
         near_m = APART * self._config.safety.separation_m
         known = [(peer, dist(peer.position_m, here.tolist())) for peer in peers]
-        unheard = since_s < HEARD_AFTER_S * time_scale and any(away_m < near_m for _, away_m in known)
-        return self._there(situation) and not unheard and not any(self._waits_for(*each, near_m) for each in known)
+        awaited = since_s < RECEIVED_AFTER_S * time_scale and any(away_m < near_m for _, away_m in known)
+        return self._there(situation) and not awaited and not any(self._waits_for(*each, near_m) for each in known)
 
     def _there(self, situation: Situation) -> bool:
         if not self.returns:
@@ -100,7 +100,7 @@ class Homing:
     @property
     def _limit_s(self) -> float:
         way_s = hypot(*(self._goal - self._from_m).tolist()) / self._config.formation.speed_max_m_s
-        flying_s = self._config.rising_s + 2.0 * way_s if self.returns else HEARD_AFTER_S
+        flying_s = self._config.rising_s + 2.0 * way_s if self.returns else RECEIVED_AFTER_S
         return flying_s + (self._number + 1) * LANDING_LONGEST_S
 
     @property
@@ -118,7 +118,7 @@ def assembled(
     Peers that have not been received yet are waited for until a timeout; `flown_s` is the time since the mission's
     start.
     """
-    if len(peers) + 1 < len(config.slots) and flown_s < UNHEARD_LONGEST_S:
+    if len(peers) + 1 < len(config.slots) and flown_s < NOT_RECEIVED_LONGEST_S:
         return False
     here_x, here_y = position_m.tolist()
     for peer in peers:

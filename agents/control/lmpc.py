@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from agents.control.active_set import ActiveSet
-from agents.control.programme import Programme
+from agents.control.programme import QuadraticProgram
 from estimation.state import Vector
 
 _FEASIBLE_SLACK = 1e-9
@@ -60,7 +60,7 @@ class Solver(Protocol):
 class Lmpc:
     """An LMPC with constant matrices: a solve updates vectors only and starts warm - (13), (23)."""
 
-    def __init__(self, programme: Programme, slack_weight: float = _SLACK_WEIGHT) -> None:
+    def __init__(self, programme: QuadraticProgram, slack_weight: float = _SLACK_WEIGHT) -> None:
         """Set the solver up.
 
         `slack_weight` is the cost of exceeding a bound on states. It must be well above what the other terms gain by

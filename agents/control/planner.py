@@ -122,9 +122,9 @@ class Planner:
 
         The others do not avoid a vehicle that they do not receive: it also keeps clear of an approaching ring.
         """
-        unheard = not self._team.members() and bool(self._team.gone_s)
-        if self._left_ring and situation.polar is not None and (self._hold_m is None or unheard):
-            short_m = self._ring.clear_m(situation, unheard=unheard) - situation.polar.radius_m
+        isolated = not self._team.members() and bool(self._team.gone_s)
+        if self._left_ring and situation.polar is not None and (self._hold_m is None or isolated):
+            short_m = self._ring.clear_m(situation, isolated=isolated) - situation.polar.radius_m
             bearing_rad = situation.polar.bearing_rad
             if short_m > 0.0:
                 self._hold_m = situation.own.mean[POSITION] + short_m * np.array([cos(bearing_rad), sin(bearing_rad)])

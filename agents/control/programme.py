@@ -1,16 +1,23 @@
-"""The condensed quadratic programme of an LMPC: its matrices, and the linear feedback that solves it without bounds.
+"""The condensed quadratic programmes of the LMPC: matrices, and the linear feedback that solves them without bounds.
 
 Over the decision U = (u_0 ... u_{c-1}), with the last input held to the end of the horizon, it minimises
 
     sum_j (x_j - r_j)' Q (x_j - r_j) + sum_i du_i' R du_i,   x_{j+1} = A x_j + B u_j
 
-(13), (14) for the formation, (23), (24) for the ring. It needs no solver: missions are checked with its gains.
+(13), (14) for the formation, (23), (24) for the ring. Every term of these costs is here, its weight is a key in
+agents/settings/tuning.py. They need no solver: missions are checked with their gains.
 """
 
 import msgspec
 import numpy as np
 
+from agents.settings.config import AgentConfig
+from agents.settings.sections import EncirclementSettings
+from estimation.plant.model import exact_step
 from estimation.state import Vector
+
+_FORMATION_CONSTRAINED = (2, 3)  # the two speeds
+RING_CONSTRAINED = (1, 2, 3)  # bearing, radial speed, angular rate
 
 
 class Gains(msgspec.Struct, frozen=True):
@@ -24,7 +31,7 @@ class Gains(msgspec.Struct, frozen=True):
     previous: Vector
 
 
-class Programme(msgspec.Struct, frozen=True):
+class QuadraticProgram(msgspec.Struct, frozen=True):
     """Half U' `hessian` U + g' `gradient`' U, with g the state, the reference and the previous input in one vector.
 
     U has s = `control_horizon` m entries, g has n + `horizon` n + m. `hessian` is (s, s), `gradient` (s, g). Without
@@ -50,6 +57,50 @@ class Programme(msgspec.Struct, frozen=True):
         return Gains(first[:, : self.states], by_sample.sum(axis=1), first[:, -self.inputs :])
 
 
+def formation_programme(config: AgentConfig) -> QuadraticProgram:
+    """Return the formation's programme: the error dynamics of a vehicle and its predecessor - (1), (2), (13), (14).
+
+    They equal the plant's, in [e_x e_y e_x' e_y'] with relative aims as inputs.
+    """
+    settings = config.formation
+    step = exact_step(config.plant, settings.prediction_step_s)
+    return condensed(
+        step.transition,
+        step.input_gain,
+        horizon=settings.horizon,
+        control_horizon=settings.control_horizon,
+        state_weight=np.diag([settings.position_weight] * 2 + [settings.velocity_weight] * 2),
+        increment_weight=np.full(2, settings.increment_weight),
+        constrained_states=_FORMATION_CONSTRAINED,
+    )
+
+
+def ring_programme(settings: EncirclementSettings) -> QuadraticProgram:
+    """Return the ring's programme: integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
+
+    Angles are in metres along the ring of radius R, so that one slack suits all bounds.
+
+    (24b) and (24c) weight, by rho and zeta, the differences between the angles to the neighbours behind and in front
+    and the angles between the references. The neighbours are predicted on their references, as (25) and (26) do at the
+    ring's rate. Both terms therefore weight the vehicle's distance from its own reference, by rho + zeta.
+    """
+    per_m2 = settings.radius_m**-2
+    spacing_weight = settings.lag_weight + settings.lead_weight
+    step_s = settings.prediction_step_s
+    transition = np.eye(4)
+    transition[:2, 2:] = np.eye(2) * step_s
+    input_gain = np.vstack([np.eye(2) * step_s**2 / 2.0, np.eye(2) * step_s])
+    return condensed(
+        transition,
+        input_gain,
+        horizon=settings.horizon,
+        control_horizon=settings.control_horizon,
+        state_weight=np.diag([settings.radius_weight, spacing_weight * per_m2, 0.0, settings.rate_weight * per_m2]),
+        increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight * per_m2]),
+        constrained_states=RING_CONSTRAINED,
+    )
+
+
 def condensed(
     transition: Vector,
     input_gain: Vector,
@@ -59,7 +110,7 @@ def condensed(
     state_weight: Vector,
     increment_weight: Vector,
     constrained_states: tuple[int, ...],
-) -> Programme:
+) -> QuadraticProgram:
     """Condense A (n, n), B (n, m) with weights Q (n, n) and the diagonal of R (m,)."""
     states, inputs = input_gain.shape
     size = control_horizon * inputs
@@ -70,7 +121,7 @@ def condensed(
     hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
     gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
     rows = [step * states + state for step in range(horizon) for state in constrained_states]
-    return Programme(
+    return QuadraticProgram(
         states=states,
         inputs=inputs,
         horizon=horizon,

@@ -95,12 +95,12 @@ class RingFlight:
         feasibility = self._feasibility
         return RingReport(mixing, self.rate_rad_s, feasibility.words, feasibility.needed, self._joining.joined)
 
-    def clear_m(self, situation: Situation, *, unheard: bool) -> float:
+    def clear_m(self, situation: Situation, *, isolated: bool) -> float:
         """Return the radius beyond which a vehicle is clear of the ring; larger if the others do not receive it."""
-        if not unheard:
+        if not isolated:
             return self._joining.waiting_m
         sigma_m = situation.position_sigma_m
-        return self._joining.unheard_m(unsure_m(self._safety.uncertainty_sigmas, sigma_m, sigma_m))
+        return self._joining.isolated_m(unsure_m(self._safety.uncertainty_sigmas, sigma_m, sigma_m))
 
     def _orbit(self, now_s: float, target_m_s: float) -> tuple[Orbit, RingChange | None]:
         """Return the ring that all members fly now, and what has changed about it.

@@ -64,7 +64,7 @@ class Joining:
         """The radius of the waiting circle outside the ring."""
         return self.ring_m + ASIDE * self._separation_m
 
-    def unheard_m(self, unsure_m: float) -> float:
+    def isolated_m(self, unsure_m: float) -> float:
         """Return the radius for a vehicle that the others have lost: they bend the ring around its last position.
 
         It adds two separations for the largest bend and one between bend and vehicle, each with its uncertainty.

@@ -1,14 +1,23 @@
 """The failsafe table: the conditions that a vehicle detects, and its reaction to each.
 
-The table in `docs/safety.md` is generated from it. `agents/safety/fault_detector.py` detects the conditions,
+A row owns its signal or names it, its thresholds are the constants that act, and the tables in `docs/safety.md` and
+`docs/operator.md` are generated from it. `agents/safety/fault_detector.py` detects what no report shows,
 `failsafe_monitor.py` carries the table out, and the tactic machine (`agents/tactics.py`) defines what a reaction does.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
+from agents.ports import Connection, GpsThreat, VehicleStatus
 from agents.settings.config import AgentConfig
+from agents.settings.sections import FailsafeSettings
+from agents.situation.estimator import LINK_DELAY_MAX_S
+from agents.situation.own_sensor import CONTRADICTED, CONTRADICTS_S
+from agents.team.clock_watch import STEP_S
+from agents.team.consistency_check import CONFIRMED, REPORTED_FOR_S
+from estimation.filters.own import JUMP_M
 
 
 class Condition(Enum):
@@ -51,7 +60,7 @@ class Condition(Enum):
 
 
 class Reaction(Enum):
-    """The reactions, from the least to the gravest."""
+    """The reactions, from the least to the most severe."""
 
     DEGRADE = "fly on and report"
     ASIDE = "step aside"
@@ -62,6 +71,54 @@ class Reaction(Enum):
     HAND_OVER = "hand over to the pilot"
 
 
+RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
+"""An estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""
+COMPASS = "compass"
+"""A rejected compass is no reason to land: estimators use the others, and compasses are disturbed near steel."""
+SATELLITES_MIN = 6
+"""The minimum of PX4 (EKF2_REQ_NSATS) and of ArduPilot."""
+FIX_DIMENSIONS = 3
+ALTITUDE_TOLERANCE_M = 1.0
+"""The guard keeps setpoints within the limits; the height error of an autopilot is up to half a metre."""
+LINK_LOSS_MAX = 0.1
+"""Share of the messages on a link that are lost."""
+MEMORY_SHARE_MIN = 0.05
+"""Share of all memory. Below, Linux swaps and then kills processes."""
+DISK_MIN_BYTES = 200e6
+"""A team of three writes this much in half an hour."""
+
+
+def _tilted(status: VehicleStatus, limits: FailsafeSettings) -> str:
+    return f"by {status.tilt_deg} degrees" if status.tilt_deg >= limits.tilt_max_deg else ""
+
+
+def _windy(status: VehicleStatus, limits: FailsafeSettings) -> str:
+    speed_m_s = status.wind_m_s
+    return f"{speed_m_s:.1f} m/s" if speed_m_s is not None and speed_m_s > limits.wind_max_m_s else ""
+
+
+def _failing(status: VehicleStatus, _limits: FailsafeSettings) -> str:
+    ratio, rejected = status.estimator_ratio, ""
+    if ratio is not None and ratio > RATIO_MAX and status.estimator_sensor != COMPASS:
+        rejected = f"{status.estimator_sensor} rejected (test ratio {ratio:.1f})"
+    spoofed = "GPS spoofed" if status.gps_threat is GpsThreat.SPOOFED else ""
+    return ", ".join(filter(None, (rejected, status.estimator_fault, spoofed)))
+
+
+def _degraded(status: VehicleStatus, _limits: FailsafeSettings) -> str:
+    ratio, dimensions, satellites = status.estimator_ratio, status.gps_dimensions, status.satellites
+    found = []
+    if ratio is not None and ratio > RATIO_RESERVE:
+        found.append(f"{status.estimator_sensor} test ratio {ratio:.1f}")
+    if dimensions is not None and dimensions < FIX_DIMENSIONS:
+        found.append(f"GPS fix of {dimensions} dimensions" if dimensions else "no GPS fix")
+    if satellites is not None and satellites < SATELLITES_MIN:
+        found.append(f"{satellites} satellites")
+    if status.gps_threat is GpsThreat.JAMMED:
+        found.append("GPS jammed")
+    return ", ".join(found)
+
+
 RESUME = "by `resume`, refused while it lasts"
 BY_ITSELF = "by itself, once it is over"
 NOT_IN_THE_AIR = "not in the air"
@@ -70,13 +127,14 @@ _GRADUALLY = (Reaction.ASIDE, Reaction.HOLD, Reaction.LAND)
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One condition: its detection, its grace time, the reactions, and how the vehicle leaves them.
+    """One condition: its detection, grace time, reactions, how the vehicle leaves them, and the operator's next step.
 
-    `grace` names the setting of the grace time (empty: none); with `by_wall` it is in wall time, because links take
-    wall time also when mission time passes faster. Each further reaction follows after another `failsafe.escalation_s`
-    if the condition persists; if `choice` names a setting, that setting selects one of them instead. `descending` is
-    the reaction of a vehicle that is already returning (None: it continues); a row with `shell` is carried out outside
-    the core.
+    `reported` is the signal of a condition that the autopilot or its link reports: it returns the detail shown to
+    people, empty without the condition; all others are detected by `fault_detector.py`. `grace` names the setting of
+    the grace time (empty: none); with `by_wall` it is in wall time, because links take wall time also when mission time
+    passes faster. Each further reaction follows after another `failsafe.escalation_s` if the condition persists; if
+    `choice` names a setting, that setting selects one of them instead. `descending` is the reaction of a vehicle that
+    is already returning (None: it continues); a row with `shell` is carried out outside the core.
     """
 
     condition: Condition
@@ -84,10 +142,12 @@ class Row:
     grace: str
     reactions: tuple[Reaction, ...]
     left: str
+    advice: str
     by_wall: bool = False
     descending: Reaction | None = None
     shell: bool = False
     choice: str = ""
+    reported: Callable[[VehicleStatus, FailsafeSettings], str] | None = None
 
 
 TABLE = (
@@ -97,17 +157,19 @@ TABLE = (
         "safety.telemetry_timeout_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "check its link; if it drifts, fly it by remote control",
         by_wall=True,
         # A returning vehicle without a position estimate lands where it is.
         descending=Reaction.LAND,
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        "for the profile's `own_filter.gate_timeout_s` the autopilot's position differs by a metre or more from the "
-        "predicted one; lasts until `tuning.failsafe.settle_s` after the filter's restart",
+        f"for the profile's `own_filter.gate_timeout_s` the autopilot's position differs by {JUMP_M:g} m or more from "
+        "the predicted one; lasts until `tuning.failsafe.settle_s` after the filter's restart",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "check where it is; resume once it hovers steadily",
     ),
     Row(
         Condition.REMOTE_CONTROL_LOST,
@@ -115,6 +177,7 @@ TABLE = (
         "",
         (Reaction.HAND_OVER,),
         "by `resume`, which requests offboard again",
+        "restore its remote control, then resume",
     ),
     Row(
         Condition.GROUND_STATION_LOST,
@@ -122,6 +185,7 @@ TABLE = (
         "",
         (Reaction.HAND_OVER,),
         "by `resume`, which requests offboard again",
+        "check its link, then resume",
     ),
     Row(
         Condition.PILOT_TOOK_OVER,
@@ -130,6 +194,7 @@ TABLE = (
         "",
         (Reaction.HAND_OVER,),
         "by `resume`, which requests offboard again",
+        "ask its pilot before you resume",
     ),
     Row(
         Condition.BATTERY_CRITICAL,
@@ -137,6 +202,7 @@ TABLE = (
         "failsafe.battery_s",
         (Reaction.LAND,),
         NOT_IN_THE_AIR,
+        "it lands where it is: clear the place below it",
     ),
     Row(
         Condition.BATTERY_LOW,
@@ -144,6 +210,7 @@ TABLE = (
         "failsafe.battery_s",
         (Reaction.RETURN,),
         NOT_IN_THE_AIR,
+        "it returns and lands: clear its landing place",
     ),
     Row(
         Condition.NO_WAY_HOME,
@@ -152,15 +219,18 @@ TABLE = (
         "failsafe.battery_s",
         (Reaction.RETURN,),
         NOT_IN_THE_AIR,
+        "it returns and lands: clear its way and landing place",
     ),
     Row(
         Condition.ESTIMATOR_FAILING,
-        "the autopilot's estimator rejects position, height or velocity (test ratio above 1), has no valid "
-        "horizontal position, height or attitude, or reports that its GPS is spoofed",
+        f"the autopilot's estimator rejects position, height or velocity (test ratio above {RATIO_MAX:g}), has no "
+        "valid horizontal position, height or attitude, or reports that its GPS is spoofed",
         "failsafe.estimator_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "be ready to fly it by remote control; clear the place below it",
         descending=Reaction.LAND,
+        reported=_failing,
     ),
     Row(
         Condition.NOT_FOLLOWING,
@@ -168,6 +238,7 @@ TABLE = (
         "failsafe.following_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "check for damage or wind; land it if it does not hover steadily",
         descending=Reaction.LAND,
     ),
     Row(
@@ -176,7 +247,9 @@ TABLE = (
         "failsafe.tilt_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "check for wind or a failing motor; land it",
         descending=Reaction.LAND,
+        reported=_tilted,
     ),
     Row(
         Condition.WINDY,
@@ -184,7 +257,9 @@ TABLE = (
         "failsafe.wind_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "resume in less wind, or land",
         descending=Reaction.LAND,
+        reported=_windy,
     ),
     Row(
         Condition.FENCE_LEFT,
@@ -192,13 +267,15 @@ TABLE = (
         "failsafe.fence_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "fly it back by remote control, or let it land outside",
     ),
     Row(
         Condition.ALTITUDE_LEFT,
-        "the vehicle is more than a metre above its `altitude_max_m` or below its `altitude_min_m`",
+        f"the vehicle is more than {ALTITUDE_TOLERANCE_M:g} m above its `altitude_max_m` or below its `altitude_min_m`",
         "failsafe.fence_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "correct its height by remote control, or land it",
     ),
     Row(
         Condition.TOO_CLOSE,
@@ -207,6 +284,7 @@ TABLE = (
         "failsafe.separation_s",
         _GRADUALLY,
         RESUME,
+        "hold all; land one of the two if they stay close",
     ),
     Row(
         Condition.TARGET_STALE,
@@ -214,6 +292,7 @@ TABLE = (
         "target_filter.stale_after_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
+        "find the target; resume once a sensor sees it, or return",
     ),
     Row(
         Condition.TARGET_JUMPED,
@@ -222,6 +301,7 @@ TABLE = (
         "",
         _GRADUALLY,
         RESUME,
+        "check the target's sensors; resume once they agree",
     ),
     Row(
         Condition.PLAN_FAILING,
@@ -229,6 +309,7 @@ TABLE = (
         "failsafe.plan_s",
         _GRADUALLY,
         RESUME,
+        "hold it, then land it",
     ),
     Row(
         Condition.BUS_LOST,
@@ -236,6 +317,7 @@ TABLE = (
         "failsafe.bus_lost_s",
         _GRADUALLY,
         RESUME,
+        "check its computer's network; Ctrl-C in its terminal lands it",
         by_wall=True,
     ),
     Row(
@@ -245,6 +327,7 @@ TABLE = (
         "failsafe.peers_silent_s",
         _GRADUALLY,
         RESUME,
+        "check its computer's network; Ctrl-C in its terminal lands it",
         by_wall=True,
     ),
     Row(
@@ -253,6 +336,7 @@ TABLE = (
         "failsafe.late_s",
         (Reaction.DEGRADE, *_GRADUALLY),
         f"{BY_ITSELF}; when aside or worse {RESUME}",
+        "close other programs on its computer; land it if this persists",
         by_wall=True,
     ),
     Row(
@@ -261,45 +345,54 @@ TABLE = (
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "find the sender that floods the bus, and disconnect it",
         by_wall=True,
     ),
     Row(
         Condition.CLOCK_STEPPED,
-        "the time stamps of all messages of a peer have shifted by more than half a second",
+        f"the time stamps of all messages of a peer have shifted by more than {STEP_S:g} s",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "synchronise the computers' clocks before the next flight",
         by_wall=True,
     ),
     Row(
         Condition.CLOCK_DRIFTED,
-        "the time stamps of a peer have drifted by more than half a second since its first messages",
+        f"the time stamps of a peer have drifted by more than {STEP_S:g} s since its first messages",
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "synchronise the computers' clocks before the next flight",
     ),
     Row(
         Condition.ESTIMATOR_DEGRADED,
-        "a test ratio of the autopilot's estimator is above 0.5, its GPS has no three-dimensional fix, fewer than 6 "
-        "satellites, or is jammed",
+        f"a test ratio of the autopilot's estimator is above {RATIO_RESERVE:g}, its GPS has no {FIX_DIMENSIONS}D fix, "
+        f"fewer than {SATELLITES_MIN} satellites, or is jammed",
         "failsafe.estimator_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "watch its position; return if it gets worse",
+        reported=_degraded,
     ),
     Row(
         Condition.LINK_DEGRADED,
-        "more than 10 % of the messages on the link are lost, its radio reports a full buffer, or its round trip takes "
-        "more than 0.5 s",
+        f"more than {100 * LINK_LOSS_MAX:.0f} % of the messages on the link are lost, its radio reports a full buffer, "
+        f"or its round trip takes more than {LINK_DELAY_MAX_S:g} s",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "move the antenna nearer to it; land it if the link gets worse",
+        reported=lambda status, _: status.link_fault,
     ),
     Row(
         Condition.COMPUTER_SHORT,
-        "the computer has less than 5 % of its memory available, or less than 200 MB of disk for the flight log",
+        f"the computer has less than {100 * MEMORY_SHARE_MIN:.0f} % of its memory available, or less than "
+        f"{DISK_MIN_BYTES / 1e6:.0f} MB of disk for the flight log",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "free memory or disk on its computer: the log may end early",
     ),
     Row(
         Condition.LEADER_LOST,
@@ -308,6 +401,7 @@ TABLE = (
         "failsafe.peer_silent_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "look for the silent vehicle; the next in line leads",
         by_wall=True,
     ),
     Row(
@@ -316,23 +410,26 @@ TABLE = (
         "failsafe.peer_silent_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "look for the silent vehicle; the others keep clear of it",
         by_wall=True,
     ),
     Row(
         Condition.PEER_DOUBTFUL,
-        "three states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
-        "them; lasts until 5 s after the last one",
+        f"{CONFIRMED} states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
+        f"them; lasts until {REPORTED_FOR_S:g} s after the last one",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "count the vehicles in the air; return if one is not in the team",
     ),
     Row(
         Condition.SIGHTINGS_CONTRADICT,
-        "three sightings of a peer or an external source are farther from the own sensor's than their covariances "
-        "allow; lasts until 5 s after the last one",
+        f"{CONTRADICTED} sightings of a peer or an external source are farther from the own sensor's than their "
+        f"covariances allow; lasts until {CONTRADICTS_S:g} s after the last one",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "check the sensors: one reports a wrong target position",
     ),
     Row(
         Condition.TARGET_FROM_OUTSIDE,
@@ -340,6 +437,7 @@ TABLE = (
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
+        "look for the target: no vehicle sees it",
     ),
     Row(
         Condition.NO_OPERATOR,
@@ -347,6 +445,7 @@ TABLE = (
         "failsafe.no_operator_s",
         (Reaction.HOLD, Reaction.RETURN),
         "by `resume`",
+        "join its network with an operator's keys, then resume",
         by_wall=True,
         choice="failsafe.no_operator",
     ),
@@ -356,17 +455,31 @@ TABLE = (
         "",
         (Reaction.END,),
         NOT_IN_THE_AIR,
+        "the team returns and lands: clear the landing places",
         shell=True,
     ),
 )
-"""Among equally grave conditions the first one in the table is reported."""
+"""Among equally severe conditions the first one in the table is reported."""
 
+_NOTED_FIRST = (Condition.TILTED, Condition.WINDY)
+"""Recorded flights note these before the others of the same tick."""
+_REPORTED = sorted((row for row in TABLE if row.reported), key=lambda row: row.condition not in _NOTED_FIRST)
+LOST = {
+    Connection.REMOTE_CONTROL: Condition.REMOTE_CONTROL_LOST,
+    Connection.GROUND_STATION: Condition.GROUND_STATION_LOST,
+}
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}
 POSITION_ALERTS = frozenset(
     each.value for each in (Condition.TELEMETRY_STALE, Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING)
 )
 """The alerts with which a vehicle's position may jump."""
+
+
+def reported_faults(status: VehicleStatus, limits: FailsafeSettings) -> dict[Condition, str]:
+    """Return the conditions in an autopilot's report, with the detail shown to people."""
+    details = ((row.condition, row.reported(status, limits)) for row in _REPORTED if row.reported)
+    return {condition: detail for condition, detail in details if detail}
 
 
 def grace_s(row: Row, config: AgentConfig) -> float:

@@ -10,7 +10,7 @@ from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
 
 _ORDER = {row.condition: place for place, row in enumerate(TABLE)}
-_GRAVITY = {reaction: gravity for gravity, reaction in enumerate(Reaction)}
+_SEVERITY = {reaction: severity for severity, reaction in enumerate(Reaction)}
 _EVENTS = {
     Reaction.ASIDE: Event.STEP_ASIDE,
     Reaction.HOLD: Event.HOLD,
@@ -57,8 +57,8 @@ class _Alert:
         return self.present and self.row.condition is not Condition.NO_OPERATOR
 
     @property
-    def gravity(self) -> tuple[int, int]:
-        return _GRAVITY[self.reaction], -_ORDER[self.row.condition]
+    def severity(self) -> tuple[int, int]:
+        return _SEVERITY[self.reaction], -_ORDER[self.row.condition]
 
     def demand(self, tactic: Tactic) -> Reaction:
         """Return the reaction that is due; during a return it may be more severe."""
@@ -84,10 +84,10 @@ class FailsafeMonitor:
 
     @property
     def alert(self) -> str:
-        """The gravest condition, empty if there is none."""
+        """The most severe condition, empty if there is none."""
         if not self._alerts:
             return ""
-        return max(self._alerts.values(), key=lambda alert: alert.gravity).row.condition.value
+        return max(self._alerts.values(), key=lambda alert: alert.severity).row.condition.value
 
     @property
     def active(self) -> Container[Condition]:
@@ -95,7 +95,7 @@ class FailsafeMonitor:
         return self._alerts
 
     def react(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
-        """Return the event that is due, None if the present tactic is grave enough.
+        """Return the event that is due, None if the present tactic is severe enough.
 
         A landing vehicle does not react any more.
         """
@@ -109,7 +109,7 @@ class FailsafeMonitor:
     def latch(self, condition: Condition, detail: str) -> None:
         """Record a condition that the shell has already reacted to."""
         self._alerts[condition] = _Alert(self._rows[condition], 0, detail, present=False)
-        self._tell(condition)
+        self._note_change(condition)
 
     def refuse_resume(self) -> str | None:
         """Return why the vehicle must not resume, which is a condition that is still present; None if it may."""
@@ -136,22 +136,22 @@ class FailsafeMonitor:
         """Take a fault; return whether it has exceeded its grace time."""
         row = self._rows[condition]
         time_scale = self._time_scale if row.by_wall else 1.0
-        borne_s = now_s - symptom.since_s - self._grace_s[condition] * time_scale + _ROUNDING_S
-        if borne_s < 0.0:
+        over_grace_s = now_s - symptom.since_s - self._grace_s[condition] * time_scale + _ROUNDING_S
+        if over_grace_s < 0.0:
             return False
-        reached = min(int(borne_s / (self._escalation_s * time_scale)), len(row.reactions) - 1)
+        reached = min(int(over_grace_s / (self._escalation_s * time_scale)), len(row.reactions) - 1)
         alert = self._alerts.get(condition)
         if alert is None:
             self._alerts[condition] = _Alert(row, reached, symptom.detail, present=True)
-            self._tell(condition)
+            self._note_change(condition)
             return True
         alert.present, alert.detail = True, symptom.detail
         if reached > alert.reached:
             alert.reached = reached
-            self._tell(condition)
+            self._note_change(condition)
         return True
 
-    def _tell(self, condition: Condition) -> None:
+    def _note_change(self, condition: Condition) -> None:
         alert = self._alerts[condition]
         self._news.append(AlertChange(condition.value, alert.detail, alert.reaction.value))
 
@@ -164,6 +164,6 @@ class FailsafeMonitor:
 
     def _due(self, tactic: Tactic) -> Event | None:
         demands = (alert.demand(tactic) for alert in self._alerts.values())
-        gravest = max(demands, key=_GRAVITY.__getitem__, default=Reaction.DEGRADE)
-        got = _GRAVITY[_AMOUNTS_TO.get(tactic, Reaction.DEGRADE)]
-        return _EVENTS[gravest] if _GRAVITY[gravest] > got and gravest in _EVENTS else None
+        most_severe = max(demands, key=_SEVERITY.__getitem__, default=Reaction.DEGRADE)
+        got = _SEVERITY[_AMOUNTS_TO.get(tactic, Reaction.DEGRADE)]
+        return _EVENTS[most_severe] if _SEVERITY[most_severe] > got and most_severe in _EVENTS else None

@@ -101,9 +101,9 @@ class FaultDetector:
         faults[condition] = Symptom(self._since_s.setdefault(condition, now_s), detail)
 
     def _check_vehicle(self, faults: Faults, now_s: float) -> None:
-        heard_s = self._own.heard_s
-        if heard_s is not None and now_s - heard_s > self._period_s:
-            faults[Condition.TELEMETRY_STALE] = Symptom(heard_s, f"none for {now_s - heard_s:.1f} s")
+        received_s = self._own.received_s
+        if received_s is not None and now_s - received_s > self._period_s:
+            faults[Condition.TELEMETRY_STALE] = Symptom(received_s, f"none for {now_s - received_s:.1f} s")
         jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
             faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position jumped")
@@ -147,11 +147,11 @@ class FaultDetector:
             faults[Condition.SIGHTINGS_CONTRADICT] = Symptom(since_s, detail)
 
     def _check_peers(self, faults: Faults, gone_s: dict[int, float]) -> None:
-        if not self._team.members() and self._team.count_heard == self._others:
+        if not self._team.members() and self._team.count_received == self._others:
             faults[Condition.PEERS_SILENT] = Symptom(max(gone_s.values()), _vehicles(gone_s))
         if self._leader in gone_s:
             faults[Condition.LEADER_LOST] = Symptom(gone_s[self._leader], f"vehicle {self._leader}")
-        followers_s = {sender: heard_s for sender, heard_s in gone_s.items() if sender != self._leader}
+        followers_s = {sender: received_s for sender, received_s in gone_s.items() if sender != self._leader}
         if followers_s:
             faults[Condition.PEER_SILENT] = Symptom(min(followers_s.values()), _vehicles(followers_s))
 

@@ -34,15 +34,15 @@ class Neighbours:
         self._reach_m_s2 = config.safety.setpoint_lead_max_m * max(axis.a0_per_s2 for axis in axes)
         self._damping_per_s = max(axis.a1_per_s for axis in axes)
 
-    def near(self, situation: Situation, heard: Sequence[MemberState]) -> Sequence[MemberState]:
+    def near(self, situation: Situation, states: Sequence[MemberState]) -> Sequence[MemberState]:
         """Return the members that can affect the guard within `NEAR_FOR_S`: no aim is too close to the others.
 
         In a team of sixteen these are a few; with so few members all are returned, which costs less than a selection.
         The bound is `barriers.apart` solved for the distance in the worst case: closing head on, and the aim at its
         farthest.
         """
-        if len(heard) <= A_FEW:
-            return heard
+        if len(states) <= A_FEW:
+            return states
         safety, rate = self._safety, self._safety.barrier_rate_per_s
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         speed, turned = hypot(x_rate, y_rate), sqrt(2.0) * self._acceleration_max_m_s2
@@ -52,7 +52,7 @@ class Neighbours:
         speed += reach * NEAR_FOR_S
         still_m += (4.0 / rate + NEAR_FOR_S) * speed
         near, until_s = [], situation.acting_s + NEAR_FOR_S
-        for member in heard:
+        for member in states:
             ahead_s = min(until_s - member.time_s, GOING_ON_S + NEAR_FOR_S)
             its_x_rate, its_y_rate = member.velocity_m_s
             place_x, place_y = member.position_m
@@ -122,7 +122,7 @@ class Neighbours:
     def bodies(
         self,
         situation: Situation,
-        heard: Iterable[MemberState],
+        states: Iterable[MemberState],
         lost: Iterable[MemberState],
         doubtful: Container[int] = (),
     ) -> list[Body]:
@@ -130,7 +130,9 @@ class Neighbours:
 
         A vehicle that lands, is lost, is doubtful, or is flown by a pilot is not expected to evade.
         """
-        members = [(member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in heard]
+        members = [
+            (member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in states
+        ]
         members += [(member, False) for member in lost]
         apart_m, own_sigma_m = self._safety.vertical_separation_m, situation.position_sigma_m
         return [

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from math import hypot, inf
 
 from agents.ports import VehicleStatus
-from agents.safety.failsafe import Condition
-from agents.safety.reported_faults import reported_faults
+from agents.safety.failsafe import ALTITUDE_TOLERANCE_M, Condition, reported_faults
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -149,8 +148,6 @@ class Following:
 
 PERIOD_S = 1.0
 """The period of its checks: the conditions are slow, and a check takes 7 µs."""
-ALTITUDE_TOLERANCE_M = 1.0
-"""The guard keeps setpoints within the limits; the height error of an autopilot is up to half a metre."""
 _STEERED = (
     Tactic.FORMATION,
     Tactic.ENCIRCLE,
@@ -183,8 +180,7 @@ class VehicleWatch:
         if self.status is not self._seen:
             self._seen = self.status
             self._endurance.see(situation.now_s, self.status.battery, self.status.endurance_s)
-            limits = self._config.failsafe
-            self._reported = reported_faults(self.status, limits.tilt_max_deg, limits.wind_max_m_s)
+            self._reported = reported_faults(self.status, self._config.failsafe)
             self._present = {**self._reported, **self._measured}
         if situation.now_s >= self._next_s or tactic is not self._tactic:
             self._tactic, self._next_s = tactic, situation.now_s + PERIOD_S

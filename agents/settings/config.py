@@ -81,10 +81,10 @@ class AgentConfig:
         return x - other_x, y - other_y
 
     def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
-        place = self.slots.index(vehicle_id)
-        if self.shape == "free":
+        place, shape = self.slots.index(vehicle_id), self.shape
+        if shape == "free":
             return self.slots_m[place]
-        return offset_m(self.shape, place, self.slots.index(self.formation.leader), self.formation.spacing_m)
+        return offset_m(shape, place, self.slots.index(self.formation.leader), self.formation.spacing_m)
 
     @property
     def clearance_rad(self) -> float:

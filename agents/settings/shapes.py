@@ -3,16 +3,18 @@
 from math import sqrt
 from typing import Literal, get_args
 
-Shape = Literal["line", "column", "wedge", "free"]
+SpacedShape = Literal["line", "column", "wedge"]
+"""The shapes made from `spacing_m` and the line order."""
+Shape = Literal[SpacedShape, "free"]
+SPACED_SHAPES: tuple[SpacedShape, ...] = get_args(SpacedShape)
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 
 
-def offset_m(shape: Shape, place: int, leader: int, spacing_m: float) -> tuple[float, float]:
+def offset_m(shape: SpacedShape, place: int, leader: int, spacing_m: float) -> tuple[float, float]:
     """Return the slot of index `place` relative to the leader's of index `leader` [m]; the first is farthest left.
 
     A line is abreast. In a column the leader flies ahead, then those next to it in line order, the left one first. In a
     wedge both arms trail it by 45 degrees. Neighbours in line order are `spacing_m` apart in each, or farther.
-    Raises ValueError for "free", whose slots are in the mission file.
     """
     right = place - leader
     match shape:
@@ -23,5 +25,3 @@ def offset_m(shape: Shape, place: int, leader: int, spacing_m: float) -> tuple[f
         case "wedge":
             along_m = spacing_m / sqrt(2.0)
             return -abs(right) * along_m, -right * along_m
-        case "free":
-            raise ValueError("the slots of a free formation are the mission's")

@@ -8,7 +8,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.life import LifeEvent
 
 
-class Kind(Enum):
+class ActivityKind(Enum):
     """The kinds of activities."""
 
     CALL = auto()
@@ -32,14 +32,14 @@ class Activities:
     def __init__(
         self,
         report: Callable[[LifeEvent, VehicleRefusedError | None], object],
-        fail: Callable[[Kind, Exception], object],
+        fail: Callable[[ActivityKind, Exception], object],
     ) -> None:
         """Take the receivers of the event at the end of an activity, and of an exception that is not a refusal."""
         self._report = report
         self._fail = fail
-        self._tasks: dict[Kind, set[asyncio.Task[None]]] = {kind: set() for kind in Kind}
+        self._tasks: dict[ActivityKind, set[asyncio.Task[None]]] = {kind: set() for kind in ActivityKind}
 
-    def start(self, kind: Kind, work: Work, refused: LifeEvent | None = None) -> None:
+    def start(self, kind: ActivityKind, work: Work, refused: LifeEvent | None = None) -> None:
         """Start an activity: its event is what `work` returns, or `refused` if it raises VehicleRefusedError."""
         self.cancel(kind)
         before = frozenset(self._tasks[kind])
@@ -47,24 +47,24 @@ class Activities:
         self._tasks[kind].add(task)
         task.add_done_callback(self._tasks[kind].discard)
 
-    def running(self, kind: Kind) -> bool:
+    def running(self, kind: ActivityKind) -> bool:
         """Return whether an activity of a kind has not ended."""
         return any(not task.done() for task in self._tasks[kind])
 
-    def cancel(self, *kinds: Kind) -> None:
+    def cancel(self, *kinds: ActivityKind) -> None:
         """Cancel activities."""
         for kind in kinds:
             for task in self._tasks[kind]:
                 task.cancel()
 
-    async def stop(self, *kinds: Kind) -> None:
+    async def stop(self, *kinds: ActivityKind) -> None:
         """Cancel activities and wait until they have ended."""
         self.cancel(*kinds)
         tasks = [task for kind in kinds for task in self._tasks[kind]]
         await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _run(
-        self, kind: Kind, work: Work, refused: LifeEvent | None, before: frozenset[asyncio.Task[None]]
+        self, kind: ActivityKind, work: Work, refused: LifeEvent | None, before: frozenset[asyncio.Task[None]]
     ) -> None:
         if before:
             await asyncio.wait(before)

@@ -8,18 +8,30 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from agents.inputs import Autopilot, Command, Computer, Ground, Killed, Message, Presence, Start, TacticEvent, TimeScale
+from agents.flight_end import FlightEnd
+from agents.inputs import (
+    AutopilotStatus,
+    Command,
+    Computer,
+    Ground,
+    Killed,
+    Message,
+    Presence,
+    Start,
+    TacticEvent,
+    TimeScale,
+)
 from agents.ports import VehicleRefusedError, VehicleStatus
-from agents.shell.activities import Activities, Kind
+from agents.shell.activities import Activities, ActivityKind
 from agents.shell.control_loop import ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
-from agents.shell.outcome import FAILED, KILLED, Ending, LoopReport, Outcome, Stop, outcome_of
+from agents.shell.outcome import FAILED, KILLED, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.parts import AgentParts
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
 from agents.team import external_positions
-from agents.team.messages import LACKS_LIMIT, BusMessage, OperatorCommand
+from agents.team.messages import START_BLOCKERS_LIMIT, BusMessage, OperatorCommand
 from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
 
@@ -34,8 +46,8 @@ def override_reason(status: VehicleStatus) -> str:
 def override_outcome(reason: str, *, restarted: bool) -> Outcome:
     """Return the outcome of a vehicle that was handed over."""
     if restarted:
-        return Outcome(Ending.PILOT_OVERRIDE, f"{reason}: its autopilot restarted", "examine the vehicle and its log")
-    return Outcome(Ending.PILOT_OVERRIDE, reason, "land it from where the mode was changed: cordon has handed it over")
+        return Outcome(FlightEnd.PILOT, f"{reason}: its autopilot restarted", "examine the vehicle and its log")
+    return Outcome(FlightEnd.PILOT, reason, "land it from where the mode was changed: cordon has handed it over")
 
 
 class OutsideSensors:
@@ -56,13 +68,13 @@ class OutsideSensors:
             parts.core.take(seen)
 
 
-ARMED_HEARD_AFTER_S = 2.5
+ARMED_RECEIVED_AFTER_S = 2.5
 """Heartbeats arrive once a second: within this time an arming in progress is reported."""
 HOLD_BEFORE_LANDING_S = 3.0
 _AFTER_TICK_S = 1e-3
 """The end of the mission comes after a tick at the same time, which belongs to the mission."""
 
-_ALL_BUT_KILL = tuple(kind for kind in Kind if kind is not Kind.KILL)
+_ALL_BUT_KILL = tuple(kind for kind in ActivityKind if kind is not ActivityKind.KILL)
 
 
 class Agent:
@@ -82,7 +94,7 @@ class Agent:
         self.started = asyncio.Event()  # by an operator, if it waits on the ground; also set when its motors are cut
         self._refusal: VehicleRefusedError | None = None
         self._override_reason = ""
-        self._outcome = Outcome(Ending.COMPLETED)
+        self._outcome = Outcome(FlightEnd.LANDED)
         self._failure: Exception | None = None
         self._flew = False
         self._ended_s: float | None = None
@@ -117,7 +129,7 @@ class Agent:
 
     async def connect(self) -> None:
         """Connect to the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
-        await self._parts.bus.open(self._hear, OutsideSensors(self._parts).take, self._note_presence)
+        await self._parts.bus.open(self._receive, OutsideSensors(self._parts).take, self._note_presence)
         await self._link.connect(self._sense)
 
     def announce(self) -> None:
@@ -125,11 +137,11 @@ class Agent:
         self._start_agreement.announce()
         self._reporter.begin()
 
-    def wait_on_ground(self, lacks: str) -> None:
-        """Wait for an operator's start, and report it; `lacks` is what forbids the start, empty if nothing does."""
-        lacks = printable(lacks or self._start_agreement.refusal)[:LACKS_LIMIT]
-        self._core.take(Ground(lacks))
-        self._reporter.wait(lacks)
+    def wait_on_ground(self, start_blockers: str) -> None:
+        """Wait for an operator's start, and report it; `start_blockers` forbid the start, empty: none do."""
+        start_blockers = printable(start_blockers or self._start_agreement.refusal)[:START_BLOCKERS_LIMIT]
+        self._core.take(Ground(start_blockers))
+        self._reporter.wait(start_blockers)
 
     async def fly(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission from take-off to landing; in every case the vehicle lands or is handed over.
@@ -156,7 +168,7 @@ class Agent:
     def obey(self, command: OperatorCommand) -> None:
         """Take a command of an operator at this computer."""
         self._core.take(Command(self._clock.now_s(), command))
-        self._act_on_orders()
+        self._act_on_commands()
 
     def see(self, sighting: Sighting) -> None:
         """Take a sighting from outside the team."""
@@ -168,7 +180,7 @@ class Agent:
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
-        self._start_agreement.fall_silent()
+        self._start_agreement.stop_announcing()
         await self._reporter.close()
         await self._parts.bus.close()
         await self._link.close()
@@ -183,15 +195,15 @@ class Agent:
             try:
                 self._perform[action]()
             except Exception as error:
-                self._fail(Kind.TICKS, error)
+                self._fail(ActivityKind.TICKS, error)
         if self._phase is Phase.ENDED:
             self._reporter.end(FAILED if self._failure else self._outcome)
             self._over.set()
 
-    def _fail(self, kind: Kind, error: Exception) -> None:
+    def _fail(self, kind: ActivityKind, error: Exception) -> None:
         """Take an exception that is not a refusal: `fly` raises the first one at its end."""
         self._failure = self._failure or error
-        self._happen(LifeEvent.ABORTED if kind in (Kind.CALL, Kind.KILL) else LifeEvent.FAULT)
+        self._happen(LifeEvent.ABORTED if kind in (ActivityKind.CALL, ActivityKind.KILL) else LifeEvent.FAULT)
 
     def _sense(self, telemetry: Telemetry) -> None:
         self._reporter.sense()
@@ -199,20 +211,20 @@ class Agent:
         if self._flew:
             self._core.take(telemetry)
 
-    def _hear(self, message: BusMessage) -> None:
+    def _receive(self, message: BusMessage) -> None:
         self._core.take(Message(self._clock.now_s(), message))
         if isinstance(message, OperatorCommand):
-            self._act_on_orders()
+            self._act_on_commands()
         self._start_agreement.receive(message)
 
-    def _act_on_orders(self) -> None:
-        """Execute orders that do not wait for a tick; a vehicle that waits on the ground answers here."""
-        orders = self._core.commands
-        if self._phase is Phase.GROUND and (orders.starts or orders.lacks is not None):
+    def _act_on_commands(self) -> None:
+        """Execute commands that do not wait for a tick; a vehicle that waits on the ground answers here."""
+        commands = self._core.commands
+        if self._phase is Phase.GROUND and (commands.starts or commands.start_blockers is not None):
             self._loop.tick_only()
-        if orders.kills:
+        if commands.kills:
             self._happen(LifeEvent.KILL)
-        if orders.starts or orders.kills:
+        if commands.starts or commands.kills:
             self.started.set()
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
@@ -235,14 +247,14 @@ class Agent:
                 self._happen(LifeEvent.RESUME)
             if self._loop.tick_control(tick.skipped):
                 self._happen(LifeEvent.SETPOINT_SENT)
-            self._show_life()
+            self._send_heartbeat()
             if self._core.tactic is Tactic.LAND:
                 self._happen(LifeEvent.LAND_DECIDED)
 
     async def _tick_in_landing(self) -> None:
         async for _ in self._loop.ticker():
             self._loop.tick_only()
-            self._show_life()
+            self._send_heartbeat()
 
     async def _watch_operator(self) -> LifeEvent:
         await self._stop.wanted.wait()
@@ -271,7 +283,7 @@ class Agent:
         return LifeEvent.TAKE_OFF_DONE
 
     async def _wait_for_arming(self) -> LifeEvent:
-        await self._clock.sleep(ARMED_HEARD_AFTER_S)
+        await self._clock.sleep(ARMED_RECEIVED_AFTER_S)
         return self._armed()
 
     async def _call_offboard(self) -> LifeEvent:
@@ -302,27 +314,29 @@ class Agent:
     # Actions.
 
     def _compare_clocks(self) -> None:
-        self._activities.start(Kind.START, self._agree_on_clocks, LifeEvent.CLOCKS_DIFFER)
+        self._activities.start(ActivityKind.START, self._agree_on_clocks, LifeEvent.CLOCKS_DIFFER)
 
     def _take_off(self) -> None:
         self._parts.heartbeat.rising()
-        self._activities.start(Kind.CALL, self._call_take_off, LifeEvent.TAKE_OFF_REFUSED)
-        self._activities.start(Kind.OPERATOR, self._watch_operator)
-        self._activities.start(Kind.TICKS, self._tick_in_take_off)
+        self._activities.start(ActivityKind.CALL, self._call_take_off, LifeEvent.TAKE_OFF_REFUSED)
+        self._activities.start(ActivityKind.OPERATOR, self._watch_operator)
+        self._activities.start(ActivityKind.TICKS, self._tick_in_take_off)
 
     def _abandon_take_off(self) -> None:
-        self._activities.start(Kind.CALL, self._wait_for_arming)
+        self._activities.start(ActivityKind.CALL, self._wait_for_arming)
 
     def _start_control(self) -> None:
         self._flew = True
-        self._activities.start(Kind.TICKS, self._tick_in_control)
+        self._activities.start(ActivityKind.TICKS, self._tick_in_control)
 
     def _start_offboard(self) -> None:
-        self._activities.start(Kind.CALL, self._call_offboard, LifeEvent.OFFBOARD_REFUSED)
+        self._activities.start(ActivityKind.CALL, self._call_offboard, LifeEvent.OFFBOARD_REFUSED)
 
     def _agree_start(self) -> None:
-        self._activities.start(Kind.START, self._agree_on_start, LifeEvent.START_REFUSED)
-        self._activities.start(Kind.OPERATOR, self._watch_operator)  # a stop requested meanwhile takes effect now
+        self._activities.start(ActivityKind.START, self._agree_on_start, LifeEvent.START_REFUSED)
+        self._activities.start(
+            ActivityKind.OPERATOR, self._watch_operator
+        )  # a stop requested meanwhile takes effect now
 
     def _start_mission(self) -> None:
         start_s = self._start_agreement.start_s
@@ -330,14 +344,14 @@ class Agent:
         self._loop.sensor = self._parts.make_sensor(start_s)
         self._core.take(Start(start_s))
         self._reporter.start_mission(start_s, self._duration_s)
-        self._activities.start(Kind.START, lambda: self._fly_duration(start_s))
+        self._activities.start(ActivityKind.START, lambda: self._fly_duration(start_s))
 
     def _hold(self) -> None:
         self._core.take(TacticEvent(Event.HOLD))
-        self._activities.start(Kind.HOLD, self._come_to_rest)
+        self._activities.start(ActivityKind.HOLD, self._come_to_rest)
 
     def _end_mission(self) -> None:
-        self._activities.cancel(Kind.START, Kind.HOLD)
+        self._activities.cancel(ActivityKind.START, ActivityKind.HOLD)
         if self._ended_s is None:
             self._ended_s = self._clock.now_s()
         self._core.take(TacticEvent(Event.END))
@@ -345,8 +359,8 @@ class Agent:
     def _hand_over(self) -> None:
         status = self._link.status
         self._link.hand_over()
-        self._activities.cancel(Kind.CALL)
-        self._core.take(Autopilot(status))  # it may hold the reason
+        self._activities.cancel(ActivityKind.CALL)
+        self._core.take(AutopilotStatus(status))  # it may hold the reason
         self._core.take(TacticEvent(Event.PILOT_TOOK_OVER))
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
@@ -355,7 +369,7 @@ class Agent:
 
     def _take_back(self) -> None:
         self._link.take_back()
-        self._activities.start(Kind.CALL, self._call_offboard_anew, LifeEvent.OFFBOARD_REFUSED)
+        self._activities.start(ActivityKind.CALL, self._call_offboard_anew, LifeEvent.OFFBOARD_REFUSED)
 
     def _check_armed(self) -> None:
         self._activities.cancel(*_ALL_BUT_KILL)
@@ -363,20 +377,20 @@ class Agent:
 
     def _prepare_landing(self) -> None:
         self._flew = True
-        self._activities.start(Kind.TICKS, self._tick_in_landing)
+        self._activities.start(ActivityKind.TICKS, self._tick_in_landing)
         self._core.take(TacticEvent(Event.LAND))
 
     def _stop_offboard(self) -> None:
-        self._activities.start(Kind.CALL, self._call_stop_offboard, LifeEvent.OFFBOARD_KEPT)
+        self._activities.start(ActivityKind.CALL, self._call_stop_offboard, LifeEvent.OFFBOARD_KEPT)
 
     def _land(self) -> None:
-        self._activities.start(Kind.CALL, self._call_land, LifeEvent.LANDING_REFUSED)
+        self._activities.start(ActivityKind.CALL, self._call_land, LifeEvent.LANDING_REFUSED)
 
     def _cut_motors(self) -> None:
         self._flew = True
-        self._activities.cancel(Kind.CALL, Kind.START, Kind.OPERATOR, Kind.HOLD)
-        if not self._activities.running(Kind.KILL):
-            self._activities.start(Kind.KILL, self._call_kill, LifeEvent.KILL_REFUSED)
+        self._activities.cancel(ActivityKind.CALL, ActivityKind.START, ActivityKind.OPERATOR, ActivityKind.HOLD)
+        if not self._activities.running(ActivityKind.KILL):
+            self._activities.start(ActivityKind.KILL, self._call_kill, LifeEvent.KILL_REFUSED)
 
     def _report(self, outcome: Outcome) -> None:
         self._outcome = outcome
@@ -386,7 +400,7 @@ class Agent:
 
     def _report_refusal(self) -> None:
         if self._refusal is not None:
-            self._report(Outcome(Ending.REFUSED, self._refusal.reason, self._refusal.next_step))
+            self._report(Outcome(FlightEnd.REFUSED, self._refusal.clause, self._refusal.next_step))
 
     def _report_override(self) -> None:
         self._report(override_outcome(self._override_reason, restarted=self._link.status.restarts > 0))
@@ -428,6 +442,6 @@ class Agent:
     def _armed(self) -> LifeEvent:
         return LifeEvent.ARMED if self._link.status.armed else LifeEvent.DISARMED
 
-    def _show_life(self) -> None:
+    def _send_heartbeat(self) -> None:
         if self._phase is not Phase.ENDED:  # the end has been reported to the supervisor
-            self._loop.show_life()
+            self._loop.send_heartbeat()

@@ -8,10 +8,7 @@ from pathlib import Path
 
 import psutil
 
-MEMORY_SHARE_MIN = 0.05
-"""Share of all memory. Below, Linux swaps and then kills processes."""
-DISK_MIN_BYTES = 200e6
-"""A team of three writes this much in half an hour."""
+from agents.safety.failsafe import DISK_MIN_BYTES, MEMORY_SHARE_MIN
 
 _UNSYNCHRONISED = 0x0040
 """STA_UNSYNC of Linux's timex.h, in the status of its clock."""

@@ -2,7 +2,7 @@
 
 from time import perf_counter
 
-from agents.inputs import Autopilot, Bus, LateTicks
+from agents.inputs import AutopilotStatus, Bus, LateTicks
 from agents.outputs import TickOutput
 from agents.ports import TargetSensor
 from agents.shell.outcome import LoopReport
@@ -49,7 +49,7 @@ class ControlLoop:
     def tick_control(self, late_ticks: int) -> bool:
         """Tick the core and send its setpoint, if any; return whether there was one."""
         core, link = self._parts.core, self._parts.link
-        core.take(Autopilot(link.status))
+        core.take(AutopilotStatus(link.status))
         core.take(LateTicks(late_ticks))
         core.take(Bus(self._parts.bus.alive, self._parts.bus.operated))
         core.take(self._parts.bus.drops)
@@ -69,7 +69,7 @@ class ControlLoop:
         """Tick the core without control of the vehicle, for its messages to peers and answers to operators."""
         self._publish(self._parts.core.tick(self._parts.clock.now_s()), None)
 
-    def show_life(self) -> None:
+    def send_heartbeat(self) -> None:
         """Report the tick to the supervisor."""
         self._parts.heartbeat.tick(self.period_s / self._parts.clock.time_scale)
 

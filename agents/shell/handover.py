@@ -21,14 +21,14 @@ class Handover:
         """Take the loop and the function; unless it `gathers` requests, each is met at once."""
         self._loop, self._call = loop, call
         self._period_s = PERIOD_S if gathers else 0.0
-        self._asked = False
+        self._requested = False
         self._called_s = -inf
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Request a call, from any thread; no effect once the loop is closed."""
-        if self._asked:
+        if self._requested:
             return
-        self._asked = True
+        self._requested = True
         with suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._call_in_time)
 
@@ -40,7 +40,7 @@ class Handover:
             self._call_now()
 
     def _call_now(self) -> None:
-        self._asked = False  # before the call: a request during it may be too late for it
+        self._requested = False  # before the call: a request during it may be too late for it
         try:
             self._call()
         finally:

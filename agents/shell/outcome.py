@@ -2,52 +2,37 @@
 
 import asyncio
 from dataclasses import dataclass
-from enum import Enum
 
+from agents.flight_end import FlightEnd
 from agents.safety.failsafe import Condition
 from agents.safety.landing_cause import LandingCause
-
-
-class Ending(Enum):
-    """How an agent's flight ended."""
-
-    COMPLETED = "completed"
-    STOPPED = "stopped"
-    """By the operator: the end of the flight, a landing or a return."""
-    ABORTED = "aborted"
-    BATTERY = "battery"
-    FAILSAFE = "failsafe"
-    ORPHANED = "orphaned"
-    """Its supervisor had ended: it held and landed."""
-    REFUSED = "refused"
-    KILLED = "killed"
-    PILOT_OVERRIDE = "stood down"
-    FAILED = "failed"
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a flight ended, the reason and the next step after a fault, and whether the vehicle flew."""
 
-    ending: Ending
+    how: FlightEnd
     reason: str = ""
     next_step: str = ""
     flew: bool = False
 
 
-BY_OPERATOR = Outcome(Ending.STOPPED, "the operator ended the flight")
-KILLED = Outcome(Ending.KILLED, "an operator had its motors cut", "recover and inspect it")
-FAILED = Outcome(Ending.FAILED)
+BY_OPERATOR = Outcome(FlightEnd.OPERATOR, "the operator ended the flight")
+KILLED = Outcome(FlightEnd.KILLED, "an operator had its motors cut", "recover and inspect it")
+FAILED = Outcome(FlightEnd.ERROR)
 _BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BATTERY_CRITICAL, Condition.NO_WAY_HOME))
 
 
 def outcome_of(landing_cause: LandingCause | None) -> Outcome:
     """Return the outcome of a vehicle that landed; None means at the end of its mission."""
     if landing_cause is None:
-        return Outcome(Ending.COMPLETED)
+        return Outcome(FlightEnd.LANDED)
     if landing_cause.verb:
-        return Outcome(Ending.ABORTED if landing_cause.verb == "abort" else Ending.STOPPED, landing_cause.reason)
-    return Outcome(Ending.BATTERY if landing_cause.condition in _BATTERY else Ending.FAILSAFE, landing_cause.reason)
+        return Outcome(FlightEnd.ABORTED if landing_cause.verb == "abort" else FlightEnd.OPERATOR, landing_cause.reason)
+    return Outcome(
+        FlightEnd.BATTERY if landing_cause.condition in _BATTERY else FlightEnd.FAILSAFE, landing_cause.reason
+    )
 
 
 class Stop:
@@ -59,7 +44,7 @@ class Stop:
         self.outcome = BY_OPERATOR
         """The outcome of the vehicles that are stopped, from the first request."""
 
-    def ask(self, outcome: Outcome = BY_OPERATOR) -> None:
+    def request(self, outcome: Outcome = BY_OPERATOR) -> None:
         """Request the stop, or an immediate landing if the stop was requested before."""
         if not self.wanted.is_set():
             self.outcome = outcome

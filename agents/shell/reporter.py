@@ -3,9 +3,10 @@
 import asyncio
 from collections.abc import Callable, Mapping
 
+from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
-from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
+from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from agents.shell.outcome import Outcome
 from agents.shell.parts import AgentParts
 from agents.team.codec import encode
@@ -36,10 +37,10 @@ class Reporter:
         self._newest = newest
         self._clock_lags_s = clock_lags_s
         self._mission: tuple[float | None, float] = (None, 0.0)
-        self._ended = ""
-        self._lacks: str | None = None
+        self._ended, self._is_completed = "", False
+        self._start_blockers: str | None = None
         self._motion_s: float | None = None
-        self._said: tuple[object, ...] = ()
+        self._last_report: tuple[object, ...] = ()
         self._sent_s = 0.0
         self._running: asyncio.Task[None] | None = None
 
@@ -55,13 +56,14 @@ class Reporter:
         """Take the mission's begin on the team's clock, and its duration."""
         self._mission = (start_s, duration_s)
 
-    def wait(self, lacks: str | None) -> None:
+    def wait(self, start_blockers: str | None) -> None:
         """Take what forbids the start that the vehicle waits for, None if it waits for none."""
-        self._lacks = lacks
+        self._start_blockers = start_blockers
 
     def end(self, outcome: Outcome) -> None:
         """Report the end of the flight, unless it was reported before."""
-        self._ended = self._ended or ended_words(outcome)
+        if not self._ended:
+            self._ended, self._is_completed = ended_words(outcome), outcome.how is FlightEnd.LANDED
         self._look()
 
     async def close(self) -> None:
@@ -85,7 +87,7 @@ class Reporter:
         output, status, now_s = self._newest(), self._parts.link.status, self._wall_s()
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
-        said = (
+        report = (
             status.mode,
             status.armed,
             status.in_air,
@@ -93,10 +95,10 @@ class Reporter:
             is_silent,
             alert,
             self._ended,
-            self._lacks,
+            self._start_blockers,
         )
-        if said != self._said or now_s - self._sent_s >= PERIOD_S:
-            self._said = said
+        if report != self._last_report or now_s - self._sent_s >= PERIOD_S:
+            self._last_report = report
             self._send(now_s)
 
     def _send(self, now_s: float) -> None:
@@ -124,8 +126,9 @@ class Reporter:
             duration_s,
             self._ended,
             None if output is None else target_report(output.status),
-            self._lacks,
-            None if self._lacks is None else max(map(abs, self._clock_lags_s().values()), default=None),
+            self._start_blockers,
+            None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
+            self._is_completed if self._ended else None,
         )
 
 
@@ -157,5 +160,5 @@ def target_report(status: CoreStatus) -> TargetReport | None:
 
 def ended_words(outcome: Outcome) -> str:
     """Return how a vehicle's flight ended, as text."""
-    words = f"{outcome.ending.value}: {outcome.reason}" if outcome.reason else outcome.ending.value
+    words = f"{outcome.how}: {outcome.reason}" if outcome.reason else outcome.how
     return printable(words)[:ENDED_LIMIT]

@@ -140,7 +140,7 @@ class StartAgreement:
             await self._pause()
         return self.start_s
 
-    def fall_silent(self) -> None:
+    def stop_announcing(self) -> None:
         """Stop sending time and mission."""
         if self._announcing is not None:
             self._announcing.cancel()

@@ -21,7 +21,7 @@ class TickerClock(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Tick:
+class TickTiming:
     """One tick: its deadline on the mission clock, its lateness, and the number of ticks skipped before it."""
 
     index: int
@@ -71,11 +71,11 @@ class Ticker:
         """Return the ticker, which never ends by itself."""
         return self
 
-    async def __anext__(self) -> Tick:
+    async def __anext__(self) -> TickTiming:
         """Wait for the next tick."""
         return await self.next()
 
-    async def next(self) -> Tick:
+    async def next(self) -> TickTiming:
         """Wait for the next deadline, skipping those that passed a whole period ago or more.
 
         Yields to other tasks at least once, even if it is late.
@@ -89,9 +89,9 @@ class Ticker:
         # From the index, not by addition: a million additions of 0.1 are 0.1 ms off the grid.
         deadline_s = self._start_s + index * self._period_s
         self._next_index = index + 1
-        return self._count(Tick(index, deadline_s, max(0.0, now_s - deadline_s), skipped))
+        return self._count(TickTiming(index, deadline_s, max(0.0, now_s - deadline_s), skipped))
 
-    def _count(self, tick: Tick) -> Tick:
+    def _count(self, tick: TickTiming) -> TickTiming:
         self._ticks += 1
         self._missed += tick.skipped
         self._late_max_s = max(self._late_max_s, tick.late_s)

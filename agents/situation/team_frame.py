@@ -82,7 +82,7 @@ class TeamFrame:
         offsets = self._offsets
         for each in sightings:
             if each.frame_sigma_m > 0.0:
-                offsets.know(each.sensor_id, each.frame_sigma_m, each.frame_correlation_s)
+                offsets.set_error_model(each.sensor_id, each.frame_sigma_m, each.frame_correlation_s)
         if not offsets:
             return [self._in_team_frame(each) for each in sightings]
         if not sightings and now_s - self._predicted_s < _PREDICTED_S:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 STEP_S = 0.5
 """A larger deviation from the usual age is a step [wall s]: above jitter, below what makes peers' plans invalid."""
-HEARD_WITHIN_S = 1.0
+RECEIVED_WITHIN_S = 1.0
 """A peer without messages for this long is silent, not one with a stepped clock."""
 _FOLLOWING = 0.1
 """The share by which the usual age follows the present one, because networks get slower and faster."""
@@ -13,11 +13,11 @@ _SETTLING_S = 5.0
 
 
 @dataclass(slots=True)
-class Step:
+class ClockStep:
     """A clock step of a peer: its begin, the time of the last message, and how far the clock went ahead [wall s]."""
 
     since_s: float
-    heard_s: float
+    received_s: float
     by_s: float
 
 
@@ -27,9 +27,9 @@ class ClockWatch:
     def __init__(self) -> None:
         self._usual_s: dict[int, float] = {}
         self._reference_s: dict[int, tuple[float, float]] = {}
-        self.off: dict[int, Step] = {}
+        self.off: dict[int, ClockStep] = {}
 
-    def hear(self, sender: int, age_s: float, now_s: float) -> None:
+    def receive(self, sender: int, age_s: float, now_s: float) -> None:
         """Take the age [wall s] of a peer's message on arrival, whether it was accepted or not."""
         usual_s = self._usual_s.setdefault(sender, age_s)
         ahead_s = usual_s - age_s
@@ -38,9 +38,9 @@ class ClockWatch:
             if self.off:
                 self.off.pop(sender, None)
         elif sender in self.off:
-            self.off[sender].heard_s, self.off[sender].by_s = now_s, ahead_s
+            self.off[sender].received_s, self.off[sender].by_s = now_s, ahead_s
         else:
-            self.off[sender] = Step(now_s, now_s, ahead_s)
+            self.off[sender] = ClockStep(now_s, now_s, ahead_s)
 
     def drifted(self, now_s: float) -> dict[int, float]:
         """Return how far clocks have drifted ahead since their first messages [wall s], where that exceeds the limit.
@@ -56,7 +56,9 @@ class ClockWatch:
                 drifted_s[sender] = first_s - usual_s
         return drifted_s
 
-    def stepped(self, now_s: float, time_scale: float) -> dict[int, Step]:
+    def stepped(self, now_s: float, time_scale: float) -> dict[int, ClockStep]:
         """Return the peers whose clocks have stepped and that are still received."""
-        self.off = {s: step for s, step in self.off.items() if now_s - step.heard_s <= HEARD_WITHIN_S * time_scale}
+        self.off = {
+            s: step for s, step in self.off.items() if now_s - step.received_s <= RECEIVED_WITHIN_S * time_scale
+        }
         return self.off

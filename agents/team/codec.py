@@ -14,7 +14,7 @@ from agents.settings.shapes import Shape
 from agents.tactics import Tactic
 from agents.team.messages import (
     ENDED_LIMIT,
-    LACKS_LIMIT,
+    START_BLOCKERS_LIMIT,
     BusMessage,
     CommandAnswer,
     MemberState,
@@ -136,8 +136,9 @@ class _Report(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     duration_ms: _Positive
     ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)]
     target: _Estimate | None
-    lacks: Annotated[str, msgspec.Meta(max_length=LACKS_LIMIT, pattern=PRINTABLE)] | None = None
+    start_blockers: Annotated[str, msgspec.Meta(max_length=START_BLOCKERS_LIMIT, pattern=PRINTABLE)] | None = None
     clock_off_ms: _Positive | None = None
+    is_completed: bool | None = None
 
 
 _Former = MemberState | NeighbourAngle | TargetPackage
@@ -312,8 +313,9 @@ def _packed_report(report: VehicleReport) -> _Report:
         round(report.duration_s * _MM),
         report.ended,
         None if report.target is None else _packed_estimate(report.target),
-        report.lacks,
+        report.start_blockers,
         _scaled(report.clock_off_s, _MM),
+        report.is_completed,
     )
 
 
@@ -353,8 +355,9 @@ def _unpacked_report(report: _Report) -> VehicleReport:
         report.duration_ms / _MM,
         report.ended,
         None if report.target is None else _unpacked_estimate(report.target),
-        report.lacks,
+        report.start_blockers,
         None if report.clock_off_ms is None else report.clock_off_ms / _MM,
+        report.is_completed,
     )
 
 

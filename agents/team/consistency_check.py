@@ -56,7 +56,7 @@ class Inconsistency:
     why: str
 
 
-class Track:
+class PeerTrack:
     """Successive states of one peer that one vehicle can have flown.
 
     It is `accepted` if it is or was used as the peer's state.
@@ -142,7 +142,7 @@ class ConsistencyCheck:
         self._limits = limits
         self._clocks = clocks
         self._excuses = excuses
-        self._tracks: dict[int, list[Track]] = {}
+        self._tracks: dict[int, list[PeerTrack]] = {}
         self._inconsistencies: dict[int, Inconsistency] = {}
         self.contested: set[int] = set()
         """The peers with more than one track, now or recently."""
@@ -151,7 +151,7 @@ class ConsistencyCheck:
         """Return whether a state is accepted as its sender's; one that contradicts a `known` peer is not."""
         tracks = self._tracks.get(state.sender)
         if tracks is None:
-            self._tracks[state.sender] = [Track(state, self._limits, accepted=True)]
+            self._tracks[state.sender] = [PeerTrack(state, self._limits, accepted=True)]
             return True
         if tracks[0].continued(state):
             return True
@@ -161,11 +161,11 @@ class ConsistencyCheck:
         return not why or self._contradicted(tracks, state, clock_off_s, why, known=known)
 
     def _contradicted(
-        self, tracks: list[Track], state: MemberState, clock_off_s: float, why: str, *, known: bool
+        self, tracks: list[PeerTrack], state: MemberState, clock_off_s: float, why: str, *, known: bool
     ) -> bool:
         track = next((each for each in tracks[1:] if not each.misfit(state, clock_off_s)), None)
         if track is None:
-            track = Track(state, self._limits)
+            track = PeerTrack(state, self._limits)
             confirmed = [each for each in tracks[1:] if each.accepted or each.count >= CONFIRMED]
             tracks[1:] = [*confirmed[2 - TRACKS_MAX :], track]
         self.contested.add(state.sender)

@@ -27,7 +27,7 @@ class Inbox:
         age_s = (now_s - message.time_s) / time_scale
         known = isinstance(message, OperatorCommand) or message.sender in self._others
         if known and isinstance(message, MemberState):
-            self._clocks.hear(message.sender, age_s, now_s)
+            self._clocks.receive(message.sender, age_s, now_s)
         if not known:
             self.dropped.add(Reason.NOT_A_MEMBER)
         elif age_s < -_CLOCK_AHEAD_MAX_S:

@@ -27,7 +27,7 @@ _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 _Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6)]
 _Count = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
-DID_LIMIT = ENDED_LIMIT = LACKS_LIMIT = 120
+DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
 LINK_SILENT_S = 0.8
 """Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
 Metres2 = tuple[_Metres, _Metres]
@@ -179,8 +179,9 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint;
     `battery` is a fraction, `endurance_s` the autopilot's remaining flight time, `gps_dimensions` the type of the fix
     (0 without one), `estimator` the state of the autopilot's estimator as text. The mission began at `start_s` and
-    lasts `duration_s`. `ended` is how the vehicle's flight ended, empty during the flight. While it waits on the ground
-    for an operator's start, `lacks` is what forbids the start, empty if nothing does, and `clock_off_s` the largest
+    lasts `duration_s`. `ended` is how the vehicle's flight ended, empty during the flight, and
+    `is_completed` whether it was over as planned, which earlier versions do not send. While it waits on the ground
+    for an operator's start, `start_blockers` forbid the start, empty if nothing does, and `clock_off_s` is the largest
     offset of a peer's computer's clock from its own [wall s]. Unknown values are None, or empty.
     """
 
@@ -200,8 +201,9 @@ class VehicleReport(msgspec.Struct, frozen=True, array_like=True, tag="report"):
     duration_s: _Seconds = 0.0
     ended: Annotated[str, msgspec.Meta(max_length=ENDED_LIMIT, pattern=PRINTABLE)] = ""
     target: TargetReport | None = None
-    lacks: Annotated[str, msgspec.Meta(max_length=LACKS_LIMIT, pattern=PRINTABLE)] | None = None
+    start_blockers: Annotated[str, msgspec.Meta(max_length=START_BLOCKERS_LIMIT, pattern=PRINTABLE)] | None = None
     clock_off_s: _Seconds | None = None
+    is_completed: bool | None = None
 
     @property
     def is_link_cut(self) -> bool:

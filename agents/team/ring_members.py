@@ -34,7 +34,7 @@ class RingMembers:
         self.oldest_s = inf
         """A lower bound of the times of all places."""
 
-    def hear(self, angle: NeighbourAngle) -> None:
+    def receive(self, angle: NeighbourAngle) -> None:
         """Take a place unless a newer one is known."""
         known = self._angles.get(angle.sender)
         if known is not None and angle.time_s <= known.time_s:

@@ -38,7 +38,7 @@ class Team:
         self._waiting: dict[int, MemberState] = {}
         self._silent: dict[int, MemberState] = {}
         self._lost: dict[int, MemberState] = {}
-        self._heard: set[int] = set()
+        self._received: set[int] = set()
         self._near: tuple[MemberState, ...] | None = None
         self._near_ids: set[int] | None = None
         self._watched_until_s = -inf
@@ -67,7 +67,7 @@ class Team:
         self._near_ids = None if len(near) == len(self._members) else {each.sender for each in near}
         self._near, self._watched_until_s = None, until_s
 
-    def hear(self, state: MemberState) -> None:
+    def receive(self, state: MemberState) -> None:
         """Take a peer's state, unless a newer one is known or it is inconsistent; and its place on the ring."""
         sender = state.sender
         if self._waiting:
@@ -82,13 +82,13 @@ class Team:
             self._oldest_s = min(self._oldest_s, state.time_s)
             if known is None:
                 self._lost.pop(sender, None)
-                self._heard.add(sender)
+                self._received.add(sender)
                 if self._near_ids is not None:
                     self._near_ids.add(sender)
             if known is None or state.tactic != known.tactic:
                 self.ring.changed()
         if state.angle is not None:
-            self.ring.hear(state.angle)
+            self.ring.receive(state.angle)
 
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer whose presence has ended: it is lost at its last altitude, which may be the ground."""
@@ -106,7 +106,7 @@ class Team:
         if self._oldest_s < silent_s:
             for sender in [s for s, m in self._members.items() if m.time_s < silent_s]:
                 if sender in self._waiting:
-                    self.hear(self._waiting[sender])
+                    self.receive(self._waiting[sender])
                 member = self._members[sender]
                 if member.time_s < gone_s:
                     self._lost[sender] = self._members.pop(sender)
@@ -164,9 +164,9 @@ class Team:
         return {sender: last.time_s for sender, last in self._lost.items() if last.tactic not in _LEAVING}
 
     @property
-    def count_heard(self) -> int:
+    def count_received(self) -> int:
         """The number of peers received so far, including silent ones."""
-        return len(self._heard)
+        return len(self._received)
 
     def member(self, vehicle_id: int) -> MemberState:
         """Return the newest state of a member."""

@@ -43,7 +43,7 @@ class AxisEstimate:
         self.covariance: Final = covariance
 
 
-class Step(NamedTuple):
+class AxialStep(NamedTuple):
     """The matrices of one prediction step: the plant's transition, the gains of disturbance and aim, process noise.
 
     `ramp` is the gain of the aim's slope about its mean. `noise` is the covariance of position and velocity, `walk` the
@@ -67,7 +67,7 @@ class Step(NamedTuple):
     walk_s: float
 
 
-def predicted_mean(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float) -> Column:
+def predicted_mean(axis: AxisEstimate, step: AxialStep, rotation: Rotation, aim_m: float) -> Column:
     """Return the mean after a step under an aim: `m' = F m + B u`."""
     p, v, c, s, q = axis.mean
     w, (cosine, sine) = c + s, rotation
@@ -80,13 +80,15 @@ def predicted_mean(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: fl
     )
 
 
-def predicted(axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float) -> AxisEstimate:
+def predicted(axis: AxisEstimate, step: AxialStep, rotation: Rotation, aim_m: float) -> AxisEstimate:
     """Return the estimate after a step under an aim: `P' = F P F' + Q`."""
     mean = predicted_mean(axis, step, rotation, aim_m)
     return AxisEstimate(mean, _predicted_covariance(axis.covariance, step, rotation))
 
 
-def predicted_axes(axes: Axes, steps: tuple[Step, Step], rotation: Rotation, aim_m: tuple[float, float]) -> Axes:
+def predicted_axes(
+    axes: Axes, steps: tuple[AxialStep, AxialStep], rotation: Rotation, aim_m: tuple[float, float]
+) -> Axes:
     """Return both axes' estimates after a step.
 
     Axes with the same plant share one covariance object, which is computed once.
@@ -101,7 +103,7 @@ def predicted_axes(axes: Axes, steps: tuple[Step, Step], rotation: Rotation, aim
     )
 
 
-def _predicted_covariance(covariance: AxisCovariance, step: Step, rotation: Rotation) -> AxisCovariance:
+def _predicted_covariance(covariance: AxisCovariance, step: AxialStep, rotation: Rotation) -> AxisCovariance:
     pp, pv, pc, ps, pq, vv, vc, vs, vq, cc, cs, cq, ss, sq, qq = covariance.upper
     a, b, d, e, g, h, _, _, _, _, noise_pp, noise_pv, noise_vv, walk_c, walk_s = step
     cosine, sine = rotation

@@ -7,7 +7,7 @@ from math import exp
 
 RISE_S, FALL_S = 1.0, 6.0
 """Time constants of the average: it rises fast and falls slowly."""
-TRUSTED, DOUBTED = 4.0, 16.0
+FULL_UP_TO, LEAST_FROM = 4.0, 16.0
 """Averages up to which a filter has full authority, and from which it has the least. Because the average rises faster
 than it falls, it is 1.7 for a consistent filter: the bounds are errors 1.5 times and 3 times as large as expected.
 """
@@ -33,7 +33,7 @@ class Consistency:
     @property
     def authority(self) -> float:
         """The share of feedback and disturbance compensation in the setpoint."""
-        share = (DOUBTED - self._mean) / (DOUBTED - TRUSTED)
+        share = (LEAST_FROM - self._mean) / (LEAST_FROM - FULL_UP_TO)
         return min(max(share, AUTHORITY_LEAST), 1.0)
 
     def see(self, squared: float, step_s: float, most: float) -> None:

@@ -40,7 +40,7 @@ class FrameOffsets:
         """Return whether any sensor's frame error is modelled."""
         return bool(self._rows)
 
-    def know(self, sensor_id: int, sigma_m: float, correlation_s: float) -> None:
+    def set_error_model(self, sensor_id: int, sigma_m: float, correlation_s: float) -> None:
         """Take the model of a sensor's frame error: standard deviation per axis, and correlation time."""
         row = self._rows.get(sensor_id)
         if row is None:

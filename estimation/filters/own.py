@@ -15,10 +15,10 @@ import numpy as np
 
 from estimation.filters.axial import (
     Axes,
+    AxialStep,
     AxisCovariance,
     AxisEstimate,
     Rotation,
-    Step,
     predicted_axes,
     predicted_mean,
     updated_axes,
@@ -159,7 +159,7 @@ class OwnFilter:
         return self._consistency.authority
 
     @property
-    def heard_s(self) -> float | None:
+    def received_s(self) -> float | None:
         """Time of the newest telemetry [s]; None before any."""
         return None if self._axes is None else self._time_s
 
@@ -209,7 +209,13 @@ class OwnFilter:
 
 
 def _predicted_on_ramp(
-    axis: AxisEstimate, step: Step, rotation: Rotation, aim_m: float, slope_m_s: float, unsent: Step, unsent_s: float
+    axis: AxisEstimate,
+    step: AxialStep,
+    rotation: Rotation,
+    aim_m: float,
+    slope_m_s: float,
+    unsent: AxialStep,
+    unsent_s: float,
 ) -> tuple[float, float, float]:
     """Return position, velocity and disturbance after a step under a ramp of aims, extrapolated for `unsent_s`."""
     p, v, c, s, _ = predicted_mean(axis, step, rotation, aim_m)
@@ -323,15 +329,17 @@ class _InputHistory:
         return zip(edges, edges[1:], self._setpoint_m[first : last + 1], strict=False)
 
 
-def _steps(plant: Plant, settings: OwnFilterSettings, is_oscillating: bool, step_s: float) -> tuple[Step, Step]:
+def _steps(
+    plant: Plant, settings: OwnFilterSettings, is_oscillating: bool, step_s: float
+) -> tuple[AxialStep, AxialStep]:
     """Return one step along x and along y: the same object if both axes have the same plant."""
     exact = exact_step(plant, step_s)
     density, walk = settings.acceleration_noise_m_s2**2, settings.disturbance_noise_m_s2**2 * step_s
 
-    def along(axis: PlantAxis, p: int, v: int) -> Step:
+    def along(axis: PlantAxis, p: int, v: int) -> AxialStep:
         aimed_p, aimed_v = exact.input_gain.item(p, p), exact.input_gain.item(v, p)
         ramp_p, ramp_v = _ramp_gain(axis, aimed_p, aimed_v, step_s)
-        return Step(
+        return AxialStep(
             pp=exact.transition.item(p, p),
             pv=exact.transition.item(p, v),
             vp=exact.transition.item(v, p),

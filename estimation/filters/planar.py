@@ -33,7 +33,7 @@ class Motion:
         self.spread: Final = spread
 
 
-class MotionStep(NamedTuple):
+class PredictionStep(NamedTuple):
     """One prediction step, the same for both axes.
 
     `velocity_s` is the gain from velocity to position [s], `velocity_share` the share of the velocity that remains. The
@@ -60,7 +60,7 @@ class Innovation:
         return self.x * self.x + self.y * self.y  # `**` raises OverflowError for a far outlier
 
 
-def predicted(motion: Motion, to_s: float, step: MotionStep) -> Motion:
+def predicted(motion: Motion, to_s: float, step: PredictionStep) -> Motion:
     """Return the estimate after a step: `P' = F P F' + Q`."""
     x, y, u, v = motion.x, motion.y, motion.u, motion.v
     xx, xy, xu, xv, yy, yu, yv, uu, uv, vv = motion.spread.upper

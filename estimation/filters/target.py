@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from estimation.filters.planar import Innovation, Motion, MotionStep, PlanarCovariance, faster, predicted, updated
+from estimation.filters.planar import Innovation, Motion, PlanarCovariance, PredictionStep, faster, predicted, updated
 from estimation.settings import TargetFilterSettings
 from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
 
@@ -310,13 +310,13 @@ def _widened(sighting: Sighting, excess: float, reach_m2: float) -> tuple[float,
 
 
 @lru_cache(maxsize=4096)
-def _straight(density: float, step_s: float) -> MotionStep:
+def _straight(density: float, step_s: float) -> PredictionStep:
     """Return a step of constant velocity under white acceleration."""
-    return MotionStep(step_s, 1.0, density * step_s**3 / 3.0, density * step_s**2 / 2.0, density * step_s)
+    return PredictionStep(step_s, 1.0, density * step_s**3 / 3.0, density * step_s**2 / 2.0, density * step_s)
 
 
 @lru_cache(maxsize=1024)
-def _ornstein_uhlenbeck(speed_m_s: float, correlation_s: float, step_s: float) -> MotionStep:
+def _ornstein_uhlenbeck(speed_m_s: float, correlation_s: float, step_s: float) -> PredictionStep:
     """Return a step of a velocity that is an Ornstein-Uhlenbeck process.
 
     Its standard deviation tends to `speed_m_s`, its correlation time is `correlation_s`.
@@ -327,7 +327,7 @@ def _ornstein_uhlenbeck(speed_m_s: float, correlation_s: float, step_s: float) -
         variance * correlation_s**2 * (2.0 * step_s / correlation_s - 3.0 + 4.0 * velocity_share - velocity_share**2)
     )
     noise_cross = variance * correlation_s * (1.0 - velocity_share) ** 2
-    return MotionStep(
+    return PredictionStep(
         correlation_s * (1.0 - velocity_share),
         velocity_share,
         noise_position,

@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.identification.response import AxisInput, Between, Steps, steps_of
+from estimation.identification.response import AxisInput, InputHold, SetpointSteps, steps_of
 from estimation.state import Vector
 
 GRID_S = 0.1
@@ -31,7 +31,7 @@ def grid_s(count: int) -> Vector:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recording:
+class MotionRecording:
     """One vehicle's horizontal motion from a log: positions (T, 2) [m], setpoints (n, 2) [m], and their times [s].
 
     `flown_s` are the spans in which the setpoints flew the vehicle, `resets_s` the times of position resets of its
@@ -60,7 +60,7 @@ class Excerpt:
 
     begin_s: float
     position_m: Vector
-    recording: Recording
+    recording: MotionRecording
     reported_m_s: Vector | None = None
 
     @property
@@ -88,15 +88,15 @@ class Excerpt:
         velocity_m_s = self.recording.velocity_m_s
         return self._held(np.zeros_like(self.recording.setpoint_m) if velocity_m_s is None else velocity_m_s)
 
-    def inputs(self, between: Between) -> tuple[AxisInput, AxisInput]:
+    def inputs(self, between: InputHold) -> tuple[AxisInput, AxisInput]:
         """Return the input of each axis, as sums of steps or ramps."""
         x, y = (self._inputs(axis, between) for axis in range(2))
         return x, y
 
-    def _inputs(self, axis: int, between: Between) -> AxisInput:
+    def _inputs(self, axis: int, between: InputHold) -> AxisInput:
         recording = self.recording
         times_s, velocity_m_s = recording.setpoint_time_s, recording.velocity_m_s
-        velocity: Steps | None = None
+        velocity: SetpointSteps | None = None
         if velocity_m_s is not None:
             velocity = steps_of(times_s, velocity_m_s[:, axis], between)
         return AxisInput(steps_of(times_s, recording.setpoint_m[:, axis], between), velocity)
@@ -106,7 +106,7 @@ class Excerpt:
         return np.asarray(values[np.maximum(at, 0)], dtype=np.float64)
 
 
-def excerpts_of(recording: Recording) -> list[Excerpt]:
+def excerpts_of(recording: MotionRecording) -> list[Excerpt]:
     """Return the parts of a recording that can be used for a fit."""
     time_s = recording.position_time_s
     if recording.setpoint_time_s.size < 2 or time_s.size < 2:
@@ -130,7 +130,7 @@ def _in_gap(time_s: Vector, gaps: NDArray[np.intp], from_s: float, to_s: float) 
     return bool(((time_s[gaps] <= middle_s) & (middle_s <= time_s[gaps + 1])).any())
 
 
-def _excerpt(recording: Recording, from_s: float, to_s: float) -> Excerpt:
+def _excerpt(recording: MotionRecording, from_s: float, to_s: float) -> Excerpt:
     at_s = np.arange(from_s, to_s, GRID_S)
     position_m = _at(at_s, recording.position_time_s, recording.position_m)
     velocity_m_s = recording.reported_m_s

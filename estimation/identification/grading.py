@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.identification.excerpts import Excerpt, Recording
-from estimation.identification.identified import Found, Identified
+from estimation.identification.excerpts import Excerpt, MotionRecording
+from estimation.identification.identified import Identified, ParameterEstimate
 from estimation.identification.output_error import DELAY_MAX_S
 from estimation.plant.model import FEEDFORWARD_MAX
 from estimation.plant.provenance import PlantGrade
@@ -24,14 +24,14 @@ _AXES = ("x", "y")
 Reasons = list[tuple[PlantGrade, str]]
 
 
-def refused(recordings: Sequence[Recording], excerpts: Sequence[Excerpt]) -> Identified | None:
+def refused(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt]) -> Identified | None:
     """Return the result for flights without enough excitation, None if there is enough."""
     duration_s = sum(excerpt.duration_s for excerpt in excerpts)
     reason = _refusal(recordings, excerpts, duration_s)
     return None if reason is None else Identified(PlantGrade.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
 
 
-def _refusal(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], duration_s: float) -> str | None:
+def _refusal(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt], duration_s: float) -> str | None:
     if not any(recording.flown_s for recording in recordings):
         return "wrong mode: at no time did a computer's position setpoints fly the vehicle (offboard, guided)"
     if not excerpts or duration_s < DURATION_MIN_S:
@@ -59,8 +59,10 @@ def _centred(values: Vector) -> Vector:
     return np.asarray(values - values.mean(axis=0), dtype=np.float64)
 
 
-def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> tuple[PlantGrade, tuple[str, ...]]:
-    """Return the grade of an identified plant, with the reasons, the gravest first."""
+def graded(
+    found: ParameterEstimate, unbounded_delay_s: float, delay_deviation_s: float
+) -> tuple[PlantGrade, tuple[str, ...]]:
+    """Return the grade of an identified plant, with the reasons, the most severe first."""
     reasons = [*_of_shaping(found), *_of_axes(found), *_of_delay(found, unbounded_delay_s, delay_deviation_s)]
     reasons += _of_feedforward(found)
     if not found.order.second_is_enough:
@@ -84,16 +86,16 @@ def graded(found: Found, unbounded_delay_s: float, delay_deviation_s: float) -> 
     return verdict, tuple(words for _, words in reasons)
 
 
-def _of_shaping(found: Found) -> Reasons:
+def _of_shaping(found: ParameterEstimate) -> Reasons:
     shaping = found.shaping
     if not shaping.matters:
         return []
     reasons: Reasons = []
     if shaping.speed_share > 0.03:
-        grave = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
+        severe = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
         reasons.append(
             (
-                PlantGrade.DO_NOT_FLY if grave else PlantGrade.USABLE,
+                PlantGrade.DO_NOT_FLY if severe else PlantGrade.USABLE,
                 f"saturation: speed was limited to {shaping.speed_max_m_s:.1f} m/s for "
                 f"{100 * shaping.speed_share:.0f} % of the time; fly smaller or slower setpoints",
             )
@@ -109,7 +111,7 @@ def _of_shaping(found: Found) -> Reasons:
     return reasons
 
 
-def _of_delay(found: Found, unbounded_s: float, deviation_s: float) -> Reasons:
+def _of_delay(found: ParameterEstimate, unbounded_s: float, deviation_s: float) -> Reasons:
     delay = found.delay_s
     if delay.value > DELAY_MAX_S - 0.01:
         words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
@@ -132,7 +134,7 @@ def _of_delay(found: Found, unbounded_s: float, deviation_s: float) -> Reasons:
     return []
 
 
-def _of_feedforward(found: Found) -> Reasons:
+def _of_feedforward(found: ParameterEstimate) -> Reasons:
     gain = found.feedforward
     if gain is None:
         return []
@@ -148,11 +150,11 @@ def _of_feedforward(found: Found) -> Reasons:
     return []
 
 
-def _why_wide(found: Found) -> str:
+def _why_wide(found: ParameterEstimate) -> str:
     return "too little excitation for this noise" if found.consistent else "the vehicle is not exactly of second order"
 
 
-def _of_axes(found: Found) -> Reasons:
+def _of_axes(found: ParameterEstimate) -> Reasons:
     reasons: Reasons = []
     wide: list[tuple[float, str]] = []
     for name, axis in zip(_AXES, found.axes, strict=True):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from estimation.identification.excerpts import Excerpt
 from estimation.identification.filter_noise import FilterNoise
 from estimation.identification.output_error import Fit
-from estimation.identification.response import Between
+from estimation.identification.response import InputHold
 from estimation.identification.shaping import Shaping
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.plant.provenance import PlantGrade
@@ -48,7 +48,7 @@ class AxisResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class OrderComparison:
     """Comparison with a third order, an actuator lag: the validation fits, and the ratio of errors.
 
     `error_ratio` is the ratio of the errors on the fitted data, third order to second order.
@@ -75,7 +75,7 @@ class Validation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class ParameterEstimate:
     """The parameters of a plant, x and y, with their covariance (k, k) in the order of `covariance_of`.
 
     `feedforward` is the feed-forward gain, None if no varying velocities were sent. `whitened` is whether errors were
@@ -89,11 +89,11 @@ class Found:
     axes: tuple[AxisResult, AxisResult]
     delay_s: Interval
     covariance: Vector
-    between: Between
+    between: InputHold
     whitened: bool
     consistent: bool
     axes_alike: bool
-    order: Order
+    order: OrderComparison
     shaping: Shaping
     baseline: Plant | None
     baseline_fit_percent: tuple[float, float] | None
@@ -119,4 +119,4 @@ class Identified:
     reasons: tuple[str, ...]
     duration_s: float
     excerpts: int
-    found: Found | None = None
+    found: ParameterEstimate | None = None

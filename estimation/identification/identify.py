@@ -18,12 +18,19 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.identification.coloured_noise import whiteness
-from estimation.identification.excerpts import GRID_S, Excerpt, Recording, excerpts_of
+from estimation.identification.excerpts import GRID_S, Excerpt, MotionRecording, excerpts_of
 from estimation.identification.filter_noise import filter_noise_of
 from estimation.identification.grading import graded, refused
-from estimation.identification.identified import AxisResult, Found, Identified, Interval, Order, Validation
+from estimation.identification.identified import (
+    AxisResult,
+    Identified,
+    Interval,
+    OrderComparison,
+    ParameterEstimate,
+    Validation,
+)
 from estimation.identification.output_error import Fit, Model, delay_spread_s, fit, parameters_of, start_of
-from estimation.identification.response import Between
+from estimation.identification.response import InputHold
 from estimation.identification.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.identification.simulated import PREDICTION_HORIZON_S, fit_percent, simulated
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
@@ -97,7 +104,7 @@ class _Counter:
 
 
 def identify(
-    recordings: Sequence[Recording],
+    recordings: Sequence[MotionRecording],
     on_progress: Callable[[float], None] = lambda _: None,
     others: Mapping[str, Plant] = MappingProxyType({}),
 ) -> Identified:
@@ -137,15 +144,15 @@ class _Parts:
     excerpts: Sequence[Excerpt]
     chosen: _Chosen
     baseline: Plant | None
-    order: Order
+    order: OrderComparison
     shaping: Shaping
     others: Mapping[str, Plant]
 
 
-def _likeliest(recordings: Sequence[Recording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
+def _likeliest(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt], counter: _Counter) -> Fit:
     """Return the whitened fit, with the given assumption about the input between setpoints or the most likely one."""
     sampled = any(recording.sampled for recording in recordings)
-    candidates = (Between.MIXED, Between.LINEAR, Between.MIDWAY) if sampled else (Between.HELD,)
+    candidates = (InputHold.MIXED, InputHold.LINEAR, InputHold.MIDWAY) if sampled else (InputHold.HELD,)
     fed = any(excerpt.fed for excerpt in excerpts)
     start = start_of(excerpts, Model(candidates[0], feedforward=fed))
     counter.step()
@@ -197,13 +204,13 @@ def _causal(excerpts: Sequence[Excerpt], best: Fit, share: float, whitened: bool
     return replace(at_zero, covariance=best.covariance, unbounded_delay_s=float(best.parameters[4]))
 
 
-def _order(excerpts: Sequence[Excerpt], chosen: _Chosen) -> Order:
+def _order(excerpts: Sequence[Excerpt], chosen: _Chosen) -> OrderComparison:
     """Return the comparison with a third order, an actuator lag."""
     second = chosen.trained
     start = np.append(second.parameters, np.log(0.1))
     third = fit(excerpts, replace(second.model, lag=True, delayed=True), start, TRAINED_SHARE, chosen.whitened)
     second_percent, third_percent = (float(np.mean(_prediction_fits(excerpts, each))) for each in (second, third))
-    return Order(
+    return OrderComparison(
         lag_s=float(np.exp(third.parameters[-1])),
         fit_second_percent=second_percent,
         fit_third_percent=third_percent,
@@ -238,7 +245,7 @@ def _result(parts: _Parts) -> Identified:
         baseline_fit = _of_another(parts, parts.baseline)
     others_fit = {name: _of_another(parts, plant) for name, plant in parts.others.items()}
     scale = np.append(np.exp(logs), np.ones(best.parameters.size - 4))
-    found = Found(
+    found = ParameterEstimate(
         axes=(axes[0], axes[1]),
         delay_s=delay,
         covariance=best.covariance * np.outer(scale, scale),

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from estimation.identification.coloured_noise import jackknifed, whitened, whitening_filter
 from estimation.identification.excerpts import GRID_S, Excerpt, grid_s
-from estimation.identification.response import Between, Response, response_of
+from estimation.identification.response import InputHold, Response, response_of
 from estimation.plant.model import Plant
 from estimation.state import Vector
 
@@ -39,7 +39,7 @@ class Model:
     With `alike`, both axes have the same a0 and a1.
     """
 
-    between: Between
+    between: InputHold
     lag: bool = False
     feedforward: bool = False
     delayed: bool = True

@@ -21,7 +21,7 @@ _JUMP_S, _JUMP_SHARE = 1e-3, 0.2
 """A change is a jump if the changes before and after it are smaller than this share of it."""
 
 
-class Between(Enum):
+class InputHold(Enum):
     """The assumption about the input between two setpoints of a log."""
 
     HELD = "held from each until the next"
@@ -31,7 +31,7 @@ class Between(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Steps:
+class SetpointSteps:
     """A setpoint as a sum of steps or of ramps that begin at `time_s` (n,): `size` (n,) in m, or in m/s for ramps.
 
     Before the first of them it is `before_m`.
@@ -47,23 +47,23 @@ class Steps:
 class AxisInput:
     """The input of one axis: its setpoints, and the feed-forward velocities sent with them, if any."""
 
-    position: Steps
-    velocity: Steps | None = None
+    position: SetpointSteps
+    velocity: SetpointSteps | None = None
 
 
-def steps_of(time_s: Vector, setpoint_m: Vector, between: Between) -> Steps:
+def steps_of(time_s: Vector, setpoint_m: Vector, between: InputHold) -> SetpointSteps:
     """Return logged setpoints (n,) at times (n,) as the assumed continuous input."""
     before_m = float(setpoint_m[0])
-    if between is Between.MIXED:
+    if between is InputHold.MIXED:
         time_s, setpoint_m = _with_jumps(time_s, setpoint_m)
-    if between in (Between.LINEAR, Between.MIXED):
+    if between in (InputHold.LINEAR, InputHold.MIXED):
         slopes = np.diff(setpoint_m) / np.diff(time_s)
         changes = np.diff(slopes, prepend=0.0, append=0.0)
-        return Steps(time_s, changes, before_m, ramps=True)
-    at_s = time_s[1:] if between is Between.HELD else (time_s[1:] + time_s[:-1]) / 2.0
+        return SetpointSteps(time_s, changes, before_m, ramps=True)
+    at_s = time_s[1:] if between is InputHold.HELD else (time_s[1:] + time_s[:-1]) / 2.0
     changes = np.diff(setpoint_m)
     moved = changes != 0.0
-    return Steps(at_s[moved], changes[moved], before_m, ramps=False)
+    return SetpointSteps(at_s[moved], changes[moved], before_m, ramps=False)
 
 
 def _with_jumps(time_s: Vector, setpoint_m: Vector) -> tuple[Vector, Vector]:
@@ -105,7 +105,7 @@ class Response:
         s = 1j * rate_rad_s
         return np.asarray(1.0 + (s[:, None] / (s[:, None] - self.poles)) @ self.residues, dtype=np.complex128)
 
-    def forced(self, steps: Steps, delay_s: float, begin_s: float, step_s: float, count: int) -> Vector:
+    def forced(self, steps: SetpointSteps, delay_s: float, begin_s: float, step_s: float, count: int) -> Vector:
         """Return the response (count,) to the setpoint from rest, at begin_s, begin_s + step_s and so on.
 
         It starts at rest at the setpoint of `begin_s`.

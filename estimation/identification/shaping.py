@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from estimation.identification.excerpts import GRID_S, Excerpt
 from estimation.identification.output_error import Fit
-from estimation.identification.response import AxisInput, Steps
+from estimation.identification.response import AxisInput, SetpointSteps
 from estimation.state import Vector
 
 _FINE = 1
@@ -150,7 +150,7 @@ def _flown(
     return paths, held
 
 
-def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Steps]) -> Vector:
+def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[SetpointSteps]) -> Vector:
     """Return the mean of each axis' setpoint over each fine step, for K delays: (F, K, 2)."""
     edges_s = begin_s + np.arange(count * _FINE + 1) * _STEP_S
     inputs = np.empty((count * _FINE, delays_s.size, 2))
@@ -167,7 +167,7 @@ def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[St
     return inputs
 
 
-def _levels(steps: Steps, knots_s: Vector) -> Vector:
+def _levels(steps: SetpointSteps, knots_s: Vector) -> Vector:
     index = np.searchsorted(steps.time_s, knots_s, side="right")
     sums = np.concatenate(([0.0], np.cumsum(steps.size)))
     if not steps.ramps:

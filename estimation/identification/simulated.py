@@ -20,7 +20,7 @@ free motions instead, a slow plant would fit the drift and be rated too well.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Simulated:
+class SimulatedAxis:
     """One axis of an excerpt: times, measured and simulated positions (T,).
 
     `edges` are the begins of the validation windows, and the end of the last.
@@ -44,7 +44,7 @@ class Simulated:
 
 def simulated(
     excerpts: Sequence[Excerpt], plant: Fit, axis: int, share: float, window_s: float = inf
-) -> list[Simulated]:
+) -> list[SimulatedAxis]:
     """Simulate each excerpt from its setpoints only.
 
     Initial state and a constant disturbance are fitted to the first `share`. The rest, for validation, is cut into
@@ -63,7 +63,7 @@ def simulated(
         edges = _edges(trained, count, window_s)
         for begin, end in pairwise(edges) if window_s < inf else ():
             simulated_m[begin:end] += _wander((measured_m - simulated_m)[begin:end])
-        found.append(Simulated(excerpt.time_s, measured_m, simulated_m, edges))
+        found.append(SimulatedAxis(excerpt.time_s, measured_m, simulated_m, edges))
     return found
 
 
@@ -78,7 +78,7 @@ def _edges(trained: int, count: int, window_s: float) -> tuple[int, ...]:
     return tuple(np.linspace(trained, count, windows + 1).astype(int).tolist())
 
 
-def fit_percent(flights: Sequence[Simulated]) -> float:
+def fit_percent(flights: Sequence[SimulatedAxis]) -> float:
     """Return 100 (1 - rms error / rms motion) over the validation windows; below 0 it is worse than no motion.
 
     Motion is relative to the mean of its window.

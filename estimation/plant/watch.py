@@ -27,7 +27,7 @@ _FREE = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class PlantComparison:
     """The prediction error of a plant (rms), that of the best other plant, and which plant that is."""
 
     windows: int
@@ -36,7 +36,7 @@ class Watched:
     best: Plant
 
 
-def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
+def watch(plant: Plant, setpoints: Vector, samples: Vector) -> PlantComparison | None:
     """Compare a plant with a flight: setpoints (S, 3) and positions (K, 3), each row a time [s] and a position [m].
 
     Setpoints with velocities are (S, 5). None without enough excitation to distinguish plants.
@@ -46,7 +46,7 @@ def watch(plant: Plant, setpoints: Vector, samples: Vector) -> Watched | None:
         return None
     left = {each: _unexplained_m(each, windows) for each in (plant, *others(plant))}
     best = min(left, key=left.__getitem__)
-    return Watched(len(windows), left[plant], left[best], best)
+    return PlantComparison(len(windows), left[plant], left[best], best)
 
 
 def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | None:

@@ -15,7 +15,7 @@ from gcs.autopilots.autopilot import (
     Judgement,
     TruthMessage,
 )
-from gcs.autopilots.kind import STUB_UID, Evidence, Kind
+from gcs.autopilots.kind import STUB_UID, Evidence, VehicleKind
 
 SIMULATES = "SIM_OPOS_LAT"
 """A parameter that only firmware with simulation has."""
@@ -40,15 +40,15 @@ MODES = {
 """The modes, numbered in the log and in heartbeats alike."""
 
 
-def _kind(evidence: Evidence) -> Kind:
+def _kind(evidence: Evidence) -> VehicleKind:
     """Return the kind of a vehicle; a board that simulates has the USB vendor id of its maker."""
     if evidence.uid is not None and evidence.uid >> 32 == STUB_UID:
-        return Kind.STUB
+        return VehicleKind.STUB
     if not any(value is not None for value in evidence.parameters.values()) or evidence.vendor_id is None:
-        return Kind.UNKNOWN
+        return VehicleKind.UNKNOWN
     if evidence.parameters.get(SIMULATES) is None:
-        return Kind.FLIGHT
-    return Kind.BOARD if evidence.vendor_id else Kind.SIMULATOR
+        return VehicleKind.FLIGHT
+    return VehicleKind.BOARD if evidence.vendor_id else VehicleKind.SIMULATOR
 
 
 def _failsafe_parameters(time_scale: float) -> Mapping[str, int | float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
-from gcs.autopilots.kind import Evidence, Kind
+from gcs.autopilots.kind import Evidence, VehicleKind
 
 CORDON_ID = 245
 """MAVSDK's system id as a ground station."""
@@ -95,7 +95,7 @@ class Autopilot:
     failed_check: str
     truth: TruthMessage
     estimator: EstimatorDialect
-    kind: Callable[[Evidence], Kind]
+    kind: Callable[[Evidence], VehicleKind]
     failsafe_parameters: Callable[[float], Mapping[str, int | float]]
     judges: Mapping[str, Judge]
     fence_parameters: tuple[str, ...]

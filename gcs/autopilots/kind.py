@@ -8,7 +8,7 @@ STUB_UID = 0x5354_5542
 """The upper half of the unique id that cordon's stubs report, "STUB"."""
 
 
-class Kind(Enum):
+class VehicleKind(Enum):
     """The kind of a vehicle."""
 
     FLIGHT = "real flight"
@@ -21,12 +21,12 @@ class Kind(Enum):
     @property
     def is_simulated(self) -> bool:
         """Whether it is certain that no real vehicle flies; an unknown kind may fly."""
-        return self not in (Kind.FLIGHT, Kind.UNKNOWN)
+        return self not in (VehicleKind.FLIGHT, VehicleKind.UNKNOWN)
 
     @property
     def is_board(self) -> bool:
         """Whether it is hardware with a simulated body: its outputs may be live."""
-        return self in (Kind.BOARD, Kind.BOARD_OUTER)
+        return self in (VehicleKind.BOARD, VehicleKind.BOARD_OUTER)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from gcs.autopilots.autopilot import (
     Judgement,
     TruthMessage,
 )
-from gcs.autopilots.kind import STUB_UID, Evidence, Kind
+from gcs.autopilots.kind import STUB_UID, Evidence, VehicleKind
 
 SIMULATES = "SYS_HITL"
 """The parameter for hardware in the loop."""
@@ -51,18 +51,18 @@ def _mode(custom_mode: int) -> str:
     return MODES.get((main, sub), f"mode {main}.{sub}")
 
 
-def _kind(evidence: Evidence) -> Kind:
+def _kind(evidence: Evidence) -> VehicleKind:
     """Return the kind of a vehicle; unknown if its evidence is contradictory."""
     hitl = evidence.parameters.get(SIMULATES)
     if evidence.uid is None or hitl is None:
-        return Kind.UNKNOWN
+        return VehicleKind.UNKNOWN
     if evidence.hil:
-        return {INNER: Kind.BOARD, OUTER: Kind.BOARD_OUTER}.get(hitl, Kind.UNKNOWN)
+        return {INNER: VehicleKind.BOARD, OUTER: VehicleKind.BOARD_OUTER}.get(hitl, VehicleKind.UNKNOWN)
     if hitl != 0.0:
-        return Kind.UNKNOWN
+        return VehicleKind.UNKNOWN
     if evidence.uid >> 32 == STUB_UID:
-        return Kind.STUB
-    return Kind.SIMULATOR if evidence.uid == SITL_UID + evidence.system_id - 1 else Kind.FLIGHT
+        return VehicleKind.STUB
+    return VehicleKind.SIMULATOR if evidence.uid == SITL_UID + evidence.system_id - 1 else VehicleKind.FLIGHT
 
 
 def _offboard_loss_action(value: float) -> Judgement:

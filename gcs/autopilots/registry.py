@@ -6,7 +6,7 @@ from typing import get_args
 
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from gcs.autopilots.autopilot import Autopilot, Topic
-from gcs.autopilots.kind import Kind
+from gcs.autopilots.kind import VehicleKind
 
 AUTOPILOTS: tuple[Autopilot, ...] = tuple(
     import_module(f"gcs.autopilots.{name}").AUTOPILOT for name in get_args(AutopilotName)
@@ -18,18 +18,18 @@ UNKNOWN = replace(
     label="an unknown autopilot",
     mode=_NAMED["ardupilot"].mode,  # whose numbers other firmware borrows
     parameters_bytewise=False,
-    kind=lambda _evidence: Kind.UNKNOWN,
+    kind=lambda _evidence: VehicleKind.UNKNOWN,
     judges={},
 )
 """Any other: nothing of it is judged; it is asked for the default's messages."""
 
 
-def known_as(name: str) -> Autopilot:
+def autopilot_of(name: str) -> Autopilot:
     """Return the autopilot of a name in a mission, a log or MAVSDK, in whatever case."""
     return _NAMED.get(name.lower(), UNKNOWN)
 
 
-def numbered(number: int) -> Autopilot:
+def autopilot_numbered(number: int) -> Autopilot:
     """Return the autopilot of a MAV_AUTOPILOT."""
     return next((each for each in AUTOPILOTS if each.number == number), UNKNOWN)
 

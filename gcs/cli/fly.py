@@ -137,24 +137,24 @@ def fly(options: FlyOptions) -> int:
     require_station(options.station, options.station_address, options.station_tiles)
     if is_supervised():
         return _fly(options)
-    return _supervise_beside_station(options) if options.station else supervise(json=options.json)
+    return _supervise_with_station(options) if options.station else supervise(json=options.json)
 
 
-def _supervise_beside_station(options: FlyOptions) -> int:
+def _supervise_with_station(options: FlyOptions) -> int:
     """Fly with the operator's page in a separate process; without the page no vehicle flies."""
     from gcs.console.terminal import print_line
     from gcs.flight.supervision.supervisor import supervise
-    from gcs.station.beside import station_beside
+    from gcs.station.station_process import run_station
 
     address = () if options.station_address is None else ("--address", options.station_address)
     tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
     settings = [part for given in options.changes for part in ("--set", given)]
     mission = ["--mission", options.mission, *settings]
-    with station_beside([*mission, *address, *tiles, "--vehicles", _source(options)]) as station:
+    with run_station([*mission, *address, *tiles, "--vehicles", _source(options)]) as station:
         if not station.line:
             return station.exit_code
         print_line(station.line)
-        code = supervise(json=options.json, beside=station)
+        code = supervise(json=options.json, page=station)
         if station.is_kept:
             print_line(f"{station.line} stays open and shows the last state; Ctrl-C closes it")
         station.wait()

@@ -81,12 +81,12 @@ def _read(paths: Sequence[Path], vehicle: int | None) -> "list[VehicleLog]":
 
 
 def _plant(name: str) -> "Plant":
+    from estimation.profile.library import ProfileLibrary
     from estimation.profile.profile import ProfileError
-    from estimation.profile.shelf import ProfileShelf
 
     path = Path(name)
     try:
-        return ProfileShelf(path.parent).load(path.name).plant
+        return ProfileLibrary(path.parent).load(path.name).plant
     except ProfileError as error:
         raise InputError([f"--against: {fault}" for fault in error.faults]) from error
 

@@ -9,6 +9,7 @@ from typing import Annotated, get_args
 
 from cyclopts import Parameter
 
+from agents.settings.shapes import SPACED_SHAPES, SpacedShape
 from estimation.profile.autopilots import AutopilotName
 from gcs.cli.options import Plot
 from gcs.cli.questions import Questions, number, one_of, parsed, whole
@@ -18,7 +19,6 @@ from gcs.mission.template import (
     SEPARATION_M,
     Links,
     NewMission,
-    NewShape,
     least_radius_m,
     own_ports,
     plant_profile,
@@ -26,7 +26,6 @@ from gcs.mission.template import (
 
 LINKS: tuple[Links, ...] = get_args(Links)
 AUTOPILOTS = get_args(AutopilotName)
-SHAPES: tuple[NewShape, ...] = get_args(NewShape)
 TARGETS = {"rest": 0.0, "moving": 0.1}
 """Words for the speed of the target [m/s]."""
 TARGET_MAX_M_S = 5.0
@@ -57,7 +56,7 @@ class NewOptions:
             "as 0.8,0.9,0.1. The default follows --links."
         ),
     ] = None
-    shape: Annotated[NewShape | None, Parameter(help="Shape of the formation.")] = None
+    shape: Annotated[SpacedShape | None, Parameter(help="Shape of the formation.")] = None
     radius: Annotated[float | None, Parameter(help="Radius of the ring in metres.")] = None
     rate: Annotated[
         float | None, Parameter(help="Angular rate on the ring in rad/s; the speed is radius times rate.")
@@ -131,7 +130,9 @@ def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
     links = ask.answer(options.links, "--links", f"Connection: {', '.join(LINKS)}?", "stub", one_of(LINKS))
     profile = options.profile or _profile(ask, options, links)
     plant = parsed("--profile", profile, _plant)
-    shape = ask.answer(options.shape, "--shape", f"Formation: {', '.join(SHAPES)}?", "line", one_of(SHAPES))
+    shape = ask.answer(
+        options.shape, "--shape", f"Formation: {', '.join(SPACED_SHAPES)}?", "line", one_of(SPACED_SHAPES)
+    )
     least_m = least_radius_m(vehicles)
     wide, ring = f"{max(10, ceil(1.5 * least_m))}", number(least_m, 1000.0, f" for {SEPARATION_M:g} m between vehicles")
     radius_m = ask.answer(options.radius, "--radius", "Radius of the ring in m?", wide, ring)
@@ -175,12 +176,12 @@ def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
 
 def _known_profile(folder: Path, text: str) -> str:
     """Return a valid profile name or plant; raises ValueError."""
+    from estimation.profile.library import ProfileLibrary
     from estimation.profile.profile import ProfileError
-    from estimation.profile.shelf import ProfileShelf
 
     if not _plant(text):
         try:
-            ProfileShelf(folder).load(text)
+            ProfileLibrary(folder).load(text)
         except ProfileError as error:
             raise ValueError("; ".join(error.faults)) from error
     return text
@@ -204,5 +205,5 @@ def _target_speed_m_s(text: str) -> float:
 
 def _ports_beside(path: Path) -> set[int]:
     """Return the ports named in the other files of a new mission's folder."""
-    texts = (other.read_text(encoding="utf-8", errors="replace") for other in path.parent.glob("*.toml"))
-    return {int(port) for text in texts for port in _PORT.findall(text)}
+    files = (other.read_text(encoding="utf-8", errors="replace") for other in path.parent.glob("*.toml"))
+    return {int(port) for content in files for port in _PORT.findall(content)}

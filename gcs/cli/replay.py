@@ -61,7 +61,7 @@ def replay(options: ReplayOptions) -> Exit:
     if options.changes:
         result["what_if"] = _what_if(log, options.changes)
     if options.explain is not None:
-        result["story"] = _story(log, options.explain)
+        result["story"] = _timeline(log, options.explain)
     if not options.changes and options.explain is None:
         same, replayed = _replay(log)
         verdict = max(verdict, same)
@@ -85,14 +85,14 @@ def _what_if(log: "FlightLog", changes: tuple[str, ...]) -> dict[str, Any]:
     return what_if_dict(comparison)
 
 
-def _story(log: "FlightLog", vehicle_id: int) -> dict[str, Any]:
+def _timeline(log: "FlightLog", vehicle_id: int) -> dict[str, Any]:
     from gcs.console.terminal import STDERR
     from gcs.replay.timeline import timeline_of
     from gcs.replay.timeline_view import timeline_dict, timeline_view
 
-    story = timeline_of(log, vehicle_id)
-    STDERR.print(timeline_view(story))
-    return timeline_dict(story)
+    timeline = timeline_of(log, vehicle_id)
+    STDERR.print(timeline_view(timeline))
+    return timeline_dict(timeline)
 
 
 def _replay(log: "FlightLog") -> tuple[Exit, dict[str, Any]]:

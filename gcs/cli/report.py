@@ -180,8 +180,8 @@ def _report_vehicle_logs(paths: Sequence[Path], options: ReportOptions) -> Exit:
         raise InputError([f"--plot: {paths[0]} was not recorded by cordon: use --html for its figures"])
     logs = [log for path in paths for log in read_vehicle_logs(path)]
     for log in logs:
-        for line in describe(log):
-            print_line(line)
+        for name, content in describe(log):
+            print_line(f"{name}: {content}" if content else name)
     print_damage(logs)
     html = options.html
     if html is not None:

@@ -60,14 +60,14 @@ def start(options: StartOptions) -> Exit:
 def _show(mission: "Mission", result: "StartResult") -> None:
     from gcs.console.terminal import print_line, print_problem
 
-    for each in result.standings:
+    for each in result.states:
         clock = "" if each.clock_off_s is None else f", its clock at most {each.clock_off_s:.3f} s off the others'"
         answer = result.answers.get(each.vehicle)
         did = "no answer" if answer is None else answer.did
         detail = f": {did}" if result.answers else f": {each.reason}" if each.reason else ""
         style = "red" if each.state == "missing" else ""
         print_line(f"vehicle {each.vehicle}: {each.state}{clock}{detail}", style)
-    missing = [str(each.vehicle) for each in result.standings if each.state == "missing"]
+    missing = [str(each.vehicle) for each in result.states if each.state == "missing"]
     policy, after_s = mission.failsafe.no_operator, mission.failsafe.no_operator_s
     if missing:
         print_problem(f"no vehicle was started: vehicle {', '.join(missing)} is missing", "see above, then start again")
@@ -86,6 +86,6 @@ def _show(mission: "Mission", result: "StartResult") -> None:
 def _json(mission: "Mission", result: "StartResult") -> str:
     vehicles = [
         {**asdict(each), "answer": None if (answer := result.answers.get(each.vehicle)) is None else answer.did}
-        for each in result.standings
+        for each in result.states
     ]
     return json_output({"mission": mission.mission.name, "started": result.started, "vehicles": vehicles})

@@ -139,22 +139,22 @@ def _serve(
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem
     from gcs.signals import relay
-    from gcs.station.beside import FlightPipe, lifeline
     from gcs.station.server import listen
+    from gcs.station.station_process import FlightPipe, flight_pipe
 
     try:
         listening = listen(access)
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
-    beside = lifeline()
-    say = print_line if beside is None else print_result  # a flight reads it, and says it
+    pipe = flight_pipe()
+    say = print_line if pipe is None else print_result  # a flight reads it, and says it
     say(f"page of {subject}: {access.url}")
 
     async def run() -> None:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        if beside is not None:
-            loop.add_reader(beside, FlightPipe(beside, stop.set, lose).read)
+        if pipe is not None:
+            loop.add_reader(pipe, FlightPipe(pipe, stop.set, lose).read)
         else:
             relay(lambda: loop.call_soon_threadsafe(stop.set))
         await serve(listening, stop)

@@ -20,7 +20,7 @@ from gcs.signals import hold_back, pending
 
 if TYPE_CHECKING:
     from gcs.sweep.columns import Column, Row
-    from gcs.sweep.journal import Journal
+    from gcs.sweep.journal import SweepJournal
     from gcs.sweep.plan import SweepPlan
     from gcs.sweep.summary import SweepSummary
     from gcs.sweep.workers import Workers
@@ -132,7 +132,7 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     return planned(options.mission, variations, seeds, dict(map(override, options.changes)), options.duration)
 
 
-def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "Journal", options: SweepOptions) -> None:
+def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "SweepJournal", options: SweepOptions) -> None:
     """Fly the runs that the journal does not hold; raises _EndedError, and InputError without workers."""
     from gcs.console.terminal import print_line
     from gcs.sweep.progress import SweepProgress

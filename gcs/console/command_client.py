@@ -102,7 +102,7 @@ class CommandClient:
         self._numbers = count(randrange(2**32))
         self._sent: dict[int, _Sent] = {}
         self._is_open = False
-        self._met_s: float | None = None
+        self._first_message_s: float | None = None
         self.tactics: dict[int, str] = {}
         """The latest tactic received from each vehicle."""
         self.joined_after_s = 0.0
@@ -173,16 +173,16 @@ class CommandClient:
         try:
             if not stays:
                 await self.open()
-            await self._meet(vehicles)
+            await self._wait_for_team(vehicles)
             self.joined_after_s = monotonic() - began_s
             yield
         finally:
             if not stays:
                 await self.close()
 
-    async def _meet(self, vehicles: Collection[int]) -> None:
-        await self._until(lambda: self._met_s is not None, _RECEIVED_TIMEOUT_S)
-        if self._met_s is None:
+    async def _wait_for_team(self, vehicles: Collection[int]) -> None:
+        await self._until(lambda: self._first_message_s is not None, _RECEIVED_TIMEOUT_S)
+        if self._first_message_s is None:
             raise VehicleRefusedError(
                 f"no vehicle found on the bus within {_RECEIVED_TIMEOUT_S:g} s",
                 "check that the team is running, and that --mission names its mission",
@@ -193,7 +193,7 @@ class CommandClient:
                 "no vehicle has reported its mission yet", "try again: a flight reports it once its vehicles are found"
             )
         self._missions.require_same()
-        rest_s = self._met_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
+        rest_s = self._first_message_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
         await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
 
     @property
@@ -210,7 +210,7 @@ class CommandClient:
     def _on_presence(self, vehicle_id: int, present: bool) -> None:
         (self.present.add if present else self.present.discard)(vehicle_id)
         if present:
-            self._meet_first()
+            self._note_first_message()
 
     def _receive(self, message: BusMessage) -> None:
         self._missions.receive(message)
@@ -219,14 +219,14 @@ class CommandClient:
             self._clocks.receive(message.sender, message.time_s, monotonic())
         if isinstance(message, MemberState):
             self.tactics[message.sender] = message.tactic
-            self._meet_first()
+            self._note_first_message()
         if isinstance(message, CommandAnswer) and message.number in self._sent:
             self._sent[message.number].receive(message)
 
-    def _meet_first(self) -> None:
+    def _note_first_message(self) -> None:
         """Record when the first vehicle was received."""
-        if self._met_s is None:
-            self._met_s = monotonic()
+        if self._first_message_s is None:
+            self._first_message_s = monotonic()
 
     async def _until(self, condition: Callable[[], bool], timeout_s: float) -> None:
         end_s = monotonic() + timeout_s

@@ -9,6 +9,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
+from agents.ports import FlightMode
 from gcs.console.advice import Severity
 from gcs.console.table_view import (
     STYLES,
@@ -26,7 +27,13 @@ from gcs.console.table_view import (
 PLAIN_INTERVAL_S = 30.0
 BATTERY_LOW, BATTERY_CRITICAL = 0.35, 0.2
 LINK_OLD_S = 1.0
-MODE_STYLES = {"offboard": "green", "hold": "yellow", "land": "yellow", "return": "yellow", "unknown": "dim"}
+MODE_STYLES = {
+    FlightMode.OFFBOARD.value: "green",
+    FlightMode.HOLD.value: "yellow",
+    FlightMode.LAND.value: "yellow",
+    FlightMode.RETURN.value: "yellow",
+    FlightMode.UNKNOWN.value: "dim",
+}
 BRACKET_PASTES, DO_NOT_BRACKET_PASTES = "\x1b[?2004h", "\x1b[?2004l"
 """Switch the terminal's bracketed paste mode on and off."""
 LIVE_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (

@@ -7,8 +7,8 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.table_view import TACTIC_STYLES
-from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Judged, Metric, evidence
-from gcs.metrics.ending import FlightEnding
+from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Criterion, Metric, evidence
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import engaged_line
 from gcs.metrics.result import EstimateResult, FlightResult, reference_line, window_line
 from gcs.metrics.reynolds import ReynoldsResult, phases
@@ -32,7 +32,7 @@ def summary(result: FlightResult) -> RenderableType:
     )
 
 
-def _ending(ended: FlightEnding) -> Text:
+def _ending(ended: TeamEnding) -> Text:
     """Return how the flight ended, with the reason below unless the mission was completed."""
     if not ended.is_early:
         return Text(ended.headline, style="bold green")
@@ -43,10 +43,10 @@ def _headline(result: FlightResult) -> Text:
     took = f" in {result.wall_time_line}" if result.wall_time_line else ""
     source = f"  {result.source}, seed {result.seed}, {result.duration_s:g} s{took}"
     reference = f"\n{reference_line(result)}"
-    practice = f"\npractice: {', '.join(result.faults)}" if result.faults else ""
+    faults = f"\ninjected: {', '.join(result.faults)}" if result.faults else ""
     kinds = f"\n{result.kinds_line}" if len({*result.kinds.values()}) > 1 or result.source == "bench" else ""
     return Text.assemble(
-        (result.mission, "bold"), (source, "dim"), (kinds, "yellow"), (reference, "dim"), (practice, "yellow")
+        (result.mission, "bold"), (source, "dim"), (kinds, "yellow"), (reference, "dim"), (faults, "yellow")
     )
 
 
@@ -56,13 +56,13 @@ def _verdict_table(result: FlightResult) -> Table:
     table = Table.grid(padding=(0, 2))
     for verdict in VERDICTS:
         sign, style = VERDICT_SIGNS[held[verdict.name]]
-        measured = ", ".join(_told(*each) for each in evidence(verdict.name, result))
-        told = "; ".join(filter(None, (measured, beside.get(verdict.name))))
-        table.add_row(Text(sign, style=style), Text(verdict.title), Text(told, style="dim"))
+        measured = ", ".join(_worst_text(*each) for each in evidence(verdict.name, result))
+        text = "; ".join(filter(None, (measured, beside.get(verdict.name))))
+        table.add_row(Text(sign, style=style), Text(verdict.title), Text(text, style="dim"))
     return table
 
 
-def _told(metric: Metric, judged: Judged, values: Sequence[float]) -> str:
+def _worst_text(metric: Metric, judged: Criterion, values: Sequence[float]) -> str:
     """Return the worst value in words; of values that are no errors, their range."""
     if judged.desired:
         return _range(judged.noun, values, metric.form.removeprefix("+"), metric.spaced_unit)

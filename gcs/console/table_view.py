@@ -11,14 +11,20 @@ from rich.segment import ControlType, Segment
 from rich.table import Table
 from rich.text import Text
 
+from agents.tactics import NO_TACTIC, Tactic
 from gcs.console.advice import Severity, advice, severity
 from gcs.console.terminal import Printable, printable_lines
 
 REFRESH_HZ = 4.0
 WIDE = 110
 """Terminals with at least this many columns show all columns without abbreviations."""
-SHORT_TACTICS = {"return and land": "return", "pilot override": "PILOT"}
-TACTIC_STYLES = {"formation": "cyan", "encircle": "magenta", "excite": "blue", "unknown": "dim"}
+SHORT_TACTICS = {Tactic.RETURN_AND_LAND.value: "return", Tactic.PILOT_OVERRIDE.value: "PILOT"}
+TACTIC_STYLES = {
+    Tactic.FORMATION.value: "cyan",
+    Tactic.ENCIRCLE.value: "magenta",
+    Tactic.EXCITE.value: "blue",
+    NO_TACTIC: "dim",
+}
 STYLES: dict[Severity, str] = {"information": "", "warning": "yellow", "alarm": "bold red"}
 WORDS: dict[Severity, str] = {"information": "", "warning": "warning: ", "alarm": "ALARM: "}
 SIGNS: dict[Severity, str] = {"information": "", "warning": "!", "alarm": "!!"}
@@ -27,7 +33,7 @@ SAVE_CURSOR = "\x1b7"
 NO_HINT = Text()
 _ALERTS_MAX, _NOTES_MAX, _ROWS_MIN = 4, 2, 3
 _HEADER_LINES = 3
-_GRAVEST_FIRST: tuple[Severity, ...] = ("alarm", "warning", "information")
+_MOST_SEVERE_FIRST: tuple[Severity, ...] = ("alarm", "warning", "information")
 
 
 class TeamRow(Protocol):
@@ -208,7 +214,7 @@ def fence_cell(margin_m: float | None) -> Text:
 def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
     """Return a line for each alert with the next step, the most severe first."""
     whose = _vehicles({row.vehicle_id: row.alert for row in rows})
-    ranked = sorted(whose, key=lambda alert: _GRAVEST_FIRST.index(severity(alert)))
+    ranked = sorted(whose, key=lambda alert: _MOST_SEVERE_FIRST.index(severity(alert)))
     lines = [
         Text(f"{WORDS[severity(alert)]}{whose[alert]}: {alert}: {advice(alert)}", style=STYLES[severity(alert)])
         for alert in ranked
@@ -236,6 +242,6 @@ def _first(lines: list[Text], count: int, what: str) -> list[Text]:
 
 def _most_urgent(rows: Sequence[RowT], count: int) -> Sequence[RowT]:
     """Return `count` rows in their order, preferring those with alerts."""
-    ranked = sorted(range(len(rows)), key=lambda i: (_GRAVEST_FIRST.index(severity(rows[i].alert)), i))
+    ranked = sorted(range(len(rows)), key=lambda i: (_MOST_SEVERE_FIRST.index(severity(rows[i].alert)), i))
     # One line less, for the number of omitted rows.
     return rows if len(rows) <= count else [rows[i] for i in sorted(ranked[: count - 1])]

@@ -20,7 +20,7 @@ State = Literal["ready", "flying", "missing"]
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class StartState:
     """The state of one vehicle before the start: why it is missing, and its clock's offset to its peers' [s]."""
 
     vehicle: int
@@ -30,7 +30,7 @@ class Standing:
 
 
 @dataclass(slots=True)
-class TeamRoll:
+class StartReports:
     """The vehicles' reports received so far."""
 
     mission: Mission
@@ -47,30 +47,32 @@ class TeamRoll:
             case _:
                 pass
 
-    def standings(self, present: Collection[int]) -> Sequence[Standing]:
+    def states(self, present: Collection[int]) -> Sequence[StartState]:
         """Return the state of each vehicle; `present` are those on the bus."""
-        return [self._standing(each, present=each in present) for each in self.mission.ids]
+        return [self._state(each, present=each in present) for each in self.mission.ids]
 
-    def _standing(self, vehicle: int, *, present: bool) -> Standing:
+    def _state(self, vehicle: int, *, present: bool) -> StartState:
         report = self._reports.get(vehicle)
         if not present:
-            return Standing(vehicle, "missing", _NO_AGENT)
+            return StartState(vehicle, "missing", _NO_AGENT)
         if report is None:
-            return Standing(vehicle, "missing", _NO_REPORT)
+            return StartState(vehicle, "missing", _NO_REPORT)
         if self._of_another.get(vehicle):
-            return Standing(vehicle, "missing", _OTHER_MISSION)
+            return StartState(vehicle, "missing", _OTHER_MISSION)
         if report.ended:
-            return Standing(vehicle, "missing", f"its flight has ended: {report.ended}")
-        if report.lacks is not None:
-            return Standing(vehicle, "missing" if report.lacks else "ready", report.lacks, report.clock_off_s)
-        return Standing(vehicle, "flying") if report.armed else Standing(vehicle, "missing", _NOT_WAITING)
+            return StartState(vehicle, "missing", f"its flight has ended: {report.ended}")
+        if report.start_blockers is not None:
+            return StartState(
+                vehicle, "missing" if report.start_blockers else "ready", report.start_blockers, report.clock_off_s
+            )
+        return StartState(vehicle, "flying") if report.armed else StartState(vehicle, "missing", _NOT_WAITING)
 
 
 @dataclass(frozen=True, slots=True)
 class StartResult:
     """The vehicles' states, and their answers to the start; no answers if it was not sent."""
 
-    standings: Sequence[Standing]
+    states: Sequence[StartState]
     answers: Mapping[int, CommandResult | None] = field(default_factory=dict)
 
     @property
@@ -84,17 +86,17 @@ async def start_team(mission: Mission, operator: Identity, wait_s: float) -> Sta
 
     Raises VehicleRefusedError if the bus cannot be joined, or the team flies another mission.
     """
-    roll = TeamRoll(mission)
-    client = CommandClient(mission, operator, roll.receive)
+    reports = StartReports(mission)
+    client = CommandClient(mission, operator, reports.receive)
     try:
         await client.open()
         end_s = asyncio.get_running_loop().time() + wait_s
         while True:
-            standings = roll.standings(client.present)
-            complete = all(each.state != "missing" for each in standings)
+            states = reports.states(client.present)
+            complete = all(each.state != "missing" for each in states)
             if complete or asyncio.get_running_loop().time() >= end_s:
                 break
             await asyncio.sleep(_POLL_S)
-        return StartResult(standings, await client.command("start", mission.ids, None) if complete else {})
+        return StartResult(states, await client.command("start", mission.ids, None) if complete else {})
     finally:
         await client.close()

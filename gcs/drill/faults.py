@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from agents.safety.failsafe import ROWS, Condition, Reaction, grace_s
 from agents.tactics import Tactic
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.drill.judge import Expectation
 from gcs.drill.roles import Roles
 from gcs.flight.faults.catalogue import BUS_DELAY_S, LINK_DELAY_S, fault_named, required_fault
@@ -108,10 +108,10 @@ def _jump(roles: Roles) -> Expectation:
 
 def _out_of_offboard_s(roles: Roles, vehicles: tuple[int, ...]) -> dict[int, float]:
     """Return the time limit for each vehicle's autopilot to leave offboard by itself."""
-    return {i: known_as(roles.mission.vehicle(i).autopilot).leaves_offboard_s for i in vehicles}
+    return {i: autopilot_of(roles.mission.vehicle(i).autopilot).leaves_offboard_s for i in vehicles}
 
 
-def dead(roles: Roles) -> Expectation:
+def agents_ended(roles: Roles) -> Expectation:
     """Expect that all vehicles leave offboard: their agents have ended."""
     limits_s = _out_of_offboard_s(roles, roles.airborne)
     return Expectation(
@@ -157,7 +157,7 @@ def _flooded(roles: Roles) -> Expectation:
     return others(roles)
 
 
-def _doubted(roles: Roles) -> Expectation:
+def _peer_doubtful(roles: Roles) -> Expectation:
     others = by_table(Condition.PEER_DOUBTFUL, lambda roles: roles.others, found_within_s=CONTRADICTED_S)
     return others(roles)
 
@@ -186,8 +186,8 @@ DRILLS: tuple[Drill, ...] = (
         f"the others: {_reaction(Condition.BUS_FLOODED)} ({FLOOD_HZ:g} messages a second)",
         _flooded,
     ),
-    Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _doubted),
-    Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _doubted),
+    Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _peer_doubtful),
+    Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _peer_doubtful),
     Drill(
         "one vehicle not heard",
         f"the others: {_reaction(Condition.PEER_SILENT)}",
@@ -261,9 +261,9 @@ DRILLS: tuple[Drill, ...] = (
         by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", dead, ends_flight=True),
-    Drill("frozen agent", "all out of offboard", dead, ends_flight=True),
-    Drill("frozen interpreter", "all out of offboard", dead, ends_flight=True),
+    Drill("killed agent", "all out of offboard", agents_ended, ends_flight=True),
+    Drill("frozen agent", "all out of offboard", agents_ended, ends_flight=True),
+    Drill("frozen interpreter", "all out of offboard", agents_ended, ends_flight=True),
 )
 """In an order that one flight allows: first those that a vehicle resumes from, then those after which it lands, and
 last those that end the flight."""

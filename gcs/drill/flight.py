@@ -15,18 +15,19 @@ import msgspec
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
+from agents.tactics import Tactic
 from agents.team.messages import BusMessage, MemberState
 from estimation.frames import Triple
-from estimation.profile.shelf import bundled_profiles
+from estimation.profile.library import bundled_profiles
 from gcs.console.command_client import CommandClient
 from gcs.console.team_bus import guest_bus
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
 from gcs.drill.roles import Roles
 from gcs.flight.faults.catalogue import required_fault
-from gcs.flight.faults.injection import Injection, Scene
-from gcs.flight.faults.stranger import Stranger
+from gcs.flight.faults.injection import Injection, TeamInFlight
 from gcs.flight.faults.team_faults import TeamFaults
+from gcs.flight.faults.unauthorised_client import UnauthorisedClient
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 
@@ -51,7 +52,7 @@ class ProcessUnderTest:
         self._writer: asyncio.StreamWriter | None = None
         self._untaken = 0
 
-    async def meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Accept its connection, as a server's callback."""
         self.pid = int(await reader.readline())
         self._reader, self._writer = reader, writer
@@ -94,7 +95,7 @@ class DrillFlight:
         self._process: asyncio.subprocess.Process | None = None
         self._output = ""
         self._keys: TeamKeys = NoKeys()
-        self._stranger: asyncio.Task[None] | None = None
+        self._unauthorised_client: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
         """Start it; raises VehicleRefusedError."""
@@ -124,8 +125,8 @@ class DrillFlight:
         with self.clock.held():
             await self._under_test.taken()
 
-    def _scene(self, roles: Roles) -> Scene:
-        return Scene(roles.mission, roles.subject, roles.airborne, self.places_m())
+    def _scene(self, roles: Roles) -> TeamInFlight:
+        return TeamInFlight(roles.mission, roles.subject, roles.airborne, self.places_m())
 
     def places_m(self) -> Mapping[int, Triple]:
         """Return the vehicles' reported positions [m]."""
@@ -134,8 +135,8 @@ class DrillFlight:
     def _inject(self, injection: Injection) -> None:
         if injection.signal is not None:
             os.kill(self._under_test.pid, injection.signal)
-        if injection.stranger:
-            self._intrude()
+        if injection.unauthorised_client:
+            self._start_unauthorised_client()
         self._under_test.inject(injection.team)
 
     async def serve(self, stack: AsyncExitStack) -> None:
@@ -149,14 +150,14 @@ class DrillFlight:
     def clear_faults(self) -> None:
         """Clear all faults that can be cleared."""
         self._under_test.inject(TeamFaults())
-        if self._stranger is not None:
-            self._stranger.cancel()
-            self._stranger = None
+        if self._unauthorised_client is not None:
+            self._unauthorised_client.cancel()
+            self._unauthorised_client = None
 
-    def _intrude(self) -> None:
+    def _start_unauthorised_client(self) -> None:
         """Send forged messages and commands in the vehicles' names, until the faults are cleared."""
-        self._stranger = asyncio.create_task(Stranger(self.mission, self.clock).run())
-        self._stack.push_async_callback(_cancelled, self._stranger)
+        self._unauthorised_client = asyncio.create_task(UnauthorisedClient(self.mission, self.clock).run())
+        self._stack.push_async_callback(_cancelled, self._unauthorised_client)
 
     async def until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Wait for a condition; return whether it became true."""
@@ -179,7 +180,9 @@ class DrillFlight:
             ):
                 return False
             radii = self.log.radii_m[vehicle]
-            return tactics(vehicle) != "encircle" or (bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m)
+            return tactics(vehicle) != Tactic.ENCIRCLE.value or (
+                bool(radii) and abs(radii[-1][1] - radius_m) < 0.1 * radius_m
+            )
 
         with suppress(TimeoutError):
             async with asyncio.timeout(_BEGUN_TIMEOUT_S):
@@ -207,7 +210,7 @@ class DrillFlight:
         self._write_profiles(folder)
         await self.serve(self._stack)
         self._keys = self._stack.enter_context(flight_keys(self.mission))
-        server = await asyncio.start_unix_server(self._under_test.meet, path)
+        server = await asyncio.start_unix_server(self._under_test.accept, path)
         self._stack.callback(server.close)
         await self._fly(mission_file, path)
         await self._listen()

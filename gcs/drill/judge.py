@@ -11,10 +11,12 @@ from itertools import combinations
 from math import degrees, hypot, tau
 from typing import NamedTuple
 
+from agents.ports import FlightMode
+from agents.tactics import Tactic
 from estimation.frames import Triple
 
-OFFBOARD = "offboard"
-ON_MISSION = ("formation", "encircle")
+OFFBOARD = FlightMode.OFFBOARD.value
+ON_MISSION = (Tactic.FORMATION.value, Tactic.ENCIRCLE.value)
 NEAR_TOLERANCE_M = 0.3
 SAME_HEIGHT_M = 1.0
 PLACE_PERIOD_S = 0.02
@@ -34,7 +36,7 @@ class ReportedStatus(NamedTuple):
     alert: str
 
 
-class Place(NamedTuple):
+class TeamPositions(NamedTuple):
     """Positions of the airborne vehicles at a time."""
 
     time_s: float
@@ -49,7 +51,7 @@ class TeamLog:
     reported: defaultdict[int, list[ReportedStatus]] = field(default_factory=lambda: defaultdict(list))
     received_s: dict[int, float] = field(default_factory=dict)
     setpoint_s: dict[int, float] = field(default_factory=dict)
-    places: list[Place] = field(default_factory=list)
+    places: list[TeamPositions] = field(default_factory=list)
     radii_m: defaultdict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     bearings_rad: dict[int, tuple[float, float]] = field(default_factory=dict)
 
@@ -67,7 +69,7 @@ class TeamLog:
     def note_places(self, time_s: float, position_m: dict[int, Triple]) -> None:
         """Record the positions of the airborne vehicles."""
         if not self.places or time_s - self.places[-1].time_s >= PLACE_PERIOD_S:
-            self.places.append(Place(time_s, position_m))
+            self.places.append(TeamPositions(time_s, position_m))
 
     def mode(self, vehicle: int) -> str:
         """Return the present flight mode, empty if unknown."""
@@ -99,7 +101,7 @@ class TeamLog:
 
     def uneven_deg(self, vehicles: tuple[int, ...]) -> float | None:
         """Return by how much the widest gap on the ring exceeds an even one; None if a vehicle is not on the ring."""
-        if any(each not in self.bearings_rad or self.tactic(each) != "encircle" for each in vehicles):
+        if any(each not in self.bearings_rad or self.tactic(each) != Tactic.ENCIRCLE.value for each in vehicles):
             return None
         bearings = sorted(self.bearings_rad[each][1] % tau for each in vehicles)
         gaps = [after - before for before, after in zip(bearings, [*bearings[1:], bearings[0] + tau], strict=True)]

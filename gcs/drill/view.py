@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
@@ -10,6 +10,15 @@ from gcs.drill.run import DrillRow
 from gcs.metrics.json_output import json_output
 
 _VERDICTS = {True: Text("holds", style="green"), False: Text("FAILS", style="bold red"), None: Text("-", style="dim")}
+
+_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+    ("fault", "left"),
+    ("expected", "left"),
+    ("within [s]", "right"),
+    ("after [s]", "right"),
+    ("verdict", "left"),
+    ("", "left"),
+)
 
 
 class DrillProgress:
@@ -36,8 +45,8 @@ class DrillProgress:
 def drill_table(mission: str, rows: Sequence[DrillRow]) -> Table:
     """Return all results as a table."""
     table = Table(title=f"drills of {mission}", title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for name in ("fault", "expected", "within [s]", "after [s]", "verdict", ""):
-        table.add_column(name, justify="right" if name.endswith("[s]") else "left")
+    for name, justify in _COLUMNS:
+        table.add_column(name, justify=justify)
     for row in rows:
         numbers = ("-" if value is None else f"{value:.2f}" for value in (row.limit_s, row.measured_s))
         table.add_row(row.fault, row.expected, *numbers, _VERDICTS[row.holds], Text(row.detail))

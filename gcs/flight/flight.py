@@ -8,18 +8,19 @@ from contextlib import AsyncExitStack, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 
+from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
-from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
+from agents.shell.outcome import BY_OPERATOR, Outcome, Stop
 from gcs.console.live import LiveView
+from gcs.flight.fault_injector import FaultInjector
 from gcs.flight.keyboard import command_by_keyboard
 from gcs.flight.plan import FlightPlan
-from gcs.flight.practice import Practice
 from gcs.flight.preparation import Readiness, StartWait
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
-from gcs.flight.team import Member, Team
+from gcs.flight.team import FlightTeam, Member
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
 from gcs.keys.team_keys import flight_keys
@@ -35,11 +36,11 @@ from sitl.server.shared_clock import ClockError, Rank, new_clock
 PREPARING_SPEED = 10.0
 """The highest speed of stubs before take-off: connecting to them takes wall time, in which the flight would go on."""
 _UNSUPERVISED = Unsupervised()
-_ORPHANED = Outcome(Ending.ORPHANED, "the flight's supervisor process had ended")
+_ORPHANED = Outcome(FlightEnd.WATCHDOG, "the flight's supervisor process had ended")
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class FlightOutcome:
     """The result: each vehicle's outcome, the record if the mission began, and the speeds requested and reached."""
 
     outcomes: dict[int, Outcome]
@@ -53,24 +54,24 @@ async def fly(
     view: LiveView,
     report: FindingsReport = lambda _findings: None,
     supervisor: SupervisorLink = _UNSUPERVISED,
-) -> Flight:
+) -> FlightOutcome:
     """Fly; raises VehicleRefusedError when the team cannot or must not take off. `report` receives the findings.
 
     Raises InputError when the keys of the team, or of signed links, are missing or not valid.
 
     Ctrl-C makes every vehicle hold, then land; a second Ctrl-C makes them land at once.
     """
-    practice = Practice(plan.faults)
+    injector = FaultInjector(plan.faults)
     if plan.faults:
-        plan = replace(plan, equipment=practice.equipment())
+        plan = replace(plan, equipment=injector.equipment())
     with ExitStack() as stack:
         clock = _mission_clock(plan, stack)
         keys = stack.enter_context(flight_keys(plan.mission))
         recording: Recording = Unrecorded()
         if plan.log is not None:
             recording = stack.enter_context(FlightRecording(plan.log, clock))
-        team = Team(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
-        return await _fly(team, report, supervisor, practice)
+        team = FlightTeam(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
+        return await _fly(team, report, supervisor, injector)
 
 
 def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
@@ -103,7 +104,9 @@ def _at_speed(speed: float | None, clock: MissionClock) -> Iterator[None]:
             clock.set_speed(before)
 
 
-async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, practice: Practice) -> Flight:
+async def _fly(
+    team: FlightTeam, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector
+) -> FlightOutcome:
     plan, clock = team.plan, team.clock
     team.recording.begin(plan.run(clock.time_scale))
     # First: a url that stubs cannot serve is bad input, also while a port is in use.
@@ -112,7 +115,7 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         loop = asyncio.get_running_loop()
         claims = stack.enter_context(flight_claims(plan.mission, plan.stubs))
         supervisor.relay(
-            lambda: loop.call_soon_threadsafe(team.stop.ask, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
+            lambda: loop.call_soon_threadsafe(team.stop.request, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
         stubs = await stack.enter_async_context(flight_stubs)
         if plan.needs_prompt_computer:  # after the stubs: they do not inherit it
@@ -134,11 +137,11 @@ async def _fly(team: Team, report: FindingsReport, supervisor: SupervisorLink, p
         began_s, began_mission_s = perf_counter(), clock.now_s()
         async with supervisor.follow(clock):
             with _at_speed(plan.speed, clock):
-                outcomes = await _fly_members(team, Watch(team, report, hint), practice.run(team, stubs))
+                outcomes = await _fly_members(team, Watch(team, report, hint), injector.run(team, stubs))
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
-    return Flight(outcomes, record, plan.speed or clock.speed, mission_time_s / wall_time_s)
+    return FlightOutcome(outcomes, record, plan.speed or clock.speed, mission_time_s / wall_time_s)
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:
@@ -157,7 +160,7 @@ async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) ->
             await task
 
 
-async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) -> None:
+async def _prepare(team: FlightTeam, target: TargetVehicle, report: FindingsReport) -> None:
     """Connect, agree on the clock's speed and check everything before a vehicle is armed."""
     await team.connect()
     await target.connect()
@@ -176,8 +179,8 @@ async def _prepare(team: Team, target: TargetVehicle, report: FindingsReport) ->
         )
 
 
-async def _fly_members(team: Team, watch: Watch, practice: Coroutine[None, None, None]) -> dict[int, Outcome]:
-    beside = [asyncio.create_task(watch.run()), asyncio.create_task(practice)]
+async def _fly_members(team: FlightTeam, watch: Watch, injection: Coroutine[None, None, None]) -> dict[int, Outcome]:
+    beside = [asyncio.create_task(watch.run()), asyncio.create_task(injection)]
     try:
         outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
     finally:
@@ -187,15 +190,17 @@ async def _fly_members(team: Team, watch: Watch, practice: Coroutine[None, None,
     return {member.vehicle.id: outcome for member, outcome in zip(team.members, outcomes, strict=True)}
 
 
-async def _fly_member(team: Team, member: Member) -> Outcome:
+async def _fly_member(team: FlightTeam, member: Member) -> Outcome:
     try:
         outcome = await member.agent.fly(team.plan.duration_s, team.stop)
     except Exception as error:  # a bug in one agent must not leave the other vehicles without control
         traceback.print_exc()
-        team.stop.ask(Outcome(Ending.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
-        return Outcome(Ending.FAILED, f"{type(error).__name__}: {error}", "report this with the text above", flew=True)
+        team.stop.request(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
+        return Outcome(
+            FlightEnd.ERROR, f"{type(error).__name__}: {error}", "report this with the text above", flew=True
+        )
     never_began = member.agent.start_s is None and not team.stop.wanted.is_set()
-    if never_began or (outcome.ending is Ending.REFUSED and not outcome.flew):
+    if never_began or (outcome.how is FlightEnd.REFUSED and not outcome.flew):
         # The mission needs every vehicle: those in the air land again.
-        team.stop.ask(Outcome(Ending.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
+        team.stop.request(Outcome(FlightEnd.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
     return outcome

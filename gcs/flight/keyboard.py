@@ -13,13 +13,13 @@ from gcs.console.keyboard.commands import KeyCommands
 from gcs.console.keyboard.keyboard import Keyboard
 from gcs.console.team_bus import guest_bus
 from gcs.errors import InputError
-from gcs.flight.team import Team
+from gcs.flight.team import FlightTeam
 from gcs.keys.identity import Identity, user_name
 
 _HERE_ONLY = "the keyboard commands the vehicles of this process only: there is no operator key for the others"
 
 
-async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[], Text]:
+async def command_by_keyboard(team: FlightTeam, stack: AsyncExitStack) -> Callable[[], Text]:
     """Let the keyboard command the team until the stack ends; return the text below the table about it.
 
     Without a terminal no key is read. Raises VehicleRefusedError when the bus to other vehicles cannot be opened.
@@ -41,14 +41,14 @@ async def command_by_keyboard(team: Team, stack: AsyncExitStack) -> Callable[[],
     return (lambda: commands.hint) if keyboard.active else Text
 
 
-def _piloted(team: Team) -> set[int]:
+def _piloted(team: FlightTeam) -> set[int]:
     """Return the vehicles that pilots fly, of this process and of others."""
     newest, pilot = team.newest.values(), Tactic.PILOT_OVERRIDE
     here = {status.vehicle_id for status in newest if status.tactic is pilot}
     return here | {peer.sender for status in newest for peer in status.peers if peer.tactic == pilot.value}
 
 
-async def _opened(team: Team, identity: Identity, stack: AsyncExitStack) -> PeerBus:
+async def _opened(team: FlightTeam, identity: Identity, stack: AsyncExitStack) -> PeerBus:
     """Return the bus to vehicles of other processes, which accept no commands from a vehicle's own bus."""
     bus = guest_bus(team.plan.mission, identity)
     stack.push_async_callback(bus.close)

@@ -90,5 +90,5 @@ class FlightPlan:
             speed=speed,
             began_s=time(),
             duration_s=self.duration_s,
-            faults=[fault.given for fault in self.faults],
+            faults=[fault.injected.given for fault in self.faults],
         )

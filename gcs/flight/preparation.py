@@ -5,9 +5,8 @@ import time
 from collections.abc import Sequence
 
 from agents.ports import VehicleRefusedError
-from gcs.flight.team import Team
-from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade
-from gcs.preflight.findings_view import joined_subjects
+from gcs.flight.team import FlightTeam
+from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, Subject, subjects_text
 from gcs.preflight.preflight import worst
 
 FIRST_REPORTS_S = 3.0
@@ -16,9 +15,9 @@ PERIOD_S = 1.0
 
 
 class Readiness:
-    """The wait for one team, at most `plan.wait_s` wall seconds from now; shows what each vehicle lacks."""
+    """The wait for one team, at most `plan.wait_s` wall seconds from now; shows the start blockers."""
 
-    def __init__(self, team: Team) -> None:
+    def __init__(self, team: FlightTeam) -> None:
         self._team = team
         self._end_s = time.monotonic() + team.plan.wait_s
         self._shown: set[tuple[str, str]] = set()
@@ -43,33 +42,33 @@ class Readiness:
         while True:
             facts, computer = await asyncio.gather(self._team.facts(settle_s), self._team.computer())
             findings = self._team.plan.findings(facts, computer)
-            lacks = about_to_pass(findings)
+            blockers = about_to_pass(findings)
             well = worst(findings) is not Grade.REFUSE
-            if self._left_s <= 0.0 or (not lacks and (decides or (well and not self._shown))):
+            if self._left_s <= 0.0 or (not blockers and (decides or (well and not self._shown))):
                 break
-            settle_s, decides = min(PERIOD_S, self._left_s), not lacks
-            if lacks:
-                lines = [f"waiting until these are ready, {self._left_s:.0f} s left:", *lack_lines(lacks)]
-                self._show(lines, {(each.subject, each.check) for each in lacks})
+            settle_s, decides = min(PERIOD_S, self._left_s), not blockers
+            if blockers:
+                lines = [f"waiting until these are ready, {self._left_s:.0f} s left:", *blocker_lines(blockers)]
+                self._show(lines, {(each.subject, each.check) for each in blockers})
             elif self._shown and self._team.plan.speed is None and not self._team.plan.is_governed:
                 await self.measure_speed()
         if self._shown:
             self._team.view.update([], 0.0)
         for each in facts:
-            self._team.meet(each)
+            self._team.begin_vehicle(each)
         return findings
 
     @property
     def _left_s(self) -> float:
         return max(0.0, self._end_s - time.monotonic())
 
-    def _show(self, lines: Sequence[str], lacks: set[tuple[str, str]]) -> None:
-        """Show what the vehicles lack: on a terminal always, elsewhere when it has changed."""
+    def _show(self, lines: Sequence[str], blockers: set[tuple[str, str]]) -> None:
+        """Show the start blockers: on a terminal always, elsewhere when they have changed."""
         if self._team.view.is_live:
             self._team.view.update([], 0.0, "\n".join(lines))
-        elif lacks != self._shown:
+        elif blockers != self._shown:
             self._team.view.print_line("\n".join(lines))
-        self._shown = lacks
+        self._shown = blockers
 
 
 def about_to_pass(findings: Sequence[Finding]) -> Sequence[Finding]:
@@ -78,12 +77,12 @@ def about_to_pass(findings: Sequence[Finding]) -> Sequence[Finding]:
     return refused if all(each.temporary for each in refused) else []
 
 
-def lack_lines(lacks: Sequence[Finding]) -> list[str]:
-    """Return a line for each lack, with the vehicles concerned."""
-    subjects: dict[str, list[str]] = {}
-    for each in lacks:
-        subjects.setdefault(each.found, []).append(each.subject)
-    return [f"  {joined_subjects(named)}: {found}" for found, named in subjects.items()]
+def blocker_lines(blockers: Sequence[Finding]) -> list[str]:
+    """Return a line for each start blocker, with the vehicles concerned."""
+    subjects: dict[str, list[Subject]] = {}
+    for each in blockers:
+        subjects.setdefault(each.found, []).append(each.about)
+    return [f"  {subjects_text(named)}: {found}" for found, named in subjects.items()]
 
 
 CHECK_AGAIN_S = 3.0
@@ -93,7 +92,7 @@ CHECK_AGAIN_S = 3.0
 class StartWait:
     """Checks the vehicles of one team repeatedly, and lets each report what forbids its start."""
 
-    def __init__(self, team: Team) -> None:
+    def __init__(self, team: FlightTeam) -> None:
         self._team = team
         self._shown: list[str] = []
 
@@ -109,17 +108,17 @@ class StartWait:
                 break
         self._team.view.update([], 0.0)
         for each in facts:
-            self._team.meet(each)
+            self._team.begin_vehicle(each)
         return findings
 
     def _wait(self, findings: Sequence[Finding]) -> None:
-        """Let the vehicles that are not started yet report what they lack; show it when it has changed."""
+        """Let the vehicles that are not started yet report their start blockers; show them when they have changed."""
         lines = []
         for member in self._team.members:
             if not member.agent.started.is_set():
-                lacks = lacking(member.vehicle.id, findings)
-                member.agent.wait_on_ground(lacks)
-                lines.append(f"vehicle {member.vehicle.id} waits for its start: {lacks or 'ready'}")
+                blockers = start_blockers(member.vehicle.id, findings)
+                member.agent.wait_on_ground(blockers)
+                lines.append(f"vehicle {member.vehicle.id} waits for its start: {blockers or 'ready'}")
         if lines != self._shown:
             self._shown = lines
             self._team.view.print_line("\n".join(lines))
@@ -134,8 +133,8 @@ class StartWait:
         return True
 
 
-def lacking(vehicle_id: int, findings: Sequence[Finding]) -> str:
+def start_blockers(vehicle_id: int, findings: Sequence[Finding]) -> str:
     """Return what forbids a vehicle's start, empty if nothing does: the first refusal that concerns it."""
-    subjects = (MISSION, COMPUTER, f"vehicle {vehicle_id}")
-    refusals = (each for each in findings if each.grade is Grade.REFUSE and each.subject in subjects)
+    subjects = (MISSION, COMPUTER, vehicle_id)
+    refusals = (each for each in findings if each.grade is Grade.REFUSE and each.about in subjects)
     return next((f"{each.check}: {each.found}" for each in refusals), "")

@@ -7,17 +7,19 @@ from dataclasses import replace
 from functools import partial
 from math import isinf
 
+from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
-from agents.shell.outcome import Ending, Outcome
+from agents.shell.outcome import Outcome
 from gcs.console.advice import late_ticks
-from gcs.console.backlog import unblocked
+from gcs.console.buffered_output import unblocked
 from gcs.console.live import LiveView
 from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flight.supervision.heartbeat import SupervisorHeartbeat
+from gcs.metrics.ending import HEADLINES
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
@@ -75,15 +77,15 @@ def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
 
 def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
     """Report each vehicle whose flight was not completed, and return the command's exit code."""
-    failed = {i: outcome for i, outcome in outcomes.items() if outcome.ending is not Ending.COMPLETED}
+    failed = {i: outcome for i, outcome in outcomes.items() if outcome.how is not FlightEnd.LANDED}
     for vehicle_id, outcome in failed.items():
-        print_problem(f"vehicle {vehicle_id} {outcome.ending.value}: {outcome.reason}", outcome.next_step)
+        print_problem(f"{HEADLINES[outcome.how]}: vehicle {vehicle_id}: {outcome.reason}", outcome.next_step)
     if not failed:
         return verdict
     return Exit.ENDED_IN_FLIGHT if any(outcome.flew for outcome in outcomes.values()) else Exit.REFUSED
 
 
-def _warn_of_lateness(flight: Flight, record: FlightRecord, *, slower: bool) -> None:
+def _warn_of_lateness(flight: FlightOutcome, record: FlightRecord, *, slower: bool) -> None:
     """Report a computer that was too slow, with advice; `slower` is whether the flight could have been slower."""
     if isinf(flight.speed):
         print_line(f"this computer reached speed {flight.speed_reached:.1f}")

@@ -10,12 +10,13 @@ import numpy as np
 
 from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
+from agents.flight_end import FlightEnd
 from agents.inputs import Message, Presence, Start
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
-from agents.tactics import Tactic
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import POSITION, VELOCITY
-from gcs.metrics.ending import How, VehicleEnding
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
@@ -87,7 +88,7 @@ class _Observed:
     """The vehicles' decisions: tactics (T, N), events, the guard's interventions, and the latest status."""
 
     def __init__(self, ticks: int, vehicles: int) -> None:
-        self.tactics = np.full((ticks, vehicles), "unknown", dtype="<U16")
+        self.tactics = np.full((ticks, vehicles), NO_TACTIC, dtype="<U16")
         self.events: list[FlightEvent] = []
         self.guard = GuardTally()
         self._latest: list[CoreStatus | None] = [None] * vehicles
@@ -104,9 +105,9 @@ class _Observed:
     def endings(self, vehicle_ids: Sequence[int]) -> tuple[VehicleEnding, ...]:
         """Return how the flights ended: in the air at the end of the simulation, or earlier by a failsafe landing."""
         return tuple(
-            VehicleEnding(vehicle_id, How.FAILSAFE, status.alert)
+            VehicleEnding(vehicle_id, FlightEnd.FAILSAFE, status.alert)
             if status is not None and status.alert and status.tactic in _COMES_DOWN
-            else VehicleEnding(vehicle_id, How.SIMULATED, "in the air when the simulation ended")
+            else VehicleEnding(vehicle_id, FlightEnd.SIMULATED, "in the air when the simulation ended")
             for vehicle_id, status in zip(vehicle_ids, self._latest, strict=True)
         )
 

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
 from estimation.frames import Triple
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.errors import InputError
 from gcs.link.relay.signing import wall_ticks
 from gcs.link.signing_keys import signing_keys
@@ -78,7 +78,7 @@ def prepared_configs(mission: Mission, ids: Collection[int], time_scale: float) 
     return [
         replace(
             config,
-            parameters=known_as(config.autopilot).failsafe_parameters(time_scale),
+            parameters=autopilot_of(config.autopilot).failsafe_parameters(time_scale),
             signing_key=keys.get(config.vehicle_id),
         )
         for config in stub_configs(mission, url_ports(mission, ids))

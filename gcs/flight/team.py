@@ -12,7 +12,7 @@ from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock, WallClock
-from agents.shell.outcome import Ending, Outcome, Stop
+from agents.shell.outcome import Outcome, Stop
 from agents.shell.parts import AgentParts
 from agents.team.external_positions import ExternalPositions
 from agents.team.perception import Perception
@@ -27,7 +27,7 @@ from gcs.link.config import LinkConfig, link_paces
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates.rate_controller import RateController
-from gcs.metrics.ending import How, VehicleEnding
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
@@ -71,20 +71,6 @@ class TrueSensor:
         return structs.replace(sighting, position_m=(x + off_x, y + off_y))
 
 
-_HOW = {
-    Ending.COMPLETED: How.LANDED,
-    Ending.STOPPED: How.OPERATOR,
-    Ending.ABORTED: How.ABORTED,
-    Ending.BATTERY: How.BATTERY,
-    Ending.FAILSAFE: How.FAILSAFE,
-    Ending.ORPHANED: How.WATCHDOG,
-    Ending.REFUSED: How.REFUSED,
-    Ending.KILLED: How.KILLED,
-    Ending.PILOT_OVERRIDE: How.PILOT,
-    Ending.FAILED: How.ERROR,
-}
-
-
 @dataclass(frozen=True, slots=True)
 class Member:
     """One vehicle of this process."""
@@ -95,7 +81,7 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True)
-class Team:
+class FlightTeam:
     """The members of this process and everything that they share in one flight.
 
     `stop` is the operator's request to end; `view` is the live view; `signing_keys` are those of the links,
@@ -126,9 +112,9 @@ class Team:
         """The mission's start on the shared clock, once the agents agreed on it."""
         return self.members[0].agent.start_s
 
-    def meet(self, facts: VehicleFacts) -> None:
+    def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record what is known of a vehicle before take-off, and its kind."""
-        self.recording.meet(facts)
+        self.recording.begin_vehicle(facts)
         self.kinds[facts.vehicle_id] = facts.kind.value
 
     def equip(self, hub: MavsdkHub, heartbeat: Callable[[int], Heartbeat]) -> None:
@@ -244,7 +230,7 @@ class Team:
             wall_time_s,
             (*self._received_truth(), *(() if stubs is None else stubs.tracks)),
             endings=tuple(ending_of(vehicle_id, outcome) for vehicle_id, outcome in outcomes.items()),
-            faults=tuple(fault.given for fault in self.plan.faults),
+            faults=tuple(fault.injected for fault in self.plan.faults),
             kinds=self.kinds,
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
@@ -265,14 +251,14 @@ class Team:
             end = VehicleEnd(loop.ticks, loop.missed, member.agent.ended_s, ending.how.value, ending.reason)
             self.recording.end_vehicle(member.vehicle.id, end)
             if member.vehicle.system_id in true:
-                self.recording.reveal(member.vehicle.id, true[member.vehicle.system_id])
+                self.recording.true_track(member.vehicle.id, true[member.vehicle.system_id])
         if record is not None:
             self.recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))
 
 
 def ending_of(vehicle_id: int, outcome: Outcome) -> VehicleEnding:
     """Return how a vehicle's flight ended, from the outcome of its agent."""
-    return VehicleEnding(vehicle_id, _HOW[outcome.ending], outcome.reason or "landed and disarmed")
+    return VehicleEnding(vehicle_id, outcome.how, outcome.reason or "landed and disarmed")
 
 
 def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:
@@ -289,5 +275,4 @@ def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:
 
 def _line(vehicle: MissionVehicle, refusal: VehicleRefusedError) -> str:
     """Return one line about a vehicle among several that cannot be reached."""
-    reason = refusal.reason.removeprefix(f"vehicle {vehicle.system_id} ")
-    return f"vehicle {vehicle.id}: {reason}; next: {refusal.next_step}"
+    return f"vehicle {vehicle.id}: {refusal.clause}; next: {refusal.next_step}"

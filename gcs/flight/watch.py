@@ -15,7 +15,7 @@ from estimation.state import Telemetry
 from gcs.console.advice import event_severity
 from gcs.console.live import LiveRow, flight_title
 from gcs.console.table_view import NO_HINT
-from gcs.flight.team import Member, Team
+from gcs.flight.team import FlightTeam, Member
 from gcs.metrics.event_log import event_line
 from gcs.metrics.record import FlightEvent
 from gcs.mission.geometry import Place, fences, nearest_other
@@ -33,7 +33,7 @@ DISARMED = "disarmed"
 class Watch:
     """Shows a team in its live view. `report` receives findings, `hint` returns the text below the table."""
 
-    def __init__(self, team: Team, report: FindingsReport, hint: Callable[[], Text]) -> None:
+    def __init__(self, team: FlightTeam, report: FindingsReport, hint: Callable[[], Text]) -> None:
         self._team = team
         self._report = report
         self._hint = hint
@@ -114,13 +114,13 @@ class Watch:
     def _report_senders(self) -> None:
         """Report each other sender once that uses a vehicle's system id, and each change of a vehicle's address."""
         for member in self._team.members:
-            link, subject = member.link.report, f"vehicle {member.vehicle.id}"
+            link = member.link.report
             known = self._links_reported.get(member.vehicle.id, (0, 0))
             self._links_reported[member.vehicle.id] = (len(link.impostors), len(link.moves))
             if len(link.impostors) > known[0]:
-                self._report([impostor(subject, link)])
+                self._report([impostor(member.vehicle.id, link)])
             if len(link.moves) > known[1]:
-                self._report([moved(subject, link)])
+                self._report([moved(member.vehicle.id, link)])
 
     def _report_rates(self) -> None:
         """Print each change of a connection's rates."""
@@ -168,7 +168,7 @@ class Watch:
         return max(clock.now_s() - motion.time_s, 0.0) / clock.time_scale
 
 
-def _places_m(team: Team) -> dict[int, Place]:
+def _places_m(team: FlightTeam) -> dict[int, Place]:
     """Return the positions of all vehicles in flight: from their autopilots, or from messages to their peers."""
     places_m = {peer.sender: peer.position_m for status in team.newest.values() for peer in status.peers}
     for member in team.members:
@@ -180,7 +180,7 @@ def _places_m(team: Team) -> dict[int, Place]:
     return places_m
 
 
-def _ring_members(team: Team) -> int:
+def _ring_members(team: FlightTeam) -> int:
     """Return how many vehicles fly on the ring, by their own status or by messages to their peers."""
     flying = [member.vehicle.id for member in team.members if not _ending(member)]
     statuses = [team.newest[each] for each in flying if each in team.newest]

@@ -47,7 +47,7 @@ _LENGTH_OF_OPEN = 2**64 - 1
 """The length field of a chunk while it is written."""
 
 
-class Message(NamedTuple):
+class EncodedMessage(NamedTuple):
     """A message, still encoded."""
 
     channel_id: int
@@ -58,7 +58,7 @@ class Message(NamedTuple):
 
 
 RecordT = TypeVar("RecordT")
-Entry = Schema | Channel | Message | Metadata
+Entry = Schema | Channel | EncodedMessage | Metadata
 
 
 class NoContainerError(ValueError):
@@ -110,7 +110,7 @@ class Container:
                     self._end_of_data(body)
                     break
                 for entry in self._entries_of(opcode, body):
-                    if type(entry) is Message:
+                    if type(entry) is EncodedMessage:
                         self.messages += 1
                     yield entry
             except DamageError as damage:
@@ -218,7 +218,7 @@ class Container:
             for opcode, first, last in _records(summary):
                 if opcode == Opcode.STATISTICS:
                     self._messages_written = _parsed(Statistics.read, summary[first:last]).message_count
-            yield from (entry for entry in _inner(summary) if type(entry) is not Message)
+            yield from (entry for entry in _inner(summary) if type(entry) is not EncodedMessage)
         except DamageError:
             self._report(f"at byte {begin}: its index is damaged")
 
@@ -309,7 +309,7 @@ def _inner(data: bytes) -> Iterator[Entry]:
             if last - first < _MESSAGE.size:
                 raise DamageError("a message is damaged")
             channel_id, sequence, time_ns, published_ns = _MESSAGE.unpack_from(data, first)
-            yield Message(channel_id, sequence, time_ns, published_ns, data[first + _MESSAGE.size : last])
+            yield EncodedMessage(channel_id, sequence, time_ns, published_ns, data[first + _MESSAGE.size : last])
         elif opcode == Opcode.SCHEMA:
             yield _parsed(Schema.read, data[first:last])
         elif opcode == Opcode.CHANNEL:

@@ -31,7 +31,7 @@ class Recording(Protocol):
         """Return the core of an agent."""
         ...
 
-    def meet(self, facts: VehicleFacts) -> None:
+    def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record the facts that a vehicle reported before take-off."""
         ...
 
@@ -47,7 +47,7 @@ class Recording(Protocol):
         """Record how the run ended."""
         ...
 
-    def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
+    def true_track(self, vehicle_id: int, track: TruthTrack) -> None:
         """Record a vehicle's true track."""
         ...
 
@@ -68,7 +68,7 @@ class Unrecorded:
         """Return a plain core."""
         return VehicleCore(config)
 
-    def meet(self, facts: VehicleFacts) -> None:
+    def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Do nothing."""
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
@@ -80,7 +80,7 @@ class Unrecorded:
     def end(self, end: RunEnd) -> None:
         """Do nothing."""
 
-    def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
+    def true_track(self, vehicle_id: int, track: TruthTrack) -> None:
         """Do nothing."""
 
     def truth(self, vehicle_id: int, motion: Telemetry) -> None:
@@ -119,7 +119,7 @@ class FlightRecording:
         """Return a core whose inputs and outputs are recorded."""
         return RecordedCore(config, self._vehicle(config.vehicle_id))
 
-    def meet(self, facts: VehicleFacts) -> None:
+    def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record the facts that a vehicle reported before take-off."""
         known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
         parameters = tuple(Parameter(name, value) for name, value in known.items())
@@ -139,7 +139,7 @@ class FlightRecording:
         """Record how the run ended."""
         self._recorder.note(0, 0, end)
 
-    def reveal(self, vehicle_id: int, track: TruthTrack) -> None:
+    def true_track(self, vehicle_id: int, track: TruthTrack) -> None:
         """Record a vehicle's true track."""
         recorder, rows = self._vehicle(vehicle_id), (track.time_s, track.position_m, track.velocity_m_s)
         for time_s, (x, y, z), (x_rate, y_rate, z_rate) in zip(*(each.tolist() for each in rows), strict=True):

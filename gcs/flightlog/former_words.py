@@ -30,6 +30,8 @@ FORMER_WORDS: Mapping[str, str] = {
 }
 FORMER_TOPICS: Mapping[str, str] = {"patience": "time_scale"}
 """Names of topics of format 1, and the present ones."""
+FORMER_FIELDS: Mapping[str, str] = {"lacks": "start_blockers"}
+"""Earlier names of fields, and the present ones; a schema is read with the present ones, bytes hold numbers only."""
 _FORMER_TAGS: Mapping[str, str] = {"muster": "start"}
 _BYTES = tuple(word.encode() for word in (*FORMER_WORDS, *_FORMER_TAGS))
 

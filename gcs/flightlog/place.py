@@ -11,9 +11,9 @@ FOLDER_VARIABLE = "CORDON_LOGS"
 
 def log_folder() -> Path:
     """Return the default folder of logs; raises OSError without a home folder."""
-    told = os.environ.get(FOLDER_VARIABLE)
-    if told:
-        return Path(told)
+    folder = os.environ.get(FOLDER_VARIABLE)
+    if folder:
+        return Path(folder)
     shared = os.environ.get("XDG_DATA_HOME")
     try:
         return Path(shared or Path.home() / ".local" / "share") / "cordon" / "logs"

@@ -16,7 +16,7 @@ from agents.inputs import Message as BusInput
 from agents.team.codec import decode
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain
-from gcs.flightlog.container import Container, Entry, LogError, Message, NoContainerError
+from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError, NoContainerError
 from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.record_counter import RecordCounter
 from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, FormerMessage, Run, RunEnd, Taken
@@ -85,11 +85,11 @@ class FlightLog:
     @cached_property
     def run(self) -> Run:
         """The newest record of the run; raises LogError if there is none."""
-        said = [each for each in self.run_records if each.kind is Run]
-        if not said:
+        runs = [each for each in self.run_records if each.kind is Run]
+        if not runs:
             reason = "it holds no record of the run (mission and vehicles): it ends too early, or that part is damaged"
             raise LogError([f"{self.path}: {each}" for each in (reason, *self.faults)])
-        return said[-1].read(Run)
+        return runs[-1].read(Run)
 
     @cached_property
     def end(self) -> RunEnd | None:
@@ -134,7 +134,7 @@ def read_log(path: Path) -> FlightLog:
     with open_container(path) as container:
         topics = _Topics(path)
         for entry in container.entries():
-            if type(entry) is not Message:
+            if type(entry) is not EncodedMessage:
                 topics.take(entry)
             elif (topic := topics.known.get(entry.channel_id)) is not None:
                 kind, vehicle_id, decoder = topic
@@ -218,11 +218,11 @@ class _Topics:
             case Channel() if entry.id not in self.known and entry.id not in self._others:
                 schema = self._schemas.get(entry.schema_id)
                 if schema is None or schema.name.startswith(f"{PACKAGE}."):
-                    self._learn(entry, schema)
+                    self._add_channel(entry, schema)
                 else:
                     self._others[entry.id] = _VIEWERS
 
-    def _learn(self, channel: Channel, schema: Schema | None) -> None:
+    def _add_channel(self, channel: Channel, schema: Schema | None) -> None:
         topic = topic_of(channel.topic)
         if topic is None:
             self._others[channel.id] = f"{channel.topic} is unknown to this version"

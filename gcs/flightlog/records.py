@@ -213,7 +213,7 @@ class Truth(msgspec.Struct, frozen=True):
 class VehicleEnd(msgspec.Struct, frozen=True):
     """The totals of a vehicle's control loop, when its mission ended and the way down began, and how and why.
 
-    `how` is a value of `gcs.metrics.ending.How`, empty in older logs.
+    `how` is a value of `agents.flight_end.FlightEnd`, empty in older logs.
     """
 
     ticks: int

@@ -10,7 +10,7 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from gcs.errors import InputError
-from gcs.flightlog.container import Container, Entry, LogError, Message
+from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError
 from gcs.flightlog.reader import faults_of, open_container, topic_of
 from gcs.flightlog.record_counter import RecordCounter
 from gcs.flightlog.records import PROFILE
@@ -59,21 +59,21 @@ def recovered_path(path: Path) -> Path:
 
 
 def _gone_through(path: Path, container: Container, take: Callable[[Entry], None], progress: Progress) -> Recovery:
-    counter, undescribed, told_bytes = RecordCounter(), 0, 0
+    counter, undescribed, reported_bytes = RecordCounter(), 0, 0
     vehicles: dict[int, int | None] = {}
     for entry in container.entries():
         take(entry)
         if isinstance(entry, Channel):
             topic = topic_of(entry.topic)
             vehicles.setdefault(entry.id, None if topic is None else topic[1])
-        elif isinstance(entry, Message):
+        elif isinstance(entry, EncodedMessage):
             vehicle_id = vehicles.get(entry.channel_id)
             undescribed += entry.channel_id not in vehicles
             if vehicle_id is not None:
                 counter.note(vehicle_id, entry.time_ns, entry.payload)
-        if container.offset - told_bytes > _PROGRESS_STEP_BYTES:
-            told_bytes = container.offset
-            progress(told_bytes / container.size_bytes)
+        if container.offset - reported_bytes > _PROGRESS_STEP_BYTES:
+            reported_bytes = container.offset
+            progress(reported_bytes / container.size_bytes)
     faults = faults_of(container, counter)
     if not counter.total:
         raise LogError([f"{path}: it holds no cordon record", *(f"{path}: {fault}" for fault in container.faults)])
@@ -112,7 +112,7 @@ class _Copy:
     def take(self, entry: Entry) -> None:
         """Write the next entry; leave out entries whose schema or channel is lost."""
         match entry:
-            case Message():
+            case EncodedMessage():
                 if entry.channel_id in self._channels:
                     self._writer.add_message(
                         self._channels[entry.channel_id],

@@ -15,7 +15,7 @@ from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 from msgspec import inspect
 
-from gcs.flightlog.former_words import holds_former_words, renew
+from gcs.flightlog.former_words import FORMER_FIELDS, holds_former_words, renew
 
 PACKAGE = "cordon"
 _SCALARS: dict[type[inspect.Type], FieldDescriptorProto.Type.ValueType] = {
@@ -74,6 +74,8 @@ class Decoder:
             for file in FileDescriptorSet.FromString(schema).file:
                 if any(each.options.map_entry for message in file.message_type for each in message.nested_type):
                     raise TypeError("it has maps, which cordon does not write")
+                for each in (field for message in file.message_type for field in message.field):
+                    each.name = FORMER_FIELDS.get(each.name, each.name)
                 pool.Add(file)
             self._message = GetMessageClass(pool.FindMessageTypeByName(name))
         except (DecodeError, KeyError, TypeError) as error:

@@ -9,10 +9,10 @@ import numpy as np
 
 from estimation.identification.coloured_noise import autocorrelation, whiteness
 from estimation.identification.excerpts import GRID_S, grid_s
-from estimation.identification.identified import Found, Identified
+from estimation.identification.identified import Identified, ParameterEstimate
 from estimation.identification.identify import TRAINED_SHARE
 from estimation.identification.response import response_of
-from estimation.identification.simulated import PREDICTION_HORIZON_S, Simulated, simulated
+from estimation.identification.simulated import PREDICTION_HORIZON_S, SimulatedAxis, simulated
 from estimation.state import Vector
 from gcs.identify.view import bounds_words, fit_rows, parameter_rows, remarks
 from gcs.report.charts.chart import chart, levels, over_time
@@ -67,7 +67,7 @@ def _verdict(identified: Identified) -> Section:
     return Section("verdict", "Parameters and verdict", tables=tuple(tables), keyed=False)
 
 
-def _held_out(found: Found) -> Section:
+def _held_out(found: ParameterEstimate) -> Section:
     validation = found.validation
     flights = [
         simulated(validation.excerpts, validation.trained, axis, TRAINED_SHARE, PREDICTION_HORIZON_S)
@@ -94,7 +94,9 @@ def _held_out(found: Found) -> Section:
     return Section("held-out", "Validation", lead, tuple(charts))
 
 
-def _draw_held_out(axes: "Axes", flight: Simulated, setpoint_m: Vector, found: Found, axis: int) -> None:
+def _draw_held_out(
+    axes: "Axes", flight: SimulatedAxis, setpoint_m: Vector, found: ParameterEstimate, axis: int
+) -> None:
     title(axes, f"Along {_AXES[axis]}", f"fit {found.axes[axis].fit_percent:.1f} %")
     time_s = flight.time_s[flight.held_out :]
     over_time(axes, "position [m]", time_s)
@@ -103,7 +105,7 @@ def _draw_held_out(axes: "Axes", flight: Simulated, setpoint_m: Vector, found: F
     axes.plot(*thinned(time_s, flight.simulated_m[flight.held_out :], _POINTS), color=COLOURS[1], linewidth=1.2)
 
 
-def _responses(found: Found) -> Section:
+def _responses(found: ParameterEstimate) -> Section:
     draws = _drawn_parameters(found)
     charts = []
     for axis in range(2):
@@ -120,6 +122,7 @@ def _responses(found: Found) -> Section:
                 [partial(_draw_gain, draws=draws, axis=axis), partial(_draw_phase, draws=draws, axis=axis)],
                 f"Bode plot along {_AXES[axis]}: gain and phase with their 95 % bands.",
                 4.4,
+                is_over_time=False,
             )
         )
     lead = f"Responses of {_DRAWS} plants drawn from the fit's covariance; bands contain 95 % of them."
@@ -128,7 +131,7 @@ def _responses(found: Found) -> Section:
     return Section("responses", "Responses", lead, tuple(charts), keyed=False)
 
 
-def _drawn_parameters(found: Found) -> Vector:
+def _drawn_parameters(found: ParameterEstimate) -> Vector:
     """Return fitted parameters (D, k): first the best fit, then draws from its covariance."""
     best = found.validation.best
     random = np.random.default_rng(0)
@@ -189,7 +192,7 @@ def _draw_band(axes: "Axes", at: Vector, rows: Vector) -> None:
     axes.plot(at, rows[0], color=COLOURS[1], linewidth=1.4)
 
 
-def _residuals(found: Found) -> Section:
+def _residuals(found: ParameterEstimate) -> Section:
     charts = []
     validation = found.validation
     for axis in range(2):
@@ -206,6 +209,7 @@ def _residuals(found: Found) -> Section:
                 f"whiteness-{axis}",
                 partial(_draw_whiteness, found=found, axis=axis),
                 f"Autocorrelation of the errors along {_AXES[axis]}, and the bounds of white noise.",
+                is_over_time=False,
             )
         )
     how = "whitened errors" if found.whitened else "errors"
@@ -213,7 +217,7 @@ def _residuals(found: Found) -> Section:
     return Section("residuals", "Residuals", lead, tuple(charts), keyed=False)
 
 
-def _draw_errors(axes: "Axes", flights: Sequence[Simulated], axis: int) -> None:
+def _draw_errors(axes: "Axes", flights: Sequence[SimulatedAxis], axis: int) -> None:
     errors_m = np.concatenate([flight.error_m for flight in flights])
     title(axes, f"Errors along {_AXES[axis]}", f"{np.sqrt(np.mean(errors_m**2)):.2f} m rms")
     over_time(axes, "error [m]", np.array([flights[0].time_s[0], flights[-1].time_s[-1]]))
@@ -221,7 +225,7 @@ def _draw_errors(axes: "Axes", flights: Sequence[Simulated], axis: int) -> None:
         axes.plot(*thinned(flight.time_s, flight.error_m, _POINTS), color=COLOURS[0], linewidth=1.0)
 
 
-def _draw_whiteness(axes: "Axes", found: Found, axis: int) -> None:
+def _draw_whiteness(axes: "Axes", found: ParameterEstimate, axis: int) -> None:
     errors = found.validation.best.errors[axis]
     share, bound = whiteness(errors)
     title(axes, f"Whiteness along {_AXES[axis]}", f"{100 * share:.0f} % within bounds")

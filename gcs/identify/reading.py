@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.identification.excerpts import Recording, excerpts_of
+from estimation.identification.excerpts import MotionRecording, excerpts_of
 from estimation.state import Vector
 from gcs.errors import InputError
 from gcs.vehicle_logs.foreign import read_vehicle_logs
@@ -15,18 +15,18 @@ SAMPLED_TOPICS = frozenset({"trajectory_setpoint", "POSITION_TARGET_LOCAL_NED"})
 """Topics that sample the current setpoint; all others hold each setpoint when it was sent."""
 
 
-def recording_of(log: VehicleLog) -> Recording:
+def recording_of(log: VehicleLog) -> MotionRecording:
     """Return a log as a recording; raises LogError if it lacks data."""
     flown_s = [(mode.span.begin_s, mode.span.end_s) for mode in log.modes if mode.external]
     if not flown_s:
         nothing = np.empty((0, 2))
-        return Recording(np.empty(0), nothing, np.empty(0), nothing, [])
+        return MotionRecording(np.empty(0), nothing, np.empty(0), nothing, [])
     log.require("setpoint", "position")
     assert log.setpoint is not None
     assert log.position is not None
     setpoint_m = log.setpoint.values[:, :2]
     given = np.isfinite(setpoint_m).all(axis=1)
-    return Recording(
+    return MotionRecording(
         log.position.time_s,
         log.position.values[:, :2],
         log.setpoint.time_s[given],
@@ -56,7 +56,7 @@ def _velocity_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:
     return velocity_m_s
 
 
-def recordings_of(logs: Sequence[VehicleLog]) -> list[Recording]:
+def recordings_of(logs: Sequence[VehicleLog]) -> list[MotionRecording]:
     """Return one vehicle's logs as recordings; raises LogError, and InputError for logs of two kinds of plant."""
     recordings = [recording_of(log) for log in logs]
     _check_one_kind(logs, recordings)
@@ -75,7 +75,7 @@ def logs_of_one(paths: Sequence[Path], vehicle: int | None, option: str = "--veh
     return logs
 
 
-def _check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[Recording]) -> None:
+def _check_one_kind(logs: Sequence[VehicleLog], recordings: Sequence[MotionRecording]) -> None:
     """Refuse a mix of logs with and without velocities beside the setpoints: they need different plants."""
     kinds = []
     for log, recording in zip(logs, recordings, strict=True):

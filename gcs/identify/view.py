@@ -13,12 +13,12 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.identification.filter_noise import AHEAD_S
-from estimation.identification.identified import METHOD, Found, Identified, Interval
+from estimation.identification.identified import METHOD, Identified, Interval, ParameterEstimate
 from estimation.plant.provenance import Identification, IdentifiedLog, PlantGrade, covariance_of
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import LimitsSection
-from estimation.profile.shelf import ProfileShelf
 from gcs.autopilots.autopilot import Autopilot
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 
@@ -39,7 +39,7 @@ _STYLES = {PlantGrade.GOOD: "bold green", PlantGrade.USABLE: "bold yellow", Plan
 _COLUMNS = ("", "x", "95 %", "y", "95 %")
 
 
-def parameter_rows(found: Found) -> list[tuple[str, Interval, Interval, int]]:
+def parameter_rows(found: ParameterEstimate) -> list[tuple[str, Interval, Interval, int]]:
     """Return the parameters of both axes with their names and the number of digits to show."""
     x, y = found.axes
     gain = found.feedforward
@@ -53,7 +53,7 @@ def parameter_rows(found: Found) -> list[tuple[str, Interval, Interval, int]]:
     ]
 
 
-def fit_rows(found: Found) -> list[tuple[str, float, float]]:
+def fit_rows(found: ParameterEstimate) -> list[tuple[str, float, float]]:
     """Return the validation fits of x and y with their names: the plant's own first."""
     x, y = found.axes
     rows = [("validation fit [%]", x.fit_percent, y.fit_percent)]
@@ -81,7 +81,7 @@ def identified_view(identified: Identified, logs: Sequence[VehicleLog]) -> Rende
     return Group(*parts)
 
 
-def _table(found: Found) -> Table:
+def _table(found: ParameterEstimate) -> Table:
     table = Table(*_COLUMNS, box=None, pad_edge=False)
     for words, x, y, digits in parameter_rows(found):
         cells = [cell for axis in (x, y) for cell in (f"{axis.value:.{digits}f}", bounds_words(axis, digits))]
@@ -91,7 +91,7 @@ def _table(found: Found) -> Table:
     return table
 
 
-def remarks(found: Found) -> list[str]:
+def remarks(found: ParameterEstimate) -> list[str]:
     """Return remarks on setpoints, axes, errors, order, delay and noise as text."""
     x, y = found.axes
     order, enough = found.order, "enough" if found.order.second_is_enough else "not enough"
@@ -140,7 +140,7 @@ def identified_dict(identified: Identified, logs: Sequence[VehicleLog]) -> dict[
     }
 
 
-def _found_dict(found: Found) -> dict[str, Any]:
+def _found_dict(found: ParameterEstimate) -> dict[str, Any]:
     shaping = {name: value if isfinite(value) else None for name, value in asdict(found.shaping).items()}
     return {
         "x": asdict(found.axes[0]),
@@ -169,7 +169,9 @@ def _found_dict(found: Found) -> dict[str, Any]:
     }
 
 
-def identification_of(identified: Identified, found: Found, logs: Sequence[VehicleLog], today: date) -> Identification:
+def identification_of(
+    identified: Identified, found: ParameterEstimate, logs: Sequence[VehicleLog], today: date
+) -> Identification:
     """Return the origin of a plant: `[identified]` of its profile."""
     return Identification(
         method=METHOD,
@@ -189,9 +191,9 @@ def identification_of(identified: Identified, found: Found, logs: Sequence[Vehic
     )
 
 
-def profile_text(found: Found, identified: Identification, logs: Sequence[VehicleLog]) -> str:
+def profile_text(found: ParameterEstimate, identified: Identification, logs: Sequence[VehicleLog]) -> str:
     """Return a profile's text: plant and filter as identified, limits as logged, the rest from the bundled profile."""
-    autopilot = known_as(identified.autopilot)
+    autopilot = autopilot_of(identified.autopilot)
     lines = ["# Written by `cordon identify`; x points north, y west."]
     if autopilot.is_known:
         lines.append(f"autopilot = {_toml(autopilot.name)}")
@@ -206,7 +208,7 @@ def profile_text(found: Found, identified: Identification, logs: Sequence[Vehicl
     return "\n".join([*lines, *_identified_lines(identified)]) + "\n"
 
 
-def _plant_lines(found: Found) -> list[str]:
+def _plant_lines(found: ParameterEstimate) -> list[str]:
     (x, y), gain = found.axes, found.feedforward
     equation = "a0 (X_d - x) - a1 x'" if gain is None else "a0 (X_d - x) + a1 (feedforward V_d - x')"
     lines = [
@@ -224,7 +226,7 @@ def _plant_lines(found: Found) -> list[str]:
     return lines
 
 
-def _filter_lines(found: Found) -> list[str]:
+def _filter_lines(found: ParameterEstimate) -> list[str]:
     """Return the own-state filter's settings as identified from the flight."""
     noise = found.noise
     assert noise is not None
@@ -243,7 +245,7 @@ def _bundled_lines(section: str, autopilot: Autopilot) -> list[str]:
     """Return a section of the autopilot's bundled profile: the keys that differ from the defaults."""
     if not autopilot.is_known:
         return []
-    values = getattr(ProfileShelf(None).load(autopilot.name), section).model_dump(exclude_unset=True)
+    values = getattr(ProfileLibrary(None).load(autopilot.name), section).model_dump(exclude_unset=True)
     if not values:
         return []
     lines = [f"\n# Not in the logs: from the bundled profile '{autopilot.name}'.", f"[{section}]"]

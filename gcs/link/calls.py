@@ -56,6 +56,7 @@ class VehicleCalls:
     def __init__(self, system_id: int, feed: VehicleFeed, clock: MissionClock) -> None:
         self._clock = clock
         self._system_id = system_id
+        self._subject = f"vehicle {system_id}"
         self._feed = feed
         self._executor = ThreadPoolExecutor(2, thread_name_prefix=f"vehicle-{system_id}")
         self._urgent = ThreadPoolExecutor(1, thread_name_prefix=f"vehicle-{system_id}-urgent")
@@ -127,16 +128,17 @@ class VehicleCalls:
         For a request these are the texts since it was made at `since_s` [s, monotonic].
         """
         texts = () if since_s is None else self._feed.texts.refusing(since_s)
-        return VehicleRefusedError(self._explained(reason, texts), next_step)
+        return VehicleRefusedError(self._explained(reason, texts), next_step, subject=self._subject)
 
     def unready(self, reason: str, next_step: str) -> "NotReadyError":
         """Return the refusal of a vehicle that is not ready, with the failed checks that it reports."""
-        return NotReadyError(self._explained(reason, self._feed.texts.failed_checks()), next_step)
+        texts = self._feed.texts.failed_checks()
+        return NotReadyError(self._explained(reason, texts), next_step, subject=self._subject)
 
     def _explained(self, reason: str, texts: Sequence[str]) -> str:
         lost = "" if self._feed.status.connected else "; its link is lost"
         reported = f"; the autopilot reports {quoted(texts)}" if texts else ""
-        return f"vehicle {self._system_id} {reason}{lost}{reported}"
+        return f"{reason}{lost}{reported}"
 
     async def request(self, function: Callable[..., object], argument: object) -> None:
         """Run a call that may be refused, and repeat it without an answer: it, or its answer, may be lost."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 from estimation.frames import MissionFrame, Triple
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
 from gcs.link.rates.budget import EXTERNAL_HZ
 from gcs.link.rates.rate_controller import RateController
@@ -60,7 +60,7 @@ def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, RateContro
             signed=link.signing_key_file is not None,
             limits_setpoints=link.setpoint_rate_hz is not None,
             positions_hz=EXTERNAL_HZ if mission.frame.external_positions else 0.0,
-            truth_bytes_s=sum(TRUTH_HZ * known_as(each.autopilot).truth.size_bytes for each in carried if truth),
+            truth_bytes_s=sum(TRUTH_HZ * autopilot_of(each.autopilot).truth.size_bytes for each in carried if truth),
         )
 
     return {url: pace(url) for url in {vehicle.section.url for vehicle in vehicles}}

@@ -18,10 +18,10 @@ from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.self_reports import SelfReports, tilt_deg
-from gcs.link.status_texts import StatusTexts
+from gcs.link.status_texts import HealthItem, StatusTexts
 
 
-class Postbox:
+class PostedCalls:
     """Calls functions with posted values on the running event loop, in the order of posting."""
 
     def __init__(self, *, gathers: bool) -> None:
@@ -36,7 +36,7 @@ class Postbox:
         An exception goes to the loop's handler, and does not affect other calls.
         """
         self._waiting.append((take, values))
-        self._handover.ask()
+        self._handover.request()
 
     def _take_all(self) -> None:
         for _ in range(len(self._waiting)):
@@ -56,16 +56,17 @@ MODES = {
     MavsdkMode.LAND: FlightMode.LAND,
     MavsdkMode.RETURN_TO_LAUNCH: FlightMode.RETURN,
 }
-HEALTH_ITEMS = {
-    "is_gyrometer_calibration_ok": "gyrometer calibration",
-    "is_accelerometer_calibration_ok": "accelerometer calibration",
-    "is_magnetometer_calibration_ok": "magnetometer calibration",
-    "is_local_position_ok": "local position",
-    "is_global_position_ok": "global position",
-    "is_home_position_ok": "home position",
-    "is_armable": "arming checks",
+HEALTH_FIELDS = {
+    HealthItem.GYROMETER: "is_gyrometer_calibration_ok",
+    HealthItem.ACCELEROMETER: "is_accelerometer_calibration_ok",
+    HealthItem.MAGNETOMETER: "is_magnetometer_calibration_ok",
+    HealthItem.LOCAL_POSITION: "is_local_position_ok",
+    HealthItem.GLOBAL_POSITION: "is_global_position_ok",
+    HealthItem.HOME_POSITION: "is_home_position_ok",
+    HealthItem.ARMING: "is_armable",
 }
-NEEDS_GPS = ("global position", "home position", "arming checks")
+"""Their fields in MAVSDK."""
+NEEDS_GPS = (HealthItem.GLOBAL_POSITION, HealthItem.HOME_POSITION, HealthItem.ARMING)
 """Without GPS PX4's arming checks fail until take-off is selected: they apply to its present mode, hold."""
 CLOCK_BACK_S = 0.5
 """A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
@@ -87,7 +88,7 @@ class VehicleFeed:
         system: Any,
         frame: MissionFrame,
         clock: MissionClock,
-        postbox: Postbox,
+        posted_calls: PostedCalls,
         *,
         truth: GroundTruth | None = None,
         transit: LinkTransit | None = None,
@@ -115,7 +116,7 @@ class VehicleFeed:
         self._home_z_m: float | None = None
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
-        self._postbox = postbox
+        self._posted_calls = posted_calls
 
     def subscribe(self) -> None:
         """Subscribe only to what the control loop uses: MAVSDK drops callbacks near 1500 per second."""
@@ -180,17 +181,17 @@ class VehicleFeed:
         parts = {"local position": self.position_m, "flight mode": self._mode, "health": self._health}
         return ", ".join(name for name, part in parts.items() if part is None)
 
-    def health(self) -> dict[str, bool]:
-        """Return the state of each health item by name; empty before the first report.
+    def health(self) -> dict[HealthItem, bool]:
+        """Return the state of each health item; empty before the first report.
 
         In a local frame the global position is not required, and any received local position is healthy.
         """
         if self._health is None:
             return {}
-        items = {item: bool(getattr(self._health, name)) for name, item in HEALTH_ITEMS.items()}
+        items = {item: bool(getattr(self._health, name)) for item, name in HEALTH_FIELDS.items()}
         if self.is_local:
             items = {item: healthy for item, healthy in items.items() if item not in NEEDS_GPS}
-            items["local position"] = self.status.local_position_ok
+            items[HealthItem.LOCAL_POSITION] = self.status.local_position_ok
         return items
 
     def failing(self) -> str:
@@ -213,7 +214,7 @@ class VehicleFeed:
         """Return a callback for MAVSDK's thread that runs `take` on the event loop."""
 
         def post(value: Any, _user_data: object = None) -> None:
-            self._postbox.post(take, value)
+            self._posted_calls.post(take, value)
 
         return post
 
@@ -223,7 +224,7 @@ class VehicleFeed:
     def _note_attitude(self, attitude: Any, _user_data: object) -> None:
         # On MAVSDK's thread: the time of reception is now, not the time when the event loop runs.
         times_s = (self.link_s(), attitude.timestamp_us * 1e-6)
-        self._postbox.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
+        self._posted_calls.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
 
     def _take_attitude(self, times_s: tuple[float, float], roll_deg: float, pitch_deg: float) -> None:
         self._take_clock(times_s)

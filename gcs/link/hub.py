@@ -17,14 +17,14 @@ from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from gcs.autopilots.registry import AUTOPILOTS, advice
-from gcs.link.feed import Postbox
+from gcs.link.feed import PostedCalls
 from gcs.link.ports.urls import require_usable
 from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Traffic
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
-from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.signing import SignatureCheck, Signing
 
 Result = TypeVar("Result")
 
@@ -51,7 +51,7 @@ class MavsdkHub:
         governed = clock if clock is not None and clock.is_governed else None
         _redirect_log()
         self._link_s = time.monotonic if governed is None else governed.now_s
-        self.postbox = Postbox(gathers=governed is None)
+        self.posted_calls = PostedCalls(gathers=governed is None)
         """Passes what MAVSDK's threads receive to the event loop, for all vehicles together."""
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
         self._mavsdk: Any = None
@@ -117,10 +117,10 @@ class MavsdkHub:
         if url in self._relays:
             self._relays[url][0].mute(system_id, muted)
 
-    def show_life(self, url: str) -> None:
+    def send_heartbeats(self, url: str) -> None:
         """Send the vehicles of a connection a heartbeat beside those of MAVSDK."""
         if url in self._relays:
-            self._relays[url][0].show_life()
+            self._relays[url][0].send_heartbeats()
 
     def traffic(self, url: str) -> Traffic:
         """Return the counts of a connection."""
@@ -153,17 +153,17 @@ class MavsdkHub:
         end_s = time.monotonic() + timeout_s
         others = False
         while not relay.candidates(system_id):
-            if not others and self._strangers(relay, url, system_id):
+            if not others and self._other_system_ids(relay, url, system_id):
                 others, end_s = True, min(end_s, time.monotonic() + OTHERS_GRACE_S)
             if time.monotonic() > end_s or self._closing.wait(POLL_PERIOD_S):
-                raise _not_received(url, system_id, relay, self._strangers(relay, url, system_id), timeout_s)
+                raise _not_received(url, system_id, relay, self._other_system_ids(relay, url, system_id), timeout_s)
         self._closing.wait(claims_s)
         candidates = relay.candidates(system_id)
         if len(candidates) > 1:
             raise _claimed_twice(url, system_id, candidates)
         relay.verify(system_id, candidates[0])
 
-    def _strangers(self, relay: Relay, url: str, system_id: int) -> list[int]:
+    def _other_system_ids(self, relay: Relay, url: str, system_id: int) -> list[int]:
         """Return the system ids on a connection other than those of the vehicles that share it."""
         return [each for each in relay.others(system_id) if self._vehicles.get(each) != url]
 
@@ -213,19 +213,19 @@ def _log(_level: object, message: str, _file: str | None, _line: int) -> bool:
 
 
 def _not_received(
-    url: str, system_id: int, relay: Relay, strangers: list[int], timeout_s: float
+    url: str, system_id: int, relay: Relay, other_system_ids: list[int], timeout_s: float
 ) -> VehicleRefusedError:
     """Return why no heartbeat of the vehicle was accepted."""
     if rejected := relay.rejected(system_id):
         verdicts = "; ".join(f"{verdict.value} (from {shown(address)})" for address, verdict in rejected.items())
-        unsigned = Verdict.UNSIGNED in rejected.values()
+        unsigned = SignatureCheck.UNSIGNED in rejected.values()
         return VehicleRefusedError(
             f"the messages of vehicle {system_id} on {url} are {verdicts}; link.signing_key_file requires its key",
             ISSUE if unsigned else "compare its key with link.signing_key_file, and the clocks of computer and vehicle",
         )
-    if strangers:
+    if other_system_ids:
         return VehicleRefusedError(
-            f"{url} carries system id {', '.join(map(str, strangers))}, not {system_id}",
+            f"{url} carries system id {', '.join(map(str, other_system_ids))}, not {system_id}",
             "correct the vehicle's id or url in the mission, or the autopilot's system id",
         )
     return _no_heartbeat(url, timeout_s)

@@ -32,7 +32,7 @@ from gcs.link.rates.rates import Rates
 from gcs.link.relay.gate import LinkReport
 
 
-class Attention:
+class PeriodicWait:
     """Waits for periods of a link, or until it is notified."""
 
     def __init__(self, clock: MissionClock) -> None:
@@ -65,7 +65,7 @@ SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
 """PX4 has needed 45 s to detect a landing from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
-LAND_ATTEMPTS, KILL_ATTEMPTS, KILL_HEARD_S = 3, 5, 2.0
+LAND_ATTEMPTS, KILL_ATTEMPTS, KILL_ANSWER_S = 3, 5, 2.0
 """Heartbeats, which confirm disarming, come once a second."""
 WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
@@ -89,7 +89,7 @@ class MavsdkLink:
         self._parts: LinkParts | None = None
         self._guided: Callable[[], object] | None = None
         self._keeper: asyncio.Task[None] | None = None
-        self._attention = Attention(clock)
+        self._watch_period = PeriodicWait(clock)
         self._silent = False
         self._muted = False
         self._asking = 0
@@ -151,7 +151,7 @@ class MavsdkLink:
         )
         self._transit = self._clock.transit(self._config.system_id)
         feed = VehicleFeed(
-            system, self._config.frame, self._clock, self._hub.postbox, truth=self.truth, transit=self._transit
+            system, self._config.frame, self._clock, self._hub.posted_calls, truth=self.truth, transit=self._transit
         )
         calls = VehicleCalls(self._config.system_id, feed, self._clock)
         external = None
@@ -165,7 +165,7 @@ class MavsdkLink:
         await self._request_rates()
         await self._locate()
         feed.on_telemetry = on_telemetry
-        feed.on_loss, feed.on_return = self._mute, self._attention.notify
+        feed.on_loss, feed.on_return = self._mute, self._watch_period.notify
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
     def locate(self, position: ExternalPosition) -> None:
@@ -254,7 +254,7 @@ class MavsdkLink:
                 action.kill,
                 lambda: not feed.status.armed,
                 attempts=KILL_ATTEMPTS,
-                each_s=KILL_HEARD_S,
+                each_s=KILL_ANSWER_S,
             )
         finally:
             self._mute()
@@ -318,7 +318,7 @@ class MavsdkLink:
 
     def _connected(self) -> LinkParts:
         if self._parts is None:
-            raise VehicleRefusedError(f"vehicle {self._config.system_id} is not connected", "connect first")
+            raise VehicleRefusedError("is not connected", "connect first", subject=f"vehicle {self._config.system_id}")
         return self._parts
 
     async def _plan_climb(self, altitude_m: float) -> float:
@@ -384,9 +384,9 @@ class MavsdkLink:
         """Request rates and origin again after a reconnection, after a restart, and without motion on a live link."""
         feed = self._connected().feed
         while True:
-            notified = await self._attention.wait(WATCH_PERIOD_S)
+            notified = await self._watch_period.wait(WATCH_PERIOD_S)
             if self._clock.is_governed:
-                self._hub.show_life(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
+                self._hub.send_heartbeats(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
             silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and feed.origin_m is not None:
                 feed.lose()

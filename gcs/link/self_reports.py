@@ -12,8 +12,8 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect
 from mavsdk.plugins.telemetry import FixType
 
 from agents.ports import Connection, GpsThreat
-from agents.safety.reported_faults import COMPASS, RATIO_MAX
-from gcs.autopilots.registry import known_as
+from agents.safety.failsafe import COMPASS, RATIO_MAX
+from gcs.autopilots.registry import autopilot_of
 from gcs.link.estimator_report import EstimatorReport, estimator_report, wind_m_s
 
 LOST_S = 15.0
@@ -40,7 +40,7 @@ class SelfReports:
 
     def __init__(self, system: Any, update: Callable[..., None]) -> None:
         self.direct: Any = MavlinkDirect(system)
-        self.autopilot = known_as(system.autopilot_type().name)
+        self.autopilot = autopilot_of(system.autopilot_type().name)
         self._system_id = int(system.get_system_id())
         self._update = update
         self._had_remote_control = False

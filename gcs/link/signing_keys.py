@@ -32,7 +32,7 @@ SENT_TIMES, SENT_PERIOD_S = 3, 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class SetUp:
+class SigningSetup:
     """The result for a vehicle: whether it signs with its key, and what was done or why not."""
 
     vehicle_id: int
@@ -41,7 +41,7 @@ class SetUp:
     next_step: str = ""
 
 
-async def set_up_signing(vehicles: Sequence[MissionVehicle], keys: Mapping[int, bytes]) -> tuple[SetUp, ...]:
+async def set_up_signing(vehicles: Sequence[MissionVehicle], keys: Mapping[int, bytes]) -> tuple[SigningSetup, ...]:
     """Give each vehicle its key, by system id, unless it has it already."""
     hub = MavsdkHub()
     try:
@@ -60,17 +60,17 @@ def leaves_this_computer(url: str) -> bool:
     return parts.hostname != "localhost"
 
 
-async def _set_up(hub: MavsdkHub, vehicle: MissionVehicle, key: bytes) -> SetUp:
+async def _set_up(hub: MavsdkHub, vehicle: MissionVehicle, key: bytes) -> SigningSetup:
     url, system_id = vehicle.section.url, vehicle.system_id
     with suppress(VehicleRefusedError):
         await hub.find(url, system_id, FIND_TIMEOUT_S, signing_key=key)
         await hub.release(url, system_id)
-        return SetUp(vehicle.id, True, "it signs with its key already")
+        return SigningSetup(vehicle.id, True, "it signs with its key already")
     try:
         await _send_key(await hub.find(url, system_id, FIND_TIMEOUT_S), system_id, key)
         await hub.release(url, system_id)
     except VehicleRefusedError as refusal:
-        return SetUp(vehicle.id, False, refusal.reason, refusal.next_step)
+        return SigningSetup(vehicle.id, False, refusal.reason, refusal.next_step)
     try:
         await hub.find(url, system_id, FIND_TIMEOUT_S, signing_key=key)
         await hub.release(url, system_id)
@@ -80,8 +80,8 @@ async def _set_up(hub: MavsdkHub, vehicle: MissionVehicle, key: bytes) -> SetUp:
             f"disarm it, and check that its firmware supports SETUP_SIGNING ({supported}); a vehicle"
             " with another key accepts this one over USB, or after that key has been removed"
         )
-        return SetUp(vehicle.id, False, f"it was sent its key, but {refusal.reason}", step)
-    return SetUp(vehicle.id, True, "it has its key, and signs")
+        return SigningSetup(vehicle.id, False, f"it was sent its key, but {refusal.reason}", step)
+    return SigningSetup(vehicle.id, True, "it has its key, and signs")
 
 
 async def _send_key(system: Any, system_id: int, key: bytes) -> None:

@@ -4,6 +4,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Iterable
+from enum import StrEnum
 from math import inf
 from typing import NamedTuple
 
@@ -18,6 +19,29 @@ _CHECK = re.compile("|".join(each.failed_check for each in AUTOPILOTS), re.IGNOR
 _REFUSAL = re.compile(
     r"\b(denied|reject(ed|ing)|refus(ed|ing)|not available|not possible|mode change\b.*\bfailed)\b", re.IGNORECASE
 )
+
+
+class HealthItem(StrEnum):
+    """The items of an autopilot's health report, as shown to people."""
+
+    GYROMETER = "gyrometer calibration"
+    ACCELEROMETER = "accelerometer calibration"
+    MAGNETOMETER = "magnetometer calibration"
+    LOCAL_POSITION = "local position"
+    GLOBAL_POSITION = "global position"
+    HOME_POSITION = "home position"
+    ARMING = "arming checks"
+
+
+POSITION_ITEMS = (HealthItem.LOCAL_POSITION, HealthItem.GLOBAL_POSITION, HealthItem.HOME_POSITION)
+_ABOUT = {
+    HealthItem.GYROMETER: re.compile("gyro", re.IGNORECASE),
+    HealthItem.ACCELEROMETER: re.compile("accel", re.IGNORECASE),
+    HealthItem.MAGNETOMETER: re.compile(r"compass|\bmag", re.IGNORECASE),
+    **dict.fromkeys(POSITION_ITEMS, re.compile(r"pos|estimat|ekf|ahrs|gps|gnss|home|navigation", re.IGNORECASE)),
+    HealthItem.ARMING: re.compile(""),
+}
+"""Patterns of failed checks that explain each health item; arming depends on all of them."""
 
 
 class _StatusText(NamedTuple):
@@ -64,6 +88,11 @@ def names_check(text: str) -> bool:
 def names_refusal(text: str) -> bool:
     """Return whether a text of an autopilot states a refusal."""
     return names_check(text) or _REFUSAL.search(text) is not None
+
+
+def explains(text: str, items: Iterable[HealthItem]) -> bool:
+    """Return whether a failed check explains one of these health items."""
+    return any(_ABOUT[item].search(text) for item in items)
 
 
 def quoted(texts: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from json import dumps
 from typing import TYPE_CHECKING, Any, Literal
 
-from gcs.metrics.references import RingReference, VerdictTolerances
+from gcs.metrics.references import DesiredRing, VerdictTolerances
 
 if TYPE_CHECKING:
     from gcs.metrics.result import FlightResult
@@ -18,11 +18,11 @@ Worst = Literal["max", "min"]
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class Criterion:
     """How a verdict judges a metric, and the words around the metric's value in the verdict's evidence.
 
     `tolerance` is a field of `VerdictTolerances`; without one the metric is evidence alone. `desired` is the field of
-    `RingReference` from which the deviation is judged, instead of the value itself.
+    `DesiredRing` from which the deviation is judged, instead of the value itself.
     """
 
     verdict: str
@@ -54,7 +54,7 @@ class Metric:
     ranked: bool = True
     timed: bool = False
     drawn: bool = False
-    judged: Judged | None = None
+    judged: Criterion | None = None
     get: Callable[[Any], Any] | None = None
 
     def of(self, part: Any) -> Any:
@@ -84,7 +84,7 @@ class Metric:
         """The label with the unit."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
-    def farthest(self, values: list[float], ring: RingReference) -> float:
+    def farthest(self, values: list[float], ring: DesiredRing) -> float:
         """Return the worst value: the smallest, or else the largest deviation from what is desired."""
         if self.worst == "min":
             return min(values)
@@ -101,14 +101,14 @@ FLIGHT = (
     Metric("ring.settling_time_s", "time from the last engagement to the settled ring; missing if it never settles",
         "settling time", "s", ".1f", worst="max", drawn=True),
     Metric("ring.spacing_error_rms_deg", "error of the spacings on the ring, rms",
-        "spacing error rms", "°", ".2f", worst="max", drawn=True, judged=Judged("C3", "spacing_error_rms_deg")),
+        "spacing error rms", "°", ".2f", worst="max", drawn=True, judged=Criterion("C3", "spacing_error_rms_deg")),
     Metric("ring.spacing_error_max_deg", "error of the spacings on the ring, largest",
-        "spacing error max", "°", ".2f", worst="max", judged=Judged("C3", noun="", kind="max")),
+        "spacing error max", "°", ".2f", worst="max", judged=Criterion("C3", noun="", kind="max")),
     Metric("ring.first_settled_at_s", "when the ring first settled, if it left its limits later"),
     Metric("ring.unsettled_at_s", "when a settled ring last left its limits"),
     Metric("closest_approach_m", "smallest distance between two vehicles",
         "closest approach", "m", ".3f", worst="min", drawn=True,
-        judged=Judged("separation", "separation_m", noun="closest approach", kind="")),
+        judged=Criterion("separation", "separation_m", noun="closest approach", kind="")),
     Metric("guard_interventions", "setpoints that the guard moved",
         "setpoints moved by the guard", form=".0f", kind=int, worst="max", ranked=False, drawn=True),
     Metric("guard_causes", "setpoints that the guard moved, by cause, as JSON",
@@ -150,20 +150,21 @@ VEHICLE = (
     Metric("tactic", "tactic at the end", kind=str),
     Metric("radius_error_rms_m", "error of the radius on the ring, rms",
         "radius error rms", "m", ".3f", "radius\nrms [m]", worst="max", drawn=True,
-        judged=Judged("C1", "radius_error_rms_m")),
+        judged=Criterion("C1", "radius_error_rms_m")),
     Metric("radius_error_max_m", "error of the radius on the ring, largest",
         "radius error max", "m", ".3f", "radius\nmax [m]", worst="max"),
     Metric("angular_rate_mean_rad_s", "angular rate on the ring, mean over time",
         "mean rate", "rad/s", "+.4f", "mean rate\n[rad/s]",
-        judged=Judged("C2", "angular_rate_error_rad_s", noun="mean", kind="mean error", desired="angular_rate_rad_s")),
+        judged=Criterion(
+            "C2", "angular_rate_error_rad_s", noun="mean", kind="mean error", desired="angular_rate_rad_s")),
     Metric("angular_rate_error_rms_rad_s", "error of the angular rate on the ring, rms",
         "rate error rms", "rad/s", ".4f", "rate rms\n[rad/s]", worst="max", drawn=True),
     Metric("formation_speed_error_rms_m_s", "error of the speed in formation, rms",
         "formation speed error rms", "m/s", ".3f", "speed rms\n[m/s]", worst="max", drawn=True,
-        judged=Judged("formation", "formation_speed_error_rms_m_s", "speed")),
+        judged=Criterion("formation", "formation_speed_error_rms_m_s", "speed")),
     Metric("formation_spacing_error_rms_m", "error of the distance to the predecessor in formation, rms",
         "formation spacing error rms", "m", ".3f", "spacing\nrms [m]", worst="max", drawn=True,
-        judged=Judged("formation", "formation_spacing_error_rms_m", "spacing")),
+        judged=Criterion("formation", "formation_spacing_error_rms_m", "spacing")),
 )  # fmt: skip
 """Of each vehicle."""
 TRANSITION = (
@@ -221,7 +222,7 @@ class Verdicts:
         return {each.name: getattr(self, each.name.lower()) for each in VERDICTS}
 
 
-def evidence(verdict: str, result: "FlightResult") -> Iterator[tuple[Metric, Judged, list[float]]]:
+def evidence(verdict: str, result: "FlightResult") -> Iterator[tuple[Metric, Criterion, list[float]]]:
     """Return the metrics of a verdict, each with its known values: of the vehicles, or of the flight; none without."""
     for metrics, parts in ((VEHICLE, result.vehicles), (FLIGHT, (result,))):
         for metric in metrics:
@@ -231,7 +232,7 @@ def evidence(verdict: str, result: "FlightResult") -> Iterator[tuple[Metric, Jud
                     yield metric, metric.judged, known
 
 
-def judge(result: "FlightResult", ring: RingReference, tolerances: VerdictTolerances) -> Verdicts:
+def judge(result: "FlightResult", ring: DesiredRing, tolerances: VerdictTolerances) -> Verdicts:
     """Return the verdicts: each holds if its known metrics keep their tolerances, in finite time - (8), (9), (10)."""
     held = {}
     for verdict in VERDICTS:

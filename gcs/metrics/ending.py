@@ -2,51 +2,26 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
+from agents.flight_end import FlightEnd
 from gcs.autopilots.registry import advice
 
-
-class How(StrEnum):
-    """How a flight ended, gravest first; the values stand in logs and in the JSON output."""
-
-    KILLED = "killed"
-    ERROR = "error"
-    WATCHDOG = "watchdog"
-    IN_FLIGHT = "in flight"
-    """The log ends there."""
-    PILOT = "pilot"
-    REFUSED = "refused"
-    BATTERY = "battery"
-    FAILSAFE = "failsafe"
-    UNKNOWN = "unknown"
-    """A value that a newer version wrote."""
-    ABORTED = "aborted"
-    OPERATOR = "operator"
-    LANDED = "landed"
-    SIMULATED = "simulated"
-
-    @classmethod
-    def _missing_(cls, _value: object) -> "How":
-        return cls.UNKNOWN
-
-
 HEADLINES = {
-    How.KILLED: "Killed by the operator",
-    How.ERROR: "Ended by an error in cordon",
-    How.WATCHDOG: "Ended by the watchdog",
-    How.IN_FLIGHT: "The log ends in flight",
-    How.PILOT: "A pilot took over",
-    How.REFUSED: "Ended by a refusal of the autopilot",
-    How.BATTERY: "Ended by low battery",
-    How.FAILSAFE: "Ended by a failsafe",
-    How.UNKNOWN: "Ended for a reason unknown to this version",
-    How.ABORTED: "Aborted by the operator",
-    How.OPERATOR: "Ended by the operator",
-    How.LANDED: "Landed and disarmed",
-    How.SIMULATED: "Flown to the end of the simulation",
+    FlightEnd.KILLED: "Killed by the operator",
+    FlightEnd.ERROR: "Ended by an error in cordon",
+    FlightEnd.WATCHDOG: "Ended by the watchdog",
+    FlightEnd.IN_FLIGHT: "The log ends in flight",
+    FlightEnd.PILOT: "A pilot took over",
+    FlightEnd.REFUSED: "Ended by a refusal of the autopilot",
+    FlightEnd.BATTERY: "Ended by low battery",
+    FlightEnd.FAILSAFE: "Ended by a failsafe",
+    FlightEnd.UNKNOWN: "Ended for a reason unknown to this version",
+    FlightEnd.ABORTED: "Aborted by the operator",
+    FlightEnd.OPERATOR: "Ended by the operator",
+    FlightEnd.LANDED: "Landed and disarmed",
+    FlightEnd.SIMULATED: "Flown to the end of the simulation",
 }
-_GRAVITY = {how: place for place, how in enumerate(How)}
+_SEVERITY = {how: place for place, how in enumerate(FlightEnd)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,28 +29,28 @@ class VehicleEnding:
     """How one vehicle's flight ended, and the reason in a few words."""
 
     vehicle: int
-    how: How
+    how: FlightEnd
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class FlightEnding:
-    """How a flight ended: the gravest ending, the reasons of all vehicles, and the vehicles with that ending."""
+class TeamEnding:
+    """How a flight ended: the most severe ending, the reasons of all vehicles, and the vehicles with that ending."""
 
-    how: How
+    how: FlightEnd
     reason: str
     vehicles: tuple[int, ...]
 
     @classmethod
-    def of(cls, endings: Sequence[VehicleEnding]) -> "FlightEnding | None":
+    def of(cls, endings: Sequence[VehicleEnding]) -> "TeamEnding | None":
         """Return the ending of the flight of these vehicles, None without vehicles."""
         if not endings:
             return None
-        ordered = sorted(endings, key=lambda each: (_GRAVITY[each.how], each.vehicle))
+        ordered = sorted(endings, key=lambda each: (_SEVERITY[each.how], each.vehicle))
         how = ordered[0].how
         alike: dict[str, list[int]] = {}
         for each in ordered:
-            alike.setdefault(each.reason.removeprefix(f"vehicle {each.vehicle} "), []).append(each.vehicle)
+            alike.setdefault(each.reason, []).append(each.vehicle)
         sentence = "; ".join(f"{named(vehicles)}: {reason}" for reason, vehicles in alike.items())
         concerned = tuple(each.vehicle for each in ordered if each.how is how)
         return cls(how, f"{sentence[:1].upper()}{sentence[1:]}.", concerned)
@@ -83,7 +58,7 @@ class FlightEnding:
     @property
     def is_early(self) -> bool:
         """Whether it ended in flight, before its mission was over."""
-        return self.how not in (How.LANDED, How.SIMULATED)
+        return self.how not in (FlightEnd.LANDED, FlightEnd.SIMULATED)
 
     @property
     def headline(self) -> str:

@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from agents.tactics import Tactic
 from gcs.metrics.ending import named
 from gcs.metrics.record import FlightRecord, VehicleTrack
 
 GRACE_S = 30.0
 """A vehicle that did not engage counts as missing if it had at least this time to decide."""
-_MAY_ENGAGE = ("formation", "aside", "hold")
+_MAY_ENGAGE = [each.value for each in (Tactic.FORMATION, Tactic.ASIDE, Tactic.HOLD)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.outputs import CoreStatus
+from agents.tactics import NO_TACTIC
 from agents.team.messages import MemberState, NeighbourAngle
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.event_log import EventLog
-from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, Mask, VehicleTrack, in_order
+from gcs.metrics.record import (
+    FlightEvent,
+    FlightRecord,
+    GuardTally,
+    InjectedFault,
+    LoopStatistics,
+    Mask,
+    VehicleTrack,
+    in_order,
+)
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
 
@@ -44,9 +54,9 @@ def missing_truth(
         sampled_s = _samples(truth[track.vehicle_id])[0] if track.vehicle_id in truth else np.empty(0)
         if not sampled_s.size:
             return f"no ground truth of vehicle {track.vehicle_id}"
-        lacks = np.flatnonzero((track.tactic != "unknown") & ~_known(sampled_s, grid_s))
-        if lacks.size:
-            first = int(lacks[0])
+        missing = np.flatnonzero((track.tactic != NO_TACTIC) & ~_known(sampled_s, grid_s))
+        if missing.size:
+            first = int(missing[0])
             known_again = np.flatnonzero(_known(sampled_s, grid_s[first:]))
             until = f" to {time_s[first + int(known_again[0])]:.1f} s" if known_again.size else " on"
             return f"no ground truth of vehicle {track.vehicle_id} from {time_s[first]:.1f} s{until}"
@@ -110,7 +120,7 @@ class RunTotals:
     truth: tuple[TruthTrack, ...] = ()
     seed: int | None = None
     endings: tuple[VehicleEnding, ...] = ()
-    faults: tuple[str, ...] = ()
+    faults: tuple[InjectedFault, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
 
 
@@ -217,19 +227,19 @@ class Journal:
         if not truth:
             return (), ""
         missing = missing_truth(estimated, truth, time_s, time_s + start_s)
-        if not self._knows_target(run):
+        if not self._has_true_target(run):
             missing = "no ground truth of the target"
         if missing:
             return (), missing
         return tuple(true_track(each, truth[each.vehicle_id], time_s + start_s) for each in estimated), ""
 
-    def _knows_target(self, run: RunTotals) -> bool:
+    def _has_true_target(self, run: RunTotals) -> bool:
         """Whether the target's motion is that of the mission, because it is simulated."""
         return run.source == "simulation" or self._mission.target.source == "simulated"
 
     def _true_target(self, time_s: Vector, run: RunTotals) -> tuple[Vector, Vector]:
         """Return the target's true position and velocity (T, 2), NaN where it is not simulated."""
-        if not self._knows_target(run):
+        if not self._has_true_target(run):
             unknown = np.full((time_s.size, 2), np.nan)
             return unknown, unknown
         target = self._mission.target.motion
@@ -266,7 +276,7 @@ def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:
 def _latest(time_s: Vector, tactic: "NDArray[np.str_]", grid_s: Vector) -> "np.ndarray[tuple[int], np.dtype[np.str_]]":
     """Return the tactic at each time of the grid."""
     index = np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
-    return np.where(_covered(time_s, grid_s), tactic[index], "unknown")
+    return np.where(_covered(time_s, grid_s), tactic[index], NO_TACTIC)
 
 
 def _covered(time_s: Vector, grid_s: Vector) -> NDArray[np.bool_]:

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.metrics.catalogue import Verdicts, judge
-from gcs.metrics.ending import FlightEnding
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import EngagementReference, engagement
 from gcs.metrics.record import FlightRecord, Mask, grid_time
 from gcs.metrics.references import (
+    DesiredRing,
     FormationReference,
-    RingReference,
     VerdictTolerances,
     engagement_reference,
     formation_reference,
@@ -36,7 +36,7 @@ def evaluated(mission: Mission, record: FlightRecord) -> FlightResult:
 
 def evaluate(
     record: FlightRecord,
-    ring: RingReference,
+    ring: DesiredRing,
     formation: FormationReference,
     tolerances: VerdictTolerances,
     engages: EngagementReference = NONE_ENGAGES,
@@ -68,15 +68,15 @@ def evaluate(
         events=record.events,
         estimate=_estimate_result(record, ring, window),
         truth_missing=record.truth_missing or None,
-        ended=FlightEnding.of(record.endings),
+        ended=TeamEnding.of(record.endings),
         engagement=engagement(record, engages, each_engaged_s),
-        faults=record.faults,
+        faults=tuple(fault.given for fault in record.faults),
         kinds=record.kinds,
     )
     return replace(result, verdicts=judge(result, ring, tolerances))
 
 
-def _estimate_result(record: FlightRecord, ring: RingReference, window: Mask) -> EstimateResult | None:
+def _estimate_result(record: FlightRecord, ring: DesiredRing, window: Mask) -> EstimateResult | None:
     """Return the ring's figures by estimate in the same window, None where the record has no estimates beside it."""
     if not record.estimates:
         return None

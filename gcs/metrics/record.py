@@ -1,14 +1,16 @@
 """The record of a flight: the input of metrics, figures and reports."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.notes import AlertChange, CommandOutcome, Note
+from agents.notes import AlertChange, CommandOutcome, Kind, Note
 from agents.safety.guard import Guarded
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
@@ -70,7 +72,7 @@ class FlightEvent:
 
     time_s: float
     vehicle: int
-    kind: str
+    kind: Kind
     text: str
     alert: AlertChange | None = None
     command: CommandOutcome | None = None
@@ -87,6 +89,35 @@ class FlightEvent:
         return plain | {name: msgspec.structs.asdict(each) for name, each in values.items() if each is not None}
 
 
+_FAULT = re.compile(r"(?P<name>[^@]+)@(?P<at_s>\d+(\.\d+)?)(:(?P<vehicle>\d+))?")
+
+
+class InjectedFault(NamedTuple):
+    """A fault injected into stub vehicles: its name, its time in the mission, the vehicle if one was named.
+
+    `given` is its text, as in `--fault` and in logs: `link-cut@120:2`.
+    """
+
+    name: str
+    at_s: float
+    vehicle: int | None
+    given: str
+
+    @classmethod
+    def of(cls, given: str) -> "InjectedFault | None":
+        """Return the fault of a text, None for a text of another form."""
+        form = _FAULT.fullmatch(given)
+        if form is None:
+            return None
+        vehicle = None if form["vehicle"] is None else int(form["vehicle"])
+        return cls(form["name"], float(form["at_s"]), vehicle, given)
+
+
+def injected_faults(given: Iterable[str]) -> tuple[InjectedFault, ...]:
+    """Return the faults of texts of a log, without those of another form."""
+    return tuple(fault for each in given if (fault := InjectedFault.of(each)) is not None)
+
+
 @dataclass(frozen=True, slots=True)
 class FlightRecord:
     """A whole flight on an even grid `time_s` (T,) since the mission's start; the target's motion has shape (T, 2).
@@ -96,14 +127,14 @@ class FlightRecord:
     are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
-    which it is known, none in older logs. `faults` are those injected into stub vehicles, as `link-cut@120:2`.
+    which it is known, none in older logs. `faults` are those injected into stub vehicles.
     `kinds` are what vehicles are (gcs/autopilots/kind.py), by their ids; empty in older logs and in simulations.
     """
 
     mission: str
     seed: int
     source: str
-    reference: str
+    reference: Literal["truth", "estimate"]
     time_s: Vector
     target_position_m: Vector
     target_velocity_m_s: Vector
@@ -115,7 +146,7 @@ class FlightRecord:
     estimates: tuple[VehicleTrack, ...] = ()
     truth_missing: str = ""
     endings: tuple[VehicleEnding, ...] = ()
-    faults: tuple[str, ...] = ()
+    faults: tuple[InjectedFault, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
 
     def relative(self, track: VehicleTrack) -> tuple[Vector, Vector]:

@@ -11,7 +11,7 @@ from gcs.mission.mission import Mission, VerdictSection
 
 
 @dataclass(frozen=True, slots=True)
-class RingReference:
+class DesiredRing:
     """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
 
     Raises ValueError when the radius is not positive or a number is not finite.
@@ -54,9 +54,9 @@ class VerdictTolerances(VerdictSection):
     separation_m: float = Field(gt=0.0)
 
 
-def ring_reference(mission: Mission) -> RingReference:
+def ring_reference(mission: Mission) -> DesiredRing:
     """Return the ring of the mission."""
-    return RingReference(mission.encirclement.radius_m, mission.encirclement.angular_rate_rad_s)
+    return DesiredRing(mission.encirclement.radius_m, mission.encirclement.angular_rate_rad_s)
 
 
 def formation_reference(mission: Mission) -> FormationReference:

@@ -6,11 +6,12 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from gcs.metrics.catalogue import Verdicts
-from gcs.metrics.ending import FlightEnding
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.json_output import json_output
 from gcs.metrics.record import FlightEvent, LoopStatistics
@@ -62,7 +63,7 @@ class FlightResult:
     mission: str
     seed: int
     source: str
-    reference: str
+    reference: Literal["truth", "estimate"]
     duration_s: float
     window_s: tuple[float, float] | None
     vehicles: tuple[VehicleResult, ...]
@@ -79,7 +80,7 @@ class FlightResult:
     events: tuple[FlightEvent, ...] = ()
     estimate: EstimateResult | None = None
     truth_missing: str | None = None
-    ended: FlightEnding | None = None
+    ended: TeamEnding | None = None
     engagement: EngagementResult = field(default_factory=EngagementResult)
     faults: tuple[str, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import TIME_GRAIN_S, Mask, grid_time, largest, rms
-from gcs.metrics.references import RingReference
+from gcs.metrics.references import DesiredRing
 from gcs.metrics.ring_motion import RingMotion, off_ring
 
 SETTLED_FOR_S = 10.0
@@ -32,7 +32,7 @@ class RingResult:
 
 
 def judged_ring(
-    time_s: Vector, motion: RingMotion, ring: RingReference, engaged_s: list[float]
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, engaged_s: list[float]
 ) -> tuple[tuple[float, float] | None, RingResult]:
     """Return the window of the ring metrics, None where none engaged, and the ring as a whole."""
     if not engaged_s:
@@ -45,7 +45,7 @@ def judged_ring(
 
 
 def estimated_ring(
-    time_s: Vector, motion: RingMotion, ring: RingReference, engaged_s: list[float], window: Mask
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, engaged_s: list[float], window: Mask
 ) -> RingResult:
     """Return the ring by the vehicles' estimates, its spacings in the window of the truth."""
     settled_s = _settled_at_s(time_s, motion, ring, max(engaged_s)) if engaged_s else None
@@ -53,7 +53,7 @@ def estimated_ring(
     return RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
 
 
-def _settled_at_s(time_s: Vector, motion: RingMotion, ring: RingReference, last_engaged_s: float) -> float | None:
+def _settled_at_s(time_s: Vector, motion: RingMotion, ring: DesiredRing, last_engaged_s: float) -> float | None:
     """Return the time after the last engagement from which the ring stays within its limits to the end, or None."""
     outside = np.flatnonzero(off_ring(motion, ring))
     # Settling starts at a sample at which every member of the ring was measured.
@@ -63,7 +63,7 @@ def _settled_at_s(time_s: Vector, motion: RingMotion, ring: RingReference, last_
 
 
 def _unsettled(
-    time_s: Vector, motion: RingMotion, ring: RingReference, last_engaged_s: float
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, last_engaged_s: float
 ) -> tuple[float | None, float | None]:
     """Return when the ring had settled first, and when it left its limits last after that; None if it never did.
 

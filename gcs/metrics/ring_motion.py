@@ -9,9 +9,10 @@ from math import tau
 
 import numpy as np
 
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.references import RingReference
+from gcs.metrics.references import DesiredRing
 
 SETTLED_RADIUS_FRACTION = 0.05
 SETTLED_SPACING_RAD = np.radians(5.0)
@@ -55,7 +56,7 @@ def ring_motion(record: FlightRecord) -> RingMotion:
     offset_m, drift_m_s = np.empty((2, *shape, 2))
     for index, track in enumerate(record.vehicles):
         offset_m[index], drift_m_s[index] = record.relative(track)
-    encircling = measured(record) & flies(record, "encircle")
+    encircling = measured(record) & flies(record, Tactic.ENCIRCLE)
     radius_m = np.where(encircling, np.hypot(offset_m[..., 0], offset_m[..., 1]), np.nan)
     # On top of the target there is neither a bearing nor an angular rate.
     defined_m = np.where(radius_m > 0.0, radius_m, np.nan)
@@ -71,7 +72,7 @@ def ring_motion(record: FlightRecord) -> RingMotion:
     )
 
 
-def off_ring(motion: RingMotion, ring: RingReference) -> Mask:
+def off_ring(motion: RingMotion, ring: DesiredRing) -> Mask:
     """Return the samples (T,) with a radius or a spacing outside of what counts as settled."""
     radius_error_m = np.abs(motion.radius_m - ring.radius_m)
     spacing_error_rad = np.abs(motion.lead_rad - motion.desired_spacing_rad)
@@ -81,15 +82,19 @@ def off_ring(motion: RingMotion, ring: RingReference) -> Mask:
 
 def measured(record: FlightRecord) -> Mask:
     """Return the samples (V, T) that hold a vehicle's position, velocity and tactic."""
-    mask = ~flies(record, "unknown")
+    mask = ~_samples(record, NO_TACTIC)
     for row, track in zip(mask, record.vehicles, strict=True):
         motion = np.concatenate((track.position_m, track.velocity_m_s), axis=1)
         row[:] &= np.isfinite(motion).all(axis=1)
     return mask
 
 
-def flies(record: FlightRecord, tactic: str) -> Mask:
+def flies(record: FlightRecord, tactic: Tactic) -> Mask:
     """Return the samples (V, T) at which a vehicle flies a tactic."""
+    return _samples(record, tactic.value)
+
+
+def _samples(record: FlightRecord, tactic: str) -> Mask:
     mask = np.zeros((len(record.vehicles), record.time_s.size), dtype=np.bool_)
     for row, track in zip(mask, record.vehicles, strict=True):
         row[:] = track.tactic == tactic
@@ -98,7 +103,7 @@ def flies(record: FlightRecord, tactic: str) -> Mask:
 
 def _members(record: FlightRecord) -> Mask:
     """Return the members of the ring; a gap in the data is bridged if the vehicle encircled before and after it."""
-    known, encircle = measured(record), flies(record, "encircle")
+    known, encircle = measured(record), flies(record, Tactic.ENCIRCLE)
     samples = record.time_s.size
     index = np.arange(samples)
     before = np.maximum.accumulate(np.where(known, index, -1), axis=1)

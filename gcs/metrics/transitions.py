@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
-from gcs.metrics.references import RingReference
+from gcs.metrics.references import DesiredRing
 from gcs.metrics.ring_motion import RingMotion, off_ring
 
 _TOGETHER_S = 3.0
@@ -48,7 +48,7 @@ class _Motion:
 
 
 def transitions(
-    record: FlightRecord, motion: RingMotion, ring: RingReference, engaged_s: list[float]
+    record: FlightRecord, motion: RingMotion, ring: DesiredRing, engaged_s: list[float]
 ) -> tuple[TransitionResult, ...]:
     """Return a result for each engagement, from it until the ring has settled or the next one."""
     begins_s = [at for at, after in pairwise([*sorted(engaged_s), np.inf]) if after - at > _TOGETHER_S]
@@ -59,7 +59,7 @@ def transitions(
     )
 
 
-def _relative(record: FlightRecord, motion: RingMotion, ring: RingReference) -> _Motion:
+def _relative(record: FlightRecord, motion: RingMotion, ring: DesiredRing) -> _Motion:
     velocity_m_s = np.empty((len(record.vehicles), record.time_s.size, 2))
     for index, track in enumerate(record.vehicles):
         _, velocity_m_s[index] = record.relative(track)
@@ -77,7 +77,7 @@ def _relative(record: FlightRecord, motion: RingMotion, ring: RingReference) -> 
 
 
 def _transition(
-    time_s: Vector, motion: RingMotion, ring: RingReference, relative: _Motion, begin_s: float, end_s: float
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, relative: _Motion, begin_s: float, end_s: float
 ) -> TransitionResult:
     inside = (time_s >= begin_s) & (time_s < end_s)
     outside = np.flatnonzero(inside & off_ring(motion, ring))

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
-from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.ring_motion import RingMotion, flies, measured
 
 FORMATION_START_S = 30.0
@@ -49,7 +50,7 @@ class EstimatedVehicleResult:
 def vehicle_results(
     record: FlightRecord,
     motion: RingMotion,
-    ring: RingReference,
+    ring: DesiredRing,
     formation: FormationReference,
     window: Mask,
 ) -> tuple[VehicleResult, ...]:
@@ -65,7 +66,7 @@ def vehicle_results(
         result = VehicleResult(
             id=track.vehicle_id,
             engaged_at_s=engaged_s[row],
-            tactic=str(last_tactic[0]) if last_tactic.size else "unknown",
+            tactic=str(last_tactic[0]) if last_tactic.size else NO_TACTIC,
             radius_error_rms_m=rms(radius_error_m),
             radius_error_max_m=largest(radius_error_m),
             angular_rate_mean_rad_s=_mean_rate_rad_s(record.time_s[window], bearing_rad, rate_rad_s),
@@ -78,7 +79,7 @@ def vehicle_results(
 
 
 def estimated_vehicles(
-    record: FlightRecord, motion: RingMotion, ring: RingReference, window: Mask
+    record: FlightRecord, motion: RingMotion, ring: DesiredRing, window: Mask
 ) -> tuple[EstimatedVehicleResult, ...]:
     """Return the ring metrics of every vehicle by estimate, and the errors of the estimates."""
     vehicles = []
@@ -100,7 +101,7 @@ def estimated_vehicles(
 
 def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
     """Return the time at which each vehicle's tactic was encircle first, None where it never was."""
-    hits = (np.flatnonzero(track.tactic == "encircle") for track in record.vehicles)
+    hits = (np.flatnonzero(track.tactic == Tactic.ENCIRCLE.value) for track in record.vehicles)
     return tuple(grid_time(float(record.time_s[hit[0]])) if hit.size else None for hit in hits)
 
 
@@ -111,7 +112,7 @@ def formation_errors(record: FlightRecord, formation: FormationReference) -> tup
     vehicle of the line has no spacing.
     """
     judged = formation_span(record.time_s, engagement_times_s(record))
-    mask = np.asarray(measured(record) & flies(record, "formation") & judged)
+    mask = np.asarray(measured(record) & flies(record, Tactic.FORMATION) & judged)
     speed_error_m_s = np.full(mask.shape, np.nan)
     for row, track in enumerate(record.vehicles):
         speed_error_m_s[row, mask[row]] = np.hypot(*(track.velocity_m_s[mask[row]] - (formation.speed_m_s, 0.0)).T)

@@ -5,9 +5,10 @@ from math import floor
 
 from estimation.plant.model import Plant
 from estimation.settings import Settings
+from gcs.errors import Fault
 from gcs.mission.links import LinkSection
 from gcs.mission.mission import Mission, MissionSection
-from gcs.mission.stability import BEARING, Loop, loops
+from gcs.mission.stability import ClosedLoop, loops
 
 _NEUTRAL = 1e-6
 """A marginally stable loop is accepted: a spacing gain of 0 is allowed."""
@@ -18,7 +19,7 @@ _ADVICE = {
 }
 
 
-def unstable_loops(mission: Mission) -> Iterator[str]:
+def unstable_loops(mission: Mission) -> Iterator[Fault]:
     """Return the worst unstable loop of each section on every plant of the mission, with its margin.
 
     If all are stable: a spacing gain that moves the references faster than the vehicles can follow.
@@ -33,32 +34,35 @@ def unstable_loops(mission: Mission) -> Iterator[str]:
         yield from unstable or _not_followed(every, index, mission)
 
 
-def _unstable(every: Sequence[Loop], index: int) -> Iterator[str]:
+def _unstable(every: Sequence[ClosedLoop], index: int) -> Iterator[Fault]:
     for section, advice in _ADVICE.items():
         worst = min((loop for loop in every if loop.section == section), key=lambda loop: loop.margin)
         if worst.margin < -_NEUTRAL:
-            yield (
-                f"{section}: {worst.name} is unstable with the plant of vehicles[{index}]: its largest eigenvalue "
-                f"has modulus {worst.modulus:.3f}, a margin of {worst.margin:+.3f} to 1; {advice}"
+            yield Fault(
+                section,
+                f"{worst.name} is unstable with the plant of vehicles[{index}]: its largest eigenvalue "
+                f"has modulus {worst.modulus:.3f}, a margin of {worst.margin:+.3f} to 1; {advice}",
             )
 
 
-def _not_followed(every: Sequence[Loop], index: int, mission: Mission) -> Iterator[str]:
+def _not_followed(every: Sequence[ClosedLoop], index: int, mission: Mission) -> Iterator[Fault]:
     gain_per_s = mission.encirclement.spacing_gain_per_s
-    followed_per_s = min(loop.decay_per_s(mission.mission.rate_hz) for loop in every if loop.name.startswith(BEARING))
+    followed_per_s = min(loop.decay_per_s(mission.mission.rate_hz) for loop in every if loop.of_bearing)
     if len(mission.vehicles) > 1 and gain_per_s > followed_per_s > _NEUTRAL:
-        yield (
-            f"tuning.encirclement.spacing_gain_per_s: {gain_per_s} 1/s is faster than vehicles[{index}] follows its "
-            f"reference with this plant; at most {floor(followed_per_s * 100.0) / 100.0} 1/s"
+        yield Fault(
+            "tuning.encirclement.spacing_gain_per_s",
+            f"{gain_per_s} 1/s is faster than vehicles[{index}] follows its "
+            f"reference with this plant; at most {floor(followed_per_s * 100.0) / 100.0} 1/s",
         )
 
 
-def kept_up(mission: Settings | None, link: Settings | None) -> Iterator[str]:
+def kept_up(mission: Settings | None, link: Settings | None) -> Iterator[Fault]:
     """Check that the link's setpoint rate does not exceed the rate of the control loop."""
     if not (isinstance(mission, MissionSection) and isinstance(link, LinkSection)):
         return
     if link.setpoint_rate_hz is not None and link.setpoint_rate_hz > mission.rate_hz:
-        yield (
-            f"link.setpoint_rate_hz: {link.setpoint_rate_hz} Hz is more than mission.rate_hz = {mission.rate_hz} Hz: "
-            "the loop computes no more setpoints; leave this key out to send all of them"
+        yield Fault(
+            "link.setpoint_rate_hz",
+            f"{link.setpoint_rate_hz} Hz is more than mission.rate_hz = {mission.rate_hz} Hz: "
+            "the loop computes no more setpoints; leave this key out to send all of them",
         )

@@ -13,6 +13,7 @@ from agents.settings.sections import (
     SafetySettings,
 )
 from estimation.settings import Settings
+from gcs.errors import Fault
 from gcs.mission.control_loops import kept_up
 from gcs.mission.excitation import limits_rise
 from gcs.mission.geometry import IndexedVehicles, altitudes_fit, fence_fits, follows_fit, limits_agree, slots_fit
@@ -23,7 +24,7 @@ from gcs.mission.profiles import LoadedVehicle, beyond_limits, of_another_kind
 LAYER_LEAST_M = 1.0
 
 
-def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVehicle | None]) -> Iterator[str]:
+def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVehicle | None]) -> Iterator[Fault]:
     """Check across sections, as far as these are valid themselves."""
     known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
     yield from _all_distinct(known)
@@ -31,7 +32,9 @@ def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVeh
     if isinstance(formation, FormationSettings) and len(known) == len(vehicles) and known:
         ids = [vehicle.id for _, vehicle in known]
         if formation.leader not in ids:
-            yield f"formation.leader: no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
+            yield Fault(
+                "formation.leader", f"no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
+            )
     if isinstance(safety, SafetySettings):
         yield from _separated(known, safety, ring, len(vehicles))
         yield from _inside_limits(sections, known, safety)
@@ -48,7 +51,7 @@ def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVeh
     yield from _fast_enough(vehicles, formation, ring, sections.get("target"))
 
 
-def _all_distinct(vehicles: IndexedVehicles) -> Iterator[str]:
+def _all_distinct(vehicles: IndexedVehicles) -> Iterator[Fault]:
     yield from _distinct(vehicles, "id", lambda v: v.id)
     yield from _distinct(vehicles, "system_id", lambda v: v.system_id or v.id)
     yield from _distinct(vehicles, "url", lambda v: _exclusive_part(v.url), shared=lambda v: v.link)
@@ -57,7 +60,7 @@ def _all_distinct(vehicles: IndexedVehicles) -> Iterator[str]:
 
 def _inside_limits(
     sections: dict[str, Settings | None], vehicles: IndexedVehicles, safety: SafetySettings
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     mission, formation, ring, target = (
         sections.get(name) for name in ("mission", "formation", "encirclement", "target")
     )
@@ -87,14 +90,16 @@ def _distinct(
     key: str,
     value: Callable[[VehicleSection], object],
     shared: Callable[[VehicleSection], object] = lambda _: None,
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Yield the pairs with the same value, unless they share the link that it comes from (`shared`)."""
     for (i, one), (k, other) in combinations(vehicles, 2):
         if value(one) == value(other) and (shared(one) is None or shared(one) != shared(other)):
             # Equal ids have equal default system ids: one fault, not two.
             if key == "system_id" and one.id == other.id:
                 continue
-            yield f"vehicles[{k}].{key}: {value(other)} is vehicles[{i}]'s already: each vehicle needs its own"
+            yield Fault(
+                f"vehicles[{k}].{key}", f"{value(other)} is vehicles[{i}]'s already: each vehicle needs its own"
+            )
 
 
 def _separated(
@@ -102,82 +107,97 @@ def _separated(
     safety: SafetySettings,
     ring: Settings | None,
     count: int,
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     least = safety.separation_m
     for (i, one), (k, other) in combinations(vehicles, 2):
         distance = hypot(one.start_m[0] - other.start_m[0], one.start_m[1] - other.start_m[1])
         if distance < least:
-            yield (
-                f"vehicles[{k}].start_m: {distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m"
+            yield Fault(
+                f"vehicles[{k}].start_m",
+                f"{distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m",
             )
     if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
         needed_m = least / chord_m(1.0, count)
-        yield (
-            f"encirclement.radius_m: {count} vehicles on a ring of {ring.radius_m} m are "
+        yield Fault(
+            "encirclement.radius_m",
+            f"{count} vehicles on a ring of {ring.radius_m} m are "
             f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m; "
-            f"it takes {ceil(needed_m * 100.0) / 100.0} m"
+            f"it takes {ceil(needed_m * 100.0) / 100.0} m",
         )
 
 
-def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings | None) -> Iterator[str]:
+def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings | None) -> Iterator[Fault]:
     if not isinstance(choreography, ChoreographySettings):
         return
     order, ids = choreography.landing_order, [vehicle.id for _, vehicle in vehicles]
     for i, vehicle_id in enumerate(order):
         if vehicle_id not in ids:
             known = ", ".join(map(str, ids))
-            yield f"choreography.landing_order[{i}]: no vehicle has the id {vehicle_id} (ids: {known})"
+            yield Fault(f"choreography.landing_order[{i}]", f"no vehicle has the id {vehicle_id} (ids: {known})")
         if vehicle_id in order[:i]:
-            yield f"choreography.landing_order[{i}]: vehicle {vehicle_id} is listed twice"
+            yield Fault(f"choreography.landing_order[{i}]", f"vehicle {vehicle_id} is listed twice")
     if choreography.landing == "return" and choreography.layer_m < LAYER_LEAST_M and len(vehicles) > 1:
-        yield (
-            f"choreography.layer_m: {choreography.layer_m} m is too little: returning vehicles cross each other's "
-            f"paths, in layers of at least {LAYER_LEAST_M} m"
+        yield Fault(
+            "choreography.layer_m",
+            f"{choreography.layer_m} m is too little: returning vehicles cross each other's "
+            f"paths, in layers of at least {LAYER_LEAST_M} m",
         )
 
 
-def _in_order(failsafe: Settings | None) -> Iterator[str]:
+def _in_order(failsafe: Settings | None) -> Iterator[Fault]:
     """Check that the thresholds of more severe conditions come after those of less severe ones."""
     if not isinstance(failsafe, FailsafeSettings):
         return
     low, critical = failsafe.battery_low, failsafe.battery_critical
     if critical >= low and critical > 0.0:
-        yield f"failsafe.battery_critical: {critical} must be less than battery_low = {low}"
+        yield Fault("failsafe.battery_critical", f"{critical} must be less than battery_low = {low}")
     one_s, all_s = failsafe.peer_silent_s, failsafe.peers_silent_s
     if all_s < one_s:
-        yield f"failsafe.peers_silent_s: {all_s} s, for all peers, is less than peer_silent_s = {one_s} s, for one"
+        yield Fault(
+            "failsafe.peers_silent_s", f"{all_s} s, for all peers, is less than peer_silent_s = {one_s} s, for one"
+        )
 
 
-def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[str]:
+def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[Fault]:
     """Check that the frame has a position on Earth, or that no key depends on one."""
     place = {name: getattr(frame, name) for name in ("latitude_deg", "longitude_deg", "altitude_m")}
     for name, value in place.items():
         if frame.local and value is not None:
-            yield f"frame.{name}: a local frame has no position on Earth: leave this key or local out (given: {value})"
+            yield Fault(
+                f"frame.{name}", f"a local frame has no position on Earth: leave this key or local out (given: {value})"
+            )
         if not frame.local and value is None:
-            yield f"frame.{name}: this key is missing; indoors, without GPS, write local = true instead"
+            yield Fault(f"frame.{name}", "this key is missing; indoors, without GPS, write local = true instead")
     if frame.external_positions and not frame.local:
-        yield "frame.external_positions: with a [frame] on Earth the autopilots use GPS: set local = true as well"
+        yield Fault(
+            "frame.external_positions", "with a [frame] on Earth the autopilots use GPS: set local = true as well"
+        )
     for i, vehicle in vehicles:
         if vehicle.origin_m is not None and not frame.local:
-            yield f"vehicles[{i}].origin_m: with a [frame] on Earth the vehicle reports its origin: leave this key out"
+            yield Fault(
+                f"vehicles[{i}].origin_m", "with a [frame] on Earth the vehicle reports its origin: leave this key out"
+            )
 
 
-def _within_reach(ring: EncirclementSettings) -> Iterator[str]:
+def _within_reach(ring: EncirclementSettings) -> Iterator[Fault]:
     near_m, far_m, ring_m = ring.radius_min_m, ring.radius_far_m, ring.radius_m
     if near_m >= ring_m:
-        yield f"tuning.encirclement.radius_min_m: {near_m} m must be less than encirclement.radius_m = {ring_m} m"
+        yield Fault(
+            "tuning.encirclement.radius_min_m", f"{near_m} m must be less than encirclement.radius_m = {ring_m} m"
+        )
     if far_m <= ring_m:
-        yield f"tuning.encirclement.radius_far_m: {far_m} m must be more than encirclement.radius_m = {ring_m} m"
+        yield Fault(
+            "tuning.encirclement.radius_far_m", f"{far_m} m must be more than encirclement.radius_m = {ring_m} m"
+        )
 
 
 def _fast_enough(
     vehicles: list[LoadedVehicle | None], formation: Settings | None, ring: Settings | None, target: Settings | None
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Check the speeds of ring and line against their own limits and those of every vehicle's profile."""
     if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
         highest = formation.speed_max_m_s
-        yield f"formation.speed_m_s: {formation.speed_m_s} m/s is more than speed_max_m_s = {highest} m/s"
+        yield Fault("formation.speed_m_s", f"{formation.speed_m_s} m/s is more than speed_max_m_s = {highest} m/s")
     if not isinstance(ring, EncirclementSettings):
         return
     yield from _within_reach(ring)
@@ -186,9 +206,10 @@ def _fast_enough(
     along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
     needed_m_s = along_m_s + target.motion.speed_max_m_s
     if needed_m_s > ring.speed_max_m_s:
-        yield (
-            f"encirclement.angular_rate_rad_s: {ring.angular_rate_rad_s} rad/s at {ring.radius_m} m about this target "
-            f"takes {needed_m_s:.2f} m/s, more than speed_max_m_s = {ring.speed_max_m_s} m/s"
+        yield Fault(
+            "encirclement.angular_rate_rad_s",
+            f"{ring.angular_rate_rad_s} rad/s at {ring.radius_m} m about this target "
+            f"takes {needed_m_s:.2f} m/s, more than speed_max_m_s = {ring.speed_max_m_s} m/s",
         )
     elif isinstance(formation, FormationSettings):
         yield from beyond_limits(vehicles, max(needed_m_s, formation.speed_m_s), along_m_s**2 / ring.radius_m)

@@ -8,6 +8,7 @@ from agents.control.excitation import APPROACH_SHARE, programme
 from agents.safety.fence import Fence
 from agents.settings.sections import ExcitationSettings
 from estimation.settings import Settings
+from gcs.errors import Fault
 from gcs.mission.mission import Mission, MissionVehicle
 
 ACCELERATION_NOISE_M_S2 = 1.0
@@ -29,28 +30,29 @@ def box_m(settings: ExcitationSettings, start_m: Place) -> tuple[Place, ...]:
     return (x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)
 
 
-def limits_rise(excitation: Settings | None) -> Iterator[str]:
+def limits_rise(excitation: Settings | None) -> Iterator[Fault]:
     """Return the settings that contradict each other."""
     if not isinstance(excitation, ExcitationSettings):
         return
     for low, high in (("level_shortest_s", "level_longest_s"), ("sweep_from_hz", "sweep_to_hz")):
         least, most = getattr(excitation, low), getattr(excitation, high)
         if most <= least:
-            yield f"excitation.{high}: {most:g} must be more than {low} = {least:g}"
+            yield Fault(f"excitation.{high}", f"{most:g} must be more than {low} = {least:g}")
 
 
-def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str]:
+def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[Fault]:
     """Return why a vehicle cannot be excited in the mission's box at the mission's speed."""
     settings, safety = mission.excitation, vehicle.section.limits(mission.safety)
     if settings.speed_max_m_s > safety.speed_max_m_s:
-        yield (
-            f"excitation.speed_max_m_s: {settings.speed_max_m_s:g} m/s is more than safety.speed_max_m_s = "
-            f"{safety.speed_max_m_s:g} m/s"
+        yield Fault(
+            "excitation.speed_max_m_s",
+            f"{settings.speed_max_m_s:g} m/s is more than safety.speed_max_m_s = {safety.speed_max_m_s:g} m/s",
         )
     if settings.sweep_to_hz * SAMPLES_PER_PERIOD > mission.mission.rate_hz:
-        yield (
-            f"excitation.sweep_to_hz: {settings.sweep_to_hz:g} Hz is too fast for mission.rate_hz = "
-            f"{mission.mission.rate_hz:g} Hz: a period takes {SAMPLES_PER_PERIOD:g} setpoints or more"
+        yield Fault(
+            "excitation.sweep_to_hz",
+            f"{settings.sweep_to_hz:g} Hz is too fast for mission.rate_hz = "
+            f"{mission.mission.rate_hz:g} Hz: a period takes {SAMPLES_PER_PERIOD:g} setpoints or more",
         )
     start_m = vehicle.section.start_m
     space = hull((start_m, *box_m(settings, start_m)))
@@ -59,18 +61,20 @@ def excitation_faults(mission: Mission, vehicle: MissionVehicle) -> Iterator[str
         whose = "safety" if vehicle.section.fence_m is None else f"vehicles[{mission.vehicles.index(vehicle)}]"
         room_m, (x, y) = min((fence.clearance_m(place), place) for place in _along(space))
         if room_m < 0.0:
-            yield (
-                f"excitation.half_width_m: the box and the way there are {-room_m:.2f} m outside of {whose}.fence_m at "
-                + (f"({x:.1f}, {y:.1f}): move it by excitation.offset_m, or make it smaller")
+            yield Fault(
+                "excitation.half_width_m",
+                f"the box and the way there are {-room_m:.2f} m outside of {whose}.fence_m at "
+                + (f"({x:.1f}, {y:.1f}): move it by excitation.offset_m, or make it smaller"),
             )
     for other in mission.vehicles:
         away_m = -Fence(space).clearance_m(other.section.start_m)
         if other is not vehicle and away_m < safety.separation_m:
             where = f"{away_m:.2f} m from" if away_m > 0.0 else "in"
-            yield (
-                f"excitation.offset_m: vehicle {other.id} starts {where} the box of vehicle {vehicle.id} or the way "
+            yield Fault(
+                "excitation.offset_m",
+                f"vehicle {other.id} starts {where} the box of vehicle {vehicle.id} or the way "
                 f"there, less than safety.separation_m = {safety.separation_m:g} m away: move the box by "
-                "excitation.offset_m, or make it smaller by half_width_m"
+                "excitation.offset_m, or make it smaller by half_width_m",
             )
 
 

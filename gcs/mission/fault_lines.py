@@ -1,9 +1,11 @@
-"""The line of a fault in a file, and its text; left out if it is not found."""
+"""The faults of a mission's text: of its syntax, and the line of each; left out if it is not found."""
 
 import re
 from collections.abc import Collection, Sequence
 from itertools import accumulate
 from pathlib import Path
+
+from gcs.errors import Fault
 
 _SYNTAX_LINE = re.compile(r"at line (\d+)")
 _HEADER = re.compile(r"\s*(\[\[?)\s*([\w.-]+)\s*\]")
@@ -23,7 +25,16 @@ _ADVICE = {
 """Next steps for faults of TOML syntax, by the beginning of the parser's message."""
 
 
-def located(faults: Sequence[str], path: Path, text: str, changes: Collection[str]) -> list[str]:
+def syntax_fault(error: ValueError, text: str) -> Fault:
+    """Return the fault of a text that is not TOML, from the parser's error."""
+    message = str(error)
+    advice = next((f"; {each}" for start, each in _ADVICE.items() if message.startswith(start)), "")
+    match = _SYNTAX_LINE.search(message)
+    line = int(match[1]) if match else len(text.rstrip().split("\n"))  # at the end of the document
+    return Fault("not TOML", f"{message}{advice}", line)
+
+
+def located(faults: Sequence[Fault], path: Path, text: str, changes: Collection[str]) -> list[str]:
     """Return the faults of a mission, each followed by file, line and the line's text as far as they are known.
 
     A fault at a path of `changes` comes from the command line.
@@ -33,22 +44,16 @@ def located(faults: Sequence[str], path: Path, text: str, changes: Collection[st
     return [f"{fault}{_source(fault, path, lines, known, changes)}" for fault in faults]
 
 
-def _source(fault: str, path: Path, lines: list[str], known: dict[str, int], changes: Collection[str]) -> str:
+def _source(fault: Fault, path: Path, lines: list[str], known: dict[str, int], changes: Collection[str]) -> str:
     """Return the text behind a fault that states its source."""
-    place, _, message = fault.partition(": ")
-    if place == "not TOML":
-        advice = next((f"; {each}" for start, each in _ADVICE.items() if message.startswith(start)), "")
-        match = _SYNTAX_LINE.search(message)
-        number = int(match[1]) if match else len("\n".join(lines).rstrip().split("\n"))  # at the end of the document
-    else:
-        around = [*accumulate(_PARTS.findall(place), _below)][::-1]
-        if any(each in changes for each in around):
-            return " [set, not in the file]"
-        advice, number = "", next((known[each] for each in around if each in known), 0)
+    around = [*accumulate(_PARTS.findall(fault.place), _below)][::-1]
+    if any(each in changes for each in around):
+        return " [set, not in the file]"
+    number = fault.line or next((known[each] for each in around if each in known), 0)
     if not 0 < number <= len(lines):
-        return f"{advice} [{path.name}]"
+        return f" [{path.name}]"
     shown = "".join(letter if letter.isprintable() else " " for letter in lines[number - 1].strip())
-    return f"{advice} [{path.name}, line {number}: {shown[:_SHOWN_MAX]}]"
+    return f" [{path.name}, line {number}: {shown[:_SHOWN_MAX]}]"
 
 
 def _numbers(lines: Sequence[str]) -> dict[str, int]:

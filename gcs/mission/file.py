@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 from agents.team.messages import MissionIdentity
 from agents.team.text import printable
 from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import ProfileError
-from estimation.profile.shelf import ProfileShelf
 from estimation.settings import OwnFilterSettings, Settings
-from gcs.errors import InputError
+from gcs.errors import Fault, InputError
 from gcs.mission.control_loops import unstable_loops
 from gcs.mission.cross_checks import cross_checked
 from gcs.mission.excitation import excitation_faults, excited
-from gcs.mission.fault_lines import located
+from gcs.mission.fault_lines import located, syntax_fault
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.moved import modernised
@@ -94,7 +94,7 @@ def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({
     try:
         return parse_mission(overridden(text, overrides), path.parent)
     except InputError as error:
-        raise MissionError(located(error.faults, path, text, overrides)) from error
+        raise MissionError(located(error.placed, path, text, overrides)) from error
 
 
 def _other_missions(name: str) -> str:
@@ -113,23 +113,23 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
     try:
         content, moves = modernised(toml_content(text))
     except ValueError as error:  # also numbers beyond Python's limits
-        raise MissionError([f"not TOML: {error}"]) from error
+        raise MissionError([syntax_fault(error, text)]) from error
     excites = content.pop(EXCITES, None)
     try:
-        mission = _checked(content, text, ProfileShelf(folder, profile_texts), moves.faults)
+        mission = _checked(content, text, ProfileLibrary(folder, profile_texts), moves.faults)
     except MissionError as error:
-        raise MissionError([moves.as_written(fault) for fault in error.faults]) from error
+        raise MissionError([moves.as_written(fault) for fault in error.placed]) from error
     mission = replace(mission, warnings=tuple(moves.warnings), folder=folder or Path())
     return mission if excites is None else _excited(mission, excites)
 
 
-def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: list[str]) -> Mission:
+def _checked(content: dict[str, Any], text: str, library: ProfileLibrary, faults: list[Fault]) -> Mission:
     """Return the mission of a file's content in the present form; raises MissionError with `faults` and all others."""
     own_filter = validated(OwnFilterSettings, content.pop(OLD_OWN_FILTER, {}), OLD_OWN_FILTER, faults)
     known = [*SECTIONS, "links", "vehicles", "tuning"]
     faults += unknown_keys("", [key for key in content if key not in known], known)
     faults += [
-        f"{name}: this section is missing; `cordon new` writes a complete mission"
+        Fault(name, "this section is missing; `cordon new` writes a complete mission")
         for name in REQUIRED
         if name not in content
     ]
@@ -137,20 +137,20 @@ def _checked(content: dict[str, Any], text: str, shelf: ProfileShelf, faults: li
     # Invalid thresholds are reported once, not for every vehicle.
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
     links = _links(content.get("links", {}), faults)
-    vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), shelf, faults)
+    vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), library, faults)
     faults += cross_checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
     sections.pop("decision")
     complete = tuple(resolved(*vehicle, own_filter) for vehicle in vehicles if vehicle is not None)
-    read = {"text": text, "profile_texts": shelf.texts, "parse": parse_mission}
+    read = {"text": text, "profile_texts": library.texts, "parse": parse_mission}
     mission = Mission(**sections, links=links, vehicles=complete, **read)  # type: ignore[arg-type]  # each is of its section's model
     if unstable := list(unstable_loops(mission)):
         raise MissionError(unstable)
     return identified(mission)
 
 
-def _sections(content: dict[str, Any], faults: list[str]) -> dict[str, Settings | None]:
+def _sections(content: dict[str, Any], faults: list[Fault]) -> dict[str, Settings | None]:
     """Return the settings of all sections, merged with those of `[tuning]`; None for invalid or missing sections."""
     sections = {
         name: validated(model, content.get(name, {}), name, faults)
@@ -159,7 +159,7 @@ def _sections(content: dict[str, Any], faults: list[str]) -> dict[str, Settings 
     }
     tuning = content.get("tuning", {})
     if not isinstance(tuning, dict):
-        faults.append(f"tuning: it must be a table (given: {shown(tuning)})")
+        faults.append(Fault("tuning", f"it must be a table (given: {shown(tuning)})"))
         tuning = {}
     faults += unknown_keys("tuning", [key for key in tuning if key not in TUNING], list(TUNING))
     for name, (section, model) in TUNED.items():
@@ -192,16 +192,16 @@ def _excited(mission: Mission, vehicle_id: object) -> Mission:
     vehicle = next((each for each in mission.vehicles if each.id == vehicle_id), None)
     if vehicle is None:
         ids = ", ".join(map(str, mission.ids))
-        raise MissionError([f"{EXCITES}: no vehicle has the id {shown(vehicle_id)} (ids: {ids})"])
+        raise MissionError([Fault(EXCITES, f"no vehicle has the id {shown(vehicle_id)} (ids: {ids})")])
     if faults := list(excitation_faults(mission, vehicle)):
         raise MissionError(faults)
     return excited(mission, vehicle)
 
 
-def _links(content: object, faults: list[str]) -> dict[str, SharedLinkSection]:
+def _links(content: object, faults: list[Fault]) -> dict[str, SharedLinkSection]:
     """Return the valid connections of `[links]`, by their names."""
     if not isinstance(content, dict):
-        faults.append(f"links: it must be a table of tables, [links.NAME] (given: {shown(content)})")
+        faults.append(Fault("links", f"it must be a table of tables, [links.NAME] (given: {shown(content)})"))
         return {}
     sections = {name: validated(SharedLinkSection, each, f"links.{name}", faults) for name, each in content.items()}
     return {name: section for name, section in sections.items() if section is not None}
@@ -213,7 +213,7 @@ class _Shared(NamedTuple):
     decision: object
     links: Mapping[str, SharedLinkSection]
 
-    def completed(self, entry: object, path: str, faults: list[str]) -> object:
+    def completed(self, entry: object, path: str, faults: list[Fault]) -> object:
         """Return a vehicle's table completed from the mission."""
         if not isinstance(entry, dict):
             return entry
@@ -224,34 +224,38 @@ class _Shared(NamedTuple):
         if "link" not in entry:
             return entry
         if "url" in entry:
-            faults.append(f"{path}.url: the vehicle's link has a url: leave url or link out")
+            faults.append(Fault(f"{path}.url", "the vehicle's link has a url: leave url or link out"))
         link = self.links.get(entry["link"]) if isinstance(entry["link"], str) else None
         if link is None:
             known = ", ".join(self.links) or "none"
-            faults.append(f"{path}.link: [links] has no valid {shown(entry['link'])} (known: {known})")
+            faults.append(Fault(f"{path}.link", f"[links] has no valid {shown(entry['link'])} (known: {known})"))
             return entry
         return {**entry, "url": link.url}
 
 
-def _vehicles(content: object, shared: _Shared, shelf: ProfileShelf, faults: list[str]) -> list[LoadedVehicle | None]:
+def _vehicles(
+    content: object, shared: _Shared, library: ProfileLibrary, faults: list[Fault]
+) -> list[LoadedVehicle | None]:
     if isinstance(content, dict):
-        faults.append("vehicles: [vehicles] is a single table: write [[vehicles]] above each vehicle")
+        faults.append(Fault("vehicles", "[vehicles] is a single table: write [[vehicles]] above each vehicle"))
         return []
     if not isinstance(content, list) or not content:
-        faults.append("vehicles: a mission needs at least one [[vehicles]] table")
+        faults.append(Fault("vehicles", "a mission needs at least one [[vehicles]] table"))
         return []
     if len(content) > VEHICLES_MAX:
-        faults.append(f"vehicles: a team has at most {VEHICLES_MAX} vehicles (given: {len(content)})")
+        faults.append(Fault("vehicles", f"a team has at most {VEHICLES_MAX} vehicles (given: {len(content)})"))
         return []
-    return [_vehicle(entry, shared, shelf, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
+    return [_vehicle(entry, shared, library, f"vehicles[{i}]", faults) for i, entry in enumerate(content)]
 
 
-def _vehicle(entry: object, shared: _Shared, shelf: ProfileShelf, path: str, faults: list[str]) -> LoadedVehicle | None:
+def _vehicle(
+    entry: object, shared: _Shared, library: ProfileLibrary, path: str, faults: list[Fault]
+) -> LoadedVehicle | None:
     section = validated(VehicleSection, shared.completed(entry, path, faults), path, faults)
     if section is None:
         return None
     try:
-        return section, shelf.load(section.profile)
+        return section, library.load(section.profile)
     except ProfileError as error:
-        faults += [f"{path}.profile: {fault}" for fault in error.faults]
+        faults += [Fault(f"{path}.profile", fault) for fault in error.faults]
         return None

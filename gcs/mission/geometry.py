@@ -10,6 +10,7 @@ from math import degrees, dist
 from agents.safety.fence import Fence
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, FormationSettings, SafetySettings
 from estimation.settings import Settings
+from gcs.errors import Fault
 from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, VehicleSection
 
 _PATH_POINTS = 200
@@ -39,62 +40,68 @@ def nearest_other(vehicle_id: int, places_m: Mapping[int, Place]) -> tuple[int, 
 
 def slots_fit(
     vehicles: IndexedVehicles, safety: SafetySettings, formation: FormationSettings | None, network: Settings | None
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Check that all vehicles or none have a slot, that slots are apart, and that followers are in radio range."""
     placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
     if placed and len(placed) < len(vehicles):
         i = next(i for i, vehicle in vehicles if vehicle.slot_m is None)
-        yield f"vehicles[{i}].slot_m: this key is missing; vehicles[{placed[0][0]}] has one: all have one, or none"
+        yield Fault(
+            f"vehicles[{i}].slot_m", f"this key is missing; vehicles[{placed[0][0]}] has one: all have one, or none"
+        )
     if formation is not None and formation.shape == "free" and vehicles and not placed:
-        yield "formation.shape: a free formation needs every vehicle's slot_m, and none has one"
+        yield Fault("formation.shape", "a free formation needs every vehicle's slot_m, and none has one")
     for (i, one_m), (k, other_m) in combinations(placed, 2):
         apart_m = dist(one_m, other_m)
         if apart_m < safety.separation_m:
-            yield (
-                f"vehicles[{k}].slot_m: {apart_m:.2f} m from vehicles[{i}]'s, less than "
-                f"safety.separation_m = {safety.separation_m} m"
+            yield Fault(
+                f"vehicles[{k}].slot_m",
+                f"{apart_m:.2f} m from vehicles[{i}]'s, less than safety.separation_m = {safety.separation_m} m",
             )
     shape = None if formation is None else formation.shape or ("free" if placed else "line")
     if formation is not None and len(vehicles) > 1 and shape != "free" and formation.spacing_m < safety.separation_m:
-        yield (
-            f"formation.spacing_m: {formation.spacing_m} m is less than safety.separation_m = {safety.separation_m} m"
+        yield Fault(
+            "formation.spacing_m", f"{formation.spacing_m} m is less than safety.separation_m = {safety.separation_m} m"
         )
     if formation is None or formation.station != "predecessor" or not isinstance(network, NetworkSection):
         return
     for (i, one_m), (k, other_m) in pairwise(placed):
         apart_m = dist(one_m, other_m)
         if apart_m > network.range_m:
-            yield (
-                f"vehicles[{k}].slot_m: {apart_m:g} m from vehicles[{i}]'s, its neighbour in line order, and out of "
-                f"network.range_m = {network.range_m:g} m: one keeps station on the other (formation.station)"
+            yield Fault(
+                f"vehicles[{k}].slot_m",
+                f"{apart_m:g} m from vehicles[{i}]'s, its neighbour in line order, and out of "
+                f"network.range_m = {network.range_m:g} m: one keeps station on the other (formation.station)",
             )
 
 
 def limits_agree(
     safety: SafetySettings, ring: EncirclementSettings | None, formation: FormationSettings | None
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Check that limits contradict neither each other nor what the tactics need."""
     low, high = safety.altitude_min_m, safety.altitude_max_m
     if low is not None and high is not None and low >= high:
-        yield f"safety.altitude_min_m: {low} m is not below altitude_max_m = {high} m"
+        yield Fault("safety.altitude_min_m", f"{low} m is not below altitude_max_m = {high} m")
     setpoints_m_s = safety.setpoint_speed_max_m_s
     if setpoints_m_s is not None and setpoints_m_s < safety.speed_max_m_s:
-        yield (
-            f"tuning.safety.setpoint_speed_max_m_s: at {setpoints_m_s} m/s setpoints cannot keep up with vehicles at "
-            f"safety.speed_max_m_s = {safety.speed_max_m_s} m/s"
+        yield Fault(
+            "tuning.safety.setpoint_speed_max_m_s",
+            f"at {setpoints_m_s} m/s setpoints cannot keep up with vehicles at "
+            f"safety.speed_max_m_s = {safety.speed_max_m_s} m/s",
         )
     if ring is not None and safety.keep_out_m >= ring.radius_m:
-        yield (
-            f"safety.keep_out_m: {safety.keep_out_m} m about the target leaves no room for the ring of "
-            f"encirclement.radius_m = {ring.radius_m} m"
+        yield Fault(
+            "safety.keep_out_m",
+            f"{safety.keep_out_m} m about the target leaves no room for the ring of "
+            f"encirclement.radius_m = {ring.radius_m} m",
         )
     if ring is not None and ring.yaw == "target":
         turning_deg_s = degrees(abs(ring.angular_rate_rad_s))
         if turning_deg_s > safety.yaw_rate_max_deg_s:
-            yield (
-                f"safety.yaw_rate_max_deg_s: {safety.yaw_rate_max_deg_s} degrees/s is less than the "
+            yield Fault(
+                "safety.yaw_rate_max_deg_s",
+                f"{safety.yaw_rate_max_deg_s} degrees/s is less than the "
                 f"{turning_deg_s:.1f} degrees/s of encirclement.angular_rate_rad_s = {ring.angular_rate_rad_s} rad/s, "
-                'which encirclement.yaw = "target" takes'
+                'which encirclement.yaw = "target" takes',
             )
     along_m_s = 0.0 if ring is None else abs(ring.angular_rate_rad_s) * ring.radius_m
     if ring is not None and along_m_s > ring.speed_max_m_s:
@@ -102,18 +109,20 @@ def limits_agree(
     line_m_s = 0.0 if formation is None else formation.speed_m_s
     for needed_m_s, what in ((along_m_s, "the ring"), (line_m_s, "the formation")):
         if needed_m_s > safety.speed_max_m_s:
-            yield f"safety.speed_max_m_s: {safety.speed_max_m_s} m/s is less than the {needed_m_s:.2f} m/s of {what}"
+            yield Fault(
+                "safety.speed_max_m_s", f"{safety.speed_max_m_s} m/s is less than the {needed_m_s:.2f} m/s of {what}"
+            )
     inwards_m_s2 = 0.0 if ring is None else along_m_s**2 / ring.radius_m
     if inwards_m_s2 > safety.acceleration_max_m_s2:
-        yield (
-            f"safety.acceleration_max_m_s2: {safety.acceleration_max_m_s2} m/s² is less than v²/R = "
-            f"{inwards_m_s2:.2f} m/s² of the ring"
+        yield Fault(
+            "safety.acceleration_max_m_s2",
+            f"{safety.acceleration_max_m_s2} m/s² is less than v²/R = {inwards_m_s2:.2f} m/s² of the ring",
         )
 
 
 def altitudes_fit(
     vehicles: IndexedVehicles, safety: SafetySettings, layers: ChoreographySettings | None
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Check that every vehicle's altitude and layers are inside its altitude limits."""
     if vehicles and layers is not None and layers.layer_m > 0.0:
         yield from _layers_fit(vehicles, safety, layers)
@@ -122,30 +131,29 @@ def altitudes_fit(
         low, high = limits.altitude_min_m, limits.altitude_max_m
         low_key, high_key = (_limit(i, vehicle, key) for key in ("altitude_min_m", "altitude_max_m"))
         if low is not None and high is not None and low >= high:
-            if not (low_key.startswith("safety") and high_key.startswith("safety")):
-                yield f"{low_key}: {low} m is not below {high_key} = {high} m"
+            if vehicle.altitude_min_m is not None or vehicle.altitude_max_m is not None:  # else the team's own fault
+                yield Fault(low_key, f"{low} m is not below {high_key} = {high} m")
         elif low is not None and vehicle.altitude_m < low:
-            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is below {low_key} = {low} m"
+            yield Fault(f"vehicles[{i}].altitude_m", f"{vehicle.altitude_m} m is below {low_key} = {low} m")
         elif high is not None and vehicle.altitude_m > high:
-            yield f"vehicles[{i}].altitude_m: {vehicle.altitude_m} m is above {high_key} = {high} m"
+            yield Fault(f"vehicles[{i}].altitude_m", f"{vehicle.altitude_m} m is above {high_key} = {high} m")
 
 
-def _layers_fit(vehicles: IndexedVehicles, safety: SafetySettings, layers: ChoreographySettings) -> Iterator[str]:
+def _layers_fit(vehicles: IndexedVehicles, safety: SafetySettings, layers: ChoreographySettings) -> Iterator[Fault]:
     """Check the higher of each vehicle's layers at take-off and landing; one fault for all with the team's limit."""
     ids = tuple(vehicle.id for _, vehicle in vehicles)
     order = layers.in_landing_order(ids)
     from_m = max(vehicle.altitude_m for _, vehicle in vehicles)
-    above: dict[str, tuple[float, float]] = {}
+    above: dict[str, tuple[float, float, str]] = {}
     for i, vehicle in vehicles:
         layer_m = from_m + max(ids.index(vehicle.id), order.index(vehicle.id) + 1) * layers.layer_m
         high, key = vehicle.limits(safety).altitude_max_m, _limit(i, vehicle, "altitude_max_m")
         if high is not None and layer_m > high:
-            above[key] = (high, max(layer_m, above.get(key, (high, layer_m))[1]))
-    for key, (high, layer_m) in above.items():
-        whose = "the" if key.startswith("safety") else "its"
-        yield (
-            f"{key}: {high} m is below {whose} highest layer, {layer_m:g} m, of choreography.layer_m = "
-            f"{layers.layer_m} m"
+            whose = "the" if vehicle.altitude_max_m is None else "its"
+            above[key] = (high, max(layer_m, above[key][1] if key in above else layer_m), whose)
+    for key, (high, layer_m, whose) in above.items():
+        yield Fault(
+            key, f"{high} m is below {whose} highest layer, {layer_m:g} m, of choreography.layer_m = {layers.layer_m} m"
         )
 
 
@@ -154,16 +162,16 @@ def follows_fit(
     safety: SafetySettings,
     ring: EncirclementSettings | None,
     target: TargetSection | None,
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Check that a ring that follows the target's altitude has an offset and altitude limits."""
     if ring is None:
         return
     offset_m = ring.altitude_offset_m
     if ring.altitude == "layers":
         if offset_m is not None:
-            yield (
-                f"encirclement.altitude_offset_m: {offset_m} m counts from the target's altitude: it needs "
-                'encirclement.altitude = "target"'
+            yield Fault(
+                "encirclement.altitude_offset_m",
+                f'{offset_m} m counts from the target\'s altitude: it needs encirclement.altitude = "target"',
             )
         return
     limits = [vehicle.limits(safety) for _, vehicle in vehicles] or [safety]
@@ -172,7 +180,7 @@ def follows_fit(
         *(["safety.altitude_min_m"] if any(each.altitude_min_m is None for each in limits) else []),
         *(["safety.altitude_max_m"] if any(each.altitude_max_m is None for each in limits) else []),
     ]
-    yield from (f'{key}: this key is missing; encirclement.altitude = "target" needs it' for key in missing)
+    yield from (Fault(key, 'this key is missing; encirclement.altitude = "target" needs it') for key in missing)
     if missing or offset_m is None or target is None or target.altitude_m is None or not vehicles:
         return
     lowest_m = target.altitude_m + offset_m
@@ -181,7 +189,7 @@ def follows_fit(
     )
 
 
-def _follows_inside(vehicles: IndexedVehicles, safety: SafetySettings, lowest_m: float, above: str) -> Iterator[str]:
+def _follows_inside(vehicles: IndexedVehicles, safety: SafetySettings, lowest_m: float, above: str) -> Iterator[Fault]:
     """Check that all vehicles are inside their limits when the lowest, above the target, flies at `lowest_m`."""
     altitudes_m = [vehicle.altitude_m for _, vehicle in vehicles]
     outside: list[tuple[int, VehicleSection, float]] = []
@@ -192,17 +200,19 @@ def _follows_inside(vehicles: IndexedVehicles, safety: SafetySettings, lowest_m:
             outside.append((i, vehicle, flies_m))
     if any(vehicle.limits(safety) is safety for _, vehicle, _ in outside):
         highest_m = lowest_m + max(altitudes_m) - min(altitudes_m)
-        yield (
-            f"encirclement.altitude_offset_m: {above} vehicles fly at {lowest_m:g} to {highest_m:g} m, not between "
-            f"safety.altitude_min_m = {safety.altitude_min_m} m and altitude_max_m = {safety.altitude_max_m} m"
+        yield Fault(
+            "encirclement.altitude_offset_m",
+            f"{above} vehicles fly at {lowest_m:g} to {highest_m:g} m, not between "
+            f"safety.altitude_min_m = {safety.altitude_min_m} m and altitude_max_m = {safety.altitude_max_m} m",
         )
     for i, vehicle, flies_m in outside:
         own = vehicle.limits(safety)
         if own is not safety:
-            yield (
-                f"encirclement.altitude_offset_m: {above} vehicles[{i}] flies at {flies_m:g} m, not between "
+            yield Fault(
+                "encirclement.altitude_offset_m",
+                f"{above} vehicles[{i}] flies at {flies_m:g} m, not between "
                 f"{_limit(i, vehicle, 'altitude_min_m')} = {own.altitude_min_m} m and "
-                f"{_limit(i, vehicle, 'altitude_max_m')} = {own.altitude_max_m} m"
+                f"{_limit(i, vehicle, 'altitude_max_m')} = {own.altitude_max_m} m",
             )
 
 
@@ -217,7 +227,7 @@ def fence_fits(
     ring: EncirclementSettings | None,
     target: TargetSection | None,
     mission: MissionSection | None,
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Check every fence, the team's and the vehicles': the polygon, and that start, target path and ring lie inside."""
     fences = [(f"vehicles[{i}].fence_m", each.fence_m, [(i, each)]) for i, each in vehicles if each.fence_m is not None]
     if safety.fence_m:
@@ -232,33 +242,38 @@ def fence_fits(
         for i, vehicle in inside:
             clearance_m = fence.clearance_m(vehicle.start_m)
             if clearance_m < 0.0:
-                yield f"vehicles[{i}].start_m: {_at(vehicle.start_m)} is {-clearance_m:.2f} m outside of {key}"
+                yield Fault(
+                    f"vehicles[{i}].start_m", f"{_at(vehicle.start_m)} is {-clearance_m:.2f} m outside of {key}"
+                )
         if target is not None and mission is not None:
             yield from _around_target(key, fence, 0.0 if ring is None else ring.radius_m, target, mission.duration_s)
 
 
-def _sound(key: str, corners: Sequence[tuple[float, float]]) -> Iterator[str]:
+def _sound(key: str, corners: Sequence[tuple[float, float]]) -> Iterator[Fault]:
     if len(corners) < 3:
-        yield f"{key}: a fence needs at least 3 corners (given: {len(corners)})"
+        yield Fault(key, f"a fence needs at least 3 corners (given: {len(corners)})")
         return
     for i, (one, other) in enumerate(zip(corners, (*corners[1:], corners[0]), strict=True)):
         if dist(one, other) < 1e-6:
-            yield f"{key}: corners {i} and {(i + 1) % len(corners)} are the same, {_at(one)}"
+            yield Fault(key, f"corners {i} and {(i + 1) % len(corners)} are the same, {_at(one)}")
             return
     crossed = Fence(corners).crossed_edges()
     if crossed is not None:
-        yield f"{key}: the edges from corner {crossed[0]} and from corner {crossed[1]} meet: order the corners"
+        yield Fault(key, f"the edges from corner {crossed[0]} and from corner {crossed[1]} meet: order the corners")
 
 
-def _around_target(key: str, fence: Fence, radius_m: float, target: TargetSection, duration_s: float) -> Iterator[str]:
+def _around_target(
+    key: str, fence: Fence, radius_m: float, target: TargetSection, duration_s: float
+) -> Iterator[Fault]:
     """Check target path and ring; the fault states when and where the first of them leaves the fence."""
     for time_s, (x, y) in target.motion.path_m(duration_s, _PATH_POINTS):
         room_m = fence.clearance_m((x, y))
         if room_m < radius_m:
             what = "the target's path" if room_m < 0.0 else f"the ring of {radius_m} m around it"
-            yield (
-                f"{key}: {what} is {radius_m - room_m if room_m >= 0.0 else -room_m:.2f} m outside, "
-                f"with the target at {_at((x, y))} after {time_s:.0f} s"
+            yield Fault(
+                key,
+                f"{what} is {radius_m - room_m if room_m >= 0.0 else -room_m:.2f} m outside, "
+                f"with the target at {_at((x, y))} after {time_s:.0f} s",
             )
             return
 

@@ -27,7 +27,7 @@ from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.mission.links import LinkSection, SharedLinkSection, connection_url
 from gcs.mission.overrides import overridden, places
 from sitl.world import Leg, TargetMotion
@@ -233,7 +233,7 @@ class VehicleSection(Settings):
     system_id: int | None = Field(None, ge=1, le=254, description="MAVLink system id; none: the id")
     link: str | None = Field(None, description="a name in `[links]`, in place of a url")
     url: Annotated[str, AfterValidator(connection_url)] = _by_id(
-        lambda i: f"udpin://127.0.0.1:{known_as(DEFAULT).simulator_port - 1 + i}",
+        lambda i: f"udpin://127.0.0.1:{autopilot_of(DEFAULT).simulator_port - 1 + i}",
         description="MAVLink connection, such as `serial:///dev/ttyUSB0:57600`",
     )
     endpoint: Annotated[str, AfterValidator(_endpoint)] = _by_id(

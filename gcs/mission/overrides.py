@@ -13,7 +13,8 @@ import numpy as np
 import tomli_w
 
 from estimation.input_file import KEY_PARTS_MAX, toml_content
-from gcs.errors import InputError
+from gcs.errors import Fault, InputError
+from gcs.mission.fault_lines import syntax_fault
 
 _STEP = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 """One part of a path: a name, and the indexes behind it."""
@@ -79,7 +80,7 @@ def overridden(text: str, overrides: Mapping[str, object]) -> str:
     try:
         content = toml_content(text)
     except ValueError as error:
-        raise InputError([f"not TOML: {error}"]) from error
+        raise InputError([syntax_fault(error, text)]) from error
     faults = [
         fault
         for place, value in overrides.items()
@@ -90,33 +91,33 @@ def overridden(text: str, overrides: Mapping[str, object]) -> str:
     return tomli_w.dumps(content)
 
 
-def _unwritable(place: str, value: object) -> list[str]:
+def _unwritable(place: str, value: object) -> list[Fault]:
     """Return the fault of a value that TOML cannot represent."""
     try:
         tomli_w.dumps({"value": value})
     except TypeError:
-        return [f"{place}: {value!r} is not a TOML value: give a number, text, true or false, an array or a table"]
+        return [Fault(place, f"{value!r} is not a TOML value: give a number, text, true or false, an array or a table")]
     return []
 
 
-def _put(content: dict[str, Any], place: str, value: object) -> list[str]:
+def _put(content: dict[str, Any], place: str, value: object) -> list[Fault]:
     """Set a value in the content; return the faults of its path."""
     steps = _steps(place)
     if not steps:
-        return [f"{place}: not the path of a key, such as encirclement.radius_m or vehicles[0].profile"]
+        return [Fault(place, "not the path of a key, such as encirclement.radius_m or vehicles[0].profile")]
     table: Any = content
     for step, following in zip(steps, (*steps[1:], None), strict=True):
         if isinstance(step, int):
             if not isinstance(table, list):
-                return [f"{place}: the part before [{step}] is not an array"]
+                return [Fault(place, f"the part before [{step}] is not an array")]
             if step >= len(table):
-                return [f"{place}: there is no [{step}], the last is [{len(table) - 1}]"]
+                return [Fault(place, f"there is no [{step}], the last is [{len(table) - 1}]")]
         elif not isinstance(table, dict):
-            return [f"{place}: the part before {step} is not a table"]
+            return [Fault(place, f"the part before {step} is not a table")]
         elif step not in table and isinstance(following, str):
             table[step] = {}
         elif step not in table and following is not None:
-            return [f"{place}: there is no {step}"]
+            return [Fault(place, f"there is no {step}")]
         if following is None:
             table[step] = value
         else:

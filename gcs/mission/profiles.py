@@ -1,12 +1,14 @@
 """A mission's vehicles with their profiles: the plant that each controller assumes, and the simulation's true plant."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from agents.settings.sections import DecisionSettings
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.profile.autopilots import DEFAULT
 from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings
+from gcs.errors import Fault
 from gcs.mission.links import LinkSection
 from gcs.mission.mission import MissionVehicle, VehicleSection
 
@@ -38,10 +40,10 @@ def true_plant(section: VehicleSection, plant: Plant) -> Plant:
         return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
 
     gain = min(plant.feedforward * scale.feedforward, FEEDFORWARD_MAX)
-    return Plant(true(plant.x), true(plant.y), plant.delay_s, gain)
+    return replace(plant, x=true(plant.x), y=true(plant.y), feedforward=gain)
 
 
-def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None]) -> Iterator[str]:
+def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None]) -> Iterator[Fault]:
     """Return the faults of profiles that do not match `link.feedforward`."""
     if link.feedforward is None:
         return
@@ -53,15 +55,16 @@ def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None])
             continue
         kind = f"takes velocities beside its setpoints (feedforward = {gain:g})" if gain else "takes no velocities"
         stated, wanted = ("true", "with velocities") if link.feedforward else ("false", "without")
-        yield (
-            f"vehicles[{index}].profile: '{section.profile}' {kind}, and link.feedforward = {stated}: "
-            f"use one identified {wanted}, or leave link.feedforward out: then each profile decides"
+        yield Fault(
+            f"vehicles[{index}].profile",
+            f"'{section.profile}' {kind}, and link.feedforward = {stated}: "
+            f"use one identified {wanted}, or leave link.feedforward out: then each profile decides",
         )
 
 
 def beyond_limits(
     vehicles: Sequence[LoadedVehicle | None], speed_m_s: float, acceleration_m_s2: float
-) -> Iterator[str]:
+) -> Iterator[Fault]:
     """Return the faults of vehicles whose profile's limits are below the mission's speed or acceleration."""
     for index, vehicle in enumerate(vehicles):
         if vehicle is None:
@@ -73,7 +76,8 @@ def beyond_limits(
         ):
             limit = getattr(limits, key)
             if limit is not None and needed > limit:
-                yield (
-                    f"vehicles[{index}].profile: the mission takes {needed:.2f} {unit}, more than limits.{key} = "
-                    f"{limit:g} {unit} of '{section.profile}'"
+                yield Fault(
+                    f"vehicles[{index}].profile",
+                    f"the mission takes {needed:.2f} {unit}, more than limits.{key} = "
+                    f"{limit:g} {unit} of '{section.profile}'",
                 )

@@ -12,8 +12,7 @@ from math import cos, inf, log, tau
 
 import numpy as np
 
-from agents.control.encirclement import ring_programme
-from agents.control.formation import formation_programme
+from agents.control.programme import formation_programme, ring_programme
 from agents.ring.place import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import PlantAxis, exact_step
@@ -22,17 +21,17 @@ from estimation.state import Vector
 _BEFORE = np.array([0.0, 0.0, 1.0])
 
 
-BEARING = "keeping the bearing"
-"""Name of the loops by which a vehicle follows its reference around the ring."""
-
-
 @dataclass(frozen=True, slots=True)
-class Loop:
-    """A closed loop: the section of its gains, its name, and the largest modulus of its eigenvalues."""
+class ClosedLoop:
+    """A closed loop: the section of its gains, its name, and the largest modulus of its eigenvalues.
+
+    A vehicle follows its reference around the ring by those that are `of_bearing`.
+    """
 
     section: str
     name: str
     modulus: float
+    of_bearing: bool = False
 
     def decay_per_s(self, rate_hz: float) -> float:
         """Return the slowest decay rate of a deviation [1/s]."""
@@ -44,7 +43,7 @@ class Loop:
         return 1.0 - self.modulus
 
 
-def loops(config: AgentConfig) -> Iterator[Loop]:
+def loops(config: AgentConfig) -> Iterator[ClosedLoop]:
     """Yield every loop of a vehicle, for the whole team in formation and on the ring."""
     settings, members = config.encirclement, len(config.slots)
     relative = formation_programme(config).gains
@@ -53,13 +52,13 @@ def loops(config: AgentConfig) -> Iterator[Loop]:
         motion = _Sampled(config, axis, index)
         own = [index, index + 2]
         place = motion.loop(relative.state[index, own], relative.previous[index, index])
-        yield Loop("formation", f"keeping its place along {'xy'[index]}", _modulus(place))
+        yield ClosedLoop("formation", f"keeping its place along {'xy'[index]}", _modulus(place))
         radius = motion.linearised(polar.state[0, [0, 2]], polar.previous[0, 0])
-        yield Loop("encirclement", f"keeping the radius along {'xy'[index]}", _modulus(radius))
+        yield ClosedLoop("encirclement", f"keeping the radius along {'xy'[index]}", _modulus(radius))
         bearing = motion.linearised(polar.state[1, [1, 3]], polar.previous[1, 1])
-        yield Loop("encirclement", f"{BEARING} along {'xy'[index]}", _modulus(bearing))
+        yield ClosedLoop("encirclement", f"keeping the bearing along {'xy'[index]}", _modulus(bearing), of_bearing=True)
     for mode in range(1, members // 2 + 1):  # the other modes mirror these
-        yield Loop("encirclement", f"mode {mode} of the spacing", _modulus(_spacing(config, members, mode)))
+        yield ClosedLoop("encirclement", f"mode {mode} of the spacing", _modulus(_spacing(config, members, mode)))
 
 
 def _spacing(config: AgentConfig, members: int, mode: int) -> Vector:

@@ -9,12 +9,11 @@ from typing import Literal
 from zlib import crc32
 
 from agents.ring.place import chord_m
-from agents.settings.shapes import offset_m
+from agents.settings.shapes import SPACED_SHAPES, SpacedShape, offset_m
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from gcs.autopilots.registry import AUTOPILOTS
 
 Links = Literal["stub", AutopilotName, "udp", "serial"]
-NewShape = Literal["line", "column", "wedge"]
 SPACING_M, SEPARATION_M = 5.0, 3.0
 _SIMULATORS = {each.name: each.simulator_port for each in AUTOPILOTS}
 PROFILES = {"stub": "stub", "udp": DEFAULT, "serial": DEFAULT, **{name: name for name in _SIMULATORS}}
@@ -58,7 +57,7 @@ class NewMission:
     vehicles: int
     links: Links
     profile: str
-    shape: NewShape
+    shape: SpacedShape
     radius_m: float
     angular_rate_rad_s: float
     target_speed_m_s: float
@@ -74,6 +73,7 @@ class NewMission:
             description=dumps(self._description),
             duration_s=self._duration_s,
             shape=self.shape,
+            shapes=", ".join(SPACED_SHAPES),
             spacing_m=SPACING_M,
             speed_m_s=speed_m_s,
             speed_max_m_s=max(2.0, 2.0 * speed_m_s),
@@ -164,7 +164,7 @@ altitude_m = 488.0  # of the ground, above sea level
 x_bearing_deg = 90.0  # of the x axis, clockwise from north: the direction of the formation
 
 [formation]
-shape = "{shape}"  # line, column or wedge; or free, with a slot_m for each vehicle
+shape = "{shape}"  # {shapes}; or free, with a slot_m for each vehicle
 spacing_m = {spacing_m}  # between neighbours
 speed_m_s = {speed_m_s}  # along x
 speed_max_m_s = {speed_max_m_s}  # of a vehicle that catches up with its slot

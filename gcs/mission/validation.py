@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from estimation.settings import Settings
+from gcs.errors import Fault
 
 _PLAIN_WORDS = {
     "missing": "this key is missing",
@@ -28,7 +29,7 @@ FAULTS_MAX = 20
 _S = TypeVar("_S", bound=Settings)
 
 
-def validated(model: type[_S], content: object, path: str, faults: list[str]) -> _S | None:
+def validated(model: type[_S], content: object, path: str, faults: list[Fault]) -> _S | None:
     """Return the settings of a section, or None and append its faults."""
     try:
         return model.model_validate(content)
@@ -39,18 +40,19 @@ def validated(model: type[_S], content: object, path: str, faults: list[str]) ->
         return None
 
 
-def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> str:
+def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> Fault:
     """Return a fault of a section in plain words."""
     *parents, last = fault["loc"] or ("",)
     if fault["type"] == "extra_forbidden":
         return unknown_key(_place(path, parents), str(last), _known_keys(model, parents))
     if fault["type"] == "too_long":
-        return f"{_place(path, fault['loc'])}: it holds too many numbers, more than {fault['ctx']['max_length']}"
+        reason = f"it holds too many numbers, more than {fault['ctx']['max_length']}"
+        return Fault(_place(path, fault["loc"]), reason)
     reason = _PLAIN_WORDS.get(fault["type"]) or fault["msg"].removeprefix("Value error, ").replace(
         "Input should be", "it must be"
     )
     given = "" if fault["type"] == "missing" else f" (given: {shown(fault['input'])}{_as_degrees(last, fault)})"
-    return f"{_place(path, fault['loc'])}: {reason}{given}"
+    return Fault(_place(path, fault["loc"]), f"{reason}{given}")
 
 
 def _as_degrees(key: int | str, fault: ErrorDetails) -> str:
@@ -82,18 +84,18 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def unknown_keys(parent: str, keys: Sequence[str], known: list[str]) -> list[str]:
+def unknown_keys(parent: str, keys: Sequence[str], known: list[str]) -> list[Fault]:
     """Return the faults of unknown keys."""
     return [*(unknown_key(parent, key, known) for key in keys[:FAULTS_MAX]), *_and_more(parent, len(keys))]
 
 
-def _and_more(path: str, count: int) -> list[str]:
-    return [f"{path or 'the mission'}: and {count - FAULTS_MAX} more faults"] if count > FAULTS_MAX else []
+def _and_more(path: str, count: int) -> list[Fault]:
+    return [Fault(path or "the mission", f"and {count - FAULTS_MAX} more faults")] if count > FAULTS_MAX else []
 
 
-def unknown_key(parent: str, key: str, known: list[str]) -> str:
+def unknown_key(parent: str, key: str, known: list[str]) -> Fault:
     """Return the fault of an unknown key."""
     near = difflib.get_close_matches(key, known, n=1) if len(key) <= KEY_LENGTH_MAX else []
     key = shown(key).strip("'\"")
     hint = f"; did you mean '{near[0]}'?" if near else f"; known keys: {', '.join(sorted(known))}"
-    return f"{parent}{'.' if parent else ''}{key}: unknown key{hint}"
+    return Fault(f"{parent}{'.' if parent else ''}{key}", f"unknown key{hint}")

@@ -17,7 +17,7 @@ from agents.core import VehicleCore
 from agents.inputs import Message, Start
 from agents.outputs import TickOutput
 from agents.shell.clock import WallClock
-from agents.shell.ticker import Tick, Ticker, TickerClock
+from agents.shell.ticker import Ticker, TickerClock, TickTiming
 from estimation.state import Telemetry
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import COMPUTER, Finding, Grade, tolerated
@@ -114,7 +114,7 @@ class Lateness:
     max_s: float
 
 
-def lateness(ticks: Sequence[Tick], rate_hz: float) -> Lateness:
+def lateness(ticks: Sequence[TickTiming], rate_hz: float) -> Lateness:
     """Return the lateness of ticks [wall s]; raises ValueError without a tick.
 
     Deadlines that passed before a tick are counted, each with its own lateness: a pause of 0.5 s at 10 Hz makes five
@@ -144,10 +144,10 @@ async def measured_lateness(
     rehearsal, began_s = Rehearsal(mission, vehicles), clock.now_s()
     count = round(duration_s * rate_hz)
 
-    async def timed(index: int) -> list[Tick]:
+    async def timed(index: int) -> list[TickTiming]:
         start_s = began_s + (1.0 + index / len(vehicles)) / rate_hz
         ticker = Ticker(1.0 / rate_hz, clock, start_s)
-        ticks: list[Tick] = []
+        ticks: list[TickTiming] = []
         while not ticks or ticks[-1].index < count - 1:
             ticks.append(await ticker.next())
             rehearsal.tick(index, ticks[-1].index / mission.mission.rate_hz)

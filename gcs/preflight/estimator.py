@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from agents.safety.reported_faults import RATIO_MAX, RATIO_RESERVE
+from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from gcs.link.estimator_report import EstimatorReport
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade, VehicleFacts, limited
@@ -39,7 +39,7 @@ def estimator(facts: VehicleFacts, mission: Mission) -> Iterator[Finding]:
             yield _finding(facts, grade, found, STEPS[name])
         elif name == highest:
             found = f"estimator: highest innovation test ratio {ratio:.2f} ({name}), limit {RATIO_MAX:g}"
-            yield Finding(Grade.PASS, facts.subject, "estimator", found)
+            yield Finding(Grade.PASS, facts.vehicle_id, "estimator", found)
 
 
 def _position(facts: VehicleFacts, report: EstimatorReport, *, local: bool) -> Iterator[Finding]:
@@ -56,4 +56,4 @@ def _position(facts: VehicleFacts, report: EstimatorReport, *, local: bool) -> I
 
 
 def _finding(facts: VehicleFacts, grade: Grade, found: str, step: str) -> Finding:
-    return Finding(grade, facts.subject, "estimator", found, WHY, step, temporary=True)
+    return Finding(grade, facts.vehicle_id, "estimator", found, WHY, step, temporary=True)

@@ -20,7 +20,7 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
     if facts.fence_areas is None:
         found = "geofence download failed: areas that end the mission are unknown"
         step = "check the fence with a ground station, and check the link"
-        yield Finding(Grade.WARNING, facts.subject, "fence areas", found, WHY, step)
+        yield Finding(Grade.WARNING, facts.vehicle_id, "fence areas", found, WHY, step)
         return
     if not facts.fence_areas or not fence_limits(facts).areas:
         return
@@ -30,7 +30,7 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
     areas = f"geofence with {len(facts.fence_areas)} areas"
     yield Finding.graded(
         Grade.WARNING if outside else Grade.PASS,
-        facts.subject,
+        facts.vehicle_id,
         "fence areas",
         f"{areas}: the mission leaves them, for example at ({x:.0f}, {y:.0f})"
         if outside

@@ -1,6 +1,6 @@
 """Types of the preflight: the facts about a vehicle on the ground, and the findings of the checks."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from math import isfinite
@@ -8,15 +8,25 @@ from math import isfinite
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
 from gcs.autopilots.autopilot import Autopilot
-from gcs.autopilots.kind import Evidence, Kind
+from gcs.autopilots.kind import Evidence, VehicleKind
 from gcs.autopilots.registry import UNKNOWN
 from gcs.link.estimator_report import EstimatorReport
 from gcs.link.relay.gate import LinkReport
+from gcs.link.status_texts import HealthItem
 
-MISSION = "mission"
-"""The subject of findings about the mission or the whole team."""
-COMPUTER = "this computer"
-"""The subject of findings about the computer that flies."""
+
+class Whole(Enum):
+    """The subjects of findings that are not about a single vehicle."""
+
+    MISSION = "mission"
+    """The mission, or the whole team."""
+    COMPUTER = "this computer"
+    """The computer that flies."""
+
+
+Subject = int | Whole
+"""A vehicle by its id, or a whole."""
+MISSION, COMPUTER = Whole.MISSION, Whole.COMPUTER
 
 
 class Grade(Enum):
@@ -37,7 +47,7 @@ class Finding:
     """
 
     grade: Grade
-    subject: str
+    about: Subject
     check: str
     found: str
     why: str = ""
@@ -48,13 +58,26 @@ class Finding:
         if self.grade is not Grade.PASS and not (self.why and self.next_step):
             raise ValueError(f"{self.check} of {self.subject}: {self.grade.value} without a reason and a next step")
 
+    @property
+    def subject(self) -> str:
+        """What it is about, as text."""
+        return subjects_text([self.about])
+
     @classmethod
     def graded(
-        cls, grade: Grade, subject: str, check: str, found: str, why: str, next_step: str, *, temporary: bool = False
+        cls, grade: Grade, about: Subject, check: str, found: str, why: str, next_step: str, *, temporary: bool = False
     ) -> "Finding":
         """Return a finding of a computed grade; a pass has no next step."""
         well = grade is Grade.PASS
-        return cls(grade, subject, check, found, why, "" if well else next_step, temporary and not well)
+        return cls(grade, about, check, found, why, "" if well else next_step, temporary and not well)
+
+
+def subjects_text(subjects: Sequence[Subject]) -> str:
+    """Return the subjects of findings that are alike as one text."""
+    names = [each.value if isinstance(each, Whole) else str(each) for each in subjects]
+    if isinstance(subjects[0], Whole) and len(subjects) == 1:
+        return names[0]
+    return f"vehicle{'s' if len(subjects) > 1 else ''} {', '.join(names)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +119,7 @@ class VehicleFacts:
     multicopter: bool = False
     status: VehicleStatus = field(default_factory=VehicleStatus)
     mode_received: bool = True
-    health: Mapping[str, bool] = field(default_factory=dict)
+    health: Mapping[HealthItem, bool] = field(default_factory=dict)
     failed_checks: tuple[str, ...] = ()
     origin_m: Triple | None = None
     lost: tuple[str, str] | None = None
@@ -127,16 +150,11 @@ class VehicleFacts:
         return bool(self.health) and all(self.health.values())
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> VehicleKind:
         """The kind of vehicle, from its reports."""
         return self.autopilot.kind(
             Evidence(self.system_id, self.uid, self.vendor_id, hil=self.link.hil, parameters=self.parameters)
         )
-
-    @property
-    def subject(self) -> str:
-        """The subject of findings about it."""
-        return f"vehicle {self.vehicle_id}"
 
     def parameter(self, *names: str) -> float | None:
         """Return the first of these parameters that could be read: names depend on the firmware version."""

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from gcs.errors import Exit
 from gcs.metrics.json_output import json_output
-from gcs.preflight.findings import Finding, Grade
+from gcs.preflight.findings import MISSION, Finding, Grade, Subject, subjects_text
 from gcs.preflight.preflight import worst
 
 STYLES = {Grade.REFUSE: "bold red", Grade.WARNING: "yellow", Grade.PASS: "green"}
@@ -31,15 +31,15 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = F
     table.add_column(no_wrap=True)
     table.add_column(max_width=SUBJECT_WIDTH)
     table.add_column()
-    alike: dict[Finding, list[str]] = {}
+    alike: dict[Finding, list[Subject]] = {}
     by_grade = [each for grade in reversed(Grade) for each in findings if each.grade is grade]
     for finding in (each for each in by_grade if passes or each.grade is not Grade.PASS):
-        alike.setdefault(replace(finding, subject=""), []).append(finding.subject)
+        alike.setdefault(replace(finding, about=MISSION), []).append(finding.about)
     for finding, subjects in alike.items():
         cell = Text(finding.found)
         if finding.grade is not Grade.PASS:
             cell.append(f"\nwhy: {finding.why}\nnext: {finding.next_step}", style="dim")
-        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(joined_subjects(subjects)), cell)
+        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(subjects_text(subjects)), cell)
     grade = worst(findings)
     count = Counter(finding.grade for finding in findings)
     counted = ", ".join(f"{count[each]} {each.value}" for each in Grade)
@@ -48,15 +48,13 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = F
 
 def findings_json(mission: str, findings: Sequence[Finding]) -> str:
     """Return the findings as one JSON object on one line; `grade` at the top is the most severe."""
-    listed = [{**asdict(finding), "grade": finding.grade.value} for finding in findings]
+    listed = [_plain(finding) for finding in findings]
     return json_output({"mission": mission, "grade": worst(findings).value, "findings": listed})
 
 
-def joined_subjects(subjects: Sequence[str]) -> str:
-    """Return the subjects of findings that are alike as one."""
-    if len(subjects) == 1:
-        return subjects[0]
-    return "vehicles " + ", ".join(subject.removeprefix("vehicle ") for subject in subjects)
+def _plain(finding: Finding) -> dict[str, object]:
+    said = {"grade": finding.grade.value, "subject": finding.subject}
+    return said | {name: value for name, value in asdict(finding).items() if name not in ("grade", "about")}
 
 
 def exit_code(findings: Sequence[Finding]) -> Exit:

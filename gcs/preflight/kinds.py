@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from gcs.autopilots.kind import Kind
+from gcs.autopilots.kind import VehicleKind
 from gcs.autopilots.registry import advice
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts
 
@@ -27,16 +27,16 @@ def kinds(team: Sequence[VehicleFacts], *, bench: bool) -> Iterator[Finding]:
 
 def bench_line(team: Sequence[VehicleFacts]) -> str:
     """Return the vehicles of each kind as one line."""
-    ids = {kind: [str(facts.vehicle_id) for facts in team if facts.kind is kind] for kind in Kind}
+    ids = {kind: [str(facts.vehicle_id) for facts in team if facts.kind is kind] for kind in VehicleKind}
     parts = (f"{kind.value}: {', '.join(each)}" for kind, each in ids.items() if each)
     return "; ".join(parts)
 
 
 def _stated(facts: VehicleFacts) -> Finding:
-    known = facts.kind is not Kind.UNKNOWN
+    known = facts.kind is not VehicleKind.UNKNOWN
     return Finding.graded(
         Grade.PASS if known else Grade.WARNING,
-        facts.subject,
+        facts.vehicle_id,
         "kind",
         f"what it is: {facts.kind.value}",
         "a vehicle of unknown kind is treated as a real one",
@@ -52,8 +52,8 @@ def _mixed(team: Sequence[VehicleFacts]) -> Finding:
 def _not_simulated(facts: VehicleFacts) -> Finding:
     found = f"it is not simulated: {facts.kind.value}"
     step = f"take it out of the mission, or set it up with a simulated body ({advice('bench')})"
-    return Finding(Grade.REFUSE, facts.subject, "bench", found, "--bench is for simulated vehicles only", step)
+    return Finding(Grade.REFUSE, facts.vehicle_id, "bench", found, "--bench is for simulated vehicles only", step)
 
 
 def _board(facts: VehicleFacts) -> Finding:
-    return Finding(Grade.REFUSE, facts.subject, "bench", f"it is a {facts.kind.value}", LIVE, BENCH)
+    return Finding(Grade.REFUSE, facts.vehicle_id, "bench", f"it is a {facts.kind.value}", LIVE, BENCH)

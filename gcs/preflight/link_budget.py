@@ -6,7 +6,7 @@ from gcs.autopilots.registry import advice
 from gcs.link.config import link_paces
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
 from gcs.link.rates.rate_controller import RateController
-from gcs.link.rates.rates import SETPOINT_MIN_HZ, Rates, ladder
+from gcs.link.rates.rates import SETPOINT_MIN_HZ, Rates, rate_levels
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
@@ -20,27 +20,27 @@ def link_budget(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Find
     for url, pace in sorted(link_paces(mission).items()):
         if pace.capacity_bytes_s is not None:
             yield _fits(url, pace, pace.capacity_bytes_s)
-            if (came_bytes_s := measured.get(url)) is not None:
-                yield _came(url, pace.load, came_bytes_s)
+            if (received_bytes_s := measured.get(url)) is not None:
+                yield _received_load(url, pace.load, received_bytes_s)
 
 
 def _fits(url: str, pace: RateController, capacity_bytes_s: float) -> Finding:
-    asked_bytes_s = pace.load.bytes_s
+    planned_bytes_s = pace.load.bytes_s
     vehicles = "1 vehicle takes" if pace.vehicles == 1 else f"{pace.vehicles} vehicles take"
     return Finding.graded(
-        limited(asked_bytes_s, capacity_bytes_s, LOAD_SHARE),
+        limited(planned_bytes_s, capacity_bytes_s, LOAD_SHARE),
         MISSION,
         "link budget",
-        f"{url}: {vehicles} {asked_bytes_s:.0f} of its {capacity_bytes_s:.0f} bytes/s "
-        f"({asked_bytes_s / capacity_bytes_s:.0%}) with {_shown(pace.rates)}",
+        f"{url}: {vehicles} {planned_bytes_s:.0f} of its {capacity_bytes_s:.0f} bytes/s "
+        f"({planned_bytes_s / capacity_bytes_s:.0%}) with {_shown(pace.rates)}",
         f"above {LOAD_SHARE:.0%}, setpoints and commands are delayed",
         _step(pace, capacity_bytes_s),
     )
 
 
 def _step(pace: RateController, capacity_bytes_s: float) -> str:
-    rungs = ladder(pace.rates)
-    rates = rungs[fitting(rungs, pace.vehicles, capacity_bytes_s, signed=pace.signed)]
+    levels = rate_levels(pace.rates)
+    rates = levels[fitting(levels, pace.vehicles, capacity_bytes_s, signed=pace.signed)]
     least = load(rates, pace.vehicles, signed=pace.signed)
     if least.bytes_s > LOAD_SHARE * capacity_bytes_s:
         return (
@@ -57,13 +57,13 @@ def _shown(rates: Rates) -> str:
     )
 
 
-def _came(url: str, asked: Load, came_bytes_s: float) -> Finding:
-    share = came_bytes_s / asked.down_bytes_s
+def _received_load(url: str, asked: Load, received_bytes_s: float) -> Finding:
+    share = received_bytes_s / asked.down_bytes_s
     return Finding.graded(
         Grade.WARNING if share > UNASKED_SHARE else Grade.PASS,
         MISSION,
         "link traffic",
-        f"{url}: {came_bytes_s:.0f} bytes/s received from the vehicles, {asked.down_bytes_s:.0f} bytes/s requested",
+        f"{url}: {received_bytes_s:.0f} bytes/s received from the vehicles, {asked.down_bytes_s:.0f} bytes/s requested",
         "streams that were not requested delay setpoints and commands",
         f"stop other streams on that port ({advice('streams', between='; ')})",
     )

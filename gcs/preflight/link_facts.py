@@ -26,17 +26,18 @@ from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.link.self_reports import DIMENSIONS
 from gcs.link.signing_keys import signing_keys
+from gcs.link.status_texts import HealthItem
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.reader import read_estimator, read_parameters
-from gcs.preflight.vehicle import ARMING_CHECKS, CALM_MODES
+from gcs.preflight.vehicle import CALM_MODES
 
 REQUEST_PERIOD_S = 0.5
 REQUEST_MESSAGE, AUTOPILOT_VERSION = 512, 148
 RELEASED = ("release", "unknown")
 
 
-class Identity(NamedTuple):
+class AutopilotVersion(NamedTuple):
     """The firmware, such as 1.17.0-beta+0f1e2d3c, empty if unknown, and two numbers of AUTOPILOT_VERSION."""
 
     firmware: str = ""
@@ -44,7 +45,7 @@ class Identity(NamedTuple):
     vendor_id: int | None = None
 
 
-def read_identity(system: Any, timeout_s: float) -> Identity:
+def read_identity(system: Any, timeout_s: float) -> AutopilotVersion:
     """Return an autopilot's identity; blocks for `timeout_s` wall seconds if it is not received.
 
     MAVSDK requests it once on connection; on a link with losses it is requested again.
@@ -56,16 +57,16 @@ def read_identity(system: Any, timeout_s: float) -> Identity:
             with suppress(MavlinkDirectError):  # not acknowledged: the message may still arrive
                 direct.send_command(command_long(system.get_system_id(), REQUEST_MESSAGE, AUTOPILOT_VERSION))
             time.sleep(REQUEST_PERIOD_S)
-        return identity or Identity()
+        return identity or AutopilotVersion()
     finally:
         plugin.destroy()
         direct.destroy()
 
 
-def _received(plugin: Any) -> Identity | None:
+def _received(plugin: Any) -> AutopilotVersion | None:
     try:
         uid, vendor_id = plugin.get_identification().legacy_uid, plugin.get_product().vendor_id
-        return Identity(_firmware(plugin.get_version()), int(uid), int(vendor_id))
+        return AutopilotVersion(_firmware(plugin.get_version()), int(uid), int(vendor_id))
     except InfoError:
         return None
 
@@ -138,7 +139,7 @@ class _Connection:
         self._url = url
         self._quiet = asyncio.Barrier(pace.vehicles)
 
-    async def came_bytes_s(self) -> float | None:
+    async def received_bytes_s(self) -> float | None:
         """Return the traffic from all vehicles once all queries are answered; None if the data rate is unknown.
 
         Every vehicle's query has to await this, also one without an answer.
@@ -181,11 +182,11 @@ async def _facts(
     try:
         system = await hub.find(url, system_id, HEARTBEAT_TIMEOUT_S, signing_key=signing_key)
     except VehicleRefusedError as refusal:
-        await connection.came_bytes_s()
+        await connection.received_bytes_s()
         await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
-    feed = VehicleFeed(system, frame, clock, hub.postbox)
+    feed = VehicleFeed(system, frame, clock, hub.posted_calls)
     calls = VehicleCalls(system_id, feed, clock)
     try:
         feed.subscribe()
@@ -195,9 +196,9 @@ async def _facts(
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)
         facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
-        came_bytes_s = await connection.came_bytes_s()
+        received_bytes_s = await connection.received_bytes_s()
         await connection.streaming.over()
-        return replace(facts, link=hub.report(system_id), link_bytes_s=came_bytes_s)
+        return replace(facts, link=hub.report(system_id), link_bytes_s=received_bytes_s)
     finally:
         await calls.close()
         await asyncio.to_thread(feed.close)
@@ -212,7 +213,7 @@ async def _find_place(
         configured = vehicle.origin_m if frame.is_local else None
         feed.origin_m = configured or await find_origin(calls, feed, frame, WallClock(), ORIGIN_TIMEOUT_S)
     except VehicleRefusedError as refusal:
-        return f"it {refusal.reason.removeprefix(f'vehicle {vehicle.system_id} ')}", refusal.next_step
+        return f"it {refusal.clause}", refusal.next_step
     with suppress(VehicleRefusedError):  # the facts state what is missing
         await calls.until(lambda: not feed.missing(), STATUS_TIMEOUT_S, lambda: "is silent", "wait")
     return None
@@ -288,7 +289,7 @@ def _is_healthy(feed: VehicleFeed) -> bool:
     """Return whether all health items are good; arming checks only in a mode in which cordon arms."""
     calm = feed.status.mode in CALM_MODES
     items = feed.health()
-    return bool(items) and all(well or (item == ARMING_CHECKS and not calm) for item, well in items.items())
+    return bool(items) and all(well or (item is HealthItem.ARMING and not calm) for item, well in items.items())
 
 
 def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:

@@ -186,7 +186,7 @@ def _lead(mission: Mission, vehicle: MissionVehicle) -> Finding:
     limit_m = mission.safety.setpoint_lead_max_m
     return Finding.graded(
         limited(lead_m, limit_m, RESERVE),
-        f"vehicle {vehicle.id}",
+        vehicle.id,
         "setpoint lead",
         f"the plant needs a setpoint lead of {lead_m:.2f} m at {speed_m_s:.2f} m/s; "
         f"tuning.safety.setpoint_lead_max_m is {limit_m:g} m",
@@ -202,7 +202,7 @@ def _within(facts: VehicleFacts, check: str, needed: float, unit: str, names: tu
             limit = value * scale
             return Finding.graded(
                 limited(needed, limit, RESERVE),
-                facts.subject,
+                facts.vehicle_id,
                 f"{check} limit",
                 f"the mission needs {needed:.2f} {unit}; {name} limits the autopilot to {limit:.2f} {unit}",
                 "beyond its limit the autopilot does not follow its setpoints, whatever the profile",
@@ -211,7 +211,7 @@ def _within(facts: VehicleFacts, check: str, needed: float, unit: str, names: tu
     either = " or ".join(name for name, _ in names)
     return Finding(
         Grade.WARNING,
-        facts.subject,
+        facts.vehicle_id,
         f"{check} limit",
         f"{either} could not be read: the mission needs {needed:.2f} {unit}, the limit is unknown",
         "beyond its limit the autopilot does not follow its setpoints, whatever the profile",

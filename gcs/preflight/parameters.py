@@ -18,7 +18,7 @@ def failsafes(facts: VehicleFacts) -> Iterator[Finding]:
             yield _unread(facts, name, WITHOUT_SETPOINTS)
         else:
             grade, meaning, why, step = judge(value)
-            yield Finding(Grade(grade), facts.subject, name, f"{name} = {value:g}: {meaning}", why, step)
+            yield Finding(Grade(grade), facts.vehicle_id, name, f"{name} = {value:g}: {meaning}", why, step)
 
 
 def station(facts: VehicleFacts) -> Iterator[Finding]:
@@ -33,7 +33,7 @@ def station(facts: VehicleFacts) -> Iterator[Finding]:
     name = next(name for name in ids if facts.parameter(name) is not None)
     yield Finding.graded(
         Grade.PASS if int(value) == CORDON_ID else Grade.WARNING,
-        facts.subject,
+        facts.vehicle_id,
         "ground station id",
         f"{name} = {value:g}: the ground station failsafe monitors system {value:g}; cordon is system {CORDON_ID}",
         "a failsafe that monitors another ground station does not act on a loss of cordon or its link",
@@ -52,11 +52,11 @@ def fence(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Ite
         return
     across, up, _, terminates = fence_limits(facts)
     if across is None and up is None:
-        yield Finding(Grade.PASS, facts.subject, "fence", "the autopilot's fence is off or takes no action")
+        yield Finding(Grade.PASS, facts.vehicle_id, "fence", "the autopilot's fence is off or takes no action")
         return
     if terminates:
         found, step = terminates
-        yield Finding(Grade.REFUSE, facts.subject, "fence", found, MOTORS_STOP, step)
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "fence", found, MOTORS_STOP, step)
     reaches = ((across, extent_m(mission, vehicle), "from home"), (up, highest_m(mission, vehicle), "above home"))
     for limit, needed_m, where in reaches:
         if limit is not None:
@@ -71,7 +71,7 @@ def fence_limits(facts: VehicleFacts) -> FenceLimits:
 def _room(facts: VehicleFacts, name: str, limit_m: float, needed_m: float, where: str) -> Finding:
     return Finding.graded(
         Grade.WARNING if needed_m > limit_m else Grade.PASS,
-        facts.subject,
+        facts.vehicle_id,
         "fence",
         f"the mission reaches {needed_m:.0f} m {where}; the fence {name} is at {limit_m:g} m",
         "the autopilot ends the mission at its fence, regardless of the other vehicles",
@@ -81,4 +81,4 @@ def _room(facts: VehicleFacts, name: str, limit_m: float, needed_m: float, where
 
 def _unread(facts: VehicleFacts, name: str, why: str) -> Finding:
     step = f"check {name} with a ground station, and check the link"
-    return Finding(Grade.WARNING, facts.subject, name, f"{name} could not be read", why, step)
+    return Finding(Grade.WARNING, facts.vehicle_id, name, f"{name} could not be read", why, step)

@@ -96,9 +96,11 @@ def _of_vehicle(
     if facts.unreachable is not None:
         found, step = facts.unreachable
         why = "commands would not arrive, or would reach another vehicle"
-        yield Finding(Grade.REFUSE, facts.subject, "link", found, why, step)
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "link", found, why, step)
         return
-    yield Finding(Grade.PASS, facts.subject, "link", f"received on {vehicle.section.url} as system {vehicle.system_id}")
+    yield Finding(
+        Grade.PASS, facts.vehicle_id, "link", f"received on {vehicle.section.url} as system {vehicle.system_id}"
+    )
     for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot.is_known else ()):
         yield from check(facts, mission, vehicle)
     yield from profile(facts, mission, vehicle, today)

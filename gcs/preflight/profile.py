@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from datetime import date
 
 from estimation.plant.provenance import Identification, PlantGrade
-from gcs.autopilots.registry import UNKNOWN, known_as
+from gcs.autopilots.registry import UNKNOWN, autopilot_of
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
 
@@ -27,33 +27,39 @@ def profile(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle, toda
     identified = vehicle.profile.identified
     if identified is None:
         return
-    doubts = [*_doubts(identified, facts, today), *_other_kind(identified, vehicle)]
+    reservations = [*_reservations(identified, facts, today), *_other_kind(identified, vehicle)]
     if not other and identified.autopilot.lower() != facts.autopilot.label.lower():
-        doubts.append(f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.label}")
+        reservations.append(
+            f"it was identified with {identified.autopilot}, and the vehicle flies {facts.autopilot.label}"
+        )
     what = f"its profile '{vehicle.section.profile}', identified on {identified.date}"
-    found = f"{what}: {'; '.join(doubts)}" if doubts else f"{what} with its firmware, is {identified.verdict.value}"
-    yield Finding.graded(Grade.WARNING if doubts else Grade.PASS, facts.subject, "profile", found, _WHY, _STEP)
+    found = (
+        f"{what}: {'; '.join(reservations)}"
+        if reservations
+        else f"{what} with its firmware, is {identified.verdict.value}"
+    )
+    yield Finding.graded(Grade.WARNING if reservations else Grade.PASS, facts.vehicle_id, "profile", found, _WHY, _STEP)
 
 
 def _other_autopilot(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
     """Refuse a profile of another autopilot; a warning if the mission itself states this autopilot."""
     key = vehicle.profile.autopilot
-    if key is None or facts.autopilot in (known_as(key), UNKNOWN):
+    if key is None or facts.autopilot in (autopilot_of(key), UNKNOWN):
         return
     chosen = vehicle.section.autopilot
-    meant = chosen is not None and known_as(chosen) is facts.autopilot
+    meant = chosen is not None and autopilot_of(chosen) is facts.autopilot
     yield Finding(
         Grade.WARNING if meant else Grade.REFUSE,
-        facts.subject,
+        facts.vehicle_id,
         "profile",
-        f"its profile '{vehicle.section.profile}' is for {known_as(key).label} (autopilot = \"{key}\"), and the "
+        f"its profile '{vehicle.section.profile}' is for {autopilot_of(key).label} (autopilot = \"{key}\"), and the "
         f"vehicle reports {facts.autopilot.label}",
         "plant, filter and limits of another autopilot do not describe this vehicle",
         f"use a profile for {facts.autopilot.label} in the mission, or check the url",
     )
 
 
-def _doubts(identified: Identification, facts: VehicleFacts, today: date | None) -> Iterator[str]:
+def _reservations(identified: Identification, facts: VehicleFacts, today: date | None) -> Iterator[str]:
     if identified.verdict is PlantGrade.DO_NOT_FLY:
         reasons = "".join(f", {reason}" for reason in identified.reasons)
         yield f"its own verdict is '{identified.verdict.value}'{reasons}"

@@ -10,17 +10,17 @@ from gcs.preflight.findings import Finding, Grade, VehicleFacts
 def senders(facts: VehicleFacts) -> Iterator[Finding]:
     """Check whether the link is signed, and that no other sender uses the vehicle's system id."""
     if facts.link.signed:
-        yield Finding(Grade.PASS, facts.subject, "signing", "its messages and cordon's are signed")
+        yield Finding(Grade.PASS, facts.vehicle_id, "signing", "its messages and cordon's are signed")
     if facts.link.doubled:
         yield _doubled(facts)
     if facts.link.impostors:
-        yield impostor(facts.subject, facts.link)
+        yield impostor(facts.vehicle_id, facts.link)
 
 
 def _doubled(facts: VehicleFacts) -> Finding:
     return Finding(
         Grade.REFUSE,
-        facts.subject,
+        facts.vehicle_id,
         "doubled",
         f"several vehicles send with its system id on {facts.link.address}: sequence numbers jump back and forth",
         "each command would go to all of them",
@@ -28,12 +28,12 @@ def _doubled(facts: VehicleFacts) -> Finding:
     )
 
 
-def impostor(subject: str, link: LinkReport) -> Finding:
+def impostor(vehicle_id: int, link: LinkReport) -> Finding:
     """Return the finding that others use a vehicle's system id."""
     who = ", ".join(f"{address} ({frames} messages)" for address, frames in link.impostors.items())
     return Finding(
         Grade.WARNING,
-        subject,
+        vehicle_id,
         "impostor",
         f"{who} sends with its system id; ignored: the vehicle is at {link.address}",
         "this may be a misconfigured vehicle or simulator, or an attacker who forges messages",
@@ -41,11 +41,11 @@ def impostor(subject: str, link: LinkReport) -> Finding:
     )
 
 
-def moved(subject: str, link: LinkReport) -> Finding:
+def moved(vehicle_id: int, link: LinkReport) -> Finding:
     """Return the finding that a vehicle sends from another address than before."""
     return Finding(
         Grade.WARNING,
-        subject,
+        vehicle_id,
         "address",
         f"after a silence it sends from {link.moves[-1]}",
         "its link or simulator restarted"

@@ -1,6 +1,5 @@
 """Preflight checks of each vehicle on the ground, and of the vehicles against each other, without parameters."""
 
-import re
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from math import hypot
@@ -10,7 +9,7 @@ from agents.shell.computer import ComputerClock
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
 from gcs.autopilots.registry import AUTOPILOTS, advice
-from gcs.link.status_texts import quoted
+from gcs.link.status_texts import POSITION_ITEMS, HealthItem, explains, quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import FrameSection, Mission, MissionVehicle
 from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, VehicleFacts, tolerated
@@ -27,8 +26,6 @@ WHOLE_SPEED_TOLERANCE, CLOCK_TOLERANCE = 1e-6, 0.1
 COMPUTER_CLOCK_ERROR_MAX_S = 0.5
 """The kernel states an upper bound, which grows by 1 ms every 2 s between two adjustments."""
 CLOCK_LAG_TOLERANCE_S = 0.05
-ARMING_CHECKS = "arming checks"
-POSITION_ITEMS = ("local position", "global position", "home position")
 CALM_MODES = (FlightMode.HOLD, FlightMode.READY)
 
 
@@ -37,7 +34,7 @@ def identity(facts: VehicleFacts) -> Iterator[Finding]:
     labels = [each.label for each in AUTOPILOTS]
     yield Finding.graded(
         Grade.PASS if facts.autopilot.is_known else Grade.REFUSE,
-        facts.subject,
+        facts.vehicle_id,
         "autopilot",
         f"its autopilot is {facts.autopilot.label}",
         f"cordon supports the modes and failsafes of {' and '.join(labels)} only",
@@ -45,7 +42,7 @@ def identity(facts: VehicleFacts) -> Iterator[Finding]:
     )
     yield Finding.graded(
         Grade.PASS if facts.multicopter else Grade.REFUSE,
-        facts.subject,
+        facts.vehicle_id,
         "airframe",
         "it is a multicopter" if facts.multicopter else "it is not a multicopter",
         "the mission needs a vehicle that can hover",
@@ -59,16 +56,16 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
     if status.armed or status.in_air:
         state = "in the air" if status.in_air else "armed"
         why = "cordon starts on the ground, and another pilot or station seems to fly this vehicle"
-        yield Finding(Grade.REFUSE, facts.subject, "armed", f"it is {state} already", why, "land and disarm it")
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "armed", f"it is {state} already", why, "land and disarm it")
     else:
-        yield Finding(Grade.PASS, facts.subject, "armed", "it is disarmed, on the ground")
+        yield Finding(Grade.PASS, facts.vehicle_id, "armed", "it is disarmed, on the ground")
     if not facts.mode_received:
         why, step = "the mode shows who controls the vehicle", "wait until its heartbeats arrive, check the link"
-        yield Finding(Grade.REFUSE, facts.subject, "mode", "it sent no flight mode", why, step, temporary=True)
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "mode", "it sent no flight mode", why, step, temporary=True)
         return
     yield Finding.graded(
         Grade.PASS if status.mode in (*CALM_MODES, FlightMode.LAND) else Grade.WARNING,  # as its last flight left it
-        facts.subject,
+        facts.vehicle_id,
         "mode",
         f"its flight mode is {status.mode.value}",
         "cordon changes to hold before it arms, and a mode switch in another position may override that",
@@ -84,29 +81,30 @@ def health(facts: VehicleFacts) -> Iterator[Finding]:
     """
     if not facts.health:
         why, step = "an autopilot that does not report is not ready to arm", "wait until it has started, check the link"
-        yield Finding(Grade.REFUSE, facts.subject, "health", "it sent no health report", why, step, temporary=True)
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "health", "it sent no health report", why, step, temporary=True)
     failing = [item for item, well in facts.health.items() if not well]
     independent = [item for item in failing if not (_lost(facts) and item in POSITION_ITEMS)]
-    for item in independent if failing == [ARMING_CHECKS] else [item for item in independent if item != ARMING_CHECKS]:
+    if failing != [HealthItem.ARMING]:
+        independent = [item for item in independent if item is not HealthItem.ARMING]
+    for item in independent:
         # Arming checks depend on the mode, and cordon changes to hold before it arms.
-        by_mode = item == ARMING_CHECKS and facts.status.mode not in CALM_MODES
+        by_mode = item is HealthItem.ARMING and facts.status.mode not in CALM_MODES
         yield Finding(
             Grade.WARNING if by_mode else Grade.REFUSE,
-            facts.subject,
+            facts.vehicle_id,
             "health",
             f"{item}: not healthy{f' in {facts.status.mode.value}' if by_mode else ''}{_reported(facts, item)}",
             "the autopilot will refuse to arm, or will have no position in flight",
-            HEALTH_STEPS.get(item, "resolve the cause that the autopilot reports"),
-            temporary=item in (*POSITION_ITEMS, ARMING_CHECKS),
+            HEALTH_STEPS[item],
+            temporary=item in (*POSITION_ITEMS, HealthItem.ARMING),
         )
     if facts.is_ready:
-        yield Finding(Grade.PASS, facts.subject, "health", f"all of its {len(facts.health)} health items are good")
+        yield Finding(Grade.PASS, facts.vehicle_id, "health", f"all of its {len(facts.health)} health items are good")
 
 
-def _reported(facts: VehicleFacts, *items: str) -> str:
+def _reported(facts: VehicleFacts, *items: HealthItem) -> str:
     """Return what the autopilot reports about health items, to follow a finding; empty if it reports nothing."""
-    about = [_ABOUT[item] for item in items if item in _ABOUT]
-    texts = [text for text in facts.failed_checks if any(words.search(text) for words in about)]
+    texts = [text for text in facts.failed_checks if explains(text, items)]
     return f"; it reports {quoted(texts)}" if texts else ""
 
 
@@ -114,23 +112,14 @@ def _lost(facts: VehicleFacts) -> bool:
     return facts.origin_m is None or facts.position_m is None
 
 
-_PLACE = re.compile(r"pos|estimat|ekf|ahrs|gps|gnss|home|navigation", re.IGNORECASE)
-_ABOUT = {
-    "gyrometer calibration": re.compile("gyro", re.IGNORECASE),
-    "accelerometer calibration": re.compile("accel", re.IGNORECASE),
-    "magnetometer calibration": re.compile(r"compass|\bmag", re.IGNORECASE),
-    **dict.fromkeys(POSITION_ITEMS, _PLACE),
-    ARMING_CHECKS: re.compile(""),
-}
-"""Patterns of failed checks that explain each health item; arming depends on all of them."""
 HEALTH_STEPS = {
-    "gyrometer calibration": "calibrate the gyrometer with a ground station",
-    "accelerometer calibration": "calibrate the accelerometer with a ground station",
-    "magnetometer calibration": "calibrate the compass with a ground station, away from steel",
-    "local position": "wait for its estimator, and check GPS and compass",
-    "global position": "wait for GPS with a clear view of the sky",
-    "home position": "wait for GPS: home is set with the first good position",
-    ARMING_CHECKS: "set it to hold, and resolve the failed arming checks that a ground station then shows",
+    HealthItem.GYROMETER: "calibrate the gyrometer with a ground station",
+    HealthItem.ACCELEROMETER: "calibrate the accelerometer with a ground station",
+    HealthItem.MAGNETOMETER: "calibrate the compass with a ground station, away from steel",
+    HealthItem.LOCAL_POSITION: "wait for its estimator, and check GPS and compass",
+    HealthItem.GLOBAL_POSITION: "wait for GPS with a clear view of the sky",
+    HealthItem.HOME_POSITION: "wait for GPS: home is set with the first good position",
+    HealthItem.ARMING: "set it to hold, and resolve the failed arming checks that a ground station then shows",
 }
 
 
@@ -151,7 +140,7 @@ def place(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Ite
 def _far(facts: VehicleFacts, away_m: float) -> Finding:
     return Finding.graded(
         Grade.WARNING if away_m > ORIGIN_TOLERANCE_M else Grade.PASS,
-        facts.subject,
+        facts.vehicle_id,
         "origin",
         f"its own origin is {away_m:.1f} m from the mission's",
         "far from the mission's origin the vehicles' frames differ because of the Earth's curvature",
@@ -170,7 +159,7 @@ def _without_a_place(facts: VehicleFacts, frame: FrameSection) -> Finding:
         step = "only `cordon fly` sends external positions, not `cordon check`; see docs/indoor.md"
     why = "without a position in the mission frame it cannot keep its separation"
     return Finding(
-        Grade.REFUSE, facts.subject, "origin", found, why, step, temporary=facts.lost is None or bool(unwell)
+        Grade.REFUSE, facts.vehicle_id, "origin", found, why, step, temporary=facts.lost is None or bool(unwell)
     )
 
 
@@ -182,7 +171,7 @@ def _start(facts: VehicleFacts, vehicle: MissionVehicle, off_m: tuple[float, flo
     x, y = vehicle.section.start_m
     return Finding.graded(
         tolerated(hypot(*off_m), PLACE_TOLERANCE_M, PLACE_LIMIT_M),
-        facts.subject,
+        facts.vehicle_id,
         "start",
         f"it stands {hypot(*off_m):.1f} m from its start_m ({x:g}, {y:g}): "
         f"{_signed(off_m[0])} m along x, {_signed(off_m[1])} m along y",
@@ -202,7 +191,7 @@ def _height(facts: VehicleFacts, vehicle: MissionVehicle, ground_m: float) -> Fi
     grade = Grade.WARNING if abs(ground_m) > HEIGHT_TOLERANCE_M else Grade.PASS
     return Finding.graded(
         Grade.REFUSE if climb_m < CLIMB_LEAST_M else grade,
-        facts.subject,
+        facts.vehicle_id,
         "height",
         f"it stands {_signed(ground_m)} m from the height of the mission's origin: to fly at altitude_m = "
         f"{vehicle.section.altitude_m:g} m it climbs {climb_m:.1f} m",
@@ -219,10 +208,10 @@ def gps(facts: VehicleFacts) -> Iterator[Finding]:
     fix = f"{facts.gps.dimensions}D fix" if facts.gps.dimensions else "no fix"
     blind = facts.gps.dimensions < 3
     poor = blind or facts.gps.satellites < SATELLITES_LEAST
-    elsewhere = facts.health.get("global position", False)  # the autopilot may use another receiver
+    elsewhere = facts.health.get(HealthItem.GLOBAL_POSITION, False)  # the autopilot may use another receiver
     yield Finding.graded(
         Grade.REFUSE if blind and not elsewhere else Grade.WARNING if poor else Grade.PASS,
-        facts.subject,
+        facts.vehicle_id,
         "gps",
         f"GPS: {fix}, {facts.gps.satellites} satellites",
         "without a 3D fix it has no position" if blind else "with few satellites the position may be off by metres",
@@ -236,11 +225,13 @@ def battery(facts: VehicleFacts) -> Iterator[Finding]:
     charge = facts.status.battery
     if charge is None:
         why = "the battery failsafes need its charge"
-        yield Finding(Grade.WARNING, facts.subject, "battery", "it reports no battery", why, "check its power module")
+        yield Finding(
+            Grade.WARNING, facts.vehicle_id, "battery", "it reports no battery", why, "check its power module"
+        )
         return
     yield Finding.graded(
         Grade.REFUSE if charge < BATTERY_EMPTY else Grade.WARNING if charge < BATTERY_LOW else Grade.PASS,
-        facts.subject,
+        facts.vehicle_id,
         "battery",
         f"its battery is at {charge:.0%}",
         "its battery failsafe would end its mission in flight",
@@ -256,7 +247,7 @@ def telemetry(facts: VehicleFacts) -> Iterator[Finding]:
     poor = Grade.REFUSE if reached < RATE_LEAST_SHARE * requested else Grade.WARNING
     yield Finding.graded(
         Grade.PASS if reached >= RATE_LOW_SHARE * requested else poor,
-        facts.subject,
+        facts.vehicle_id,
         "telemetry",
         f"motion messages arrive at {reached:.1f} Hz; {requested:g} Hz were requested",
         "control and separation rely on its latest position",
@@ -276,7 +267,7 @@ def latency(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
         step = "use a faster link, or lower the rates on it"
     known = round_trip_s is not None and round_trip_s <= LINK_DELAY_MAX_S
     why = f"the prediction compensates known link delays of up to {LINK_DELAY_MAX_S:g} s"
-    yield Finding.graded(Grade.PASS if known else Grade.WARNING, facts.subject, "latency", found, why, step)
+    yield Finding.graded(Grade.PASS if known else Grade.WARNING, facts.vehicle_id, "latency", found, why, step)
 
 
 def clock_rate(facts: VehicleFacts) -> Iterator[Finding]:
@@ -288,7 +279,7 @@ def clock_rate(facts: VehicleFacts) -> Iterator[Finding]:
         runs = "runs as the wall's does" if ratio == 1.0 else f"{runs}: it is a simulator's"
     yield Finding.graded(
         Grade.PASS if whole else Grade.WARNING,
-        facts.subject,
+        facts.vehicle_id,
         "clock",
         f"its clock {runs}",
         "all timeouts are measured with it",
@@ -301,7 +292,7 @@ def clock_lag(vehicle_id: int, peer: int, lag_s: float) -> Finding:
     side = "ahead of" if lag_s > 0.0 else "behind"
     return Finding.graded(
         Grade.WARNING if abs(lag_s) > CLOCK_LAG_TOLERANCE_S else Grade.PASS,
-        f"vehicle {vehicle_id}",
+        vehicle_id,
         "clock offset",
         f"its computer's clock is {abs(lag_s):.2f} s {side} that of vehicle {peer}'s",
         "peers' positions are extrapolated from the time in their messages: with a clock offset they are wrong",

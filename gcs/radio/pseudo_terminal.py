@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from gcs.link.relay.carriers import Received, Stream
+from gcs.link.relay.carriers import Received, StreamCarrier
 from gcs.link.relay.gate import Address
 
 
@@ -25,7 +25,7 @@ class PseudoTerminal:
         self._path = path
         master, self._slave = os.openpty()  # kept open: the master cannot be read without an open slave
         tty.setraw(self._slave)
-        self._stream = Stream(master, lambda: os.close(master))
+        self._stream = StreamCarrier(master, lambda: os.close(master))
         try:
             path.symlink_to(os.ttyname(self._slave))
         except OSError:

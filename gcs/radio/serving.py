@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 
 from gcs.console.terminal import STDERR
-from gcs.errors import InputError
+from gcs.errors import Fault, InputError
 from gcs.metrics.json_output import json_output
 from gcs.mission.mission import Mission
 from gcs.mission.validation import shown, validated
@@ -108,13 +108,13 @@ def radio_spec(text: str) -> RadioSpec:
     """Parse `--radio`; raises InputError with every fault."""
     option = "--radio"
     content: dict[str, object] = {}
-    faults: list[str] = []
+    faults: list[Fault] = []
     for part in text.split(","):
         key, equals, value = (each.strip() for each in part.partition("="))
         if not key.isidentifier() or (equals and not value):
-            faults.append(f"{option}: {shown(part)} is not like latency_ms=60")
+            faults.append(Fault(option, f"{shown(part)} is not like latency_ms=60"))
         elif key in content:
-            faults.append(f"{option}.{key}: it is given twice")
+            faults.append(Fault(f"{option}.{key}", "it is given twice"))
         else:
             content[key] = _value(value) if equals else True
     spec = validated(RadioSpec, content, option, faults)

@@ -34,7 +34,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class DecisionDifference:
     """The first decision of a vehicle that differs from the recorded one."""
 
     moment: Moment
@@ -61,7 +61,7 @@ class VehicleReplay:
     ticks: int
     compared: int = 0
     identical: int = 0
-    difference: Difference | None = None
+    difference: DecisionDifference | None = None
     failure: Failure | None = None
     gap: str = ""
 
@@ -146,7 +146,7 @@ class _Player:
         if not found:
             result.identical += 1
         elif result.difference is None:
-            result.difference = Difference(moment, tuple(found))
+            result.difference = DecisionDifference(moment, tuple(found))
 
 
 def _named(decision: Decision | None) -> str:

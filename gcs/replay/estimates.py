@@ -27,7 +27,7 @@ class FilterFigures:
     error_m: float | None
 
 
-class Track:
+class EstimateTrack:
     """The estimates of one filter over time, and the innovations of its measurements."""
 
     def __init__(self) -> None:
@@ -66,13 +66,13 @@ class Track:
         known = squared[np.isfinite(squared)]
         return float(np.sqrt(known.mean())) if known.size else None
 
-    def difference(self, other: "Track", part: slice) -> Vector:
+    def difference(self, other: "EstimateTrack", part: slice) -> Vector:
         """Return the difference (T, 2) of two tracks at the times at which both have an estimate."""
         times = [time_s for time_s in self._motion if time_s in other._motion]
         return np.array([self._motion[time_s][part] - other._motion[time_s][part] for time_s in times])
 
 
-def rms_difference(one: Track, other: Track, part: slice) -> float | None:
+def rms_difference(one: EstimateTrack, other: EstimateTrack, part: slice) -> float | None:
     """Return the rms difference of two tracks in position or velocity, None without common times."""
     apart = one.difference(other, part)
     return float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) if apart.size else None

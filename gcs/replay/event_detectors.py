@@ -5,14 +5,14 @@ from math import degrees, hypot
 from typing import NamedTuple, Protocol
 
 from agents.control.lmpc import QpStatus
-from agents.inputs import Autopilot, Bus, Message, TacticEvent
+from agents.inputs import AutopilotStatus, Bus, Message, TacticEvent
 from agents.ports import VehicleStatus
-from agents.safety.guard import QUIET_S
+from agents.safety.guard import QUIET_S, GuardStatus
 from agents.team.messages import sightings_of
 from estimation.state import Sighting, Telemetry, place_text
 from gcs.flightlog.records import Decision
 from gcs.replay.playback import Turn
-from gcs.replay.surroundings import Neighbour, Surroundings
+from gcs.replay.received_inputs import Neighbour, ReceivedInputs
 
 TELEMETRY_GAP_S = 0.5
 """Wall seconds: at this gap several samples are missing."""
@@ -34,8 +34,8 @@ class TimelineEntry(NamedTuple):
 class EventDetector(Protocol):
     """Detects one kind of event."""
 
-    def update(self, turn: Turn, surroundings: Surroundings, /) -> Iterator[TimelineEntry]:
-        """Return the events of a turn; `surroundings` already includes it."""
+    def update(self, turn: Turn, received: ReceivedInputs, /) -> Iterator[TimelineEntry]:
+        """Return the events of a turn; `received` already includes it."""
         ...
 
     def end(self) -> Iterator[TimelineEntry]:
@@ -54,7 +54,7 @@ class MomentaryDetector:
 class NoteEvents(MomentaryDetector):
     """Notes of the vehicle: tactics, commands, failsafes; a change of tactic with the vehicle's position."""
 
-    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, received: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         decision = turn.decision
         if decision is None:
@@ -68,7 +68,7 @@ class NoteEvents(MomentaryDetector):
                 if note.tactic is not None and note.tactic.event in events:
                     because.append("requested outside the control core")
                 if decision.own is not None:
-                    because.append(f"at {place_text(decision.own.mean[:2])} m, height {surroundings.height_m:.1f} m")
+                    because.append(f"at {place_text(decision.own.mean[:2])} m, height {received.height_m:.1f} m")
             yield TimelineEntry(note.time_s, note.kind, note.text, "; ".join(because))
 
 
@@ -78,7 +78,7 @@ class RingEvents(MomentaryDetector):
     def __init__(self) -> None:
         self._members = 0
 
-    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, _: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         decision = turn.decision
         if decision is None:
@@ -104,7 +104,7 @@ class PeerEvents(MomentaryDetector):
     def __init__(self) -> None:
         self._peers: frozenset[int] = frozenset()
 
-    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, received: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         decision = turn.decision
         if decision is None or self._peers.symmetric_difference(decision.peers) == set():
@@ -113,11 +113,11 @@ class PeerEvents(MomentaryDetector):
         new, gone = sorted(peers - self._peers), sorted(self._peers - peers)
         if new:
             yield TimelineEntry(
-                decision.time_s, "team", f"{_vehicles(new)} added to the peers", _positions(new, surroundings)
+                decision.time_s, "team", f"{_vehicles(new)} added to the peers", _positions(new, received)
             )
         if gone:
             text = f"{_vehicles(gone)} removed from the peers"
-            yield TimelineEntry(decision.time_s, "team", text, _last_messages(gone, surroundings, decision.time_s))
+            yield TimelineEntry(decision.time_s, "team", text, _last_messages(gone, received, decision.time_s))
         self._peers = peers
 
 
@@ -129,7 +129,7 @@ class TargetEvents(MomentaryDetector):
         self._ever = False
         self._sighted_s = 0.0
 
-    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, _: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         decision = turn.decision
         if decision is None:
@@ -163,11 +163,11 @@ class GuardEvents:
         self._begin_s = self._last_s = 0.0
         self._changed = 0
         self._causes: dict[str, None] = {}
-        self._gravest = ""
+        self._most_severe = ""
         self._moved = ""
         self._nearest: Neighbour | None = None
 
-    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, received: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         decision = turn.decision
         if decision is None or decision.guard is None or not decision.guard.causes:
@@ -175,15 +175,17 @@ class GuardEvents:
         if self._changed and decision.time_s - self._last_s > QUIET_S:
             yield from self.end()
         if not self._changed:
-            self._begin_s, self._nearest, self._gravest, self._causes = decision.time_s, None, "", {}
+            self._begin_s, self._nearest, self._most_severe, self._causes = decision.time_s, None, "", {}
             self._moved = next((note.because for note in decision.notes if note.kind == "guard"), "")
         self._changed += 1
         self._last_s = decision.time_s
         self._causes |= dict.fromkeys(decision.guard.causes)
-        if decision.guard.status in ("yielded", "braked"):
-            yielded = f"the guard relaxed constraints, up to {decision.guard.yielded}"
-            self._gravest = "the guard braked to a stop" if decision.guard.status == "braked" else yielded
-        nearest = surroundings.nearest(decision)
+        match decision.guard.status:
+            case GuardStatus.YIELDED.value:
+                self._most_severe = f"the guard relaxed constraints, up to {decision.guard.yielded}"
+            case GuardStatus.BRAKED.value:
+                self._most_severe = "the guard braked to a stop"
+        nearest = received.nearest(decision)
         if nearest and (self._nearest is None or nearest.distance_m < self._nearest.distance_m):
             self._nearest = nearest
 
@@ -193,7 +195,7 @@ class GuardEvents:
             return
         lasting_s, causes = self._last_s - self._begin_s, ", ".join(self._causes)
         near = self._nearest and f"closest peer: vehicle {self._nearest.vehicle_id}, {self._nearest.distance_m:.2f} m"
-        because = "; ".join(filter(None, (self._moved, near, self._gravest)))
+        because = "; ".join(filter(None, (self._moved, near, self._most_severe)))
         many = "1 setpoint" if self._changed == 1 else f"{self._changed} setpoints in {lasting_s:.1f} s"
         yield TimelineEntry(self._begin_s, "guard", f"guard moved {many} ({causes})", because, f"guard {causes}")
         self._changed = 0
@@ -205,7 +207,7 @@ class PlanFailures:
     def __init__(self) -> None:
         self._times_s: list[float] = []
 
-    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, _: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         decision = turn.decision
         if decision is None or decision.qp != QpStatus.FALLBACK.value:
@@ -229,13 +231,13 @@ class TelemetryGaps(MomentaryDetector):
     def __init__(self) -> None:
         self._received_s: float | None = None
 
-    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, received: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         for item in turn.inputs:
             if isinstance(item, Telemetry):
                 if (
                     self._received_s is not None
-                    and item.time_s - self._received_s > TELEMETRY_GAP_S * surroundings.time_scale
+                    and item.time_s - self._received_s > TELEMETRY_GAP_S * received.time_scale
                 ):
                     text = f"no telemetry for {item.time_s - self._received_s:.2f} s"
                     yield TimelineEntry(self._received_s, "link", text, key="telemetry")
@@ -249,7 +251,7 @@ class LoopEvents:
         self._begin_s = self._last_s = 0.0
         self._skipped: list[int] = []
 
-    def update(self, turn: Turn, surroundings: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, received: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         if turn.tick is None:
             return
@@ -257,12 +259,12 @@ class LoopEvents:
         for item in turn.inputs:
             if isinstance(item, Bus):
                 yield TimelineEntry(now_s, "link", "bus connected" if item.alive else "bus lost")
-        if surroundings.late_ticks:
-            if self._skipped and now_s - self._last_s > QUIET_S * surroundings.time_scale:
+        if received.late_ticks:
+            if self._skipped and now_s - self._last_s > QUIET_S * received.time_scale:
                 yield from self.end()
             if not self._skipped:
                 self._begin_s = now_s
-            self._skipped.append(surroundings.late_ticks)
+            self._skipped.append(received.late_ticks)
             self._last_s = now_s
 
     def end(self) -> Iterator[TimelineEntry]:
@@ -282,10 +284,10 @@ class AutopilotEvents(MomentaryDetector):
     def __init__(self) -> None:
         self._before: tuple[str, ...] = ()
 
-    def update(self, turn: Turn, _: Surroundings) -> Iterator[TimelineEntry]:
+    def update(self, turn: Turn, _: ReceivedInputs) -> Iterator[TimelineEntry]:
         """See EventDetector."""
         for item in turn.inputs:
-            if isinstance(item, Autopilot) and turn.tick is not None:
+            if isinstance(item, AutopilotStatus) and turn.tick is not None:
                 facts = _facts(item.status)
                 changed = [fact for fact in facts if fact and fact not in self._before]
                 if changed:
@@ -309,13 +311,13 @@ def _vehicles(ids: Sequence[int]) -> str:
     return f"vehicle {ids[0]}" if len(ids) == 1 else f"vehicles {', '.join(map(str, ids))}"
 
 
-def _positions(ids: Sequence[int], surroundings: Surroundings) -> str:
-    known = [surroundings.members[each] for each in ids if each in surroundings.members]
+def _positions(ids: Sequence[int], received: ReceivedInputs) -> str:
+    known = [received.members[each] for each in ids if each in received.members]
     return ", ".join(f"{each.sender} in {each.tactic} at {place_text(each.position_m)} m" for each in known)
 
 
-def _last_messages(ids: Sequence[int], surroundings: Surroundings, now_s: float) -> str:
-    known = [surroundings.members[each] for each in ids if each in surroundings.members]
+def _last_messages(ids: Sequence[int], received: ReceivedInputs, now_s: float) -> str:
+    known = [received.members[each] for each in ids if each in received.members]
     return ", ".join(f"{each.sender} sent {each.tactic} {now_s - each.time_s:.2f} s ago" for each in known)
 
 

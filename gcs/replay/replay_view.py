@@ -10,7 +10,7 @@ from rich.text import Text
 
 from gcs.console.summary import VERDICT_SIGNS
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, FieldDifference
-from gcs.replay.cores import Difference, Failure, Moment, Replay, VehicleReplay
+from gcs.replay.cores import DecisionDifference, Failure, Moment, Replay, VehicleReplay
 
 FIELDS_SHOWN, INPUTS_SHOWN = 8, 20
 _COLUMNS = ("vehicle", "ticks", "compared", "identical")
@@ -112,7 +112,7 @@ def _vehicle_dict(vehicle: VehicleReplay) -> dict[str, Any]:
     }
 
 
-def _difference_dict(difference: Difference) -> dict[str, Any]:
+def _difference_dict(difference: DecisionDifference) -> dict[str, Any]:
     fields = [msgspec.to_builtins(each._asdict()) for each in difference.fields]
     return {**_moment_dict(difference.moment), "fields": fields}
 

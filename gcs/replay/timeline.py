@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from agents.control.lmpc import QpStatus
-from agents.inputs import Autopilot
+from agents.inputs import AutopilotStatus
 from estimation.state import Telemetry
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision
@@ -25,7 +25,7 @@ from gcs.replay.event_detectors import (
     changed_setpoint,
 )
 from gcs.replay.playback import MissingRecords, Turn, config_of, turns
-from gcs.replay.surroundings import Neighbour, Surroundings
+from gcs.replay.received_inputs import Neighbour, ReceivedInputs
 
 FOLDED_FROM, KEPT = 5, 2
 """This many similar entries or more are folded: the first `KEPT` stay, one entry represents the rest."""
@@ -73,23 +73,23 @@ def timeline_of(log: FlightLog, vehicle_id: int) -> Timeline:
         TelemetryGaps(),
         LoopEvents(),
     )
-    surroundings, counts, entries, now_s = Surroundings(), _Counts(1.0 / config.rate_hz), list[TimelineEntry](), 0.0
+    received, counts, entries, now_s = ReceivedInputs(), _Counts(1.0 / config.rate_hz), list[TimelineEntry](), 0.0
     for turn in turns(log, vehicle_id):
         if isinstance(turn, MissingRecords):
             entries.append(TimelineEntry(now_s, "log", f"{turn.reason}: no data for this part"))
             continue
         now_s = now_s if turn.tick is None else turn.tick.now_s
-        surroundings.take(turn)
-        counts.take(turn, surroundings)
+        received.take(turn)
+        counts.take(turn, received)
         for detector in detectors:
-            entries += detector.update(turn, surroundings)
+            entries += detector.update(turn, received)
     for detector in detectors:
         entries += detector.end()
-    if surroundings.last is not None:
-        entries.append(TimelineEntry(now_s, "log", f"log ends in tactic {surroundings.last.tactic}"))
+    if received.last is not None:
+        entries.append(TimelineEntry(now_s, "log", f"log ends in tactic {received.last.tactic}"))
     entries.sort(key=lambda entry: entry.time_s)
     return Timeline(
-        log.run.mission, vehicle_id, surroundings.start_s, tuple(folded(entries, surroundings.start_s)), counts.summary
+        log.run.mission, vehicle_id, received.start_s, tuple(folded(entries, received.start_s)), counts.summary
     )
 
 
@@ -122,20 +122,20 @@ class _Counts:
         self._before: Decision | None = None
         self._telemetry_s: float | None = None
 
-    def take(self, turn: Turn, surroundings: Surroundings) -> None:
+    def take(self, turn: Turn, received: ReceivedInputs) -> None:
         for item in turn.inputs:
             if isinstance(item, Telemetry):
                 gap_s = 0.0 if self._telemetry_s is None else item.time_s - self._telemetry_s
                 self.summary.telemetry_gap_max_s = max(self.summary.telemetry_gap_max_s, gap_s)
                 self._telemetry_s = item.time_s
-            elif isinstance(item, Autopilot) and item.status.battery is not None:
+            elif isinstance(item, AutopilotStatus) and item.status.battery is not None:
                 self.summary.battery = (*self.summary.battery[:1], item.status.battery)
         if turn.tick is not None:
-            self.summary.skipped += surroundings.late_ticks
+            self.summary.skipped += received.late_ticks
         if turn.decision is not None:
-            self._decide(turn.decision, surroundings)
+            self._decide(turn.decision, received)
 
-    def _decide(self, decision: Decision, surroundings: Surroundings) -> None:
+    def _decide(self, decision: Decision, received: ReceivedInputs) -> None:
         summary, before = self.summary, self._before
         summary.decisions += 1
         summary.guarded += changed_setpoint(decision)
@@ -146,7 +146,7 @@ class _Counts:
         if before is not None:
             took_s = decision.time_s - before.time_s
             summary.seconds[before.tactic] = summary.seconds.get(before.tactic, 0.0) + took_s
-        nearest = surroundings.nearest(decision)
+        nearest = received.nearest(decision)
         if nearest and (summary.nearest is None or nearest.distance_m < summary.nearest.distance_m):
             summary.nearest, summary.nearest_s = nearest, decision.time_s
         self._before = decision

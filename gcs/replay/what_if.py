@@ -24,12 +24,12 @@ from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from estimation.state import MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
-from gcs.errors import InputError
+from gcs.errors import Fault, InputError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
 from gcs.mission.mission import Mission
 from gcs.mission.validation import unknown_key, validated
-from gcs.replay.estimates import FilterFigures, Track, rms_difference
+from gcs.replay.estimates import EstimateTrack, FilterFigures, rms_difference
 from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, turns
 
 FILTERS = ("own_filter", "target_filter")
@@ -59,7 +59,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class FilterComparison:
     """One filter of one vehicle with the recorded and with the tried parameters, and their rms difference."""
 
     vehicle_id: int
@@ -76,7 +76,7 @@ class WhatIf:
 
     mission: str
     changes: tuple[Change, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[FilterComparison, ...]
     gaps: tuple[str, ...]
 
 
@@ -87,20 +87,20 @@ def recorded_filters(mission: Mission) -> dict[int, FilterSettings]:
 
 def changed_filters(mission: Mission, changes: Sequence[str]) -> dict[int, FilterSettings]:
     """Return the same with values of KEY=VALUE changed for every vehicle; raises InputError with every fault."""
-    faults: list[str] = []
+    faults: list[Fault] = []
     values: dict[str, dict[str, object]] = {name: {} for name in FILTERS}
     for change in changes:
         key, is_set, text = change.partition("=")
         section, _, name = key.strip().partition(".")
         if not is_set or not name:
-            faults.append(f"{change!r}: it must be KEY=VALUE, for example own_filter.gate_sigma=4")
+            faults.append(Fault(repr(change), "it must be KEY=VALUE, for example own_filter.gate_sigma=4"))
         elif section not in FILTERS:
             faults.append(unknown_key("", section, list(FILTERS)))
         else:
             try:
                 (values[section][name],) = tomllib.loads(f"value = {text}").values()
             except (ValueError, RecursionError):  # also more than one value
-                faults.append(f"{section}.{name}: {text!r} is not a TOML value")
+                faults.append(Fault(f"{section}.{name}", f"{text!r} is not a TOML value"))
     own = validated(OwnFilterSettings, values["own_filter"], "own_filter", faults)
     target = validated(TargetFilterSettings, values["target_filter"], "target_filter", faults)
     if faults or own is None or target is None:
@@ -120,7 +120,7 @@ def what_if(
     log: FlightLog, mission: Mission, tried: Mapping[int, FilterSettings], on_tick: Callable[[], None] = lambda: None
 ) -> WhatIf:
     """Run every vehicle's filters with the recorded and with the tried parameters; raises LogError."""
-    outcomes, gaps = list[Outcome](), list[str]()
+    outcomes, gaps = list[FilterComparison](), list[str]()
     recorded = recorded_filters(mission)
     for vehicle_id in recorded_vehicles(log):
         config = config_of(log, mission, vehicle_id)
@@ -193,7 +193,7 @@ class FilterRun:
         self._noise = np.diag([noise.position_noise_m**2] * 2 + [noise.velocity_noise_m_s**2] * 2)
         self._turns = noise.disturbance_turns
         self._mission_rate_rad_s = config.encirclement.angular_rate_rad_s
-        self.own, self.target = Track(), Track()
+        self.own, self.target = EstimateTrack(), EstimateTrack()
 
     def take(self, turn: Turn, inputs: Sequence[FilterInput]) -> None:
         """Feed a turn to the filters, and store the estimates at its tick."""
@@ -260,7 +260,7 @@ class FilterRun:
 
 def _outcomes(
     vehicle_id: int, mission: Mission, runs: Sequence[FilterRun], truth: Sequence[Truth], start_s: float | None
-) -> Iterator[Outcome]:
+) -> Iterator[FilterComparison]:
     true_s = np.array([each.time_s for each in truth])
     place_m = np.array([each.position_m[:2] for each in truth])
     recorded, tried = runs
@@ -279,7 +279,7 @@ def _outcomes(
         ("own", recorded.own, tried.own, own_m if known else None),
         ("target", recorded.target, tried.target, target_m if known and start_s is not None else None),
     ):
-        yield Outcome(
+        yield FilterComparison(
             vehicle_id,
             name,
             one.figures(true),

@@ -27,7 +27,7 @@ from gcs.style import flight_style
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class KeyDifference:
     """A place, such as `encirclement.radius_m`, and the value of each flight there; None where it has none."""
 
     place: str
@@ -42,7 +42,7 @@ class Difference:
         )
 
 
-def mission_differences(missions: Sequence[Mission]) -> tuple[Difference, ...]:
+def mission_differences(missions: Sequence[Mission]) -> tuple[KeyDifference, ...]:
     """Return the places at which not all missions have the same value, in the order of a mission file.
 
     Of vehicles that not all missions have the ids are given alone, at `vehicles`.
@@ -50,7 +50,7 @@ def mission_differences(missions: Sequence[Mission]) -> tuple[Difference, ...]:
     common = min(len(mission.vehicles) for mission in missions)
     values = [dict(_placed(mission, common)) for mission in missions]
     places = dict.fromkeys(place for each in values for place in each)
-    found = (Difference(place, tuple(each.get(place) for each in values)) for place in places)
+    found = (KeyDifference(place, tuple(each.get(place) for each in values)) for place in places)
     return tuple(each for each in found if any(value != each.values[0] for value in each.values))
 
 
@@ -140,13 +140,13 @@ def _compared(label: str, metric: Metric, parts: Mapping[str, object]) -> Compar
     return Comparison(label, tuple(shown.values()), spread, best)
 
 
-def differences(flights: Sequence[ComparedFlight]) -> tuple[Difference, ...]:
+def differences(flights: Sequence[ComparedFlight]) -> tuple[KeyDifference, ...]:
     """Return what differed: how the flights were flown, and the values in their missions."""
     results = [flight.result for flight in flights]
     flown = (
-        Difference("source", tuple(each.source for each in results)),
-        Difference("seed", tuple(each.seed for each in results)),
-        Difference("faults", tuple(list(each.faults) for each in results)),
+        KeyDifference("source", tuple(each.source for each in results)),
+        KeyDifference("seed", tuple(each.seed for each in results)),
+        KeyDifference("faults", tuple(list(each.faults) for each in results)),
     )
     differing = (each for each in flown if any(value != each.values[0] for value in each.values))
     return (*differing, *mission_differences([flight.mission for flight in flights]))
@@ -247,9 +247,15 @@ _LEAD = (
 def _paths(flights: Sequence[ComparedFlight]) -> Chart:
     points_m = np.concatenate([landmarks_m(flight.sheet) for flight in flights])
     draw = partial(draw_compared_paths, flights=flights)
-    return chart("compared-paths", draw, "Map of the paths of all flights.", map_height_in(points_m, WIDTH_IN))
+    return chart(
+        "compared-paths",
+        draw,
+        "Map of the paths of all flights.",
+        map_height_in(points_m, WIDTH_IN),
+        is_over_time=False,
+    )
 
 
 def _error(flights: Sequence[ComparedFlight], name: str) -> Chart:
-    alt = f"{ERRORS[name][0]} of all flights over the time since the first engagement."
+    alt = f"{ERRORS[name].heading} of all flights over the time since the first engagement."
     return chart(f"compared-{name}", partial(draw_compared_error, flights=flights, name=name), alt)

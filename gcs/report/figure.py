@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
 from gcs.metrics.ring_motion import ring_motion
 from gcs.report.charts.panels import (
@@ -48,7 +48,7 @@ _LEGEND_HEIGHT_IN, _TITLE_HEIGHT_IN = 0.5, 0.75
 def save_figure(
     record: FlightRecord,
     result: FlightResult,
-    ring: RingReference,
+    ring: DesiredRing,
     path: Path,
     formation: FormationReference | None = None,
     number: int | None = None,
@@ -72,7 +72,7 @@ def save_figure(
 def drawn_figure(
     record: FlightRecord,
     result: FlightResult,
-    ring: RingReference,
+    ring: DesiredRing,
     formation: FormationReference | None = None,
     number: int | None = None,
 ) -> "Figure":

@@ -79,7 +79,7 @@ _TALL_IN = 3.9
 
 
 @dataclass(frozen=True)
-class Flight:
+class ReportedFlight:
     """A flight with the values that several sections share; built by `flight_of`."""
 
     evidence: FlightEvidence
@@ -93,7 +93,7 @@ class Flight:
         return flocking(self.evidence.record)
 
 
-def flight_of(evidence: FlightEvidence, result: FlightResult, criteria: Criteria) -> Flight:
+def flight_of(evidence: FlightEvidence, result: FlightResult, criteria: Criteria) -> ReportedFlight:
     """Return a flight with its evidence in the order of the record, empty where a vehicle has none."""
     record = evidence.record
     known = {vehicle.vehicle_id: vehicle for vehicle in evidence.vehicles}
@@ -101,10 +101,10 @@ def flight_of(evidence: FlightEvidence, result: FlightResult, criteria: Criteria
     aligned = tuple(known.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in ids)
     points = max(_POINTS_LEAST, min(_POINTS, _POINTS_OF_ALL // max(len(ids), 1)))
     sheet = Sheet(record, result, criteria.ring, criteria.formation, ring_motion(record), points)
-    return Flight(replace(evidence, vehicles=aligned), result, criteria, sheet)
+    return ReportedFlight(replace(evidence, vehicles=aligned), result, criteria, sheet)
 
 
-def sections(flight: Flight) -> tuple[Section, ...]:
+def sections(flight: ReportedFlight) -> tuple[Section, ...]:
     """Return the sections of the page below the verdicts, in order."""
     if not (flight.sheet.record.time_s.size > 1 and flight.sheet.record.vehicles):
         return (Section("empty", "No data", missing=("The record of this flight holds no motion.",)),)
@@ -122,7 +122,7 @@ def sections(flight: Flight) -> tuple[Section, ...]:
     )
 
 
-def _paper(flight: Flight) -> Section:
+def _paper(flight: ReportedFlight) -> Section:
     sheet = flight.sheet
     over_time = (
         ("speeds", panels.draw_speeds, "Speed in x of every vehicle in formation over time."),
@@ -147,10 +147,12 @@ def _paper(flight: Flight) -> Section:
 def _map(sheet: Sheet, width_in: float) -> Chart:
     alt = "Map of the paths of all vehicles and of the target, with the final ring."
     height_in = panels.map_height_in(panels.landmarks_m(sheet), width_in)
-    return chart("paths", partial(panels.draw_paths, sheet=sheet), alt, height_in, width_in=width_in)
+    return chart(
+        "paths", partial(panels.draw_paths, sheet=sheet), alt, height_in, width_in=width_in, is_over_time=False
+    )
 
 
-def _errors(flight: Flight) -> Section:
+def _errors(flight: ReportedFlight) -> Section:
     sheet, criteria = flight.sheet, flight.criteria
     draws = (
         ("radius-error", panels_metrics.draw_radius_error, "Running rms error of the radius"),
@@ -185,7 +187,7 @@ def _errors(flight: Flight) -> Section:
     return Section("errors", "Ring and formation over time", lead, charts)
 
 
-def _events(flight: Flight) -> Section:
+def _events(flight: ReportedFlight) -> Section:
     record, evidence = flight.sheet.record, flight.evidence
     charts, missing = [], []
     if len(record.vehicles) > 1:
@@ -212,7 +214,7 @@ def _events(flight: Flight) -> Section:
     return Section("events", "Timeline and closest approach", lead, tuple(charts), events, tuple(missing), keyed=False)
 
 
-def _estimates(flight: Flight) -> Section:
+def _estimates(flight: ReportedFlight) -> Section:
     record, vehicles = flight.sheet.record, flight.evidence.vehicles
     true = record.reference == "truth"
     comparison, target = target_errors(record, vehicles)
@@ -244,7 +246,7 @@ def _estimates(flight: Flight) -> Section:
     )
 
 
-def _error_chart(flight: Flight, name: str, heading: str, errors: list[EstimateError]) -> Chart:
+def _error_chart(flight: ReportedFlight, name: str, heading: str, errors: list[EstimateError]) -> Chart:
     draws = [
         partial(panels_onboard.draw_errors, sheet=flight.sheet, errors=errors, axis=axis, heading=heading)
         for axis in (0, 1)
@@ -252,7 +254,7 @@ def _error_chart(flight: Flight, name: str, heading: str, errors: list[EstimateE
     return chart(name, draws, f"{heading}, in x and y over time with three-sigma bounds.", _TALL_IN)
 
 
-def _loops(flight: Flight) -> Section:
+def _loops(flight: ReportedFlight) -> Section:
     if not any(vehicle.loop.time_s.size for vehicle in flight.evidence.vehicles):
         return Section("loop", "Control loop", missing=("The timing of the control loops was not recorded.",))
     draw = partial(panels_onboard.draw_ticks, sheet=flight.sheet, evidence=flight.evidence)
@@ -267,7 +269,7 @@ def _loops(flight: Flight) -> Section:
     )
 
 
-def _in_wall_time(flight: Flight) -> str:
+def _in_wall_time(flight: ReportedFlight) -> str:
     """Return which figures are wall time, in a sentence; empty where mission time is the same."""
     speed = flight.evidence.speed
     if speed == 1.0:
@@ -278,7 +280,7 @@ def _in_wall_time(flight: Flight) -> str:
     )
 
 
-def _links(flight: Flight) -> Section:
+def _links(flight: ReportedFlight) -> Section:
     vehicles = flight.evidence.vehicles
     speed = flight.evidence.speed
     telemetry = [(row, *panels_onboard.intervals_ms(v.telemetry, speed)) for row, v in enumerate(vehicles)]
@@ -314,7 +316,7 @@ def _links(flight: Flight) -> Section:
     return Section("links", "Links", lead, charts, (tables.link_table(flight.evidence),))
 
 
-def _reynolds(flight: Flight) -> Section:
+def _reynolds(flight: ReportedFlight) -> Section:
     if len(flight.sheet.record.vehicles) < 2:
         return Section("reynolds", "Reynolds' rules", missing=("One vehicle: the flocking metrics do not apply.",))
     sheet, figures = flight.sheet, flight.flocking
@@ -335,7 +337,7 @@ def _reynolds(flight: Flight) -> Section:
     return Section("reynolds", "Reynolds' rules", lead, charts, (table,))
 
 
-def _lyapunov(flight: Flight) -> Section:
+def _lyapunov(flight: ReportedFlight) -> Section:
     gain = flight.criteria.spacing_gain_per_s
     periods = decays(flight.sheet.record.time_s, flight.sheet.motion, gain)
     if not periods:
@@ -374,7 +376,7 @@ def _lyapunov(flight: Flight) -> Section:
     )
 
 
-def _power(flight: Flight) -> Section:
+def _power(flight: ReportedFlight) -> Section:
     evidence, sheet = flight.evidence, flight.sheet
     charts = []
     if any(v.altitude_m.size and v.own.time_s.size for v in evidence.vehicles):
@@ -390,6 +392,6 @@ def _power(flight: Flight) -> Section:
     return Section("power", "Height, yaw and battery", charts=rows_of_two(charts), missing=missing)
 
 
-def _metrics(flight: Flight) -> Section:
+def _metrics(flight: ReportedFlight) -> Section:
     both = (tables.vehicle_table(flight.result), tables.team_table(flight.result))
     return Section("metrics", "Metrics", tables=both)

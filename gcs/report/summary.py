@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
+from agents.notes import Kind
 from gcs.metrics.catalogue import VERDICTS, evidence
 from gcs.metrics.ending import named
 from gcs.metrics.engagement import engaged_line
@@ -145,8 +146,8 @@ def _guarded(result: FlightResult) -> list[str]:
 
 def _troubles(result: FlightResult) -> list[str]:
     kinds = Counter(event.kind for event in result.events)
-    named = (("failsafe", "failsafe event"), ("command", "operator command event"))
-    return [f"{kinds[kind]} {name}{_s(kinds[kind])} (see the timeline)." for kind, name in named if kinds[kind]]
+    named: dict[Kind, str] = {"failsafe": "failsafe event", "command": "operator command event"}
+    return [f"{kinds[kind]} {name}{_s(kinds[kind])} (see the timeline)." for kind, name in named.items() if kinds[kind]]
 
 
 def _s(count: int) -> str:

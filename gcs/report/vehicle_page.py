@@ -71,7 +71,13 @@ def _section(log: VehicleLog) -> Section:
     name, charts = f"vehicle-{log.system_id}", []
     if log.position is not None:
         charts = [
-            chart(f"{name}-paths", partial(_draw_paths, log=log), "Map of setpoints and positions.", 4.0),
+            chart(
+                f"{name}-paths",
+                partial(_draw_paths, log=log),
+                "Map of setpoints and positions.",
+                4.0,
+                is_over_time=False,
+            ),
             chart(
                 f"{name}-axes",
                 [partial(_draw_axis, log=log, axis=axis) for axis in range(3)],
@@ -84,8 +90,7 @@ def _section(log: VehicleLog) -> Section:
         charts.append(chart(f"{name}-speed", partial(_draw_speed, log=log), "Horizontal speed over time."))
     if log.modes:
         charts.append(chart(f"{name}-modes", partial(_draw_modes, log=log), "Flight modes over time.", 1.6))
-    held = (line.partition(": ") for line in describe(log))
-    holds = Table("Contents of the log", ("", "contents"), tuple((name, what) for name, _, what in held), words=2)
+    holds = Table("Contents of the log", ("", "contents"), tuple(describe(log)), words=2)
     texts = tuple((f"{text.time_s:.1f}", text.text) for text in log.texts)
     autopilot_texts = (
         (Table("Messages of the autopilot", ("time [s]", "text"), texts, words=2, folded=len(texts) > 8),)

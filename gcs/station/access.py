@@ -143,7 +143,7 @@ def kept_token(path: Path) -> str:
     return read_token(path)
 
 
-class Gate:
+class AccessGate:
     """Guards the page: refuses requests without access, and adds the headers that block foreign content."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:

@@ -6,12 +6,13 @@ from math import inf
 
 from msgspec.structs import replace
 
+from agents.flight_end import FlightEnd
 from agents.inputs import Start
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, VehicleEnd
 from gcs.flightlog.run import mission_of
-from gcs.metrics.ending import FlightEnding, How, VehicleEnding
+from gcs.metrics.ending import TeamEnding, VehicleEnding
 from gcs.mission.geometry import fences
 from gcs.station.picture import (
     EventPicture,
@@ -148,10 +149,10 @@ def _ending(logs: Sequence[FlightLog]) -> str:
     for log, vehicle_id in _recorded(logs):
         end = next(log.of_kind(vehicle_id, VehicleEnd), None)
         if end is None:
-            endings.append(VehicleEnding(vehicle_id, How.IN_FLIGHT, "the log ends in flight"))
+            endings.append(VehicleEnding(vehicle_id, FlightEnd.IN_FLIGHT, "the log ends in flight"))
         elif end.how:
-            endings.append(VehicleEnding(vehicle_id, How(end.how), end.reason))
-    ending = FlightEnding.of(endings)
+            endings.append(VehicleEnding(vehicle_id, FlightEnd(end.how), end.reason))
+    ending = TeamEnding.of(endings)
     return "The log does not record how the flight ended" if ending is None else ending.headline
 
 

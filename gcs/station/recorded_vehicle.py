@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from agents.inputs import Autopilot
+from agents.flight_end import FlightEnd
+from agents.inputs import AutopilotStatus
 from agents.ports import VehicleStatus
 from agents.shell.reporter import estimator_words
 from agents.team.messages import LINK_SILENT_S
@@ -14,14 +15,13 @@ from gcs.console.advice import Severity, event_severity
 from gcs.console.team_state import SILENT_AFTER_S
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision, VehicleEnd, notes_of
-from gcs.metrics.ending import How
 from gcs.station.picture import LINK_CUT, SILENT, TargetPicture, VehiclePicture, fix_words, vehicle_alert
 
 _ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
 """The resolution of the page: a centimetre, and a hundredth of a degree."""
 _VARIANCE_DIGITS = 6
 
-_AS_PLANNED = frozenset({How.LANDED, How.SIMULATED})
+_AS_PLANNED = frozenset({FlightEnd.LANDED, FlightEnd.SIMULATED})
 
 
 class Sampled(NamedTuple):
@@ -73,15 +73,15 @@ class RecordedVehicle:
                 decision = record.message()
                 self.events += [(each.time_s, each.text, event_severity(each)) for each in notes_of(decision)]
                 yield _Tick(decision, status, altitude_m, motion_s)
-            elif record.kind is Autopilot:
-                before, status = status, record.read(Autopilot).status
+            elif record.kind is AutopilotStatus:
+                before, status = status, record.read(AutopilotStatus).status
                 if before is not None and before.mode is not status.mode:
                     text = f"mode {before.mode.value} -> {status.mode.value}"
                     self.events.append((self._received_s(record), text, "information"))
             elif record.kind is Telemetry:
                 altitude_m, motion_s = record.message().position_m[2], self._received_s(record)
             elif record.kind is VehicleEnd and self._end is not None and self._end.how:
-                how_grave: Severity = "information" if How(self._end.how) in _AS_PLANNED else "warning"
+                how_grave: Severity = "information" if FlightEnd(self._end.how) in _AS_PLANNED else "warning"
                 self.events.append((self._received_s(record), f"flight ended: {self._end.reason}", how_grave))
 
     def _received_s(self, record: LogRecord) -> float:

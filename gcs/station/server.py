@@ -24,7 +24,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from agents.ports import VehicleRefusedError
-from gcs.station.access import Access, Gate
+from gcs.station.access import Access, AccessGate
 from gcs.station.broadcast import Broadcast, Reading, Source
 from gcs.station.commands import Commands
 from gcs.station.picture import CommandRequest, FlightPicture, MissionPicture, OperatorRights
@@ -176,7 +176,7 @@ async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: as
     """Serve an application behind the gate until `stop`; open pages are disconnected."""
     certificate, key = access.tls or (None, None)
     config = uvicorn.Config(
-        Gate(app, access),
+        AccessGate(app, access),
         lifespan="off",
         log_config=None,
         access_log=False,

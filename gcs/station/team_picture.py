@@ -255,7 +255,7 @@ def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str
     if report.is_link_cut != before.is_link_cut:
         news.append(("link to its autopilot cut", "alarm") if report.is_link_cut else ("link restored", "information"))
     if report.ended != before.ended:
-        news.append((f"flight ended: {report.ended}", "information" if report.ended == "completed" else "warning"))
+        news.append((f"flight ended: {report.ended}", "information" if report.is_completed else "warning"))
     return news
 
 

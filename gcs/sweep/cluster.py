@@ -5,7 +5,7 @@ from typing import Any
 
 from gcs.errors import InputError
 from gcs.sweep.columns import Row
-from gcs.sweep.plan import Task
+from gcs.sweep.plan import SweepTask
 from gcs.sweep.run import flown
 
 MISSING = "--scheduler needs Dask's distributed; install it by: pip install 'cordon-gcs[cluster]'"
@@ -35,7 +35,7 @@ class ClusterWorkers:
         """The present number of workers."""
         return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
-    def submit(self, task: Task) -> "Future[Row]":
+    def submit(self, task: SweepTask) -> "Future[Row]":
         """Submit a run to the scheduler."""
         return self._executor.submit(flown, task)  # type: ignore[no-any-return]  # distributed has no types
 

@@ -72,6 +72,11 @@ def columns(rows: Iterable[Row]) -> tuple[Column, ...]:
     return (*RUN, *TEAM, *single)
 
 
+def failed_verdicts(row: Row) -> list[str]:
+    """Return the names of the verdicts that do not hold in a run."""
+    return [each.name for each in VERDICTS if row.get(f"verdicts.{each.name}") is False]
+
+
 def result_row(result: FlightResult, *, holds: bool) -> Row:
     """Return a result as a row: values that depend only on mission and seed, without wall times."""
     values = {

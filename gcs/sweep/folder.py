@@ -5,11 +5,11 @@ from pathlib import Path
 
 import msgspec
 
-from estimation.profile.shelf import bundled_profiles
+from estimation.profile.library import bundled_profiles
 from gcs.errors import InputError
 from gcs.mission.file import bundled_missions
 from gcs.sweep.columns import Row
-from gcs.sweep.journal import Journal, read_rows
+from gcs.sweep.journal import SweepJournal, read_rows
 from gcs.sweep.plan import SweepPlan
 
 PLAN, JOURNAL, TABLE, MISSION = "sweep.json", "runs.jsonl", "runs.parquet", "mission"
@@ -31,14 +31,14 @@ class SweepFolder:
         """The path of the table."""
         return self.path / TABLE
 
-    def opened(self, mission: str, plan: SweepPlan) -> Journal:
+    def opened(self, mission: str, plan: SweepPlan) -> SweepJournal:
         """Return the journal of a new or continued sweep; raises InputError if the folder holds another sweep.
 
         A folder without finished runs accepts any sweep.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            journal = Journal(self.path / JOURNAL)
+            journal = SweepJournal(self.path / JOURNAL)
             if journal.rows:
                 self._require_same(plan)
             else:

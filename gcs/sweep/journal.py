@@ -35,7 +35,7 @@ def read_rows(path: Path) -> dict[int, Row]:
     return rows
 
 
-class Journal:
+class SweepJournal:
     """A journal to append to, as a context manager, locked by one process at a time. `rows` are its present rows.
 
     Raises InputError if another process has locked it, OSError if it cannot be written.

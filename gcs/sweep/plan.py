@@ -18,7 +18,7 @@ SEED_PLACE, DURATION_PLACE = "mission.seed", "mission.duration_s"
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class SweepRun:
     """One run of a sweep: its index in the table, the varied values by their paths, and its seed."""
 
     index: int
@@ -26,7 +26,7 @@ class Run:
     seed: int
 
 
-class Task(msgspec.Struct, frozen=True):
+class SweepTask(msgspec.Struct, frozen=True):
     """The input of a worker for one run. `versions` are those of the computer that planned it."""
 
     mission_text: str
@@ -59,10 +59,10 @@ class SweepPlan(msgspec.Struct, frozen=True):
         return [dict(zip(places, values, strict=True)) for values in every]
 
     @property
-    def runs(self) -> list[Run]:
+    def runs(self) -> list[SweepRun]:
         """All runs in the order of the table: the seeds vary fastest."""
         every = product(self.combinations, self.seeds)
-        return [Run(index, values, seed) for index, (values, seed) in enumerate(every)]
+        return [SweepRun(index, values, seed) for index, (values, seed) in enumerate(every)]
 
     @property
     def line(self) -> str:
@@ -89,12 +89,12 @@ class Tasks:
         self._values: Mapping[str, Any] | None = None
         self._text = ""
 
-    def of(self, run: Run) -> Task:
+    def of(self, run: SweepRun) -> SweepTask:
         """Return a worker's input for a run."""
         plan = self._plan
         if run.values != self._values:
             self._values, self._text = run.values, overridden(plan.mission_text, {**plan.fixed, **run.values})
-        return Task(self._text, plan.profile_texts, run.seed, plan.duration_s, plan.versions)
+        return SweepTask(self._text, plan.profile_texts, run.seed, plan.duration_s, plan.versions)
 
 
 def planned(

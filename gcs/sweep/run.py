@@ -9,14 +9,14 @@ from gcs.flightlog.run import versions
 from gcs.metrics.metrics import evaluated
 from gcs.mission.file import parse_mission
 from gcs.sweep.columns import Row, result_row
-from gcs.sweep.plan import Task
+from gcs.sweep.plan import SweepTask
 
 
 class UnlikeWorkerError(Exception):
     """A worker has other versions of packages that results depend on."""
 
 
-def flown(task: Task) -> Row:
+def flown(task: SweepTask) -> Row:
     """Fly a run and return its metrics; a failed run is a row with only `error`.
 
     Raises UnlikeWorkerError if this computer's versions differ from those of the task.

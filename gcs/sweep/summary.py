@@ -4,10 +4,8 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
-from gcs.sweep.columns import Row
+from gcs.sweep.columns import Row, failed_verdicts
 from gcs.sweep.plan import counted
-
-VERDICT = "verdicts."
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +27,7 @@ class SweepSummary:
     def of(cls, runs: int, rows: Iterable[Row]) -> "SweepSummary":
         """Return the summary of the finished runs."""
         rows = list(rows)
-        verdicts = Counter(
-            name.removeprefix(VERDICT)
-            for row in rows
-            for name, value in row.items()
-            if name.startswith(VERDICT) and value is False
-        )
+        verdicts = Counter(name for row in rows for name in failed_verdicts(row))
         errors = Counter(str(row["error"]) for row in rows if "error" in row)
         hold = sum(row.get("holds") is True for row in rows)
         failed = errors.total()

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 
 from gcs.sweep.columns import Row
-from gcs.sweep.journal import Journal
-from gcs.sweep.plan import Run, SweepPlan, Tasks
+from gcs.sweep.journal import SweepJournal
+from gcs.sweep.plan import SweepPlan, SweepRun, Tasks
 from gcs.sweep.run import UnlikeWorkerError, failure
 from gcs.sweep.workers import Workers
 
@@ -21,7 +21,7 @@ class WorkersError(Exception):
 
 def fly_missing(
     plan: SweepPlan,
-    journal: Journal,
+    journal: SweepJournal,
     workers: Workers,
     finished: Callable[[Row], None],
     interrupted: Callable[[], bool],
@@ -33,7 +33,7 @@ def fly_missing(
     """
     waiting = deque(run for run in plan.runs if run.index not in journal.rows)
     tasks = Tasks(plan)
-    flying: dict[Future[Row], Run] = {}
+    flying: dict[Future[Row], SweepRun] = {}
     deaths: Counter[int] = Counter()
     rows: list[tuple[int, Row]] = []
     while waiting or flying or rows:

@@ -13,7 +13,7 @@ from typing import Protocol
 from gcs.signals import ENDING, as_they_are
 from gcs.sweep.columns import Row
 from gcs.sweep.forkserver import start_forkserver
-from gcs.sweep.plan import Task
+from gcs.sweep.plan import SweepTask
 from gcs.sweep.run import flown
 
 
@@ -28,7 +28,7 @@ class Workers(Protocol):
     def losses(self) -> tuple[type[Exception], ...]:
         """The errors of a future whose worker died."""
 
-    def submit(self, task: Task) -> "Future[Row]":
+    def submit(self, task: SweepTask) -> "Future[Row]":
         """Submit a run."""
 
     def close(self) -> None:
@@ -48,7 +48,7 @@ class LocalWorkers:
         self._pools = [self._pool() for _ in range(count)]
         self._futures: list[Future[Row] | None] = [None] * count
 
-    def submit(self, task: Task) -> "Future[Row]":
+    def submit(self, task: SweepTask) -> "Future[Row]":
         """Submit a run to an idle process: at most `at_once` may be pending."""
         free = next(index for index, future in enumerate(self._futures) if future is None or future.done())
         with as_they_are():

@@ -5,9 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs.mission.overrides import override_text
-from gcs.sweep.columns import Column, Row
-from gcs.sweep.plan import Run, SweepPlan
-from gcs.sweep.summary import VERDICT
+from gcs.sweep.columns import Column, Row, failed_verdicts
+from gcs.sweep.plan import SweepPlan, SweepRun
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +40,7 @@ def worst_cases(
     ]
 
 
-def command(plan: SweepPlan, run: Run, mission: str) -> str:
+def command(plan: SweepPlan, run: SweepRun, mission: str) -> str:
     """Return the command that flies a run again."""
     values = {**plan.fixed, **run.values}
     words = [word for place, value in values.items() for word in ("--set", override_text(place, value))]
@@ -54,6 +53,6 @@ def _worst(metrics: Sequence[str]) -> list[str]:
 
 
 def _faults(row: Row) -> list[str]:
-    failing = [name.removeprefix(VERDICT) for name, value in row.items() if name.startswith(VERDICT) and value is False]
+    failing = failed_verdicts(row)
     named = [f"does not hold: {', '.join(failing)}"] if failing else []
     return [*named, *([f"failed: {row['error']}"] if "error" in row else [])]

@@ -57,7 +57,7 @@ class _Records:
         self.notes: list[str] = []
         self.is_damaged = False
         self._cut()
-        self._learn_units()
+        self._read_units()
 
     def table(self, name: str) -> Table:
         """Return all records of a type as columns, in SI where the format itself has a factor; empty without any."""
@@ -124,7 +124,7 @@ class _Records:
             self.is_damaged = True
             self.notes.append(f"the format of {name} is inconsistent: its records were skipped")
 
-    def _learn_units(self) -> None:
+    def _read_units(self) -> None:
         units = {row["Id"]: null_term(row["Label"]) for row in self.rows("UNIT", "Id", "Label")}
         factors = {row["Id"]: float(f"{row['Mult']:.7g}") for row in self.rows("MULT", "Id", "Mult")}
         named = {chr(key): unit for key, unit in units.items() if key in range(128)}
@@ -231,9 +231,9 @@ def _add_estimate(raw: RawLog, records: _Records) -> None:
 
 def _primary_core(raw: RawLog, records: _Records, table: Table) -> int:
     """Return the estimator's core in use; if it changed, the one in use for longest, with a note."""
-    told = records.table("XKF4").get("PI", np.empty(0, dtype=np.int8))
+    selected = records.table("XKF4").get("PI", np.empty(0, dtype=np.int8))
     present = np.unique(table["C"])
-    cores, counts = np.unique(told[np.isin(told, present)], return_counts=True)
+    cores, counts = np.unique(selected[np.isin(selected, present)], return_counts=True)
     if cores.size > 1:
         raw.notes.append(f"the estimator's core changed in flight, among {', '.join(map(str, cores.tolist()))}")
     if cores.size:
@@ -295,8 +295,8 @@ def _add_truth(raw: RawLog, records: _Records) -> None:
         wrong = np.flatnonzero((np.abs(places[:, 0]) > 90.0) | (np.abs(places[:, 1]) > 180.0))
         if wrong.size:
             at_s, (latitude, longitude, _) = table["TimeUS"][wrong[0]] / US, places[wrong[0]]
-            told = f"{raw.path}: SIM at {at_s:.3f} s since boot: {latitude:.6g}, {longitude:.6g} degrees"
-            raise LogError([f"{told} are not a position on Earth: wrong units, or a damaged log"])
+            where = f"{raw.path}: SIM at {at_s:.3f} s since boot: {latitude:.6g}, {longitude:.6g} degrees"
+            raise LogError([f"{where} are not a position on Earth: wrong units, or a damaged log"])
         position = up_from_ned(MissionFrame(origin).ned_from_geodetics(*places.T))
         raw.samples["true_position"] = Samples("SIM", stamps_us(table["TimeUS"]), position)
     if table := records.table("SIM2"):
@@ -310,8 +310,8 @@ def _origin(raw: RawLog, records: _Records) -> Geodetic | None:
     try:
         return Geodetic(places[-1]["Lat"], places[-1]["Lng"], places[-1]["Alt"]) if places else None
     except ValueError as error:
-        told = f"{raw.path}: ORGN at {places[-1]['TimeUS'] / US:.3f} s since boot: {error}"
-        raise LogError([f"{told}: wrong units, or a damaged log"]) from None
+        where = f"{raw.path}: ORGN at {places[-1]['TimeUS'] / US:.3f} s since boot: {error}"
+        raise LogError([f"{where}: wrong units, or a damaged log"]) from None
 
 
 def _add_battery(raw: RawLog, records: _Records) -> None:

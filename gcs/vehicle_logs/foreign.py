@@ -51,8 +51,8 @@ def read_vehicle_logs(path: Path) -> tuple[VehicleLog, ...]:
     except LogError:
         raise
     except Exception as error:  # untrusted bytes: any exception of a reader is bad input
-        told = f"{type(error).__name__}: {error}"
-        raise LogError([f"{log.name}: cannot be read as a {reader.format}: it is damaged ({told})"]) from error
+        reason = f"{type(error).__name__}: {error}"
+        raise LogError([f"{log.name}: cannot be read as a {reader.format}: it is damaged ({reason})"]) from error
 
 
 # The readers' libraries are slow to import: only the needed one is imported.

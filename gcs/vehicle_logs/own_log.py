@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from agents.inputs import Autopilot
+from agents.inputs import AutopilotStatus
 from agents.ports import FlightMode
 from estimation.frames import MissionFrame, Triple, up_from_ned
 from estimation.state import Telemetry, Vector
@@ -62,8 +62,8 @@ def _add_setpoints(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: Missi
     fed: list[tuple[float, Triple]] = []
     mode, link_s = FlightMode.UNKNOWN, _round_trip_s(flight, vehicle_id)
     for record in flight.vehicles[vehicle_id]:
-        if record.kind is Autopilot:
-            mode = record.read(Autopilot).status.mode
+        if record.kind is AutopilotStatus:
+            mode = record.read(AutopilotStatus).status.mode
         elif record.kind is Decision:
             decision = record.read(Decision)
             flown = decision.setpoint is not None and mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
@@ -81,14 +81,14 @@ def _add_setpoints(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: Missi
 
 def _round_trip_s(flight: FlightLog, vehicle_id: int) -> float:
     """Return the median round trip of a vehicle's link, 0 if none was measured."""
-    statuses = (each.status for each in flight.of_kind(vehicle_id, Autopilot))
+    statuses = (each.status for each in flight.of_kind(vehicle_id, AutopilotStatus))
     return median([each.round_trip_s for each in statuses if each.round_trip_s is not None] or [0.0])
 
 
 def _add_motion(raw: RawLog, flight: FlightLog, vehicle_id: int, frame: MissionFrame) -> None:
-    told = list(flight.of_kind(vehicle_id, Telemetry))
-    _add(raw, "position", TELEMETRY, [(each.time_s, each.position_m) for each in told], frame)
-    _add(raw, "velocity", TELEMETRY, [(each.time_s, each.velocity_m_s) for each in told], frame)
+    samples = list(flight.of_kind(vehicle_id, Telemetry))
+    _add(raw, "position", TELEMETRY, [(each.time_s, each.position_m) for each in samples], frame)
+    _add(raw, "velocity", TELEMETRY, [(each.time_s, each.velocity_m_s) for each in samples], frame)
     true = list(flight.of_kind(vehicle_id, Truth))
     if true:
         _add(raw, "true_position", TRUTH, [(each.time_s, each.position_m) for each in true], frame)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from estimation.frames import up_from_ned
-from gcs.autopilots.registry import numbered
+from gcs.autopilots.registry import autopilot_numbered
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US, LogFile
 from gcs.vehicle_logs.raw_log import RawLog, Samples, Stamps, vehicle_log
@@ -155,7 +155,7 @@ def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
 
 
 def _read(log: LogFile, system_id: int, vehicle: _Vehicle, packets: _Packets) -> VehicleLog:
-    autopilot = numbered(vehicle.autopilot)
+    autopilot = autopilot_numbered(vehicle.autopilot)
     raw = RawLog(
         path=log.name,
         format=FORMAT,
@@ -188,13 +188,13 @@ def _boot_us(packets: Sequence[Packet]) -> Stamps:
 
 def _clock(raw: RawLog, vehicle: _Vehicle) -> Clock:
     """Return the mapping from the ground station's stamps to the vehicle's time [us]."""
-    told = [packet for kind in (LOCAL, "ATTITUDE", ECHO) for packet in vehicle.packets[kind]]
-    if not told:
+    received = [packet for kind in (LOCAL, "ATTITUDE", ECHO) for packet in vehicle.packets[kind]]
+    if not received:
         raw.notes.append("the vehicle sent no time: all times are those of the packets' arrival")
         return lambda stamps: stamps
-    stamps = np.array([stamp_us for stamp_us, _ in told], dtype=np.int64)
+    stamps = np.array([stamp_us for stamp_us, _ in received], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
-    arrived, boot = stamps[order], np.maximum.accumulate(_boot_us(told)[order])
+    arrived, boot = stamps[order], np.maximum.accumulate(_boot_us(received)[order])
 
     def vehicle_us(at: Stamps) -> Stamps:
         # Relative to the first stamp: microseconds since 1970 fill a float to its last bits.
@@ -245,12 +245,14 @@ def _add_setpoints(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
         return
     rows = [[nan if m.type_mask >> axis & 1 else (m.x, m.y, m.z)[axis] for axis in range(3)] for _, m in local]
     # The reported target includes the velocity added by the vehicle's position controller: it is not used.
-    told = [(m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local]
+    rates_ned = [
+        (m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local
+    ]
     stamps = clock(_stamps(local)) if topic == SET else _boot_us(local)
     if topic == ECHO:
         raw.notes.append(f"setpoints are those that the vehicle reports in {ECHO}: its autopilot may shape them")
     values = up_from_ned(np.array(rows, dtype=np.float64))
-    rates = up_from_ned(np.array(told, dtype=np.float64))
+    rates = up_from_ned(np.array(rates_ned, dtype=np.float64))
     ordered = _in_order(raw, topic, stamps, np.hstack((values, rates)))
     raw.add_setpoints(topic, ordered.stamps_us, ordered.values[:, :3], ordered.values[:, 3:])
 
@@ -276,7 +278,7 @@ def _add_status(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
     raw.mode_topic = "HEARTBEAT"
     beats = [packet for packet in vehicle.packets["HEARTBEAT"] if packet[1].autopilot != NO_AUTOPILOT]
     for stamp_us, (_, m) in zip(clock(_stamps(beats)).tolist(), beats, strict=True):
-        raw.modes.append((stamp_us, numbered(vehicle.autopilot).mode(m.custom_mode)))
+        raw.modes.append((stamp_us, autopilot_numbered(vehicle.autopilot).mode(m.custom_mode)))
         raw.armed.append((stamp_us, bool(m.base_mode & ARMED)))
     texts = vehicle.packets["STATUSTEXT"]
     parts: dict[int, int] = {}

@@ -255,11 +255,11 @@ def _origin_of_truth_m(raw: RawLog, truth: Columns, local: Columns | None) -> Ve
 
 def _origin(log: str, topic: str, data: Columns) -> Geodetic | None:
     """Return the last origin of a local frame in a topic."""
-    told = _columns(log, topic, data, ("ref_lat", "ref_lon", "ref_alt"))
-    told = told[np.isfinite(told).all(axis=1)]
+    references = _columns(log, topic, data, ("ref_lat", "ref_lon", "ref_alt"))
+    references = references[np.isfinite(references).all(axis=1)]
     at_s = float(data["timestamp"][-1]) / US if "timestamp" in data else 0.0
     try:
-        return Geodetic(*told[-1].tolist()) if told.size else None
+        return Geodetic(*references[-1].tolist()) if references.size else None
     except ValueError as error:
         raise LogError([f"{log}: {topic} at {at_s:.3f} s since boot: its origin, {error}: wrong units"]) from None
 
@@ -302,8 +302,8 @@ def _parameters(ulog: Any) -> dict[str, int | float]:
 
 
 def _system_id(topics: dict[str, Columns], raw: RawLog) -> int:
-    told = topics.get(STATUS, {}).get("system_id")
-    return int(told[-1]) if told is not None else int(raw.parameters.get("MAV_SYS_ID", 0))
+    system_ids = topics.get(STATUS, {}).get("system_id")
+    return int(system_ids[-1]) if system_ids is not None else int(raw.parameters.get("MAV_SYS_ID", 0))
 
 
 def _firmware(ulog: Any) -> str:

@@ -160,24 +160,21 @@ def spans_of(times_s: Sequence[float], states: Sequence[object], end_s: float) -
     return [(Span(begin_s, end_s), state) for (begin_s, state), end_s in zip(changes, ends_s, strict=True)]
 
 
-def describe(log: VehicleLog) -> list[str]:
-    """Return the content of a log as text, one line per item, for reports and the command line."""
-    lines = [
-        f"{log.format} of vehicle {log.system_id}: {log.autopilot}"
-        + (f", firmware {log.firmware}" if log.firmware else "")
-        + f", {log.duration_s:.1f} s"
-    ]
+def describe(log: VehicleLog) -> list[tuple[str, str]]:
+    """Return the content of a log as text, for reports and the command line: items by name, some without content."""
+    firmware = f", firmware {log.firmware}" if log.firmware else ""
+    items = [(f"{log.format} of vehicle {log.system_id}", f"{log.autopilot}{firmware}, {log.duration_s:.1f} s")]
     for name, series in log.series().items():
-        lines.append(f"{name.replace('_', ' ')}: {_series_text(series)}")
-    lines += [f"no {topic} in it" for topic in log.missing]
+        items.append((name.replace("_", " "), _series_text(series)))
+    items += [(f"no {topic} in it", "") for topic in log.missing]
     external_s = sum(mode.span.end_s - mode.span.begin_s for mode in log.modes if mode.external)
     if log.modes:
         names = " -> ".join(dict.fromkeys(mode.name for mode in log.modes))
-        lines.append(f"flight modes: {names}; {external_s:.1f} s under external position control")
+        items.append(("flight modes", f"{names}; {external_s:.1f} s under external position control"))
     if log.armed:
-        lines.append(f"armed for {sum(span.end_s - span.begin_s for span in log.armed):.1f} s")
-    lines.append(f"{len(log.texts)} status texts, {len(log.parameters)} parameters")
-    return lines + [f"note: {note}" for note in log.notes]
+        items.append((f"armed for {sum(span.end_s - span.begin_s for span in log.armed):.1f} s", ""))
+    items.append((f"{len(log.texts)} status texts, {len(log.parameters)} parameters", ""))
+    return items + [("note", note) for note in log.notes]
 
 
 def _series_text(series: Series) -> str:

@@ -22,12 +22,12 @@ _PIECE_BYTES = 65536
 _REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
 
-def is_permitted(said: Sequence[str], origins: Collection[str]) -> bool:
+def is_permitted(sent: Sequence[str], origins: Collection[str]) -> bool:
     """Return whether the `Origin` headers of a request are none, as of a program, or a page's of these origins."""
-    return not said or (len(said) == 1 and said[0].lower() in {origin.lower() for origin in origins})
+    return not sent or (len(sent) == 1 and sent[0].lower() in {origin.lower() for origin in origins})
 
 
-def _said(head: bytes) -> list[str]:
+def _origins_in(head: bytes) -> list[str]:
     lines = head.decode("latin-1").split("\r\n")[1:]
     return [value.strip() for name, _, value in (line.partition(":") for line in lines) if name.lower() == "origin"]
 
@@ -79,7 +79,7 @@ class OriginGate:
         try:
             with suppress(OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
                 head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_TIMEOUT_S)
-                if self._connections > CONNECTIONS_MAX or not is_permitted(_said(head), self._origins):
+                if self._connections > CONNECTIONS_MAX or not is_permitted(_origins_in(head), self._origins):
                     writer.write(_REFUSED)
                     await writer.drain()
                 else:

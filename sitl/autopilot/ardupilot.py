@@ -12,7 +12,7 @@ from functools import cached_property
 from math import inf
 
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import Autopilot, CommandResult, Severity
+from sitl.autopilot.autopilot import MavResult, Severity, StubAutopilot
 from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
@@ -39,23 +39,23 @@ class StationFailsafe:
     def __init__(self, parameters: Parameters) -> None:
         """Monitor the station of the parameters, with their values at each check."""
         self._parameters = parameters
-        self._heard_s: float | None = None
+        self._received_s: float | None = None
         self._lost = False
         self._checked_s = -inf
 
     def receive_heartbeat(self, time_s: float, system_id: int) -> None:
         """Take a heartbeat that arrived at `time_s`."""
         if system_id == self._parameters["SYSID_MYGCS"]:
-            self._heard_s = time_s
+            self._received_s = time_s
 
     def check(self, time_s: float) -> bool | None:
         """Return whether it is lost, if that has changed; None if no check is due or the failsafe is off."""
         if time_s < self._checked_s + CHECK_PERIOD_S or self._parameters["FS_GCS_ENABLE"] == DISABLED:
             return None
         self._checked_s = time_s
-        if self._heard_s is None:
+        if self._received_s is None:
             return None
-        before, self._lost = self._lost, time_s - self._heard_s > self._parameters["FS_GCS_TIMEOUT"]
+        before, self._lost = self._lost, time_s - self._received_s > self._parameters["FS_GCS_TIMEOUT"]
         return None if self._lost is before else self._lost
 
     def reaction(self, mode: NavMode) -> NavMode | None:
@@ -126,7 +126,7 @@ def _truth(motion: TrueMotion) -> Fields:
     return *LEVEL, *(0.0,) * 9, *place, 0.0, 0.0, *motion.velocity_ned_m_s, latitude, longitude
 
 
-class ArduCopter(Autopilot):
+class ArduCopter(StubAutopilot):
     """One vehicle: commands in, motion and status out."""
 
     DIALECT = Dialect(
@@ -161,13 +161,13 @@ class ArduCopter(Autopilot):
         speed, acceleration = self.parameters["WPNAV_SPEED"] * CM, self.parameters["WPNAV_ACCEL"] * CM
         return ShapeLimits(speed, acceleration, float(self.parameters["PSC_JERK_XY"]))
 
-    def take_off(self, altitude_m: float | None = None) -> CommandResult:
+    def take_off(self, altitude_m: float | None = None) -> MavResult:
         """Take off to a mission altitude, only if armed in GUIDED on the ground; there is no default altitude."""
         if altitude_m is None or not (self.armed and self.landed and self.mode is NavMode.OFFBOARD):
-            return CommandResult.REJECTED
+            return MavResult.REJECTED
         x, y, _ = self.airframe.position_m
         self._applied = PositionTarget((x, y, altitude_m))
-        return CommandResult.ACCEPTED
+        return MavResult.ACCEPTED
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take a setpoint that arrived at `time_s`; outside GUIDED and on the ground it is ignored."""
@@ -182,14 +182,14 @@ class ArduCopter(Autopilot):
         """React to a silent ground station; the mode persists when its heartbeats return."""
         lost = self._station.check(self.time_s)
         if lost is False:
-            self._say("GCS Failsafe Cleared", Severity.WARNING)
+            self._send_text("GCS Failsafe Cleared", Severity.WARNING)
         if not lost:
             return
         if self.armed and self.landed:
-            self._say("GCS Failsafe - Disarming", Severity.WARNING)
+            self._send_text("GCS Failsafe - Disarming", Severity.WARNING)
             self._disarm("ground station failsafe")
             return
-        self._say("GCS Failsafe", Severity.WARNING)
+        self._send_text("GCS Failsafe", Severity.WARNING)
         reaction = self._station.reaction(self.mode) if self.armed else None
         if reaction is NavMode.RETURN and not self.global_position_known:
             reaction = NavMode.LAND
@@ -204,7 +204,7 @@ class ArduCopter(Autopilot):
         flown = self._applied
         if not self._feeds or flown is None or not flown.velocity_m_s:
             return
-        if self.time_s - self._heard_s > GUIDED_TIMEOUT_S:
+        if self.time_s - self._received_s > GUIDED_TIMEOUT_S:
             self._applied = replace(flown, velocity_m_s=())
         else:
             x, y, z = (place + rate * STEP_S for place, rate in zip(flown.position_m, flown.velocity_m_s, strict=True))

@@ -20,7 +20,7 @@ from sitl.autopilot.dialect import Dialect
 from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import Guidance, PositionTarget
-from sitl.autopilot.modes import Conditions, Intention, ModeEvent, NavMode, can_run
+from sitl.autopilot.modes import Conditions, ModeEvent, NavMode, SelectedMode, can_run
 from sitl.autopilot.parameters import Parameters, ParameterTable
 from sitl.vehicle.shaping import ShapeLimits
 
@@ -33,7 +33,7 @@ LANDED_AFTER_S = 1.0
 SETPOINTS_PENDING_MAX = 1000
 
 
-class CommandResult(Enum):
+class MavResult(Enum):
     """The result of a command, as in COMMAND_ACK."""
 
     ACCEPTED = "accepted"
@@ -57,7 +57,7 @@ class Severity(IntEnum):
     INFO = 6
 
 
-class Autopilot:
+class StubAutopilot:
     """One vehicle: commands in, motion and status out. What is special about one autopilot, its subclass states."""
 
     DIALECT: ClassVar[Dialect]
@@ -93,12 +93,12 @@ class Autopilot:
         self._delay_s = plant.delay_s
         self._feeds = plant.feedforward > 0.0
         self._guidance = Guidance(self.parameters, self.airframe)
-        self._intention = Intention(self.BOOT_MODE)
+        self._intention = SelectedMode(self.BOOT_MODE)
         self._steps = 0
         self._pending: deque[tuple[float, PositionTarget]] = deque(maxlen=SETPOINTS_PENDING_MAX)
         self._applied: PositionTarget | None = None
         self.setpoints_received = 0
-        self._heard_s = -inf
+        self._received_s = -inf
         self._armed_s = self._airborne_s = self._landed_s = -inf
         self._texts: list[tuple[Severity, str]] = []
         self.zones: tuple[Zone, ...] = ()
@@ -158,49 +158,49 @@ class Autopilot:
         texts, self._texts = self._texts, []
         return texts
 
-    def arm(self) -> CommandResult:
+    def arm(self) -> MavResult:
         """Arm if the preflight checks pass; accepted if already armed. Clients cannot force it."""
         if self.armed:
-            return CommandResult.ACCEPTED
+            return MavResult.ACCEPTED
         fault = self._arming_fault()
         if fault is not None:
             return self._reject(fault)
         self.armed = True
         self._armed_s = self.time_s
         self._guidance.on_arm()
-        self._say(self.ARMED_TEXT)
-        return CommandResult.ACCEPTED
+        self._send_text(self.ARMED_TEXT)
+        return MavResult.ACCEPTED
 
-    def disarm(self, *, force: bool = False) -> CommandResult:
+    def disarm(self, *, force: bool = False) -> MavResult:
         """Disarm on the ground; with `force` also in the air, and the vehicle falls."""
         if self.armed and not (self.landed or force):
             return self._reject("Disarming denied: not landed")
         if self.armed:
             self._disarm("external command")
-        return CommandResult.ACCEPTED
+        return MavResult.ACCEPTED
 
-    def select(self, mode: NavMode) -> CommandResult:
+    def select(self, mode: NavMode) -> MavResult:
         """Select a flight mode."""
         if not self._intention.request(mode, armed=self.armed, conditions=self.conditions):
             return self._reject(self.REFUSED_TEXT and self.REFUSED_TEXT.format(mode=mode.value))
         self._breach_mode = None  # selecting a mode permits flight outside the fence
         self._update_mode()
-        return CommandResult.ACCEPTED
+        return MavResult.ACCEPTED
 
-    def take_off(self, altitude_m: float | None = None) -> CommandResult:
+    def take_off(self, altitude_m: float | None = None) -> MavResult:
         """Take off to a mission altitude."""
         raise NotImplementedError
 
-    def land(self) -> CommandResult:
+    def land(self) -> MavResult:
         """Land where the vehicle is."""
         result = self.select(NavMode.LAND)
-        if result is CommandResult.ACCEPTED:
-            self._say(self.LAND_TEXT)
+        if result is MavResult.ACCEPTED:
+            self._send_text(self.LAND_TEXT)
         return result
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""
-        self._heard_s = time_s
+        self._received_s = time_s
         self.setpoints_received += 1
         self._pending.append((time_s + self._delay_s, target))
 
@@ -239,7 +239,7 @@ class Autopilot:
             self.mode = flown
             self._on_mode_change()
             if self.failsafe:
-                self._say("Failsafe activated", Severity.CRITICAL)
+                self._send_text("Failsafe activated", Severity.CRITICAL)
 
     def _watch_take_off(self) -> None:
         # If hold cannot be flown, it continues to hover in take-off.
@@ -251,13 +251,13 @@ class Autopilot:
         """Detect lift-off at once, and landing after some time on the ground; then disarm."""
         if not self.airframe.on_ground:
             if self.landed:
-                self._say(self.TAKE_OFF_TEXT)
+                self._send_text(self.TAKE_OFF_TEXT)
             self.landed = False
             self._airborne_s = self.time_s
         elif not self.landed and self.time_s - self._airborne_s >= LANDED_AFTER_S:
             self.landed = True
             self._landed_s = self.time_s
-            self._say(self.LANDING_TEXT)
+            self._send_text(self.LANDING_TEXT)
         if self.armed and self.landed:
             self._disarm_when_idle()
 
@@ -268,7 +268,7 @@ class Autopilot:
         self._breached = breach is not None
         if breach is not None and not before:
             words, self._breach_mode = breach
-            self._say(words, Severity.CRITICAL)
+            self._send_text(words, Severity.CRITICAL)
 
     def _watch_station(self) -> None:
         """React to a silent ground station."""
@@ -282,13 +282,13 @@ class Autopilot:
         self.armed = False
         self._breach_mode = None
         self._on_disarmed()
-        self._say(self.DISARMED_TEXT.format(reason=reason))
+        self._send_text(self.DISARMED_TEXT.format(reason=reason))
 
-    def _reject(self, why: str | None) -> CommandResult:
-        self._say(why, Severity.CRITICAL)
-        return CommandResult.REJECTED
+    def _reject(self, why: str | None) -> MavResult:
+        self._send_text(why, Severity.CRITICAL)
+        return MavResult.REJECTED
 
-    def _say(self, text: str | None, severity: Severity = Severity.INFO) -> None:
+    def _send_text(self, text: str | None, severity: Severity = Severity.INFO) -> None:
         if text is not None:
             self._texts.append((severity, text))
 
@@ -320,7 +320,7 @@ class Autopilot:
         return None
 
 
-def autopilot_named(name: AutopilotName) -> type[Autopilot]:
+def autopilot_named(name: AutopilotName) -> type[StubAutopilot]:
     """Return the class of an autopilot; its file has its name."""
-    found: type[Autopilot] = import_module(f"sitl.autopilot.{name}").AUTOPILOT
+    found: type[StubAutopilot] = import_module(f"sitl.autopilot.{name}").AUTOPILOT
     return found

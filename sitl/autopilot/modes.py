@@ -60,7 +60,7 @@ def can_arm(mode: NavMode, conditions: Conditions) -> bool:
     return mode not in PREVENTS_ARMING and can_run(mode, conditions)
 
 
-class Intention:
+class SelectedMode:
     """The mode that the user has selected, and the mode after disarming."""
 
     def __init__(self, mode: NavMode) -> None:

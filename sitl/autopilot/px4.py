@@ -6,7 +6,7 @@ Its failsafe for a silent system, NAV_DLL_ACT, is not simulated.
 from collections.abc import Mapping
 from math import hypot, inf
 
-from sitl.autopilot.autopilot import Autopilot, CommandResult
+from sitl.autopilot.autopilot import MavResult, StubAutopilot
 from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion, bounded_i16
 from sitl.autopilot.modes import NEEDS_GLOBAL_POSITION, NEEDS_STICKS, Conditions, NavMode, can_arm
 from sitl.autopilot.parameters import FlightLimits, ParameterTable, Value
@@ -88,7 +88,7 @@ def _truth(motion: TrueMotion) -> Fields:
     return 0, LEVEL, *rates, *motion.place, *velocity, *speeds, *forces
 
 
-class Px4(Autopilot):
+class Px4(StubAutopilot):
     """One vehicle: commands in, motion and status out."""
 
     DIALECT = Dialect(
@@ -121,7 +121,7 @@ class Px4(Autopilot):
     @property
     def conditions(self) -> Conditions:
         """The present conditions of flight modes."""
-        age_s = self.time_s - self._heard_s
+        age_s = self.time_s - self._received_s
         flow = age_s <= self.parameters["COM_OF_LOSS_T"] + CHECK_PERIOD_S
         return Conditions(self.estimator_ready, flow, self.global_position_known)
 
@@ -130,13 +130,13 @@ class Px4(Autopilot):
         """Whether the preflight checks pass in the present mode."""
         return can_arm(self.mode, self.conditions)
 
-    def take_off(self, altitude_m: float | None = None) -> CommandResult:
+    def take_off(self, altitude_m: float | None = None) -> MavResult:
         """Take off to a mission altitude, by default MIS_TAKEOFF_ALT above the present one; if disarmed, on arming."""
         result = self.select(NavMode.TAKE_OFF)
-        if result is CommandResult.ACCEPTED:
+        if result is MavResult.ACCEPTED:
             self._guidance.plan_take_off(altitude_m)
             if altitude_m is None:
-                self._say(f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
+                self._send_text(f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
         return result
 
     def _flown(self) -> NavMode:

@@ -5,10 +5,10 @@ from enum import IntEnum
 from math import isfinite
 
 from estimation.frames import MissionFrame
-from sitl.autopilot.autopilot import Autopilot, CommandResult
+from sitl.autopilot.autopilot import MavResult, StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.mavlink.plans import Sender
-from sitl.mavlink.reports import Reporter
+from sitl.mavlink.reports import TelemetryFields
 from sitl.mavlink.schedule import Schedule
 from sitl.mavlink_constants import MessageId, ModeFlag, Outgoing, Result
 
@@ -39,10 +39,10 @@ class Commander:
 
     def __init__(
         self,
-        autopilot: Autopilot,
+        autopilot: StubAutopilot,
         *,
         frame: MissionFrame,
-        reporter: Reporter,
+        reporter: TelemetryFields,
         schedule: Schedule,
     ) -> None:
         """Pass commands to `autopilot`; answer requests for messages with `reporter` and `schedule`."""
@@ -95,8 +95,8 @@ class Commander:
             return Result.DENIED, []
         return self._result(self._autopilot.take_off(altitude_m)), []
 
-    def _result(self, result: CommandResult) -> Result:
-        return Result.ACCEPTED if result is CommandResult.ACCEPTED else self._dialect.refused
+    def _result(self, result: MavResult) -> Result:
+        return Result.ACCEPTED if result is MavResult.ACCEPTED else self._dialect.refused
 
     def _arm_or_disarm(self, params: Params) -> tuple[Result, list[Outgoing]]:
         if params[0] == 1.0:

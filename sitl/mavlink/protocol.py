@@ -13,16 +13,16 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # common and EKF_STATUS_REPORT
 
-from sitl.autopilot.autopilot import Autopilot, Severity
+from sitl.autopilot.autopilot import Severity, StubAutopilot
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.parameters import Value
 from sitl.faults import VehicleFaults
 from sitl.mavlink.commands import Commander
 from sitl.mavlink.plans import FENCE_PLAN, Plans
-from sitl.mavlink.reports import MavlinkConfig, Reporter
+from sitl.mavlink.reports import MavlinkConfig, TelemetryFields
 from sitl.mavlink.schedule import Schedule
-from sitl.mavlink.signing import REFUSED, Signing
+from sitl.mavlink.signing import REFUSED, SigningState
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
 
 AUTOPILOT_COMPONENT = 1
@@ -83,7 +83,7 @@ class MavlinkVehicle:
 
     def __init__(
         self,
-        autopilot: Autopilot,
+        autopilot: StubAutopilot,
         config: MavlinkConfig,
         faults: VehicleFaults | None = None,
         observer: Observer | None = None,
@@ -97,14 +97,14 @@ class MavlinkVehicle:
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
         self._config = config
-        self._reporter = Reporter(autopilot, config, self._faults)
+        self._reporter = TelemetryFields(autopilot, config, self._faults)
         self._schedule = Schedule(self._dialect.rates_hz, self._reporter.known)
         self._commander = Commander(autopilot, frame=config.frame, reporter=self._reporter, schedule=self._schedule)
         self._listing: list[int] = []
         self._texts_chunked = 0
         self._fence: tuple[Fields, ...] = ()
         self._outbox = _Outbox()
-        self._signing = Signing(config.signing_key)
+        self._signing = SigningState(config.signing_key)
         self._writer = self._signing.writer(self._outbox, config.system_id, AUTOPILOT_COMPONENT)
         self._parser = self._signing.parser()
         self._handlers = self._message_handlers()

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.frames import Geodetic, MissionFrame, Triple
 from sitl.autopilot.airframe import GRAVITY_M_S2
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.dialect import EstimatorState, TrueMotion, bounded_i16
 from sitl.faults import VehicleFaults, shifted
 from sitl.mavlink.signing import SigningKey
@@ -33,7 +33,7 @@ from sitl.mavlink_constants import (
     MessageId,
     ModeFlag,
     Outgoing,
-    Sensor,
+    SensorFlag,
 )
 
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
@@ -86,10 +86,10 @@ class Estimate:
     velocity_m_s: Triple
 
 
-class Reporter:
+class TelemetryFields:
     """Computes each message's fields from the autopilot's state; messages of the same time share one estimate."""
 
-    def __init__(self, autopilot: Autopilot, config: MavlinkConfig, faults: VehicleFaults) -> None:
+    def __init__(self, autopilot: StubAutopilot, config: MavlinkConfig, faults: VehicleFaults) -> None:
         """Report the state of `autopilot`, with the `faults` that affect its motion."""
         self._autopilot = autopilot
         self._dialect = autopilot.DIALECT
@@ -176,13 +176,20 @@ class Reporter:
         return STANDBY if autopilot.armable or not self._dialect.tells_checks_in_heartbeat else UNINITIALISED
 
     def _sys_status(self) -> Fields:
-        present = Sensor.GYRO | Sensor.ACCEL | Sensor.MAG | Sensor.PRESSURE | Sensor.POSITION | Sensor.BATTERY
+        present = (
+            SensorFlag.GYRO
+            | SensorFlag.ACCEL
+            | SensorFlag.MAG
+            | SensorFlag.PRESSURE
+            | SensorFlag.POSITION
+            | SensorFlag.BATTERY
+        )
         if self._autopilot.gps:
-            present |= Sensor.GPS
-        healthy = present if self._ready else present & ~(Sensor.GPS | Sensor.POSITION)
+            present |= SensorFlag.GPS
+        healthy = present if self._ready else present & ~(SensorFlag.GPS | SensorFlag.POSITION)
         if self._autopilot.armable or self._autopilot.armed:
-            healthy |= Sensor.PREARM_CHECK
-        enabled = present | Sensor.PREARM_CHECK
+            healthy |= SensorFlag.PREARM_CHECK
+        enabled = present | SensorFlag.PREARM_CHECK
         millivolts = sum(self._cell_mv())
         remaining = self._battery_percent()
         return int(enabled), int(enabled), int(healthy), 300, millivolts, -1, remaining, 0, 0, 0, 0, 0, 0

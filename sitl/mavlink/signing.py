@@ -28,7 +28,7 @@ class SigningKey:
         return f"SigningKey(time={self.time})"
 
 
-class Signing:
+class SigningState:
     """The signing state of a vehicle: its key, and the times of the messages sent and received.
 
     Its time follows that of accepted messages; it has no clock for signing.

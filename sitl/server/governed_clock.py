@@ -15,12 +15,13 @@ from typing import Protocol, Self
 from weakref import WeakKeyDictionary
 
 from sitl.server.clock_memory import MOTION, NEVER_US, SETPOINT, VEHICLES
-from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat
+from sitl.server.shared_clock import LOOK_S, US_PER_S, ClockName, Rank, Seat
+from sitl.server.wall_limit import WallLimit
 
 HELD_MAX_S = 1.0
-"""Wall time for which work on this computer holds the time."""
+"""Wall time for which work on this computer holds the time, without that for which it lacks the processor."""
 TRANSIT_MAX_S = 0.5
-"""Wall time after which a message that has not arrived is taken as lost."""
+"""Wall time after which a message that has not arrived is taken as lost, counted in the same way."""
 _LOOKING: "WeakKeyDictionary[asyncio.AbstractEventLoop, int]" = WeakKeyDictionary()
 """How many governed clocks are about to look, by event loop."""
 
@@ -73,8 +74,8 @@ class GovernedClock:
         self._alarms: list[tuple[int, int, Alarm]] = []
         self._number = count()
         self._arriving: list[Arriving] = []
-        self._unarrived_since_s: float | None = None
-        self._holds = 0
+        self._in_transit: WallLimit | None = None
+        self._holds: set[WallLimit] = set()
         self._asked = False
         self._looks: asyncio.Handle | None = None
         self._looks_later: asyncio.TimerHandle | None = None
@@ -141,29 +142,25 @@ class GovernedClock:
 
         A call to a vehicle that does not answer takes longer, and this event loop has other vehicles to fly.
         """
-        self._holds += 1
+        hold = WallLimit(HELD_MAX_S, os.getpid(), time.monotonic())
+        self._holds.add(hold)
         self._state()
-        limit = self._loop.call_later(HELD_MAX_S, self._release)
+        self.look()
         try:
             yield
         finally:
-            if limit.when() > self._loop.time():
-                limit.cancel()
-                self._release()
+            self._holds.discard(hold)
+            self.look()
 
-    def _release(self) -> None:
-        self._holds -= 1
-        self.look()
-
-    def transit(self, system_id: int) -> "LinkTransit":
+    def transit(self, system_id: int) -> "GovernedLinkTransit":
         """Return what is under way to and from a vehicle: the time waits for its motions."""
-        transit = LinkTransit(self, self._seat, system_id)
+        transit = GovernedLinkTransit(self, self._seat, system_id)
         self._arriving.append(transit)
         return transit
 
-    def bus_transit(self) -> "BusTransit":
+    def bus_transit(self) -> "GovernedBusTransit":
         """Return what is under way on the bus: the time waits for the states of vehicles of other processes."""
-        transit = BusTransit(self, self._seat)
+        transit = GovernedBusTransit(self, self._seat)
         self._arriving.append(transit)
         return transit
 
@@ -215,8 +212,13 @@ class GovernedClock:
         if len(getattr(self._loop, "_ready", ())) > _LOOKING[self._loop]:
             self.look()
             return
+        wall_s = time.monotonic()
+        self._holds = {hold for hold in self._holds if not hold.is_over(wall_s)}
         self._state()
-        if self._holds or not self._alarms:
+        if self._holds:
+            self._look_later(LOOK_S)
+            return
+        if not self._alarms:
             return
         wait_s = self._arrival_s() or self._seat.turn()
         if wait_s > 0.0:
@@ -239,15 +241,15 @@ class GovernedClock:
     def _arrival_s(self) -> float:
         """Return wall seconds after which to look again for messages under way; 0 if all have arrived, or are lost."""
         if all(each.arrived() for each in self._arriving):
-            self._unarrived_since_s = None
+            self._in_transit = None
             return 0.0
         wall_s = time.monotonic()
-        self._unarrived_since_s = self._unarrived_since_s or wall_s
-        if wall_s - self._unarrived_since_s < TRANSIT_MAX_S:
+        self._in_transit = self._in_transit or WallLimit(TRANSIT_MAX_S, os.getpid(), wall_s)
+        if not self._in_transit.is_over(wall_s):
             return 0.005
         for each in self._arriving:
             each.forget()
-        self._unarrived_since_s = None
+        self._in_transit = None
         return 0.0
 
     def _look_later(self, wait_s: float) -> None:
@@ -280,7 +282,7 @@ class MotionTransit:
         self._seat.memory.send_motion(self._system_id, MOTION.pack(*ned))
 
 
-class LinkTransit:
+class GovernedLinkTransit:
     """What is under way to and from a vehicle; implements `agents.shell.clock.LinkTransit`.
 
     Once a motion is lost, as on a link that is cut, none is waited for until one has arrived again.
@@ -344,7 +346,7 @@ class SetpointTransit:
         self._lost, _ = self._seat.memory.newest_setpoint(self._system_id)
 
 
-class BusTransit:
+class GovernedBusTransit:
     """The states of vehicles under way on the bus; implements `agents.shell.clock.BusTransit`.
 
     The states of a vehicle are waited for once one has arrived, and until one is lost.

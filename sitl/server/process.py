@@ -45,14 +45,14 @@ def run_in_process(configs: Sequence[StubConfig], make_clock: Callable[[], StubC
     signal.pthread_sigmask(signal.SIG_SETMASK, ())  # the parent may block signals
     with suppress(BrokenPipeError):
         try:
-            record = asyncio.run(_serve_until_told(configs, make_clock, connection))
+            record = asyncio.run(_serve_until_stopped(configs, make_clock, connection))
         except (OSError, ValueError, ClockError) as error:
             connection.send(StubFailed(str(error)))
         else:
             connection.send(record)
 
 
-async def _serve_until_told(
+async def _serve_until_stopped(
     configs: Sequence[StubConfig], make_clock: Callable[[], StubClock], connection: Connection
 ) -> StubRecord:
     loop = asyncio.get_running_loop()

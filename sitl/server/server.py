@@ -204,7 +204,7 @@ class Stub:
         """Draw the noise of the mission from its seed."""
         self._vehicle.begin_mission()
 
-    def show_life(self) -> None:
+    def send_heartbeat(self) -> None:
         """Send a heartbeat, while the simulated time stands still."""
         self.endpoint.send(self._vehicle.heartbeat())
 
@@ -271,16 +271,16 @@ async def serve(
         if on_ready is not None:
             on_ready(stubs)
         stepping = asyncio.create_task(_step(stubs, pace, clock))
-        showing = asyncio.create_task(_show_life(stubs, pace))
+        heartbeats = asyncio.create_task(_send_heartbeats(stubs, pace))
         stopping = asyncio.create_task(stop.wait())
         try:
-            done, _ = await asyncio.wait((stepping, showing, stopping), return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait((stepping, heartbeats, stopping), return_when=asyncio.FIRST_COMPLETED)
             for each in done:
                 each.result()
         finally:
-            for each in (stepping, showing, stopping):
+            for each in (stepping, heartbeats, stopping):
                 each.cancel()
-            await asyncio.gather(stepping, showing, stopping, return_exceptions=True)
+            await asyncio.gather(stepping, heartbeats, stopping, return_exceptions=True)
     tracks = tuple(stub.track() for stub in stubs)
     dropped = {stub.config.vehicle_id: stub.dropped() for stub in stubs}
     return StubRecord(tracks, pace.slipped_s, dropped)
@@ -302,12 +302,12 @@ async def _step(stubs: Sequence[Stub], pace: _Pace, clock: StubClock) -> None:
         await clock.sleep_until(max(pace.next_s, clock.now_s() + wake_period_s))
 
 
-async def _show_life(stubs: Sequence[Stub], pace: _Pace) -> None:
+async def _send_heartbeats(stubs: Sequence[Stub], pace: _Pace) -> None:
     """Send heartbeats while the simulated time stands still, as the clock of a flight may for seconds."""
     step = -1
     while True:
         await asyncio.sleep(SHOWN_ALIVE_S)
         if pace.step == step:
             for stub in stubs:
-                stub.show_life()
+                stub.send_heartbeat()
         step = pace.step

@@ -5,8 +5,9 @@ only one that may go on: it sets the time to that of its event, handles it, and 
 passes a participant, and events happen in one order on every computer. Simultaneous events happen in the order of the
 seats.
 
-A participant that does not go on for `HUNG_S` of wall time is passed over until it states another event; one whose
-process has ended is removed. Imports nothing heavy: a supervisor uses it.
+A participant that does not go on for `HUNG_S` of wall time is passed over until it states another event; the time for
+which it waits for the processor does not count. One whose process has ended is removed. Imports nothing heavy: a
+supervisor uses it.
 """
 
 import errno
@@ -26,6 +27,7 @@ from pathlib import Path
 from typing import Self
 
 from sitl.server.clock_memory import IDLE, NEVER_US, SEAT_BITS, SEATS, VERSION, ClockMemory
+from sitl.server.wall_limit import WallLimit
 
 HUNG_S = 2.0
 """Wall time for which the others wait for a participant that does not go on."""
@@ -181,7 +183,7 @@ class Seat:
             raise ClockError(f"there is no clock in {self._folder}: {error}") from error
         self._serial = self.memory.serial[self._seat]
         self._others: dict[int, int] = {}
-        self._blocking, self._blocking_due_s = IDLE, 0.0
+        self._blocking, self._patience = IDLE, WallLimit(HUNG_S, os.getpid(), 0.0)
         self._stated_us = NEVER_US
         self._paced_us, self._paced_s, self._paced_speed = self.now_us, time.monotonic(), self.speed
 
@@ -276,6 +278,7 @@ class Seat:
                     # Also open for writing: without a writer it would be readable, at its end, all the time.
                     woken = os.open(self._pipe(serial), os.O_RDWR | os.O_NONBLOCK)
                     self.memory.event[seat], self.memory.hung[seat] = IDLE, -1
+                    self.memory.process[seat] = os.getpid()
                     self.memory.serial[seat] = serial
                     return woken, seat
         finally:
@@ -306,8 +309,9 @@ class Seat:
         """Pass over the seat that may go on if it has not done so for too long; remove it if its process has ended."""
         event = int(self.memory.event[blocking])
         if event != self._blocking:
-            self._blocking, self._blocking_due_s = event, max(self._due_s(event >> SEAT_BITS, wall_s), wall_s)
-        if wall_s - self._blocking_due_s > HUNG_S:
+            due_s = max(self._due_s(event >> SEAT_BITS, wall_s), wall_s)
+            self._blocking, self._patience = event, WallLimit(HUNG_S, int(self.memory.process[blocking]), due_s)
+        if self._patience.is_over(wall_s):
             self.memory.hung[blocking] = event
         self._wake(blocking)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from estimation.state import Sighting, Telemetry, Vector
 from sitl.draws import normals, uniforms
 from sitl.simulation.vehicle_model import LANDED_AFTER_S, Absence, TelemetryNoise, VehicleModel, absence_at
-from sitl.vehicle.body import Body
+from sitl.vehicle.body import VehicleBody
 from sitl.vehicle.estimator_drift import EstimatorDrift
 from sitl.vehicle.plant_step import Motion, Pair
 from sitl.vehicle.telemetry_schedule import TelemetrySchedule
@@ -119,7 +119,7 @@ class SimulatedVehicle(Generic[OutputT]):
         self._away: Absence | None = None
         wind_random = np.random.default_rng([*model.seed, _WIND])
         push_m_s2, imperfections = model.disturbance_m_s2, model.imperfections
-        self._body = Body(
+        self._body = VehicleBody(
             model.plant, model.start_m, model.altitude_m, push_m_s2, imperfections, wind_random, model.step
         )
         self.altitude_m = self._wanted_altitude_m = model.altitude_m
@@ -140,7 +140,7 @@ class SimulatedVehicle(Generic[OutputT]):
         return self._body.motion
 
     @property
-    def comes_and_goes(self) -> bool:
+    def is_intermittent(self) -> bool:
         """Whether its agent has absences."""
         return len(self._model.absences) > 0
 
@@ -317,7 +317,7 @@ class _Truth:
 
     def __init__(self, ticks: int, vehicles: Sequence[SimulatedVehicle[OutputT]]) -> None:
         self._vehicles = vehicles
-        self._comers = [(index, vehicle) for index, vehicle in enumerate(vehicles) if vehicle.comes_and_goes]
+        self._intermittent = [(index, vehicle) for index, vehicle in enumerate(vehicles) if vehicle.is_intermittent]
         self._motion, self._altitude_m = array("d"), array("d")
         self._aloft = np.ones((ticks, len(vehicles)), dtype=np.bool_)
         self.tick_us = array("d")
@@ -328,7 +328,7 @@ class _Truth:
         for motion in motions:
             self._motion.extend(motion)
         self._altitude_m.extend([vehicle.altitude_m for vehicle in self._vehicles])
-        for index, vehicle in self._comers:
+        for index, vehicle in self._intermittent:
             self._aloft[tick, index] = vehicle.aloft(now_s)
         return motions
 
@@ -355,9 +355,9 @@ def simulate(
     """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` is called for every tick."""
     time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
     truth, air = _Truth(time_s.size, vehicles), _Network(network, len(vehicles), seed)
-    comers = [vehicle for vehicle in vehicles if vehicle.comes_and_goes]
+    intermittent = [vehicle for vehicle in vehicles if vehicle.is_intermittent]
     for tick, now_s in enumerate(time_s.tolist()):
-        for vehicle in comers:
+        for vehicle in intermittent:
             _attend(vehicle, vehicles, now_s, inputs)
         air.place([motion[:2] for motion in truth.note(tick, now_s)])
         for index, (vehicle, messages) in enumerate(zip(vehicles, air.arrived(now_s), strict=True)):

@@ -18,7 +18,7 @@ _STEPS_KEPT = 16
 """The number of cached discretisations: setpoints and samples divide each tick in few different ways."""
 
 
-class Body:
+class VehicleBody:
     """Moves one vehicle; setpoints act one delay after they were sent."""
 
     def __init__(

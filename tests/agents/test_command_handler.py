@@ -61,9 +61,9 @@ def test_on_the_ground_a_vehicle_that_lacks_nothing_is_started_once() -> None:
     vehicle = Vehicle(Tactic.STANDBY)
     assert vehicle.told("start") == "did not wait for its start"
     assert not vehicle.commands.starts
-    vehicle.commands.lacks = "GPS: no fix"
+    vehicle.commands.start_blockers = "GPS: no fix"
     assert vehicle.told("start") == "refused: GPS: no fix"
-    vehicle.commands.lacks = ""
+    vehicle.commands.start_blockers = ""
     for verb in ("hold", "resume", "land", "rtl", "abort"):
         assert vehicle.told(verb) == "refused: it waits on the ground for its start"
     assert (vehicle.tactic, vehicle.commands.starts) == (Tactic.STANDBY, False)

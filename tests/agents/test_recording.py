@@ -9,7 +9,7 @@ import pytest
 from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.inputs import (
-    Autopilot,
+    AutopilotStatus,
     Bus,
     Command,
     Computer,
@@ -57,7 +57,7 @@ def flown(core: VehicleCore) -> list[TickOutput]:
     for tick in range(200):
         now_s = tick * PERIOD_S
         core.take(telemetry(now_s))
-        core.take(Autopilot(VehicleStatus(connected=True, armed=True, battery=1.0 - tick / 400)))
+        core.take(AutopilotStatus(VehicleStatus(connected=True, armed=True, battery=1.0 - tick / 400)))
         core.take(LateTicks(3 if tick == 20 else 0))
         core.take(Bus(tick != 30))
         core.take(Drops(too_many=500 if tick >= 50 else 0))

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from estimation.identification.identified import Found
+from estimation.identification.identified import ParameterEstimate
 from estimation.identification.identify import identify
 from estimation.profile.autopilots import AutopilotName
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import Profile
-from estimation.profile.shelf import ProfileShelf
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from gcs.identify.reading import recording_of
 from gcs.identify.view import limits_in
 from gcs.vehicle_logs.foreign import read_vehicle_logs
@@ -28,7 +28,7 @@ class Bundled:
     """A bundled profile, and what its log says today."""
 
     profile: Profile
-    found: Found
+    found: ParameterEstimate
     log: VehicleLog
 
     @property
@@ -38,7 +38,7 @@ class Bundled:
 
 
 def bundled(name: str) -> Bundled:
-    file = ProfileShelf(Path()).load(name)
+    file = ProfileLibrary(Path()).load(name)
     [log] = read_vehicle_logs(DATA / LOGS[name])
     found = identify([recording_of(log)]).found
     assert found is not None
@@ -55,7 +55,7 @@ def test_a_profile_equals_the_identification_of_its_log(name: AutopilotName) -> 
     values = [getattr(noise, key) for key in filtered.model_fields_set]
     assert [getattr(filtered, key) for key in filtered.model_fields_set] == pytest.approx(values, rel=1e-2)
     assert len(values) == 4
-    limits, parameters = limits_in([here.log], known_as(name))
+    limits, parameters = limits_in([here.log], autopilot_of(name))
     assert (here.profile.limits, len(parameters)) == (limits, 2)
 
 

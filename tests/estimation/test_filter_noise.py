@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.identification.excerpts import Recording
+from estimation.identification.excerpts import MotionRecording
 from estimation.identification.filter_noise import FilterNoise
-from estimation.identification.identified import Found
+from estimation.identification.identified import ParameterEstimate
 from estimation.identification.identify import identify
 from estimation.state import Vector
 from tests.support.synthetic_flights import FINE_S, SENT_S, Truth, excitation_m, flown, recorded
@@ -18,7 +18,7 @@ TRUTH = Truth((1.5, 1.5), (1.9, 1.9), 0.2)
 PUSH_M_S2 = 0.8
 
 
-def found_in(recording: Recording) -> Found:
+def found_in(recording: MotionRecording) -> ParameterEstimate:
     found = identify([recording]).found
     assert found is not None
     return found
@@ -37,7 +37,9 @@ def told(*, position_m: float, velocity_m_s: float, push_m_s2: float = 0.0) -> F
     noisy_m: Vector = path_m[::every] + random.normal(0.0, position_m, path_m[::every].shape)
     sent_s = np.arange(len(sent_m), dtype=np.float64) * SENT_S
     spans_s = [(0.0, float(time_s[-1]))]
-    noise = found_in(Recording(time_s[::every], noisy_m, sent_s, sent_m, spans_s, reported_m_s=rate_m_s[::every])).noise
+    noise = found_in(
+        MotionRecording(time_s[::every], noisy_m, sent_s, sent_m, spans_s, reported_m_s=rate_m_s[::every])
+    ).noise
     assert noise is not None
     return noise
 

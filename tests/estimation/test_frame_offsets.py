@@ -41,7 +41,7 @@ class Watched:
         seen = [sensor for sensor in self.sigmas_m if sensor not in blind]
         for sensor in seen:
             if self.sigmas_m[sensor] > 0.0:
-                self.offsets.know(sensor, self.sigmas_m[sensor], CORRELATION_S)
+                self.offsets.set_error_model(sensor, self.sigmas_m[sensor], CORRELATION_S)
         self.offsets.predict(self.time_s, REFERENCE_M**2)
         for sensor in seen:
             x, y = (self.true_m[sensor] + NOISE_M * self.random.standard_normal(2)).tolist()

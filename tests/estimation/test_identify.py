@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.identification.excerpts import Recording, excerpts_of
-from estimation.identification.identified import Found, Identified
+from estimation.identification.excerpts import MotionRecording, excerpts_of
+from estimation.identification.identified import Identified, ParameterEstimate
 from estimation.identification.identify import identify
-from estimation.identification.response import Between
+from estimation.identification.response import InputHold
 from estimation.identification.simulated import fit_percent, simulated
 from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
@@ -20,12 +20,12 @@ pytestmark = pytest.mark.slow
 TRUTH = Truth((1.5, 1.1), (1.9, 1.6), 0.2)
 
 
-def found_in(identified: Identified) -> Found:
+def found_in(identified: Identified) -> ParameterEstimate:
     assert identified.found is not None, identified.reasons
     return identified.found
 
 
-def values(found: Found) -> list[float]:
+def values(found: ParameterEstimate) -> list[float]:
     return [interval.value for interval in intervals_of(found)]
 
 
@@ -33,7 +33,7 @@ def test_without_noise_the_plant_is_found_as_it_is() -> None:
     """Setpoints logged as they were sent: held."""
     recording = recorded(TRUTH, 1, noise_m=1e-4, setpoints_hz=25.0, sampled=False)
     found = found_in(identify([recording]))
-    assert found.between is Between.HELD
+    assert found.between is InputHold.HELD
     assert values(found) == pytest.approx([1.5, 1.9, 1.1, 1.6, 0.2], rel=0.01)
     x, _ = found.axes
     assert x.frequency_rad_s.value == pytest.approx(np.sqrt(1.5), rel=0.005)
@@ -119,13 +119,13 @@ def test_a_good_flight_is_graded_good_and_progress_rises_to_the_end() -> None:
     assert shares[-1] == pytest.approx(1.0)
 
 
-def still(recording: Recording) -> Recording:
+def still(recording: MotionRecording) -> MotionRecording:
     nothing = np.zeros_like(recording.setpoint_m)
     noise_m = recording.position_m - recording.position_m.mean(axis=0)
     return replace(recording, setpoint_m=nothing, position_m=0.02 * noise_m)
 
 
-def unmoved(recording: Recording) -> Recording:
+def unmoved(recording: MotionRecording) -> MotionRecording:
     return replace(recording, position_m=0.02 * recording.position_m)
 
 
@@ -139,7 +139,7 @@ def unmoved(recording: Recording) -> Recording:
         (replace(recorded(TRUTH, 6), resets_s=np.arange(0.0, 150.0, 7.0).tolist()), "too short: 0 s were flown"),
     ],
 )
-def test_a_bad_flight_identifies_nothing_and_the_reason_is_reported(recording: Recording, reason: str) -> None:
+def test_a_bad_flight_identifies_nothing_and_the_reason_is_reported(recording: MotionRecording, reason: str) -> None:
     identified = identify([recording])
     assert identified.verdict is PlantGrade.DO_NOT_FLY
     assert identified.found is None

@@ -194,11 +194,11 @@ def test_the_motion_is_predicted_through_the_setpoints_on_their_way(subtests: py
 def test_there_is_no_estimate_before_telemetry_and_none_before_its_time() -> None:
     own = OwnFilter(PLANT, SETTINGS)
     assert own.estimate(1.0) is None
-    assert own.heard_s is None
+    assert own.received_s is None
     own.measure(telemetry(5.0, np.ones(4)))
     early = own.estimate(4.0)
     assert early is not None
-    assert early.time_s == own.heard_s == 5.0
+    assert early.time_s == own.received_s == 5.0
 
 
 def test_telemetry_that_is_not_finite_never_reaches_the_filter(subtests: pytest.Subtests) -> None:
@@ -242,12 +242,12 @@ def test_outliers_that_go_on_are_the_new_truth() -> None:
     for tick in range(1, 10):
         own.measure(telemetry(5.0 + tick * PERIOD_S, moved))
     assert (own.refused, own.resets) == (9, 0)
-    assert own.heard_s == pytest.approx(5.9), "refused, but heard"
+    assert own.received_s == pytest.approx(5.9), "refused, but heard"
     for tick in range(10, 14):
         own.measure(telemetry(5.0 + tick * PERIOD_S, moved))
         if own.resets:  # only then are setpoints where the vehicle is
             own.command(5.0 + tick * PERIOD_S, moved[:2])
-    assert (own.resets, own.jumps, own.heard_s) == (1, 1, 6.3)
+    assert (own.resets, own.jumps, own.received_s) == (1, 1, 6.3)
     assert estimated(own, 6.3) == pytest.approx([30.0, -5.0, 0.0, 0.0, 0.0, 0.0], abs=1e-6)
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from estimation.plant.model import Plant, PlantAxis
 from estimation.plant.provenance import IdentifiedLog, PlantGrade
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import LimitsSection, ProfileError
-from estimation.profile.shelf import ProfileShelf
 from estimation.settings import OwnFilterSettings
 
 AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1\n"
@@ -33,39 +33,39 @@ sha256 = "{"0a" * 32}"
 
 
 def test_the_bundled_profiles_hold_the_numbers_of_their_autopilots(tmp_path: Path) -> None:
-    px4, ardupilot, noisy, stub = (ProfileShelf(tmp_path).load(n) for n in ("px4", "ardupilot", "stub-noisy", "stub"))
+    px4, ardupilot, noisy, stub = (ProfileLibrary(tmp_path).load(n) for n in ("px4", "ardupilot", "stub-noisy", "stub"))
     assert [each.autopilot for each in (px4, ardupilot, noisy, stub)] == ["px4", "ardupilot", None, None]
     assert noisy.own_filter == OwnFilterSettings(position_noise_m=0.1, velocity_noise_m_s=0.05)
     assert stub.own_filter == OwnFilterSettings()
-    assert noisy.plant == ProfileShelf(tmp_path).load("stub-delayed").plant
+    assert noisy.plant == ProfileLibrary(tmp_path).load("stub-delayed").plant
     assert px4.limits == LimitsSection(speed_max_m_s=12.0, acceleration_max_m_s2=3.0)
 
 
 def test_a_plant_file_of_earlier_versions_is_a_profile_with_the_filters_defaults(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
-    profile = ProfileShelf(tmp_path).load("own.toml")
+    profile = ProfileLibrary(tmp_path).load("own.toml")
     assert (profile.autopilot, profile.own_filter, profile.limits) == (None, OwnFilterSettings(), LimitsSection())
 
 
 def test_texts_that_were_read_load_the_same_profiles_anywhere(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES + "[own_filter]\ngate_sigma = 6.0\n")
-    here = ProfileShelf(tmp_path)
+    here = ProfileLibrary(tmp_path)
     profiles = here.load("own.toml"), here.load("px4")
-    there = ProfileShelf(Path("/nowhere"), here.texts)
+    there = ProfileLibrary(Path("/nowhere"), here.texts)
     assert (there.load("own.toml"), there.load("px4")) == profiles
     assert profiles[0].own_filter.gate_sigma == 6.0
 
 
 def test_a_file_of_the_users_own_is_found_beside_the_mission(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text("delay_s = 0.2\nfeedforward = 0.9\n" + AXES)
-    assert ProfileShelf(tmp_path).load("own.toml").plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1), 0.2, 0.9)
+    assert ProfileLibrary(tmp_path).load("own.toml").plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1), 0.2, 0.9)
 
 
 def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
     with pytest.raises(
         ProfileError, match=r"no profile 'stubb' .*bundled profiles: ardupilot, px4, stub, stub-delayed"
     ):
-        ProfileShelf(tmp_path).load("stubb")
+        ProfileLibrary(tmp_path).load("stubb")
 
 
 def test_a_fault_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_a_fault_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: 
         with subtests.test(fault=fault):
             (tmp_path / "own.toml").write_bytes(content)
             with pytest.raises(ProfileError) as caught:
-                ProfileShelf(tmp_path).load("own.toml")
+                ProfileLibrary(tmp_path).load("own.toml")
             assert len(caught.value.faults) == 1
             assert caught.value.faults[0].startswith(fault)
 
@@ -100,13 +100,13 @@ def test_all_faults_are_reported_at_once(wrong: dict[str, str], tmp_path: Path) 
         content = content.replace(right, fault)
     (tmp_path / "own.toml").write_text(content)
     with pytest.raises(ProfileError) as caught:
-        ProfileShelf(tmp_path).load("own.toml")
+        ProfileLibrary(tmp_path).load("own.toml")
     assert [fault.split(":")[1].strip()[0] for fault in caught.value.faults] == ["x", "y"]
 
 
 def test_a_file_holds_how_its_plant_was_identified(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
-    file = ProfileShelf(tmp_path).load("own.toml")
+    file = ProfileLibrary(tmp_path).load("own.toml")
     assert file.plant == Plant(PlantAxis(0.5, 1.0), PlantAxis(0.6, 1.1))
     identified = file.identified
     assert identified is not None
@@ -129,5 +129,5 @@ def test_a_fault_in_the_identified_section_is_reported_with_its_path(subtests: p
             assert right in IDENTIFIED
             (tmp_path / "own.toml").write_text(AXES + IDENTIFIED.replace(right, wrong, 1))
             with pytest.raises(ProfileError) as caught:
-                ProfileShelf(tmp_path).load("own.toml")
+                ProfileLibrary(tmp_path).load("own.toml")
             assert [each.startswith(f"own.toml: {fault}") for each in caught.value.faults] == [True]

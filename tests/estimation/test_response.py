@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from estimation.identification.response import Between, response_of, steps_of
+from estimation.identification.response import InputHold, response_of, steps_of
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import Vector
 
@@ -23,13 +23,15 @@ def test_the_response_to_held_setpoints_on_the_grid_equals_the_exact_step(subtes
             for setpoint in setpoint_m:
                 positions.append(state[0])
                 state = step.advance(state, np.array([setpoint, 0.0]), np.zeros(2))
-            steps = steps_of(np.linspace(0.0, 23.9, 240), setpoint_m, Between.HELD)
+            steps = steps_of(np.linspace(0.0, 23.9, 240), setpoint_m, InputHold.HELD)
             assert response_of(a0, a1).forced(steps, 0.0, 0.0, 0.1, 240) == pytest.approx(np.array(positions), abs=1e-7)
 
 
-@pytest.mark.parametrize("between", [Between.HELD, Between.MIDWAY, Between.LINEAR])
+@pytest.mark.parametrize("between", [InputHold.HELD, InputHold.MIDWAY, InputHold.LINEAR])
 @pytest.mark.parametrize(("lag_s", "lead_s"), [(0.0, 0.0), (0.15, 0.0), (0.0, 0.4)])
-def test_the_response_to_setpoints_at_any_time_equals_a_solvers(between: Between, lag_s: float, lead_s: float) -> None:
+def test_the_response_to_setpoints_at_any_time_equals_a_solvers(
+    between: InputHold, lag_s: float, lead_s: float
+) -> None:
     random = np.random.default_rng(2)
     time_s = np.cumsum(random.uniform(0.1, 0.9, 12)) - 1.0
     setpoint_m = random.normal(size=12)
@@ -37,9 +39,9 @@ def test_the_response_to_setpoints_at_any_time_equals_a_solvers(between: Between
 
     def setpoint(t: float) -> float:
         t -= delay_s
-        if between is Between.LINEAR:
+        if between is InputHold.LINEAR:
             return float(np.interp(t, time_s, setpoint_m))
-        at_s = time_s[1:] if between is Between.HELD else (time_s[1:] + time_s[:-1]) / 2.0
+        at_s = time_s[1:] if between is InputHold.HELD else (time_s[1:] + time_s[:-1]) / 2.0
         return float(setpoint_m[np.searchsorted(at_s, t, side="right")])
 
     a0, a1 = 1.4, 1.1
@@ -79,7 +81,7 @@ def test_a_jump_between_samples_and_a_ramp_are_distinguished() -> None:
     setpoint_m = np.where(time_s < 1.9, 0.0, 2.0) + np.maximum(time_s - 5.0, 0.0)
     response = response_of(1.4, 1.1)
     grid_s = np.linspace(0.0, 7.9, 80)
-    found = response.forced(steps_of(time_s, setpoint_m, Between.MIXED), 0.0, 0.0, 0.1, 80)
+    found = response.forced(steps_of(time_s, setpoint_m, InputHold.MIXED), 0.0, 0.0, 0.1, 80)
     jump, ramp = response.step(np.maximum(grid_s - 1.9, 0.0)), np.maximum(grid_s - 5.0, 0.0)
     solved = solve_ivp(
         lambda t, state: [state[1], 1.4 * (max(t - 5.0, 0.0) - state[0]) - 1.1 * state[1]],

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.identification.identified import Found, Interval
+from estimation.identification.identified import Interval, ParameterEstimate
 from estimation.identification.identify import identify
 from estimation.plant.provenance import PlantGrade
 from estimation.state import Vector
@@ -61,7 +61,7 @@ def drawn(seed: int, *, fed: bool = False) -> Draw:
     return Draw(noise_m, rate_hz, identified.verdict, np.array(errors) / (*true[:4], 1.0, *true[5:]), covered)
 
 
-def intervals_of(found: Found) -> tuple[Interval, ...]:
+def intervals_of(found: ParameterEstimate) -> tuple[Interval, ...]:
     """Return the intervals in the order of NAMES."""
     x, y = found.axes
     fed = () if found.feedforward is None else (found.feedforward,)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.core import VehicleCore
-from agents.inputs import Heard, Message
+from agents.inputs import Message, ReceivedInput
 from agents.settings.config import AgentConfig
 from agents.settings.shapes import Shape
 from agents.team.messages import OperatorCommand
@@ -70,7 +70,7 @@ class _CutOff(VehicleCore):
         super().__init__(config)
         self._unheard_id, self._hears = unheard_id, config.vehicle_id != unheard_id
 
-    def take(self, item: Heard) -> None:
+    def take(self, item: ReceivedInput) -> None:
         if isinstance(item, Message) and item.now_s >= CHANGE_S:
             sender = None if isinstance(item.message, OperatorCommand) else item.message.sender
             if not self._hears or sender == self._unheard_id:

@@ -13,7 +13,7 @@ from agents.ports import VehicleRefusedError
 from agents.safety.failsafe import Condition
 from agents.tactics import Tactic
 from gcs.console.terminal import STDERR
-from gcs.drill.faults import HEARTBEAT_S, Drill, by_table, cut, dead, the_subject
+from gcs.drill.faults import HEARTBEAT_S, Drill, agents_ended, by_table, cut, the_subject
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD, Expectation
 from gcs.drill.roles import Roles
@@ -161,14 +161,14 @@ DRILLS: tuple[Drill, ...] = (
         undo_after_s=5.0,
         lands_subject=True,
     ),
-    Drill("killed agent", "all out of offboard", dead, ends_flight=True),
+    Drill("killed agent", "all out of offboard", agents_ended, ends_flight=True),
     Drill(
         "autopilot restarted",
         "stand down, nothing sent; the others close the gap",
         _restarted,
         lands_subject=True,
     ),
-    Drill("frozen agent", "all out of offboard", dead, ends_flight=True),
+    Drill("frozen agent", "all out of offboard", agents_ended, ends_flight=True),
 )
 
 
@@ -189,7 +189,9 @@ async def main(names: list[str]) -> int:
     STDERR.print(drill_table(MISSION, rows))
     for number, flight in enumerate(FLIGHTS, start=1):
         for i, after_s in stood_down_after_s(flight).items():
-            STDERR.print(f"flight {number}, vehicle {i}: stood down {after_s:.2f} s after the heartbeat that shows it")
+            STDERR.print(
+                f"flight {number}, vehicle {i}: pilot override {after_s:.2f} s after the heartbeat that shows it"
+            )
             assert after_s <= STOOD_DOWN_MAX_S
     return 0 if all(row.holds for row in rows) else 1
 

@@ -17,7 +17,7 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.ardupilot import ArduCopter
-from sitl.autopilot.autopilot import CommandResult
+from sitl.autopilot.autopilot import MavResult
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
@@ -128,9 +128,9 @@ def is_armed(copter: ArduCopter) -> bool:
 def guided(height_m: float = 8.0, plant: Plant = PLANT, **parameters: float) -> ArduCopter:
     """Take off and hover in GUIDED."""
     copter = ready(plant, **parameters)
-    assert copter.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
-    assert copter.arm() is CommandResult.ACCEPTED
-    assert copter.take_off(height_m) is CommandResult.ACCEPTED
+    assert copter.select(NavMode.OFFBOARD) is MavResult.ACCEPTED
+    assert copter.arm() is MavResult.ACCEPTED
+    assert copter.take_off(height_m) is MavResult.ACCEPTED
     wait(copter, 25.0)
     assert copter.airframe.position_m == pytest.approx((0.0, 0.0, height_m), abs=0.05)
     return copter
@@ -143,28 +143,28 @@ def texts(copter: ArduCopter) -> list[str]:
 def test_it_boots_in_stabilize_and_arms_once_it_has_a_position() -> None:
     copter = ArduCopter(PLANT)
     assert mode_of(copter) is NavMode.STABILIZED
-    assert copter.arm() is CommandResult.REJECTED
+    assert copter.arm() is MavResult.REJECTED
     assert texts(copter) == ["PreArm: Need Position Estimate"]
     wait(copter, 3.0)
     assert copter.armable
-    assert copter.arm() is CommandResult.ACCEPTED
+    assert copter.arm() is MavResult.ACCEPTED
     assert texts(copter) == ["Arming motors"]
 
 
 def test_take_off_is_for_vehicles_armed_in_guided_on_the_ground() -> None:
     copter = ready()
     copter.select(NavMode.OFFBOARD)
-    assert copter.take_off(5.0) is CommandResult.REJECTED
+    assert copter.take_off(5.0) is MavResult.REJECTED
     copter.select(NavMode.POSITION)
     copter.arm()
-    assert copter.take_off(5.0) is CommandResult.REJECTED
+    assert copter.take_off(5.0) is MavResult.REJECTED
     copter.select(NavMode.OFFBOARD)
-    assert copter.take_off(None) is CommandResult.REJECTED
-    assert copter.take_off(5.0) is CommandResult.ACCEPTED
+    assert copter.take_off(None) is MavResult.REJECTED
+    assert copter.take_off(5.0) is MavResult.ACCEPTED
     wait(copter, 20.0)
     assert mode_of(copter) is NavMode.OFFBOARD
     assert copter.airframe.position_m[2] == pytest.approx(5.0, abs=0.05)
-    assert copter.take_off(9.0) is CommandResult.REJECTED
+    assert copter.take_off(9.0) is MavResult.REJECTED
 
 
 def test_a_position_setpoint_does_not_expire_and_the_end_of_the_stream_is_no_failsafe() -> None:
@@ -218,14 +218,14 @@ def test_after_a_landing_it_disarms_at_once_and_cannot_be_armed_in_that_mode(
     mode: NavMode,
 ) -> None:
     copter = guided()
-    assert copter.select(mode) is CommandResult.ACCEPTED
+    assert copter.select(mode) is MavResult.ACCEPTED
     while not copter.landed:
         wait(copter, STEP_S)
     wait(copter, STEP_S)
     assert not is_armed(copter)
     assert mode_of(copter) is mode
     assert copter.armable
-    assert copter.arm() is CommandResult.REJECTED
+    assert copter.arm() is MavResult.REJECTED
     assert texts(copter)[-2:] == ["Disarming motors", "Arm: mode not armable"]
 
 
@@ -233,13 +233,13 @@ def test_armed_anew_it_does_not_follow_the_last_flights_setpoint() -> None:
     copter = guided()
     copter.receive_setpoint(copter.time_s, PositionTarget((6.0, 0.0, 8.0)))
     wait(copter, 1.0)
-    assert copter.disarm(force=True) is CommandResult.ACCEPTED
+    assert copter.disarm(force=True) is MavResult.ACCEPTED
     wait(copter, 10.0)
     assert copter.landed
-    assert copter.arm() is CommandResult.ACCEPTED
+    assert copter.arm() is MavResult.ACCEPTED
     wait(copter, 8.0)
     assert copter.airframe.on_ground
-    assert copter.take_off(4.0) is CommandResult.ACCEPTED
+    assert copter.take_off(4.0) is MavResult.ACCEPTED
     wait(copter, 20.0)
     assert copter.airframe.position_m[2] == pytest.approx(4.0, abs=0.05)
 

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import Autopilot, CommandResult, LandedState
+from sitl.autopilot.autopilot import LandedState, MavResult, StubAutopilot
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
@@ -24,18 +24,18 @@ PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 READY = Conditions(estimator_ready=True, setpoints_flow=False)
 
 
-def mode_of(autopilot: Autopilot) -> NavMode:
+def mode_of(autopilot: StubAutopilot) -> NavMode:
     """Return the mode now; as a function, so that the type checker forgets what it knew before."""
     return autopilot.mode
 
 
-def ready(**parameters: float) -> Autopilot:
+def ready(**parameters: float) -> StubAutopilot:
     autopilot = Px4(PLANT, parameters=Parameters(Px4.TABLE, **parameters))
     autopilot.step(3.0)
     return autopilot
 
 
-def until(autopilot: Autopilot, condition: Callable[[], bool], limit_s: float = 60.0) -> float:
+def until(autopilot: StubAutopilot, condition: Callable[[], bool], limit_s: float = 60.0) -> float:
     """Let time pass until the condition holds; return how long that took."""
     start_s = autopilot.time_s
     while not condition():
@@ -44,31 +44,31 @@ def until(autopilot: Autopilot, condition: Callable[[], bool], limit_s: float = 
     return autopilot.time_s - start_s
 
 
-def wait(autopilot: Autopilot, seconds: float) -> None:
+def wait(autopilot: StubAutopilot, seconds: float) -> None:
     autopilot.step(autopilot.time_s + seconds)
 
 
-def hovering(height_m: float = 5.0, **parameters: float) -> Autopilot:
+def hovering(height_m: float = 5.0, **parameters: float) -> StubAutopilot:
     autopilot = ready(MIS_TAKEOFF_ALT=height_m, **parameters)
-    assert autopilot.arm() is CommandResult.ACCEPTED
-    assert autopilot.take_off() is CommandResult.ACCEPTED
+    assert autopilot.arm() is MavResult.ACCEPTED
+    assert autopilot.take_off() is MavResult.ACCEPTED
     wait(autopilot, 25.0)
     assert mode_of(autopilot) is NavMode.HOLD
     assert autopilot.airframe.position_m[2] == pytest.approx(height_m, abs=0.01)
     return autopilot
 
 
-def stream(autopilot: Autopilot, target: PositionTarget, seconds: float) -> None:
+def stream(autopilot: StubAutopilot, target: PositionTarget, seconds: float) -> None:
     """Send a setpoint twenty-five times a second."""
     for _ in range(round(seconds * 25)):
         autopilot.receive_setpoint(autopilot.time_s, target)
         wait(autopilot, 0.04)
 
 
-def offboard(height_m: float = 5.0, **parameters: float) -> Autopilot:
+def offboard(height_m: float = 5.0, **parameters: float) -> StubAutopilot:
     autopilot = hovering(height_m, **parameters)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, height_m)))
-    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
+    assert autopilot.select(NavMode.OFFBOARD) is MavResult.ACCEPTED
     stream(autopilot, PositionTarget((0.0, 0.0, height_m)), 2.0)
     return autopilot
 
@@ -154,22 +154,22 @@ def test_heading_turns_the_short_way_at_a_bounded_rate() -> None:
 def test_arming_waits_for_the_estimator() -> None:
     autopilot = Px4(PLANT)
     autopilot.step(1.9)
-    assert autopilot.arm() is CommandResult.REJECTED
+    assert autopilot.arm() is MavResult.REJECTED
     assert not autopilot.armed
     autopilot.step(2.1)
-    assert autopilot.arm() is CommandResult.ACCEPTED
+    assert autopilot.arm() is MavResult.ACCEPTED
 
 
 def test_arming_in_offboard_takes_a_flowing_stream() -> None:
     autopilot = ready()
     autopilot.select(NavMode.OFFBOARD)
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
-    assert autopilot.arm() is CommandResult.ACCEPTED
+    assert autopilot.arm() is MavResult.ACCEPTED
 
 
 def test_take_off_to_a_stated_altitude_and_before_arming() -> None:
     autopilot = ready()
-    assert autopilot.take_off(7.0) is CommandResult.ACCEPTED
+    assert autopilot.take_off(7.0) is MavResult.ACCEPTED
     wait(autopilot, 2.0)
     assert autopilot.landed
     autopilot.arm()
@@ -179,10 +179,10 @@ def test_take_off_to_a_stated_altitude_and_before_arming() -> None:
 
 def test_disarming_in_the_air_is_refused_and_killing_drops_the_vehicle() -> None:
     autopilot = hovering(5.0)
-    assert autopilot.disarm() is CommandResult.REJECTED
+    assert autopilot.disarm() is MavResult.REJECTED
     assert autopilot.armed
     height_m = autopilot.airframe.height_m
-    assert autopilot.disarm(force=True) is CommandResult.ACCEPTED
+    assert autopilot.disarm(force=True) is MavResult.ACCEPTED
     assert not autopilot.armed
     fall_s = until(autopilot, lambda: autopilot.airframe.on_ground)
     assert fall_s == pytest.approx(sqrt(2 * height_m / 9.81), abs=2 * STEP_S)
@@ -254,7 +254,7 @@ def test_without_anybody_at_the_sticks_it_sinks_from_five_metres_in_eight_second
     assert until(autopilot, lambda: not autopilot.armed) == pytest.approx(2.0, abs=0.1)
     wait(autopilot, STEP_S)
     assert mode_of(autopilot) is NavMode.OFFBOARD
-    assert autopilot.arm() is CommandResult.REJECTED
+    assert autopilot.arm() is MavResult.REJECTED
 
 
 def test_a_returning_stream_takes_a_landed_vehicle_off_again() -> None:
@@ -357,7 +357,7 @@ def test_one_of_several_inclusions_is_enough_and_whoever_chooses_a_mode_flies_on
     assert mode_of(autopilot) is NavMode.HOLD  # between the two
     stream(autopilot, PositionTarget((10.0, 0.0, 5.0)), 3.0)
     assert mode_of(autopilot) is NavMode.HOLD
-    assert autopilot.select(NavMode.OFFBOARD) is CommandResult.ACCEPTED
+    assert autopilot.select(NavMode.OFFBOARD) is MavResult.ACCEPTED
     stream(autopilot, PositionTarget((10.0, 0.0, 5.0)), 8.0)
     assert mode_of(autopilot) is NavMode.OFFBOARD
     assert autopilot.airframe.position_m[0] == pytest.approx(10.0, abs=0.1)
@@ -376,7 +376,7 @@ def test_of_a_breach_and_a_lost_stream_the_graver_rules_and_landing_is_not_held_
 # Without GPS
 
 
-def indoors(**parameters: float) -> Autopilot:
+def indoors(**parameters: float) -> StubAutopilot:
     autopilot = Px4(PLANT, parameters=Parameters(Px4.TABLE, **parameters), positioning=Positioning(gps=False))
     autopilot.step(3.0)
     return autopilot
@@ -384,13 +384,13 @@ def indoors(**parameters: float) -> Autopilot:
 
 def test_without_gps_it_arms_for_take_off_and_offboard_but_not_in_hold() -> None:
     autopilot = indoors()
-    assert autopilot.arm() is CommandResult.REJECTED
+    assert autopilot.arm() is MavResult.REJECTED
     assert [text for _, text in autopilot.take_texts()] == ["Arming denied: Resolve system health failures first"]
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
     for mode, verdict in (
-        (NavMode.RETURN, CommandResult.REJECTED),
-        (NavMode.OFFBOARD, CommandResult.ACCEPTED),
-        (NavMode.TAKE_OFF, CommandResult.ACCEPTED),
+        (NavMode.RETURN, MavResult.REJECTED),
+        (NavMode.OFFBOARD, MavResult.ACCEPTED),
+        (NavMode.TAKE_OFF, MavResult.ACCEPTED),
     ):
         autopilot.select(mode)
         assert autopilot.arm() is verdict
@@ -404,9 +404,9 @@ def test_without_gps_it_hovers_on_in_take_off_refuses_hold_and_lands() -> None:
     wait(autopilot, 20.0)
     assert mode_of(autopilot) is NavMode.TAKE_OFF
     assert autopilot.airframe.position_m[2] == pytest.approx(2.5, abs=0.01)
-    assert autopilot.select(NavMode.HOLD) is CommandResult.REJECTED
+    assert autopilot.select(NavMode.HOLD) is MavResult.REJECTED
     assert autopilot.take_texts()[-1][1] == "Switching to Hold is currently not available"
-    assert autopilot.land() is CommandResult.ACCEPTED
+    assert autopilot.land() is MavResult.ACCEPTED
     until(autopilot, lambda: not autopilot.armed)
 
 
@@ -427,7 +427,7 @@ def test_not_localised_it_arms_in_no_mode() -> None:
     autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
     for mode in NavMode:
         autopilot.select(mode)
-        assert autopilot.arm() is CommandResult.REJECTED
+        assert autopilot.arm() is MavResult.REJECTED
 
 
 # Values
@@ -518,7 +518,7 @@ COMMANDS = st.one_of(
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(COMMANDS, st.floats(0.02, 4.0)), max_size=25))
 def test_no_sequence_of_commands_breaks_the_vehicle(
-    script: list[tuple[Callable[[Autopilot], object], float]],
+    script: list[tuple[Callable[[StubAutopilot], object], float]],
 ) -> None:
     autopilot = ready()
     for command, pause_s in script:

@@ -5,7 +5,7 @@ import pytest
 
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
-from sitl.vehicle.body import Body
+from sitl.vehicle.body import VehicleBody
 from sitl.vehicle.imperfections import IDEAL, Imperfections
 from sitl.vehicle.shaping import ShapeLimits
 
@@ -16,7 +16,7 @@ def flown(
     imperfections: Imperfections, setpoint_m: tuple[float, float], *, off_m: tuple[float, float] = (0.0, 0.0)
 ) -> Vector:
     """Return the motions (T, 4) over 40 s at 10 Hz, from rest at (1, 2)."""
-    body = Body(PLANT, (1.0, 2.0), 8.0, (0.0, 0.0), imperfections, np.random.default_rng(0))
+    body = VehicleBody(PLANT, (1.0, 2.0), 8.0, (0.0, 0.0), imperfections, np.random.default_rng(0))
     body.command(0.0, setpoint_m)
     motions = []
     for tick in range(400):
@@ -50,7 +50,7 @@ def test_a_vehicle_steers_its_estimate_to_the_setpoint_not_itself() -> None:
 def test_still_air_damps_as_much_as_the_drag() -> None:
     dragged = flown(Imperfections(wind_m_s=(1e-9, 0.0), drag_per_s=0.3), (4.0, -1.0))
     damped = Plant(PlantAxis(0.8, 0.9 + 0.3), PlantAxis(0.5, 1.2 + 0.3), 0.1)
-    body = Body(damped, (1.0, 2.0), 8.0, (0.0, 0.0), IDEAL, np.random.default_rng(0))
+    body = VehicleBody(damped, (1.0, 2.0), 8.0, (0.0, 0.0), IDEAL, np.random.default_rng(0))
     body.command(0.0, (4.0, -1.0))
     for tick in range(20):
         body.advance(tick * 0.1, (tick + 1) * 0.1, (0.0, 0.0))

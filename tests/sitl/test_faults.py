@@ -119,7 +119,7 @@ async def test_a_bus_loses_the_given_share() -> None:
 async def test_who_is_unheard_is_and_operators_are_not() -> None:
     bus = Bus()
     receiver, heard = await opened(bus)
-    receiver.now = TeamFaults(unheard=frozenset({1, 2}))
+    receiver.now = TeamFaults(not_received=frozenset({1, 2}))
     for sender in (1, 2, 3):
         bus.deliver(member(sender))
     bus.deliver(COMMAND)

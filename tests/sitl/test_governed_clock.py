@@ -19,6 +19,7 @@ from sitl.server import shared_clock
 from sitl.server.clock_memory import NEVER_US
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import ClockError, ClockName, Rank, Seat, new_clock
+from tests.support.wire import PATIENCE_S, until
 
 MOTION = (1.0, 2.0, -3.0, 0.1, 0.2, 0.3)
 
@@ -86,9 +87,9 @@ def test_one_that_hangs_is_passed_over_until_it_goes_on(fast: ClockName, monkeyp
         began_s = time.monotonic()
         other.wait_until(2_000)
         assert time.monotonic() - began_s >= 0.1
+        monkeypatch.setattr(shared_clock, "HUNG_S", inf)
         for event_us in (3_000, 4_000):  # at once: it is known to hang
             other.wait_until(event_us)
-        assert time.monotonic() - began_s < 0.2
         other.state(9_000)
         hangs.state(1_500)  # it goes on, at the present time
         assert hangs.waits_us == 4_000
@@ -96,6 +97,36 @@ def test_one_that_hangs_is_passed_over_until_it_goes_on(fast: ClockName, monkeyp
         assert hangs.turn() == 0.0
         hangs.state(NEVER_US)
         assert other.turn() == 0.0
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="the system does not tell who waits")
+def test_one_that_lacks_the_processor_is_waited_for(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_clock, "HUNG_S", 0.5)
+    program = (
+        "import os, sys, time\n"
+        "from sitl.server.shared_clock import ClockName, Rank, Seat\n"
+        "os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "with Seat(ClockName(int(sys.argv[1])), Rank.AGENTS) as seat:\n"
+        "    seat.wait_until(1000)\n"
+        "    print('works', flush=True)\n"
+        "    end_s = time.process_time() + 0.06\n"
+        "    while time.process_time() < end_s:\n"
+        "        pass\n"
+        "    print(seat.now_us, flush=True)\n"
+    )
+    idle = "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\nwhile True: pass\n"
+    with ExitStack() as stack:
+        for _ in range(9):
+            busy = stack.enter_context(subprocess.Popen([sys.executable, "-c", idle]))
+            stack.callback(busy.kill)
+        command = [sys.executable, "-c", program, str(fast.number)]
+        works = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        stack.callback(works.kill)
+        other = stack.enter_context(Seat(fast, Rank.SUPERVISOR))
+        assert works.stdout is not None
+        assert works.stdout.readline() == "works\n"
+        other.wait_until(2_000)
+        assert works.stdout.readline() == "1000\n", "the time passed it"
 
 
 def test_one_whose_process_is_killed_keeps_nobody_waiting(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,8 +202,7 @@ async def test_the_time_stands_still_while_work_of_this_computer_is_awaited(fast
             await asyncio.sleep(0.05)
             assert clock.now_s() == began_s
             assert other.turn() > 0.0
-        await asyncio.sleep(0.01)
-        assert other.turn() == 0.0
+        await until(lambda: other.turn() == 0.0)
 
 
 async def test_motions_and_setpoints_under_way_are_waited_for(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,24 +218,24 @@ async def test_motions_and_setpoints_under_way_are_waited_for(fast: ClockName, m
         assert not ticking.done()
         (north, east, down), velocity = MOTION[:3], MOTION[3:]
         assert link.sent_s(north, east, down, velocity) == sent_s
-        await asyncio.wait_for(ticking, 0.1)
+        await asyncio.wait_for(ticking, PATIENCE_S)
         link.send(1.5, 2.5, -3.5)
         stepping = asyncio.create_task(stubs.sleep(0.1))
         await asyncio.sleep(0.05)
         assert not stepping.done()
         setpoints.take(1.5, 2.5, -3.5)
-        await asyncio.wait_for(stepping, 0.1)
+        await asyncio.wait_for(stepping, PATIENCE_S)
         motions.send((*MOTION[:5], 9.0))  # lost
         began_s = time.monotonic()
         await client.sleep(0.1)
-        assert 0.2 <= time.monotonic() - began_s < 1.0
+        assert time.monotonic() - began_s >= 0.2
 
 
 async def test_states_on_the_bus_are_waited_for_once_one_has_arrived(fast: ClockName) -> None:
     with GovernedClock(fast, Rank.AGENTS) as sender, GovernedClock(fast, Rank.GUEST) as observer:
         outgoing, incoming = sender.bus_transit(), observer.bus_transit()
         outgoing.send(3)
-        await asyncio.wait_for(observer.sleep(0.1), 0.1)  # not connected yet
+        await asyncio.wait_for(observer.sleep(0.1), PATIENCE_S)  # not connected yet
         outgoing.send(3)
         incoming.take(3)
         outgoing.send(3)
@@ -213,7 +243,7 @@ async def test_states_on_the_bus_are_waited_for_once_one_has_arrived(fast: Clock
         await asyncio.sleep(0.05)
         assert not waiting.done()
         incoming.take(3)
-        await asyncio.wait_for(waiting, 0.1)
+        await asyncio.wait_for(waiting, PATIENCE_S)
 
 
 async def test_a_call_that_fails_affects_no_other(fast: ClockName) -> None:
@@ -222,8 +252,8 @@ async def test_a_call_that_fails_affects_no_other(fast: ClockName) -> None:
     with GovernedClock(fast, Rank.AGENTS) as clock:
         began_s = clock.now_s()
         clock.call_at(began_s + 0.1, lambda: 1 // 0)
-        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.1), 0.5) == pytest.approx(began_s + 0.1)
-        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.2), 0.5) == pytest.approx(began_s + 0.2)
+        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.1), PATIENCE_S) == pytest.approx(began_s + 0.1)
+        assert await asyncio.wait_for(clock.sleep_until(began_s + 0.2), PATIENCE_S) == pytest.approx(began_s + 0.2)
     assert [type(each) for each in failures] == [ZeroDivisionError]
 
 
@@ -240,7 +270,7 @@ async def test_two_clocks_of_one_event_loop_do_not_wait_for_each_other() -> None
                 await clock.sleep_until(began_s + 1e-3 * number * period_ms)
                 order.append((round((clock.now_s() - began_s) * 1e3), who))
 
-        await asyncio.wait_for(asyncio.gather(tick(agents, "agents", 100), tick(stubs, "stubs", 4)), 5.0)
+        await asyncio.wait_for(asyncio.gather(tick(agents, "agents", 100), tick(stubs, "stubs", 4)), PATIENCE_S)
     expected = [(ms, "stubs") for ms in range(4, 1001, 4)] + [(ms, "agents") for ms in range(100, 1001, 100)]
     assert order == sorted(expected, key=lambda each: (each[0], each[1] != "stubs"))
 

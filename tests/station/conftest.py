@@ -1,6 +1,7 @@
 """A browser for tests of the operator's page: the system's Chromium, driven by Playwright."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -113,6 +114,14 @@ def open_page(browser: Browser, context: BrowserContext, simulated_context: Brow
 def pass_time(page: Page, time_ms: float) -> None:
     """Let time pass at once on a page whose time is simulated."""
     page.clock.run_for(round(time_ms))
+
+
+@contextmanager
+def stopped(page: Page) -> Iterator[None]:
+    """Stop the page's time, which otherwise goes on beside `pass_time`: a busy computer takes long for a key."""
+    page.clock.pause_at(page.evaluate("(Date.now() + 20) / 1000"))  # [s]
+    yield
+    page.clock.resume()
 
 
 def _keep_error(text: str, kind: str, errors: list[str]) -> None:

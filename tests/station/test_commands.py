@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from gcs.station.picture import AnswerPicture, CommandRequest, OperatorRights, TeamPicture
-from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
 
@@ -43,9 +43,10 @@ def verb(page: Page, name: str) -> Callable[[], None]:
 
 def press_for(page: Page, name: str, time_ms: float) -> None:
     page.locator(f"#verbs [data-verb='{name}']").hover()
-    page.mouse.down()
-    pass_time(page, time_ms)
-    page.mouse.up()
+    with stopped(page):
+        page.mouse.down()
+        pass_time(page, time_ms)
+        page.mouse.up()
 
 
 def held(page: Page, served: CannedStation) -> list[CommandRequest]:
@@ -96,9 +97,10 @@ def test_land_and_return_have_to_be_held(page: Page, served: CannedStation) -> N
 def test_land_is_held_by_key(page: Page, served: CannedStation) -> None:
     page.locator("#verbs [data-verb='land']").focus()
     for key in ("Enter", " "):
-        page.keyboard.down(key)
-        pass_time(page, 0.8 * HOLD_MS)
-        page.keyboard.up(key)
+        with stopped(page):
+            page.keyboard.down(key)
+            pass_time(page, 0.8 * HOLD_MS)
+            page.keyboard.up(key)
     assert sent(page, served) == []
     page.keyboard.down("Enter")
     assert [request.verb for request in held(page, served)] == ["land"]
@@ -107,28 +109,30 @@ def test_land_is_held_by_key(page: Page, served: CannedStation) -> None:
 
 
 def test_leaving_the_button_ends_the_hold(page: Page, served: CannedStation) -> None:
-    page.locator("#verbs [data-verb='land']").hover()
-    page.mouse.down()
-    pass_time(page, 0.5 * HOLD_MS)
-    page.mouse.move(5, 5)
-    pass_time(page, HOLD_MS)
-    page.mouse.up()
-    page.locator("#verbs [data-verb='land']").focus()
-    page.keyboard.down("Enter")
-    pass_time(page, 0.5 * HOLD_MS)
-    page.locator("#verbs [data-verb='hold']").focus()
-    pass_time(page, HOLD_MS)
-    page.keyboard.up("Enter")
+    with stopped(page):
+        page.locator("#verbs [data-verb='land']").hover()
+        page.mouse.down()
+        pass_time(page, 0.5 * HOLD_MS)
+        page.mouse.move(5, 5)
+        pass_time(page, HOLD_MS)
+        page.mouse.up()
+        page.locator("#verbs [data-verb='land']").focus()
+        page.keyboard.down("Enter")
+        pass_time(page, 0.5 * HOLD_MS)
+        page.locator("#verbs [data-verb='hold']").focus()
+        pass_time(page, HOLD_MS)
+        page.keyboard.up("Enter")
     assert sent(page, served) == []
 
 
 def test_time_in_which_the_page_stands_still_is_not_held(page: Page, served: CannedStation) -> None:
-    page.locator("#verbs [data-verb='land']").hover()
-    page.mouse.down()
-    pass_time(page, 0.2 * HOLD_MS)
-    page.clock.fast_forward(1500)
-    pass_time(page, 0.1 * HOLD_MS)
-    page.mouse.up()
+    with stopped(page):
+        page.locator("#verbs [data-verb='land']").hover()
+        page.mouse.down()
+        pass_time(page, 0.2 * HOLD_MS)
+        page.clock.fast_forward(1500)
+        pass_time(page, 0.1 * HOLD_MS)
+        page.mouse.up()
     assert sent(page, served) == []
 
 

@@ -142,14 +142,23 @@ def far_off(read: dict[str, Any], vehicle: int, state: MemberState) -> bool:
 
 
 def check_all(page: Page, bus: Bus, clock: LockstepClient, vehicles: tuple[int, ...]) -> None:
-    """Compare every card and mark with what the vehicles sent last, while their time stands still."""
-    with clock.held_after(0.3):
-        page.wait_for_timeout(SHOWN_WITHIN_MS)
-        read = page.evaluate(READ)
-        sent = {vehicle: (bus.newest(MemberState, vehicle), bus.newest(VehicleReport, vehicle)) for vehicle in vehicles}
-    for vehicle, (state, report) in sent.items():
-        assert differing(read["cards"][str(vehicle)], state, report) == [], vehicle
-        assert not far_off(read, vehicle, state), vehicle
+    """Compare every card and mark with what the vehicles sent last, while their time stands still.
+
+    It stands still for 2 s at most: where the page takes longer, on a busy computer, it is compared at another time.
+    """
+    found: list[tuple[int, list[str], bool]] = []
+    for _ in range(20):
+        with clock.held_after(0.3):
+            page.wait_for_timeout(SHOWN_WITHIN_MS)
+            read = page.evaluate(READ)
+            sent = {each: (bus.newest(MemberState, each), bus.newest(VehicleReport, each)) for each in vehicles}
+        found = [
+            (vehicle, differing(read["cards"][str(vehicle)], state, report), far_off(read, vehicle, state))
+            for vehicle, (state, report) in sent.items()
+        ]
+        if not any(differences or is_far for _, differences, is_far in found):
+            return
+    pytest.fail(f"vehicle, differences, far off: {found}")
 
 
 def command(page: Page, verb: str, vehicle: int, *, hold: bool = False) -> None:
@@ -181,7 +190,7 @@ def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file
         until_now(lambda: bus.newest(MemberState, 2).tactic == "encircle")
         expect(tactic).to_have_text("encircle")
 
-        until_now(lambda: any("practice: link cut" in line for line in lines))
+        until_now(lambda: any("injected: link cut" in line for line in lines))
         expect(page.locator(f".symbol[data-vehicle='{CUT}']")).to_have_attribute("data-current", "false")
         expect(page.locator("#alarms")).to_contain_text(f"Vehicle {CUT}: ")
         page.get_by_role("button", name="Acknowledge").first.click()

@@ -71,7 +71,7 @@ def test_no_event_is_passed_over_by_a_jump(open_page: OpenPage) -> None:
 
 def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
     page.locator("#speed").select_option("5")
-    page.clock.pause_at(page.evaluate("Date.now() + 60_000"))
+    page.clock.pause_at(page.evaluate("(Date.now() + 60_000) / 1000"))
     page.get_by_role("button", name="Play").click()
     pass_time(page, 2000)
     page.get_by_role("button", name="Pause").click()

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from agents.shell.clock import MissionClock
 from gcs.console.live import LiveView
-from gcs.flight.flight import Flight, fly
+from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.preflight.findings import Finding
 from tests.support.wire import until
@@ -23,7 +23,7 @@ def unseen_view(output: StringIO | None = None) -> LiveView:
 @asynccontextmanager
 async def flying(
     plan: FlightPlan, view: LiveView | None = None, found: list[Finding] | None = None
-) -> AsyncIterator[asyncio.Task[Flight]]:
+) -> AsyncIterator[asyncio.Task[FlightOutcome]]:
     """Fly; the flight ends with the context."""
     flight = asyncio.create_task(fly(plan, view or unseen_view(), (found if found is not None else []).extend))
     try:
@@ -34,7 +34,7 @@ async def flying(
 
 
 async def in_flight(
-    flight: asyncio.Task[Flight], condition: Callable[[], bool], waiting_for: str, clock: MissionClock
+    flight: asyncio.Task[FlightOutcome], condition: Callable[[], bool], waiting_for: str, clock: MissionClock
 ) -> None:
     """Wait for a condition, at most 300 s on the clock, while a flight goes on."""
     await until(lambda: flight.done() or condition(), 300.0, waiting_for, clock=clock)

@@ -29,8 +29,8 @@ from agents.team.messages import (
     VehicleReport,
 )
 from agents.team.perception import ExternalSighting, Perception, encode_sighting
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import ProfileError
-from estimation.profile.shelf import ProfileShelf
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import mission_of
@@ -249,7 +249,7 @@ def _messages() -> list[bytes]:
         StartProposal(1, 1e9, 1e9 + 2.0, mission=MissionIdentity("case2", "0123456789abcdef")),
         OperatorCommand(1e9, "formation", None, "somebody@somewhere", 7, "line"),
         CommandAnswer(2, 1e9, 7, "holds"),
-        VehicleReport(1, 1e9, "offboard", ended="completed", target=TargetReport(two, two, (1.0, 0.0, 1.0), 0.5)),
+        VehicleReport(1, 1e9, "offboard", ended="landed", target=TargetReport(two, two, (1.0, 0.0, 1.0), 0.5)),
     )
     return [encode(message) for message in messages]
 
@@ -278,7 +278,7 @@ class _Sightings:
 
 def _read_profile(data: bytes) -> object:
     with suppress(ProfileError):
-        return ProfileShelf(None, {"own": data.decode(errors="replace")}).load("own")
+        return ProfileLibrary(None, {"own": data.decode(errors="replace")}).load("own")
     return None
 
 

@@ -18,8 +18,8 @@ from typing import Any
 STAGES: Mapping[str, tuple[str, ...]] = {
     "tick: core": ("agents.core:VehicleCore.tick",),
     "tick: setpoint to MAVSDK": ("gcs.link.mavsdk_link:MavsdkLink.send",),
-    "tick: heartbeat to the supervisor": ("agents.shell.control_loop:ControlLoop.show_life",),
-    "tick: status, cost, journal": ("gcs.flight.team:Team._observe",),
+    "tick: heartbeat to the supervisor": ("agents.shell.control_loop:ControlLoop.send_heartbeat",),
+    "tick: status, cost, journal": ("gcs.flight.team:FlightTeam._observe",),
     "tick: publish": ("agents.shell.control_loop:ControlLoop._publish",),
     "messages: core": ("agents.core:VehicleCore._take_message",),
     "live view": ("gcs.flight.watch:Watch._update",),

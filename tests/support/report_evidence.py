@@ -7,10 +7,10 @@ import numpy as np
 from estimation.state import Vector
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
-from gcs.metrics.references import FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.references import DesiredRing, FormationReference, VerdictTolerances
 from gcs.metrics.result import FlightResult
 from gcs.report.evidence.criteria import Criteria
-from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
+from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
 
 TOLERANCES = VerdictTolerances(
     radius_error_rms_m=0.2,
@@ -53,7 +53,7 @@ def flown(
         in_order([FlightEvent(1.0, 1, "failsafe", "battery <b>low</b>"), FlightEvent(2.0, 1, "command", "hold")]),
     )
     formation = FormationReference(0.2, slots)
-    criteria = Criteria(RingReference(radius_m, 0.05), formation, TOLERANCES, 0.3)
+    criteria = Criteria(DesiredRing(radius_m, 0.05), formation, TOLERANCES, 0.3)
     evidence = FlightEvidence(record, vehicles, {"date": "2026-11-21", "log": "<b>/tmp/a&b.mcap</b>"})
     return evidence, evaluate(record, criteria.ring, formation, TOLERANCES), criteria
 
@@ -87,7 +87,7 @@ def _evidence(
         return EstimateSeries(time_s, motion, np.full((time_s.size, 4), sigma_m))
 
     ticks = time_s.size
-    loop = Loop(
+    loop = LoopTiming(
         time_s,
         150.0 * np.exp(random.normal(0.0, 0.3, ticks)),
         (np.arange(ticks) == ticks // 2).astype(float),

@@ -3,7 +3,7 @@
 from dataclasses import fields
 
 from gcs.metrics.catalogue import VERDICTS
-from gcs.metrics.ending import FlightEnding
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.result import FlightResult, LoopResult
 from gcs.metrics.reynolds import ReynoldsResult
@@ -12,7 +12,7 @@ from gcs.metrics.transitions import TransitionResult
 from gcs.metrics.vehicles import VehicleResult
 
 _PARTS = {
-    "ended": FlightEnding,
+    "ended": TeamEnding,
     "vehicles": VehicleResult,
     "ring": RingResult,
     "transitions": TransitionResult,

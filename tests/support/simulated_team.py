@@ -31,7 +31,7 @@ from gcs.flight.faults.team_faults import PresentFaults
 from gcs.flight.team import TrueSensor
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import target_sensor
-from sitl.autopilot.autopilot import CommandResult
+from sitl.autopilot.autopilot import MavResult
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Px4
@@ -143,8 +143,8 @@ class AutopilotLink:
             self._flying.cancel()
 
     @staticmethod
-    def _carry_out(result: CommandResult) -> None:
-        if result is not CommandResult.ACCEPTED:
+    def _carry_out(result: MavResult) -> None:
+        if result is not MavResult.ACCEPTED:
             raise VehicleRefusedError(result.value, "examine the vehicle")
 
     @staticmethod

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from estimation.identification.excerpts import Recording
+from estimation.identification.excerpts import MotionRecording
 from estimation.state import Vector
 
 FINE_S = 0.002
@@ -83,7 +83,7 @@ def recorded(
     sampled: bool = True,
     lag_s: float = 0.0,
     fed: bool = False,
-) -> Recording:
+) -> MotionRecording:
     """Return the log of an excitation flight: noisy positions, and sampled setpoints.
 
     If `fed`, velocities are sent with them, whether the vehicle uses these or not.
@@ -98,7 +98,7 @@ def recorded(
     begin_s = random.uniform(0.0, 1.0 / setpoints_hz) if sampled else 0.0
     sampled_s = np.arange(begin_s, time_s[-1], 1.0 / setpoints_hz)
     held = np.floor(sampled_s / SENT_S + 1e-9).astype(int)
-    return Recording(
+    return MotionRecording(
         time_s,
         position_m + np.column_stack(noise),
         sampled_s,
@@ -109,7 +109,7 @@ def recorded(
     )
 
 
-def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
+def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> MotionRecording:
     """Return the log of a flight with bounded speed along each axis."""
     random = np.random.default_rng(seed)
     sent_m = excitation_m(random)
@@ -127,7 +127,7 @@ def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> Recording:
     noise = np.column_stack([coloured(random, position_m.shape[0], 0.02, 0.05, 1.0) for _ in range(2)])
     time_s = np.arange(position_m.shape[0], dtype=np.float64) * 0.02
     sent_s = np.arange(sent_m.shape[0], dtype=np.float64) * SENT_S
-    return Recording(time_s, position_m + noise, sent_s, sent_m, [(0.0, float(time_s[-1]))])
+    return MotionRecording(time_s, position_m + noise, sent_s, sent_m, [(0.0, float(time_s[-1]))])
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Cascade:
 
 def cascaded(
     vehicle: Cascade, seed: int, setpoint_m: Vector, *, wander_m: float = 0.2, velocity_error_m_s: float = 0.15
-) -> Recording:
+) -> MotionRecording:
     """Return the log of a cascade that flies on the estimates of a drifting estimator.
 
     Position and velocity have independent errors, and the vehicle follows them: to the plant they are an input.
@@ -173,4 +173,4 @@ def cascaded(
     sampled_s = np.arange(float(random.uniform(0.0, 0.2)), time_s[-1], 0.2)
     held = np.floor(sampled_s / SENT_S + 1e-9).astype(int)
     spans_s = [(0.0, float(time_s[-1]))]
-    return Recording(time_s[::2], path[::2], sampled_s, setpoint_m[held], spans_s, sampled=True)
+    return MotionRecording(time_s[::2], path[::2], sampled_s, setpoint_m[held], spans_s, sampled=True)

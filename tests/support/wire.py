@@ -15,7 +15,7 @@ from itertools import islice
 from typing import TypeVar
 
 from agents.shell.clock import MissionClock
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
@@ -80,7 +80,7 @@ class Served:
     stubs: dict[int, Stub]
 
     @property
-    def vehicles(self) -> dict[int, Autopilot]:
+    def vehicles(self) -> dict[int, StubAutopilot]:
         """Their autopilots."""
         return {i: stub.autopilot for i, stub in self.stubs.items()}
 

@@ -14,17 +14,18 @@ from typing import Any
 
 import pytest
 
-from agents.shell.outcome import Ending, Outcome
+from agents.flight_end import FlightEnd
+from agents.shell.outcome import Outcome
 from agents.team.perception import TOPIC, ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.team_bus import guest_bus
-from gcs.flight.flight import Flight
+from gcs.flight.flight import FlightOutcome
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.keys.team_keys import team_keys
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.server.governed_clock import GovernedClock
 from tests.support.flights import flying, in_flight, unseen_view
@@ -43,10 +44,10 @@ class Team:
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self.clock: GovernedClock
-        self.vehicles: dict[int, Autopilot] = {}
+        self.vehicles: dict[int, StubAutopilot] = {}
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
-        self.flight: asyncio.Task[Flight]
+        self.flight: asyncio.Task[FlightOutcome]
 
     async def outcomes(self) -> dict[int, Outcome]:
         return (await self.flight).outcomes
@@ -149,9 +150,9 @@ async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...]) -> None:
 
 async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kill one on its mission, one on its way down, and one that a pilot has and that does not obey at once."""
-    disarm, refusals = Autopilot.disarm, 2
+    disarm, refusals = StubAutopilot.disarm, 2
 
-    def stubborn(autopilot: Autopilot, *, force: bool = False) -> Any:
+    def stubborn(autopilot: StubAutopilot, *, force: bool = False) -> Any:
         nonlocal refusals
         refusals -= force
         return disarm(autopilot, force=force and refusals < 0)
@@ -164,12 +165,12 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
     team.clock.set_speed(SPEED)
     team.vehicles[1].select(NavMode.HOLD)
     await until(lambda: team.tactics[1] == "pilot override")
-    monkeypatch.setattr(Autopilot, "disarm", stubborn)
+    monkeypatch.setattr(StubAutopilot, "disarm", stubborn)
     assert await team.command("kill", 1) == {1: "motors cut"}
     assert not team.vehicles[1].armed
     assert refusals < 0, "the kill is repeated"
     outcomes = await team.outcomes()
-    assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
+    assert {outcome.how for outcome in outcomes.values()} == {FlightEnd.KILLED}
     assert all(outcome.flew for outcome in outcomes.values())
 
 
@@ -217,7 +218,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await by_hand(terminal, "kkill\n")
             await until(lambda: not any(vehicle.armed for vehicle in stubs.vehicles.values()))
             outcomes = (await flight).outcomes
-            assert {outcome.ending for outcome in outcomes.values()} == {Ending.KILLED}
+            assert {outcome.how for outcome in outcomes.values()} == {FlightEnd.KILLED}
             await until(lambda: terminal.ended, waiting_for="the end of the other process")
             assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 4
             assert termios.tcgetattr(person) == shown

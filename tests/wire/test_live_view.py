@@ -10,7 +10,7 @@ from gcs.console.live import LiveRow
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from tests.support.flights import flying, in_flight, unseen_view
 from tests.support.mission_text import LOW, LOW_M
 from tests.support.wire import served, until
@@ -34,7 +34,7 @@ NEAR = (
 class Shown:
     """What the live view has shown last, where the vehicles truly were then, and all its titles and lines."""
 
-    def __init__(self, vehicles: dict[int, Autopilot]) -> None:
+    def __init__(self, vehicles: dict[int, StubAutopilot]) -> None:
         self._vehicles = vehicles
         self.places_m: dict[int, tuple[float, float, float]] = {}
         self.rows: dict[int, LiveRow] = {}

@@ -105,7 +105,7 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator
         ("endpoint =", "altitude_m = 3.0\nendpoint ="),
     )
     under_test = ProcessUnderTest()
-    server = await asyncio.start_unix_server(under_test.meet, tmp_path / "socket")
+    server = await asyncio.start_unix_server(under_test.accept, tmp_path / "socket")
     environment = {**os.environ, "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
 
     async def start(*, supervised: bool = True, terminal: int | None = None) -> Flight:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from agents.team.messages import REPORT_TOPIC
 
 _TLS = "tls"
-_HEARS = {
-    "hears": (("put", "liveliness_token"), ("egress",)),
+_RECEIVES = {
+    "receives": (("put", "liveliness_token"), ("egress",)),
     "subscribes": (
         ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"),
         ("ingress", "egress"),
@@ -76,8 +76,8 @@ def _access_control(prefix: str, grants: Sequence[Grant]) -> dict[str, object]:
     """Return the access control of a peer, which denies everything that is not allowed here."""
     names = [grant.common_name for grant in grants]
     everything = (f"{prefix}/**", f"{prefix}/{REPORT_TOPIC}/*")
-    rules = [_rule(name, messages, flows, everything) for name, (messages, flows) in _HEARS.items()]
-    policies: list[dict[str, object]] = [{"rules": list(_HEARS), "subjects": names}]
+    rules = [_rule(name, messages, flows, everything) for name, (messages, flows) in _RECEIVES.items()]
+    policies: list[dict[str, object]] = [{"rules": list(_RECEIVES), "subjects": names}]
     for grant in grants:
         own = list(_sending_rules(prefix, grant))
         rules += own

@@ -184,7 +184,7 @@ class ZenohBus:
     def _wake(self) -> None:
         """Make the event loop take what waits, unless it is closed; the mailbox requests this once until then."""
         if not self._closed and self._handover is not None:
-            self._handover.ask()
+            self._handover.request()
 
     def _hand_over(self) -> None:
         """Deliver what waits."""

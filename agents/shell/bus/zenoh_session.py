@@ -209,18 +209,17 @@ class ZenohSession:
 
     def _refusal(self, error: Exception) -> VehicleRefusedError:
         """Return a short message for an error of Zenoh."""
-        text = str(error)
         if self._router is not None:
             return VehicleRefusedError(
                 f"router {self._router} does not answer, or does not know these keys",
                 "start `cordon router` there; check network.router in the mission, and the rosters of both computers",
             )
-        if "in use" in text:
+        if "in use" in str(error):  # Zenoh's errors have no code
             return VehicleRefusedError(
                 f"peer endpoint {self._listen} is taken", "end the other process or choose another port in [network]"
             )
         return VehicleRefusedError(
-            f"peer endpoint {self._listen} cannot be opened: {text}", "check [network] in the mission"
+            f"peer endpoint {self._listen} cannot be opened: {error}", "check [network] in the mission"
         )
 
 

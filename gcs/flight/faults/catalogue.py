@@ -7,7 +7,7 @@ from signal import SIGKILL, SIGSTOP
 
 from estimation.frames import Triple
 from gcs.errors import InputError
-from gcs.flight.faults.injection import Injection, Scene
+from gcs.flight.faults.injection import Injection, TeamInFlight
 from gcs.flight.faults.names import FaultName, as_option
 from gcs.flight.faults.team_faults import TeamFaults
 from gcs.mission.mission import Mission
@@ -15,7 +15,7 @@ from sitl.faults import VehicleFaults, VehicleInjection
 
 LOSS = 0.5
 BUS_DELAY_S, LINK_DELAY_S = 0.3, 0.1
-JUMP_M, LIE_M = 10.0, 5.0
+JUMP_M, POSITION_OFFSET_M = 10.0, 5.0
 RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
 LINES = 36
 """Number of directions in which an estimate may jump."""
@@ -30,7 +30,7 @@ class Fault:
     """A fault: its injection, how many airborne vehicles it needs, and whether it affects the whole team."""
 
     name: FaultName
-    inject: Callable[[Scene], Injection]
+    inject: Callable[[TeamInFlight], Injection]
     vehicles_min: int = 1
     of_team: bool = False
 
@@ -53,21 +53,21 @@ def required_fault(text: str) -> Fault:
     return fault
 
 
-def _of_team(make: Callable[[Scene], TeamFaults]) -> Callable[[Scene], Injection]:
+def _of_team(make: Callable[[TeamInFlight], TeamFaults]) -> Callable[[TeamInFlight], Injection]:
     return lambda scene: Injection(team=make(scene))
 
 
-def _of_subject(make: Callable[[Scene], VehicleFaults]) -> Callable[[Scene], Injection]:
+def _of_subject(make: Callable[[TeamInFlight], VehicleFaults]) -> Callable[[TeamInFlight], Injection]:
     return lambda scene: Injection(vehicles={scene.subject: VehicleInjection(make(scene))})
 
 
-def _latency(scene: Scene) -> Injection:
+def _latency(scene: TeamInFlight) -> Injection:
     """Delay all messages, and all links in both directions."""
     late = VehicleInjection(VehicleFaults(link_delay_s=LINK_DELAY_S))
     return Injection(TeamFaults(delay_s=BUS_DELAY_S), dict.fromkeys(scene.mission.ids, late))
 
 
-def _jump_aside(scene: Scene) -> VehicleFaults:
+def _jump_aside(scene: TeamInFlight) -> VehicleFaults:
     """Offset its estimate along the line on which neither the jump nor its correction comes near the others."""
     x, y = clearest_line(scene.places_m[scene.subject], [scene.places_m[i] for i in scene.others])
     return VehicleFaults(estimate_offset_m=(JUMP_M * x, JUMP_M * y, 0.0))
@@ -80,7 +80,7 @@ def clearest_line(place_m: Triple, others_m: Sequence[Triple]) -> tuple[float, f
     return max(lines, key=lambda line: min((abs(line[0] * y - line[1] * x) for x, y in away), default=0.0))
 
 
-def _from_the_others(scene: Scene) -> tuple[float, float]:
+def _from_the_others(scene: TeamInFlight) -> tuple[float, float]:
     """Return the unit vector from the others to the subject."""
     x, y, _ = scene.places_m[scene.subject]
     away_x, away_y = (sum((x, y)[axis] - scene.places_m[i][axis] for i in scene.others) for axis in (0, 1))
@@ -88,7 +88,7 @@ def _from_the_others(scene: Scene) -> tuple[float, float]:
     return (away_x / away_m, away_y / away_m) if away_m else (1.0, 0.0)
 
 
-def _push_outwards(scene: Scene) -> VehicleFaults:
+def _push_outwards(scene: TeamInFlight) -> VehicleFaults:
     """Push it away from the others, in the steady state by `PUSHED_SHARE` of the tolerated distance."""
     away_x, away_y = _from_the_others(scene)
     vehicle = scene.mission.vehicle(scene.subject)
@@ -96,10 +96,10 @@ def _push_outwards(scene: Scene) -> VehicleFaults:
     return VehicleFaults(push_m_s2=(push_m_s2 * away_x, push_m_s2 * away_y))
 
 
-def _lie_m(scene: Scene) -> tuple[float, float]:
+def _position_offset_m(scene: TeamInFlight) -> tuple[float, float]:
     """Return the offset of the subject's falsified position: nearer to the others, but outside their separation."""
     away_x, away_y = _from_the_others(scene)
-    x, y = -LIE_M * away_x, -LIE_M * away_y
+    x, y = -POSITION_OFFSET_M * away_x, -POSITION_OFFSET_M * away_y
     subject_x, subject_y, _ = scene.places_m[scene.subject]
     places_m = [scene.places_m[i] for i in scene.others]
     away_m = [hypot(other[0] - subject_x - x, other[1] - subject_y - y) for other in places_m]
@@ -107,17 +107,21 @@ def _lie_m(scene: Scene) -> tuple[float, float]:
     return (x, y) if room else (-x, -y)
 
 
-def _lie(scene: Scene) -> TeamFaults:
+def _falsify_position(scene: TeamInFlight) -> TeamFaults:
     """Make it report a position that is not its own."""
-    return TeamFaults(liars=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
+    return TeamFaults(
+        falsified_positions=frozenset({scene.subject}), position_offset_m={scene.subject: _position_offset_m(scene)}
+    )
 
 
-def _impersonate(scene: Scene) -> TeamFaults:
+def _impersonate(scene: TeamInFlight) -> TeamFaults:
     """Let a second source send states under its id, with another position."""
-    return TeamFaults(impostors=frozenset({scene.subject}), lie_m={scene.subject: _lie_m(scene)})
+    return TeamFaults(
+        impostors=frozenset({scene.subject}), position_offset_m={scene.subject: _position_offset_m(scene)}
+    )
 
 
-def _drain(fraction: Callable[[Mission], float]) -> Callable[[Scene], Injection]:
+def _drain(fraction: Callable[[Mission], float]) -> Callable[[TeamInFlight], Injection]:
     """Return a fault that leaves a share of the subject's battery."""
     return lambda scene: Injection(vehicles={scene.subject: VehicleInjection(battery_fraction=fraction(scene.mission))})
 
@@ -125,12 +129,12 @@ def _drain(fraction: Callable[[Mission], float]) -> Callable[[Scene], Injection]
 FAULTS: tuple[Fault, ...] = (
     Fault("half of all messages lost", _of_team(lambda _: TeamFaults(loss=LOSS)), of_team=True),
     Fault("latency", _latency, of_team=True),
-    Fault("stranger", lambda _: Injection(stranger=True), vehicles_min=2, of_team=True),
+    Fault("stranger", lambda _: Injection(unauthorised_client=True), vehicles_min=2, of_team=True),
     Fault("flood", _of_team(lambda scene: TeamFaults(flooders=frozenset({scene.subject}))), vehicles_min=2),
     Fault("impostor", _of_team(_impersonate), vehicles_min=2),
-    Fault("liar", _of_team(_lie), vehicles_min=2),
-    Fault("one vehicle not heard", _of_team(lambda scene: TeamFaults(unheard=frozenset({scene.subject}))), 2),
-    Fault("nobody hears anybody", _of_team(lambda scene: TeamFaults(unheard=frozenset(scene.airborne))), 2, True),
+    Fault("liar", _of_team(_falsify_position), vehicles_min=2),
+    Fault("one vehicle not heard", _of_team(lambda scene: TeamFaults(not_received=frozenset({scene.subject}))), 2),
+    Fault("nobody hears anybody", _of_team(lambda scene: TeamFaults(not_received=frozenset(scene.airborne))), 2, True),
     Fault("telemetry frozen", _of_subject(lambda _: VehicleFaults(motion_silent=True))),
     Fault("GPS jump", _of_subject(_jump_aside)),
     Fault("estimator degraded", _of_subject(lambda _: VehicleFaults(estimator_ratio=RATIO_DEGRADED))),

@@ -63,7 +63,7 @@ class FailingBus:
         """Join."""
 
         def receive(message: BusMessage) -> None:
-            if _sender(message) not in self._present.now.unheard:
+            if _sender(message) not in self._present.now.not_received:
                 self._delayed(on_message, message)
 
         await self._bus.open(receive, partial(self._delayed, on_sensor), on_presence)
@@ -82,10 +82,11 @@ class FailingBus:
     def publish(self, topic: str, payload: bytes) -> None:
         """Send a message, falsified here if a fault requires it; losses happen at the receiver."""
         faults = self._present.now
-        lies, lie_m = self._vehicle_id in faults.liars, faults.lie_m.get(self._vehicle_id, _HERE_M)
-        self._bus.publish(topic, _moved(payload, lie_m, 0.0) if lies else payload)
+        offset_m = faults.position_offset_m.get(self._vehicle_id, _HERE_M)
+        falsified = self._vehicle_id in faults.falsified_positions
+        self._bus.publish(topic, _moved(payload, offset_m, 0.0) if falsified else payload)
         if self._vehicle_id in faults.impostors:
-            second = _moved(payload, lie_m, _SECOND_LATER_S)
+            second = _moved(payload, offset_m, _SECOND_LATER_S)
             self._after(_SECOND_LATER_S, partial(self._bus.publish, topic, second))
 
     async def close(self) -> None:

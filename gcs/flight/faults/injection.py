@@ -11,7 +11,7 @@ from sitl.faults import VehicleInjection
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class TeamInFlight:
     """A team in flight: the fault's subject, the airborne vehicles, and their positions [m]."""
 
     mission: Mission
@@ -27,12 +27,12 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """Faults of the flying process, those of vehicles by id, a signal to the process, and whether a stranger joins."""
+    """Faults of the flying process, those of vehicles by id, a signal to the process, and whether a client intrudes."""
 
     team: TeamFaults = field(default_factory=TeamFaults)
     vehicles: Mapping[int, VehicleInjection] = field(default_factory=dict)
     signal: Signals | None = None
-    stranger: bool = False
+    unauthorised_client: bool = False
 
     @property
     def ends_flight(self) -> bool:

@@ -1,24 +1,20 @@
 """The faults of a flight of stub vehicles, from the command line."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gcs.errors import InputError
 from gcs.flight.faults.catalogue import Fault, required_fault
+from gcs.metrics.record import InjectedFault
 from gcs.mission.mission import Mission
-
-_FORM = re.compile(r"(?P<fault>[^@]+)@(?P<time>\d+(\.\d+)?)(:(?P<vehicle>\d+))?")
 
 
 @dataclass(frozen=True, slots=True)
 class ScheduledFault:
-    """A fault at a time of the mission [mission s], and its text; without a vehicle it hits the last one in line."""
+    """A fault to inject, and when and into which vehicle; without one it hits the last one in line."""
 
-    given: str
     fault: Fault
-    at_s: float
-    vehicle: int | None
+    injected: InjectedFault
 
 
 def scheduled_faults(
@@ -36,19 +32,18 @@ def scheduled_faults(
             problems += error.faults
     if problems:
         raise InputError(problems)
-    return tuple(sorted(faults, key=lambda each: each.at_s))
+    return tuple(sorted(faults, key=lambda each: each.injected.at_s))
 
 
 def _scheduled(text: str, mission: Mission, duration_s: float, stubs: Sequence[int]) -> ScheduledFault:
-    form = _FORM.fullmatch(text)
-    if form is None:
+    injected = InjectedFault.of(text)
+    if injected is None:
         raise InputError([f"--fault: {text!r} is not NAME@SECONDS or NAME@SECONDS:VEHICLE, for example link-cut@120:2"])
-    fault, at_s = required_fault(form["fault"]), float(form["time"])
-    vehicle = None if form["vehicle"] is None else int(form["vehicle"])
-    problem = _problem(fault, at_s, vehicle, mission, duration_s) or _no_stub(fault, vehicle, mission, stubs)
+    fault, vehicle = required_fault(injected.name), injected.vehicle
+    problem = _problem(fault, injected.at_s, vehicle, mission, duration_s) or _no_stub(fault, vehicle, mission, stubs)
     if problem:
         raise InputError([f"--fault: {text!r}: {problem}"])
-    return ScheduledFault(text, fault, at_s, vehicle)
+    return ScheduledFault(fault, injected)
 
 
 def _problem(fault: Fault, at_s: float, vehicle: int | None, mission: Mission, duration_s: float) -> str:

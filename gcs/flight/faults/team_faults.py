@@ -18,18 +18,18 @@ Hang = Literal["", "interpreter", "event loop", "exit"]
 class TeamFaults(msgspec.Struct, frozen=True):
     """All faults of a flying process that are present at a time.
 
-    `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages
-    [wall s]; no other vehicle receives the messages of `unheard`. `liars` report positions that are off by `lie_m` of
-    the vehicle; the states of `impostors` come from two sources, the second of which is off; `flooders` also send junk
-    messages. `blind` sensors see no target. A process may `hang`.
+    `loss` is the share of messages that each agent does not receive, `delay_s` the delay of the others' messages [wall
+    s]; no other vehicle receives the messages of `not_received`. Vehicles with `falsified_positions` report positions
+    that are off by their `position_offset_m`; the states of `impostors` come from two sources, the second of which is
+    off; `flooders` also send junk messages. `blind` sensors see no target. A process may `hang`.
     """
 
     loss: float = 0.0
     delay_s: float = 0.0
-    unheard: frozenset[int] = frozenset()
-    liars: frozenset[int] = frozenset()
+    not_received: frozenset[int] = frozenset()
+    falsified_positions: frozenset[int] = frozenset()
     impostors: frozenset[int] = frozenset()
-    lie_m: Mapping[int, tuple[float, float]] = {}
+    position_offset_m: Mapping[int, tuple[float, float]] = {}
     flooders: frozenset[int] = frozenset()
     blind: bool = False
     hang: Hang = ""
@@ -39,10 +39,10 @@ class TeamFaults(msgspec.Struct, frozen=True):
         return TeamFaults(
             loss=max(self.loss, more.loss),
             delay_s=max(self.delay_s, more.delay_s),
-            unheard=self.unheard | more.unheard,
-            liars=self.liars | more.liars,
+            not_received=self.not_received | more.not_received,
+            falsified_positions=self.falsified_positions | more.falsified_positions,
             impostors=self.impostors | more.impostors,
-            lie_m={**self.lie_m, **more.lie_m},
+            position_offset_m={**self.position_offset_m, **more.position_offset_m},
             flooders=self.flooders | more.flooders,
             blind=self.blind or more.blind,
             hang=more.hang,

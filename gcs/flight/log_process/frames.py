@@ -11,7 +11,7 @@ FLUSH, CLOSE = b"flush", b"close"
 _KINDS: dict[str, type[Any]] = {kind.__name__: kind for kind in (*RUN_TOPICS, *VEHICLE_TOPICS)}
 
 
-class Row(NamedTuple):
+class EncodedRecord(NamedTuple):
     """An encoded record, with its vehicle's id (0: the run's), its number and the time stamp of the log [ns]."""
 
     vehicle_id: int
@@ -47,13 +47,13 @@ class BatchReader:
     """Reads the frames of batches."""
 
     def __init__(self) -> None:
-        self._rows = msgpack.Decoder(list[Row])
+        self._rows = msgpack.Decoder(list[EncodedRecord])
         self._records = {name: msgpack.Decoder(kind) for name, kind in _KINDS.items()}
 
-    def rows(self, frame: bytes) -> list[Row]:
+    def rows(self, frame: bytes) -> list[EncodedRecord]:
         """Return the encoded records of a frame."""
         return self._rows.decode(frame)
 
-    def record(self, row: Row) -> object:
+    def record(self, row: EncodedRecord) -> object:
         """Return a record; raises ValidationError for one that does not fit its type."""
         return self._records[row.kind].decode(row.record)

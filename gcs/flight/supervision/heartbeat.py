@@ -47,8 +47,8 @@ class SupervisorLink(Protocol):
         """Whether the supervisor has ended or stopped."""
         ...
 
-    def relay(self, ask: Callable[[], object]) -> None:
-        """Call `ask`, on another thread, for each request of the operator to end."""
+    def relay(self, request: Callable[[], object]) -> None:
+        """Call `request`, on another thread, for each request of the operator to end."""
         ...
 
     def follow(self, clock: MissionClock) -> AbstractAsyncContextManager[None]:
@@ -65,9 +65,9 @@ class Unsupervised:
         """Return a heartbeat that is not sent."""
         return _Unsent()
 
-    def relay(self, ask: Callable[[], object]) -> None:
-        """Call `ask` for each signal."""
-        signals.relay(ask)
+    def relay(self, request: Callable[[], object]) -> None:
+        """Call `request` for each signal."""
+        signals.relay(request)
 
     def follow(self, _clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Return a context without effect."""
@@ -111,7 +111,7 @@ class SupervisorHeartbeat:
 
     def heartbeat(self, vehicle_id: int) -> Heartbeat:
         """Return the heartbeat of a vehicle's agent."""
-        return _Sent(self._connection, vehicle_id, self._now_s)
+        return _HeartbeatSender(self._connection, vehicle_id, self._now_s)
 
     @asynccontextmanager
     async def follow(self, clock: MissionClock) -> AsyncIterator[None]:
@@ -138,23 +138,23 @@ class SupervisorHeartbeat:
         with suppress(OSError):  # the supervisor has ended: the listening thread handles it
             self._connection.send(encode_clock(number))
 
-    def relay(self, ask: Callable[[], object]) -> None:
-        """Call `ask` for each request of the operator to end, and once if the supervisor is lost before that."""
+    def relay(self, request: Callable[[], object]) -> None:
+        """Call `request` for each request of the operator to end, and once if the supervisor is lost before that."""
 
         def listen() -> None:
             with suppress(RuntimeError):  # the event loop is closed: the flight is over
-                self._listen(ask)
+                self._listen(request)
 
         self._listener = threading.Thread(target=listen, name="supervisor", daemon=True)
         self._listener.start()
 
-    def _listen(self, ask: Callable[[], object]) -> None:
+    def _listen(self, request: Callable[[], object]) -> None:
         asked, silence = False, _Silence(self._time)
         while not self._closing:
             measured_on = self._time
             reached_s = measured_on.now_s()  # before it receives: what the supervisor sent until then has arrived
             received = self._received()
-            silent_s = silence.take(measured_on, reached_s, heard=bool(received))
+            silent_s = silence.take(measured_on, reached_s, received=bool(received))
             requests = received.count(STOP) if received else 0
             if received and JOINED in received:
                 self._joined.set()
@@ -163,7 +163,7 @@ class SupervisorHeartbeat:
                 self.is_lost = True
                 requests = 0 if asked else 1  # a second request would mean: land at once
             for _ in range(requests):
-                ask()
+                request()
             asked = asked or requests > 0
             if lost:
                 self._on_lost()  # after the request: printing may fail if the terminal has closed, too
@@ -202,11 +202,11 @@ class _Silence:
         self._time, self._polled_s = measured_on, measured_on.now_s()
         self._silent_s = 0.0
 
-    def take(self, measured_on: _Time, reached_s: float, *, heard: bool) -> float:
-        """Take whether it was heard in a poll that began at a time; return the silence until then."""
+    def take(self, measured_on: _Time, reached_s: float, *, received: bool) -> float:
+        """Take whether messages were received in a poll that began at a time; return the silence until then."""
         passed_s = max(reached_s - self._polled_s, 0.0) if measured_on is self._time else 0.0
         self._time, self._polled_s = measured_on, reached_s
-        self._silent_s = 0.0 if heard else self._silent_s + min(passed_s, measured_on.poll_max_s)
+        self._silent_s = 0.0 if received else self._silent_s + min(passed_s, measured_on.poll_max_s)
         return self._silent_s
 
 
@@ -221,7 +221,7 @@ class _Unsent:
         pass
 
 
-class _Sent:
+class _HeartbeatSender:
     """Implements `agents.ports.Heartbeat`."""
 
     def __init__(self, connection: socket.socket, vehicle_id: int, now_s: Callable[[], float]) -> None:

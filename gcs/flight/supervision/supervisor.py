@@ -17,9 +17,10 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Protocol
 
+from agents.flight_end import FlightEnd
 from gcs.errors import Exit
 from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
-from gcs.metrics.ending import FlightEnding, How, LostFlight
+from gcs.metrics.ending import LostFlight, TeamEnding
 from gcs.metrics.json_output import json_output
 from gcs.preflight.priority import raise_supervisor
 from gcs.signals import relay
@@ -34,7 +35,7 @@ _ERASED = "\x1b8\x1b[J"
 """Erases the live view, which shows vehicles in flight, from its beginning, or from _HERE if none was drawn."""
 
 
-class Beside(Protocol):
+class FlightPage(Protocol):
     """The operator's page beside a flight."""
 
     @property
@@ -52,7 +53,7 @@ class Beside(Protocol):
 
 
 class _Nothing:
-    """Implements `Beside` for a flight without a page."""
+    """Implements `FlightPage` for a flight without a page."""
 
     kept_open = ()
 
@@ -71,7 +72,7 @@ def is_supervised() -> bool:
     return HEARTBEAT_VARIABLE in os.environ
 
 
-def supervise(*, json: bool = False, beside: Beside = _NOTHING) -> int:
+def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
     """Run this process's command line once more as the flying process; return the exit code of the whole.
 
     Signals must be blocked already. Problems are written to standard error; with `json`, the ending of a flight
@@ -84,14 +85,14 @@ def supervise(*, json: bool = False, beside: Beside = _NOTHING) -> int:
     with ours:
         ours.setblocking(False)
         with theirs:
-            flying = _start(theirs.fileno(), beside.kept_open)
+            flying = _start(theirs.fileno(), page.kept_open)
         raise_supervisor()
 
-        def ask() -> None:
+        def request() -> None:
             _send(ours, STOP)
-            beside.interrupt()
+            page.interrupt()
 
-        relay(ask)
+        relay(request)
         monitor = LoopMonitor()
         silences_s = _watch(flying, ours, monitor)
         code = flying.wait()
@@ -100,7 +101,7 @@ def supervise(*, json: bool = False, beside: Beside = _NOTHING) -> int:
     if not lines:
         return code
     if lost is not None:
-        beside.lose(lost)
+        page.lose(lost)
         if json and code < 0 and lost.vehicles:
             _write(sys.stdout.fileno(), json_output({"ended": asdict(_ending(lost))}))
     for line in (*terminal.restored(killed=code < 0), *lines):
@@ -200,8 +201,8 @@ def _report(
     return [_ending(lost).headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
 
 
-def _ending(lost: LostFlight) -> FlightEnding:
-    return FlightEnding(How.WATCHDOG, f"{lost.reason[:1].upper()}{lost.reason[1:]}.", lost.vehicles)
+def _ending(lost: LostFlight) -> TeamEnding:
+    return TeamEnding(FlightEnd.WATCHDOG, f"{lost.reason[:1].upper()}{lost.reason[1:]}.", lost.vehicles)
 
 
 def overload(load: float, cores: int) -> str:

@@ -57,8 +57,8 @@ def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: flo
     return Load(vehicles * up + shared, vehicles * down)
 
 
-def fitting(rungs: Sequence[Rates], vehicles: int, capacity_bytes_s: float, *, signed: bool = False) -> int:
+def fitting(levels: Sequence[Rates], vehicles: int, capacity_bytes_s: float, *, signed: bool = False) -> int:
     """Return the index of the first rates that a connection carries with its reserve; of the last if none fit."""
     room = LOAD_SHARE * capacity_bytes_s
-    fits = (index for index, rates in enumerate(rungs) if load(rates, vehicles, signed=signed).bytes_s <= room)
-    return next(fits, len(rungs) - 1)
+    fits = (index for index, rates in enumerate(levels) if load(rates, vehicles, signed=signed).bytes_s <= room)
+    return next(fits, len(levels) - 1)

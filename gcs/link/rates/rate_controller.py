@@ -3,14 +3,15 @@
 from dataclasses import replace
 from math import inf
 
+from agents.safety.failsafe import LINK_LOSS_MAX
 from gcs.link.rates.budget import LOAD_SHARE, Load, fitting, load
-from gcs.link.rates.rates import Rates, Traffic, ladder
+from gcs.link.rates.rates import Rates, Traffic, rate_levels
 
 LOOK_PERIOD_S = 2.0
-LOSS_HIGH, LOSS_LOW = 0.1, 0.03
-"""Shares of lost frames between two looks: above the first the rates go down, below the second they may go up."""
+LOSS_LOW = 0.03
+"""Share of lost frames between two looks below which the rates may go up; above `LINK_LOSS_MAX` they go down."""
 BUFFER_LOW, BUFFER_HIGH = 0.2, 0.6
-"""Free shares of the radio's transmit buffer, likewise."""
+"""Free shares of the radio's transmit buffer: below the first the rates go down, above the second they may go up."""
 UP_AFTER_S = 20.0
 """How long a connection must be healthy before its rates go up by a step: a step up may overload it again."""
 FRAMES_MIN = 20
@@ -20,8 +21,8 @@ FRAMES_MIN = 20
 class RateController:
     """The rates in force on one connection, for all of its vehicles alike.
 
-    `look` finds what is lost and what the radio reports. `automatic` rates begin at the first of `ladder(full)` that
-    fits `capacity_bytes_s` (None: unknown), and move along that ladder by it. They never rise above their first rung.
+    `look` finds what is lost and what the radio reports. `automatic` rates begin at the first of `rate_levels(full)`
+    that fits `capacity_bytes_s` (None: unknown), and step along these levels by it. They never rise above their first.
     Simulators' true motions, `truth_bytes_s` together, are requested where there is room for them.
     """
 
@@ -42,8 +43,8 @@ class RateController:
         """Whether frames wait in the transmit queue."""
         self.vehicles, self.signed = vehicles, signed
         self._positions_hz = positions_hz
-        self._rungs = ladder(full) if automatic else (full,)
-        self._first = fitting(self._rungs, vehicles, capacity_bytes_s or inf, signed=signed)
+        self._levels = rate_levels(full) if automatic else (full,)
+        self._first = fitting(self._levels, vehicles, capacity_bytes_s or inf, signed=signed)
         self._at = self._first
         self.truth_bytes_s = 0.0
         """The load of simulators' true motions; 0 if the connection has no room for them."""
@@ -58,7 +59,7 @@ class RateController:
     @property
     def rates(self) -> Rates:
         """The rates in force."""
-        return self._rungs[self._at]
+        return self._levels[self._at]
 
     @property
     def load(self) -> Load:
@@ -87,9 +88,10 @@ class RateController:
             self._well_since_s = now_s
             return
         lost, free = traffic.lost_share(before), 1.0 if traffic.buffer_free is None else traffic.buffer_free
-        if lost > LOSS_HIGH or free < BUFFER_LOW:
-            self.fault = f"{lost:.0%} of its messages are lost" if lost > LOSS_HIGH else "its radio's buffer is full"
-            self._at = min(self._at + 1, len(self._rungs) - 1)
+        if lost > LINK_LOSS_MAX or free < BUFFER_LOW:
+            is_lossy = lost > LINK_LOSS_MAX
+            self.fault = f"{lost:.0%} of its messages are lost" if is_lossy else "its radio's buffer is full"
+            self._at = min(self._at + 1, len(self._levels) - 1)
             self._well_since_s = now_s
         elif lost > LOSS_LOW or free < BUFFER_HIGH:
             self._well_since_s = now_s

@@ -52,7 +52,7 @@ class Rates:
         return ", ".join(f"{name} {old:.3g} to {new:.3g} Hz" for name, old, new in pairs if old != new)
 
 
-def ladder(full: Rates) -> tuple[Rates, ...]:
+def rate_levels(full: Rates) -> tuple[Rates, ...]:
     """Return the rates from `full` down to the least, in the order in which control degrades.
 
     Status comes first, then motion, then setpoints; each stops at its least rate, or where it begins below it.

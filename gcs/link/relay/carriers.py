@@ -114,7 +114,7 @@ class _Udp:
         self._socket.close()
 
 
-class Stream:
+class StreamCarrier:
     """A file descriptor that carries a stream of bytes; frames are sent whole or not at all."""
 
     def __init__(self, descriptor: int, close: Callable[[], object]) -> None:
@@ -159,7 +159,7 @@ class _TcpServer:
 
         self._listener = _opened(family, kind, listen)
         self._listener.setblocking(False)
-        self._callers: dict[Address, Stream] = {}
+        self._callers: dict[Address, StreamCarrier] = {}
 
     def watched(self) -> Sequence[int]:
         return (self._listener.fileno(), *(stream.descriptor for stream in self._callers.values()))
@@ -199,7 +199,7 @@ class _Called:
 
     blocks = True
 
-    def __init__(self, known: Address, call: Callable[[], Stream]) -> None:
+    def __init__(self, known: Address, call: Callable[[], StreamCarrier]) -> None:
         self.known: Address = known
         self._call = call
         self._stream = call()
@@ -239,21 +239,21 @@ def _tcp_client(host: str, port: int) -> _Called:
 
 
 def _serial(device: str, baud: int) -> _Called:
-    def call() -> Stream:
+    def call() -> StreamCarrier:
         try:
             # With an inter_byte_timeout a read without data raises, and no bytes mean the end of the stream.
             port = serial.Serial(device, baud, timeout=0.0, write_timeout=0.0, inter_byte_timeout=0.0)
         except ValueError as error:
             raise OSError(f"{baud} is not a rate of a serial device") from error
-        return Stream(port.fileno(), port.close)
+        return StreamCarrier(port.fileno(), port.close)
 
     return _Called((device, baud), call)
 
 
-def connected(connection: socket.socket) -> Stream:
+def connected(connection: socket.socket) -> StreamCarrier:
     """Return the stream of a TCP connection; setpoints are sent at once."""
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return Stream(connection.fileno(), connection.close)
+    return StreamCarrier(connection.fileno(), connection.close)
 
 
 def _opened(family: int, kind: int, prepare: Callable[[socket.socket], object]) -> socket.socket:

@@ -19,7 +19,7 @@ from gcs.link.relay.frames import (
     sequence,
     timesync_answer,
 )
-from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.signing import SignatureCheck, Signing
 
 DOUBLED_MIN, DOUBLED_SHARE = 5, 0.1
 """This many steps backwards show two senders: a restart is one step, and networks swap and repeat few frames."""
@@ -135,7 +135,7 @@ class Claim:
         self.muted = False
         """Whether setpoints to it are dropped."""
         self.candidates: dict[Address, bytes] = {}
-        self.rejected: dict[Address, Verdict] = {}
+        self.rejected: dict[Address, SignatureCheck] = {}
         self._received_s = -inf
         self._heartbeat = b""
         self._heartbeat_s = self._passed_s = -inf
@@ -159,7 +159,7 @@ class Claim:
         verdict = self._verdict(frame)
         if moves and is_autopilot_heartbeat(frame):
             self._move(address, verdict)
-        if verdict is not Verdict.AUTHENTIC or address != self.address:
+        if verdict is not SignatureCheck.AUTHENTIC or address != self.address:
             return False
         if now_s - self._received_s > BREAK_S:
             self._heartbeat = b""
@@ -207,7 +207,7 @@ class Claim:
 
     def to_set_in_time(self) -> list[Address]:
         """Return the candidates with the key and a time that is behind: a signed heartbeat sets a vehicle's time."""
-        return [address for address, verdict in self.rejected.items() if verdict is Verdict.OLD]
+        return [address for address, verdict in self.rejected.items() if verdict is SignatureCheck.OLD]
 
     def report(self) -> LinkReport:
         """Return the counts so far."""
@@ -222,8 +222,8 @@ class Claim:
             self.round_trips.median_s,
         )
 
-    def _move(self, address: Address, verdict: Verdict) -> None:
-        if verdict is Verdict.AUTHENTIC:
+    def _move(self, address: Address, verdict: SignatureCheck) -> None:
+        if verdict is SignatureCheck.AUTHENTIC:
             self.address = address
             self._moves.append(address)
             self.rejected.clear()
@@ -237,20 +237,20 @@ class Claim:
         kept = address in self.candidates or address in self.rejected
         if not kept and len(self.candidates) + len(self.rejected) >= ADDRESSES_MAX:
             return
-        if verdict is Verdict.AUTHENTIC:
+        if verdict is SignatureCheck.AUTHENTIC:
             self.rejected.pop(address, None)
             self.candidates[address] = frame
         elif address not in self.candidates:
             self.rejected[address] = verdict
 
-    def _verdict(self, frame: bytes) -> Verdict:
-        verdict = Verdict.AUTHENTIC if self.signing is None else self.signing.verify(frame)
-        if verdict is not Verdict.AUTHENTIC:
+    def _verdict(self, frame: bytes) -> SignatureCheck:
+        verdict = SignatureCheck.AUTHENTIC if self.signing is None else self.signing.verify(frame)
+        if verdict is not SignatureCheck.AUTHENTIC:
             self._dropped[verdict.value] += 1
         return verdict
 
 
-class Gate:
+class FrameGate:
     """The claims on one connection, and the frames that arrive there. `others` are system ids without a claim.
 
     `buffer_free` is the free share of the radio's transmit buffer, by its newest RADIO_STATUS.
@@ -264,8 +264,8 @@ class Gate:
 
     def admit(self, data: bytes, address: Address, now_s: float) -> bytes:
         """Return the frames among `data` that are passed on."""
-        if self._is_stranger(address, now_s):
-            self._count_stranger(data, address)
+        if self._is_unverified(address, now_s):
+            self._count_unverified(data, address)
             return b""
         frames = self._stream(address).feed(data)
         passed = [frame for frame in frames if self._admits(frame, address, now_s)]
@@ -285,14 +285,14 @@ class Gate:
                 peers.setdefault(claim.address, []).append(claim)
         return peers
 
-    def _is_stranger(self, address: Address, now_s: float) -> bool:
+    def _is_unverified(self, address: Address, now_s: float) -> bool:
         """Return whether no frame from this address can be accepted: then its bytes are not parsed."""
         return all(
             claim.address not in (None, address) and not claim.may_move(address, now_s)
             for claim in self.claims.values()
         )
 
-    def _count_stranger(self, data: bytes, address: Address) -> None:
+    def _count_unverified(self, data: bytes, address: Address) -> None:
         claim = self.claims.get(header(data).system_id) if len(data) >= HEAD_V2 else None
         if claim is not None:
             claim.count_impostor(address)

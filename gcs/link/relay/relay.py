@@ -15,7 +15,7 @@ from stat import S_ISSOCK
 
 from gcs.link.rates.budget import ROUND_TRIP_HZ
 from gcs.link.rates.rates import Traffic
-from gcs.link.relay.carriers import Stream, connected, open_carrier
+from gcs.link.relay.carriers import StreamCarrier, connected, open_carrier
 from gcs.link.relay.frames import (
     MAGIC_V2,
     SETPOINT,
@@ -26,9 +26,9 @@ from gcs.link.relay.frames import (
     target_system,
     timesync_request,
 )
-from gcs.link.relay.gate import Address, Claim, Gate, LinkReport
+from gcs.link.relay.gate import Address, Claim, FrameGate, LinkReport
 from gcs.link.relay.relay_thread import RelayThread
-from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.signing import SignatureCheck, Signing
 from gcs.link.relay.transmit_queue import Outgoing, TransmitQueue
 
 LOOPBACK = "127.0.0.1"
@@ -65,7 +65,7 @@ class InnerListener:
         self._listener.close()
 
 
-class InnerConnection(Stream):
+class InnerConnection(StreamCarrier):
     """The relay's end: what MAVSDK sends is read, and written bytes reach MAVSDK."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -110,7 +110,7 @@ class Relay:
         self._carrier = open_carrier(url)
         self._own_thread = RelayThread(f"relay {url}") if self._carrier.blocks else None
         self._thread = self._own_thread or shared
-        self._gate = Gate()
+        self._gate = FrameGate()
         self._lock = threading.Lock()
         self._first: list[bytes] = []
         self._called = 0
@@ -150,7 +150,7 @@ class Relay:
         with self._lock:
             return list(self._gate.claims[system_id].candidates)
 
-    def rejected(self, system_id: int) -> dict[Address, Verdict]:
+    def rejected(self, system_id: int) -> dict[Address, SignatureCheck]:
         """Return the addresses whose heartbeats have a system id but are not authentic."""
         with self._lock:
             return dict(self._gate.claims[system_id].rejected)
@@ -198,7 +198,7 @@ class Relay:
         queue.setpoint_hz, queue.extra_bytes = setpoint_hz, SIGNATURE_LENGTH if signed else 0
         self._queue = queue
 
-    def show_life(self) -> None:
+    def send_heartbeats(self) -> None:
         """Send a heartbeat to every verified vehicle now."""
         self._shows_life = True
         self._thread.wake()
@@ -227,7 +227,7 @@ class Relay:
         self._carrier.call_again()
         # Each system call releases the interpreter lock, and waits to acquire it again.
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
-        outgoing = self._paced([*sent, *self._requests(), *self._signs_of_life()])
+        outgoing = self._paced([*sent, *self._requests(), *self._heartbeats()])
         for frame, address in (*self._signed_all(outgoing), *self._calls()):
             if not self._is_muted(frame) and self._carrier.send(frame, address):
                 self._up_bytes += len(frame)
@@ -293,7 +293,7 @@ class Relay:
         request = timesync_request(self._round_trips, now_ns)
         return [(request, address) for address in peers]
 
-    def _signs_of_life(self) -> list[Outgoing]:
+    def _heartbeats(self) -> list[Outgoing]:
         """Return the heartbeats that were requested."""
         if not self._shows_life:
             return []

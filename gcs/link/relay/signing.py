@@ -24,7 +24,7 @@ DIGEST_LENGTH, TIME_LENGTH = 6, 6
 CRC_EXTRA_LENGTH = 1
 
 
-class Verdict(Enum):
+class SignatureCheck(Enum):
     """Whether a received frame is the vehicle's."""
 
     AUTHENTIC = "authentic"
@@ -73,20 +73,20 @@ class Signing:
         )
         return signed + self._digest(signed)
 
-    def verify(self, frame: bytes) -> Verdict:
+    def verify(self, frame: bytes) -> SignatureCheck:
         """Return the verdict on a received frame; an authentic one is accepted once, and older ones not any more."""
         if not is_signed(frame):
-            return Verdict.UNSIGNED
+            return SignatureCheck.UNSIGNED
         if not hmac.compare_digest(self._digest(frame[:-DIGEST_LENGTH]), frame[-DIGEST_LENGTH:]):
-            return Verdict.WRONG_KEY
+            return SignatureCheck.WRONG_KEY
         at = int.from_bytes(frame[-DIGEST_LENGTH - TIME_LENGTH : -DIGEST_LENGTH], "little")
         stream = (frame[-DIGEST_LENGTH - TIME_LENGTH - 1], header(frame).component)
         oldest = self._received.get(stream, max(self._ticks(), self._latest) - NEW_STREAM_AGE_MAX - 1)
         if at <= oldest:
-            return Verdict.OLD
+            return SignatureCheck.OLD
         self._received[stream] = at
         self._latest = max(self._latest, at)
-        return Verdict.AUTHENTIC
+        return SignatureCheck.AUTHENTIC
 
     def _digest(self, data: bytes) -> bytes:
         return hashlib.sha256(self._key + data).digest()[:DIGEST_LENGTH]

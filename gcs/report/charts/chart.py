@@ -88,8 +88,9 @@ def chart(
     *,
     key_rows: int = 0,
     width_in: float = WIDTH_IN,
+    is_over_time: bool = True,
 ) -> Chart:
-    """Draw panels below each other on one time axis; the titles of the first panel become the chart's.
+    """Draw panels below each other on one axis, of time or else of another; the first panel's titles are the chart's.
 
     `name` makes the ids in the SVG unique on a page; `key_rows` adds room for a legend below.
     """
@@ -110,10 +111,10 @@ def chart(
         for axes in rows:
             axes.set_title("", loc="left")
             axes.set_title("", loc="right")
-            for line in axes.lines:
-                if not line.get_label().startswith("_"):
-                    line.set_gid(f"{_LINE}{line.get_label()}")
-        scales = [_scale(axes, height_in) for axes in rows] if rows[-1].get_xlabel().startswith("time") else []
+            for drawn, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                if drawn in axes.lines:
+                    drawn.set_gid(f"{_LINE}{label}")
+        scales = [_scale(axes, height_in) for axes in rows] if is_over_time and not empty_reason(rows[-1]) else []
         drawn = StringIO()
         figure.savefig(drawn, format="svg")
     return Chart(title, finding, alt, _inline(drawn.getvalue(), alt, scales), missing, width_in > WIDTH_IN)

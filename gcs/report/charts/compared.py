@@ -1,8 +1,8 @@
 """Charts of several flights in one: their paths, and their errors over the time since each engaged."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,13 +19,6 @@ if TYPE_CHECKING:
 
 POINTS_MAX = 1200
 """Of a line of one flight."""
-_FLOORS = {"m": 1e-4, "°": 1e-3, "rad²": 1e-7}
-ERRORS = {
-    "radius": ("Largest radius error", "m"),
-    "spacing": ("Largest spacing error", "°"),
-    "lyapunov": ("Lyapunov function", "rad²"),
-}
-"""The quantities over time by their names, each with its heading and its unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +60,10 @@ def draw_compared_paths(axes: "Axes", flights: Sequence[ComparedFlight]) -> None
 
 def draw_compared_error(axes: "Axes", flights: Sequence[ComparedFlight], name: str) -> None:
     """Draw one of `ERRORS` of every flight that engaged over the time since it did, on a logarithmic scale."""
-    heading, unit = ERRORS[name]
-    title(axes, heading, "")
+    error = ERRORS[name]
+    title(axes, error.heading, "")
     lines = [
-        (index, flight.sheet.record.time_s - flight.engaged_at_s, _error(flight.sheet, name))
+        (index, flight.sheet.record.time_s - flight.engaged_at_s, error.of(flight.sheet))
         for index, flight in enumerate(flights)
         if flight.engaged_at_s is not None
     ]
@@ -79,22 +72,38 @@ def draw_compared_error(axes: "Axes", flights: Sequence[ComparedFlight], name: s
         mark_empty(axes, "not measured in any flight" if lines else "no vehicle engaged in any flight")
         return
     times_s = [time_s[mask] for (_, time_s, _), mask in zip(lines, known, strict=True)]
-    over_time(axes, f"{'V' if unit == 'rad²' else 'error'} [{unit}]", np.sort(np.concatenate(times_s)))
+    over_time(axes, error.label, np.sort(np.concatenate(times_s)))
     axes.set_xlabel("time since the first engagement [s]")
-    logarithmic(axes, np.concatenate([values for _, _, values in lines]), _FLOORS[unit])
+    logarithmic(axes, np.concatenate([values for _, _, values in lines]), error.floor)
     for index, time_s, values in lines:
-        axes.plot(*flights[index].sheet.line(time_s, np.maximum(values, 0.1 * _FLOORS[unit])), **flight_style(index))
-
-
-def _error(sheet: Sheet, name: str) -> Vector:
-    if name == "lyapunov":
-        return lyapunov_rad2(sheet.motion)
-    if name == "radius":
-        return _largest(sheet.motion.radius_m - sheet.ring.radius_m)
-    return _largest(np.degrees(sheet.motion.lead_rad - sheet.motion.desired_spacing_rad))
+        axes.plot(*flights[index].sheet.line(time_s, np.maximum(values, 0.1 * error.floor)), **flight_style(index))
 
 
 def _largest(error: Vector) -> Vector:
     """Return the largest of the errors (V, T) at each time, NaN where there is none."""
     largest = np.fmax.reduce(np.abs(error), axis=0, initial=-np.inf)
     return np.where(largest >= 0.0, largest, np.nan)
+
+
+class Error(NamedTuple):
+    """A quantity over time: its heading, its label with the unit, the lowest value drawn, and its values (T,)."""
+
+    heading: str
+    label: str
+    floor: float
+    of: Callable[[Sheet], Vector]
+
+
+ERRORS = {
+    "radius": Error(
+        "Largest radius error", "error [m]", 1e-4, lambda sheet: _largest(sheet.motion.radius_m - sheet.ring.radius_m)
+    ),
+    "spacing": Error(
+        "Largest spacing error",
+        "error [°]",
+        1e-3,
+        lambda sheet: _largest(np.degrees(sheet.motion.lead_rad - sheet.motion.desired_spacing_rad)),
+    ),
+    "lyapunov": Error("Lyapunov function", "V [rad²]", 1e-7, lambda sheet: lyapunov_rad2(sheet.motion)),
+}
+"""The quantities over time by their names."""

@@ -3,13 +3,14 @@
 Injected faults have a lane of their own above those of the vehicles.
 """
 
-import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.safety.guard import GuardStatus
+from agents.tactics import NO_TACTIC
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.report.charts.panels import Sheet, title
 from gcs.report.evidence.flight import FlightEvidence
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 _LANE_IN, _SLIM_LANE_IN = 0.42, 0.3
 _KEY_COLUMNS = 8
-_ACTS = ("changed", "yielded", "braked")
+_ACTS = [each.value for each in GuardStatus if each is not GuardStatus.PASSED]
 _MARKS = {"command": ("v", "#0077BB"), "failsafe": ("D", FAIL), "guard": ("o", INK)}
 _FAULT_MARK = ("X", "#AA4499")
 _LABELLED_SHARE = 0.08
@@ -29,8 +30,6 @@ _GUARDING_GAP_S = 1.0
 _SEEN_SHARE = 0.004
 # Names of faults nearer to each other than this share of the flight stand in two rows.
 _NAMED_SHARE = 0.18
-_FAULT = re.compile(r"(?P<name>[^@]+)@(?P<at_s>\d+(\.\d+)?)(:(?P<vehicle>\d+))?")
-"""As `--fault` gives it."""
 
 
 def lanes_height_in(record: FlightRecord) -> float:
@@ -80,19 +79,16 @@ def _mark_engagement(axes: "Axes", sheet: Sheet, lane: int) -> None:
 
 def _draw_faults(axes: "Axes", record: FlightRecord) -> None:
     """Mark each injected fault by its name, and draw a line from there through the lanes."""
-    faults = [found for each in record.faults if (found := _FAULT.fullmatch(each)) is not None]
-    times_s = [float(each["at_s"]) for each in faults]
-    _mark(axes, times_s, [-1.0] * len(faults), _FAULT_MARK)
+    _mark(axes, [each.at_s for each in record.faults], [-1.0] * len(record.faults), _FAULT_MARK)
     begin_s, end_s = axes.get_xlim()
     row, last_s = 0, -np.inf
-    for each, at_s in sorted(zip(faults, times_s, strict=True), key=lambda pair: pair[1]):
+    for name, at_s, vehicle, _ in sorted(record.faults, key=lambda fault: fault.at_s):
         row = 1 - row if at_s - last_s < _NAMED_SHARE * (end_s - begin_s) else 0
         last_s = at_s
         is_late = at_s > begin_s + (1.0 - _NAMED_SHARE) * (end_s - begin_s)
-        name = each["name"] if each["vehicle"] is None else f"{each['name']}: {each['vehicle']}"
         axes.axvline(at_s, color=_FAULT_MARK[1], linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
         axes.annotate(
-            name,
+            name if vehicle is None else f"{name}: {vehicle}",
             (at_s, -1.0),
             xytext=(-6 if is_late else 6, 5 - 10 * row),
             textcoords="offset points",
@@ -126,7 +122,7 @@ def _draw_tactics(axes: "Axes", record: FlightRecord, track: VehicleTrack, lane:
     for from_s, to_s, tactic in runs(track, record):
         colour = TACTIC_COLOURS.get(tactic, "white")
         axes.barh(lane, to_s - from_s, 0.44, left=from_s, color=colour, edgecolor="white", linewidth=0.8, zorder=2)
-        if to_s - from_s > _LABELLED_SHARE * whole_s and tactic != "unknown":
+        if to_s - from_s > _LABELLED_SHARE * whole_s and tactic != NO_TACTIC:
             axes.text((from_s + to_s) / 2.0, lane, tactic, ha="center", va="center", fontsize=9, color=INK, zorder=3)
 
 
@@ -155,7 +151,7 @@ def _tactics(record: FlightRecord) -> dict[str, str]:
 def _kinds(sheet: Sheet, evidence: FlightEvidence) -> dict[str, dict[str, Any]]:
     """Return the style of each mark on the timeline by its name."""
     recorded = {event.kind for event in sheet.record.events}
-    marks = {kind: mark for kind, mark in _marks(evidence).items() if kind in recorded}
+    marks: dict[str, tuple[str, str]] = {kind: mark for kind, mark in _marks(evidence).items() if kind in recorded}
     if sheet.record.faults:
         marks["fault"] = _FAULT_MARK
     styles: dict[str, dict[str, Any]] = {kind: {"marker": mark, "color": ink} for kind, (mark, ink) in marks.items()}

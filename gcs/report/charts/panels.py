@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, VehicleTrack
-from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
 from gcs.metrics.ring_motion import RingMotion
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
@@ -25,7 +26,7 @@ class Sheet:
 
     record: FlightRecord
     result: FlightResult
-    ring: RingReference
+    ring: DesiredRing
     formation: FormationReference | None
     motion: RingMotion
     points_max: int | None = None
@@ -68,7 +69,8 @@ def draw_paths(axes: "Axes", sheet: Sheet) -> None:
     axes.margins(0.04)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [m]", ylabel="y [m]")
-    title(axes, f"{record.mission}: paths", _verdict_line(sheet.result))
+    fails = False in sheet.result.verdicts.named().values()
+    title(axes, f"{record.mission}: paths", _verdict_line(sheet.result), is_fault=fails)
     _draw_target(axes, sheet)
     for row, track in enumerate(record.vehicles):
         axes.plot(*sheet.path(track.position_m).T, alpha=0.85, **sheet.style(row))
@@ -127,7 +129,7 @@ def draw_speeds(axes: "Axes", sheet: Sheet) -> None:
         axes.axhline(sheet.formation.speed_m_s, **DESIRED)
     time_s, end_s = sheet.record.time_s, 0.0
     for row, track in enumerate(sheet.record.vehicles):
-        flying = track.tactic == "formation"
+        flying = track.tactic == Tactic.FORMATION.value
         speed_m_s = np.where(flying, track.velocity_m_s[:, 0], np.nan)
         axes.plot(*sheet.line(time_s, speed_m_s), **sheet.style(row))
         _mark_engagement(axes, sheet, row, time_s, _held(speed_m_s))
@@ -199,10 +201,10 @@ def _verdict_line(result: FlightResult) -> str:
     return "   ".join(f"{name} {marks[holds]}" for name, holds in result.verdicts.named().items())
 
 
-def title(axes: "Axes", text: str, finding: str) -> None:
-    """Set the title of a panel on the left, and its main figure on the right."""
+def title(axes: "Axes", text: str, finding: str, *, is_fault: bool = False) -> None:
+    """Set the title of a panel on the left, and its main figure on the right; a fault is coloured."""
     axes.set_title(text, loc="left", fontweight="bold", parse_math=False)
-    axes.set_title(finding, loc="right", fontsize=9, color=FAIL if "✗" in finding else FAINT)
+    axes.set_title(finding, loc="right", fontsize=9, color=FAIL if is_fault else FAINT)
 
 
 def mark_empty(axes: "Axes", text: str) -> None:

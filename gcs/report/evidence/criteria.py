@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from gcs.metrics.engagement import EngagementReference
 from gcs.metrics.references import (
+    DesiredRing,
     FormationReference,
-    RingReference,
     VerdictTolerances,
     engagement_reference,
     formation_reference,
@@ -22,7 +22,7 @@ class Criteria:
     `engagement` is which vehicles engage the target.
     """
 
-    ring: RingReference
+    ring: DesiredRing
     formation: FormationReference
     tolerances: VerdictTolerances
     spacing_gain_per_s: float | None = None

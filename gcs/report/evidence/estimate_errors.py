@@ -29,7 +29,7 @@ class EstimateError:
 
 
 @dataclass(frozen=True, slots=True)
-class Consistency:
+class EstimateConsistency:
     """How the errors of an estimate compare with its own covariance.
 
     `within` is the share within `SIGMAS`; `nees` the mean normalised estimation error squared, 2 where the covariance
@@ -50,13 +50,13 @@ class Consistency:
         return not self.is_optimistic and self.nees < _CAUTIOUS_NEES
 
 
-def consistency(error: EstimateError) -> Consistency | None:
+def consistency(error: EstimateError) -> EstimateConsistency | None:
     """Return how errors compare with their covariance; None where no error is known."""
     known = np.isfinite(error.error_m).all(axis=1) & (error.sigma_m > 0.0).all(axis=1)
     if not known.any():
         return None
     ratio = error.error_m[known] / error.sigma_m[known]
-    return Consistency(float(np.mean(np.abs(ratio) <= SIGMAS)), float(np.mean((ratio**2).sum(axis=1))))
+    return EstimateConsistency(float(np.mean(np.abs(ratio) <= SIGMAS)), float(np.mean((ratio**2).sum(axis=1))))
 
 
 def estimate_error(row: int, estimate: EstimateSeries, time_s: Vector, position_m: Vector) -> EstimateError:

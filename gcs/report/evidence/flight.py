@@ -34,7 +34,7 @@ class EstimateSeries:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class LoopTiming:
     """One vehicle's control loop, an entry per tick: time (T,), computing time [us], and ticks skipped before it.
 
     `qp` is the source of each plan (`interior`, `bounded`, `fallback`), `guard` the action of the guard (`passed`,
@@ -74,7 +74,7 @@ class VehicleEvidence:
     own: EstimateSeries = field(default_factory=EstimateSeries)
     target: EstimateSeries = field(default_factory=EstimateSeries)
     altitude_m: Vector = field(default_factory=_none)
-    loop: Loop = field(default_factory=Loop)
+    loop: LoopTiming = field(default_factory=LoopTiming)
     telemetry: Reception = field(default_factory=lambda: Reception(np.empty(0), np.empty(0)))
     peers: dict[int, Reception] = field(default_factory=dict)
     dropped: str = ""
@@ -100,12 +100,13 @@ class PlantNote:
 class FlightEvidence:
     """The record behind the metrics, and each vehicle's evidence in the record's order.
 
-    `facts` are name and value of what heads the report: date, log, versions. `speed` is seconds of mission time per
-    second of wall time; ages, computing times and intervals of messages are wall time.
+    `facts` are name and value of what heads the report: date, log, versions; `logs` the names of its logs. `speed`
+    is seconds of mission time per second of wall time; ages, computing times and intervals of messages are wall time.
     """
 
     record: FlightRecord
     vehicles: tuple[VehicleEvidence, ...]
     facts: dict[str, str] = field(default_factory=dict)
+    logs: tuple[str, ...] = ()
     plants: tuple[PlantNote, ...] = ()
     speed: float = 1.0

@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
-from agents.inputs import Autopilot, LateTicks, Start
+from agents.flight_end import FlightEnd
+from agents.inputs import AutopilotStatus, LateTicks, Start
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
 from gcs.flightlog.run import mission_of
-from gcs.metrics.ending import How, VehicleEnding
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
+from gcs.metrics.record import injected_faults
 from gcs.mission.mission import Mission
-from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, Loop, Reception, VehicleEvidence
+from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
 from sitl.server.server import TruthTrack
 
 SAME_START_S = 1.0
@@ -57,7 +59,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
         tuple(ending for each in vehicles if (ending := each.ending(start_s)) is not None),
-        logs[0].run.faults,
+        injected_faults(logs[0].run.faults),
         _kinds(logs),
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
@@ -65,7 +67,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in vehicles}
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
     is_damaged = any(log.is_damaged for log in logs)
-    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs), speed=speed), is_damaged)
+    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs), _names(logs), speed=speed), is_damaged)
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:
@@ -98,12 +100,16 @@ def _wall_time_s(log: FlightLog) -> float:
     return (max(stamps) - min(stamps)) / 1e9 if stamps else 0.0
 
 
+def _names(logs: Sequence[FlightLog]) -> tuple[str, ...]:
+    return tuple(log.path.name for log in logs)
+
+
 def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
     run: Run = logs[0].run
     began = datetime.fromtimestamp(run.began_s, UTC)
     facts = {
         "date": f"{began:%Y-%m-%d %H:%M:%S} UTC",
-        "log": ", ".join(log.path.name for log in logs),
+        "log": ", ".join(_names(logs)),
         "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),
     }
     if kinds := _kinds(logs):
@@ -168,7 +174,7 @@ class _VehicleReader:
             Taken: self._message,
             FormerMessage: self._message,
             Truth: self._position,
-            Autopilot: self._autopilot,
+            AutopilotStatus: self._autopilot,
         }
         for record in records:
             if record.kind in takers:
@@ -194,8 +200,8 @@ class _VehicleReader:
         """Return how its flight ended: where the log does not say so it ends before that; None in older logs."""
         if self._end is None:
             ends = f"the log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
-            return VehicleEnding(self.vehicle_id, How.IN_FLIGHT, ends)
-        return VehicleEnding(self.vehicle_id, How(self._end.how), self._end.reason) if self._end.how else None
+            return VehicleEnding(self.vehicle_id, FlightEnd.IN_FLIGHT, ends)
+        return VehicleEnding(self.vehicle_id, FlightEnd(self._end.how), self._end.reason) if self._end.how else None
 
     def truth(self, mission: Mission) -> TruthTrack | None:
         """Return the true motion of the vehicle, known afterwards or else received in flight; None if not known."""
@@ -218,7 +224,7 @@ class _VehicleReader:
             own=_estimates(own_s - start_s, rows.own, rows.own_sigma),
             target=_estimates(np.array(rows.target_s) - start_s, rows.target, rows.target_sigma),
             altitude_m=altitude_m,
-            loop=Loop(
+            loop=LoopTiming(
                 np.array(rows.time_s) - start_s,
                 np.array(rows.tick_us),
                 np.array(rows.skipped),

@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from agents.control.station import way_point
-from agents.settings.shapes import Shape, offset_m
+from agents.settings.shapes import SPACED_SHAPES, SpacedShape, offset_m
 
 SEPARATION_M = 3.0
 STEP_M = 0.2
@@ -15,7 +15,7 @@ ARRIVED_M = 2.5
 """So near to its slot a vehicle asks for no way any more: half the spacing."""
 
 
-@pytest.mark.parametrize("shape", ["line", "column", "wedge"])
+@pytest.mark.parametrize("shape", SPACED_SHAPES)
 @given(
     count=st.integers(2, 8),
     leader=st.integers(0, 7),
@@ -23,7 +23,7 @@ ARRIVED_M = 2.5
     start=st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0)),
 )
 def test_from_anywhere_around_it_the_slot_is_reached_without_a_conflict(
-    shape: Shape, count: int, leader: int, own: int, start: tuple[float, float]
+    shape: SpacedShape, count: int, leader: int, own: int, start: tuple[float, float]
 ) -> None:
     slots = [offset_m(shape, place, leader % count, 5.0) for place in range(count)]
     own_x, own_y = slots.pop(own % count)

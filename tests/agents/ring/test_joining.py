@@ -111,7 +111,7 @@ def test_who_is_not_heard_stays_clear_of_the_bend_around_where_it_was(
     lost = Obstacle(0.0, ring_m, 3.0 + unsure_m + moved_m)
     outermost_m = bent_ring_m(ring_m, np.linspace(-pi, pi, 361), [lost]).max()
     assert outermost_m >= ring_m + lost.distance_m
-    assert joining.unheard_m(unsure_m) >= outermost_m + 3.0 + unsure_m
+    assert joining.isolated_m(unsure_m) >= outermost_m + 3.0 + unsure_m
 
 
 @given(own=st.floats(-pi, pi), others=bearings, room=st.floats(0.01, 1.0))

@@ -14,7 +14,7 @@ from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan
 from agents.core import VehicleCore
 from agents.drops import Drops
-from agents.inputs import Autopilot, Bus, Computer, LateTicks, Message, Presence, Start, TacticEvent, TimeScale
+from agents.inputs import AutopilotStatus, Bus, Computer, LateTicks, Message, Presence, Start, TacticEvent, TimeScale
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import Connection, VehicleStatus
 from agents.safety.failsafe import TABLE, Condition
@@ -149,7 +149,7 @@ class Flight:
             said = self._said_by(1, "formation")
             forged = msgspec.structs.replace(said, time_s=now_s - 0.05, position_m=(said.position_m[0], 25.0))
             core.take(Message(now_s, forged))
-        core.take(Autopilot(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports)))
+        core.take(AutopilotStatus(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports)))
         self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
         core.take(Drops(too_many=self.refused))
         core.take(LateTicks(self.late_ticks))

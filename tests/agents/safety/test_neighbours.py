@@ -139,7 +139,7 @@ def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts:
 
 def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -> None:
     team = a_team()
-    team.hear(member(10.0))
+    team.receive(member(10.0))
     team.expire(11.0)
     assert team.lost(11.0, 60.0) == ()
     team.expire(11.1)
@@ -152,7 +152,7 @@ def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -
 
 def test_who_fell_silent_while_it_landed_is_lost_until_time_is_up_whatever_is_told_of_it() -> None:
     team = a_team()
-    team.hear(member(10.0, "land"))
+    team.receive(member(10.0, "land"))
     team.expire(11.5)
     team.forget(1)
     assert len(team.lost(11.5, 60.0)) == 1

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from agents.inputs import Heard, Start, TacticEvent, Tick, TimeScale
+from agents.flight_end import FlightEnd
+from agents.inputs import ReceivedInput, Start, TacticEvent, Tick, TimeScale
 from agents.ports import FlightMode
 from agents.shell.life import Phase
-from agents.shell.outcome import Ending, Outcome
+from agents.shell.outcome import Outcome
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
 from agents.team.messages import REPORT_TOPIC, CommandAnswer, OperatorCommand, StartProposal, VehicleReport
@@ -17,7 +18,7 @@ from agents.team.verbs import Verb
 from tests.support.fake_flight import ALONE, PAIR, FakeFlight
 from tests.support.simulated_loop import run_simulated
 
-P, X = Phase, Ending
+P, X = Phase, FlightEnd
 LAND = ["stop_offboard", "land"]
 FLOWN = ["take_off", "send", "start_offboard", "send", *LAND]
 DURATION_S = 15.05
@@ -58,7 +59,7 @@ async def reach(phase: Phase) -> FakeFlight:
         flight.command("hold")
     if phase is P.CHECKING_ARMED:
         await asyncio.sleep(0.3)
-        flight.stop.ask()
+        flight.stop.request()
         await flight.until(phase)
     return flight
 
@@ -77,7 +78,7 @@ def _told(act: Callable[[FakeFlight], object]) -> Callable[[FakeFlight], Corouti
 
 
 _LEAD: dict[Phase, Callable[[FakeFlight], Coroutine[Any, Any, None]]] = {
-    P.STOPPING: _told(lambda flight: flight.stop.ask()),
+    P.STOPPING: _told(lambda flight: flight.stop.request()),
     P.PILOT_OVERRIDE: _told(lambda flight: flight.link.change(mode=FlightMode.HOLD)),
     P.TAKING_BACK: _take_back,
     P.LEAVING_OFFBOARD: _told(lambda flight: flight.command("land")),
@@ -121,7 +122,7 @@ def test_a_flight_from_the_ground_to_the_ground() -> None:
         flight = FakeFlight()
         await flight.begin(DURATION_S)
         outcome = await flight.outcome()
-        assert outcome == Outcome(X.COMPLETED, flew=True)
+        assert outcome == Outcome(X.LANDED, flew=True)
         assert flight.link.calls == FLOWN
         assert flight.heartbeat.signs == ["rising", "tick", "ended"]
         assert flight.events() == [Event.END, Event.LAND]
@@ -161,7 +162,7 @@ KILLED_IN = [phase for phase in Phase if phase not in (P.KILLING, P.ENDED)]
 def test_a_kill_cuts_the_motors_and_nothing_is_sent_afterwards(phase: Phase) -> None:
     flight, calls, outcome = fly_disturbed(phase, lambda flight: flight.command("kill"))
     assert calls == ["kill"]
-    assert (outcome.ending, outcome.flew) == (X.KILLED, True)
+    assert (outcome.how, outcome.flew) == (X.KILLED, True)
     assert not flight.link.status.armed
     assert flight.heartbeat.signs[-1] == "ended"
     answers = [decode(payload) for topic, payload in flight.bus.published if topic == "answer"]
@@ -177,7 +178,7 @@ def test_a_vehicle_that_refuses_to_cut_its_motors_is_landed(phase: Phase) -> Non
 
     _, calls, outcome = fly_disturbed(phase, disturb)
     assert calls == ["kill", *LAND]
-    assert (outcome.ending, outcome.reason) == (X.REFUSED, "refused to kill")
+    assert (outcome.how, outcome.reason) == (X.REFUSED, "refused to kill")
 
 
 CALL_STOPPED = {
@@ -200,7 +201,7 @@ def test_a_kill_waits_for_no_call_and_stops_the_one_under_way(phase: Phase) -> N
         await asyncio.sleep(0.1)
         assert flight.link.cancelled == [CALL_STOPPED[phase]]
         flight.link.release()
-        assert (await flight.outcome()).ending is X.KILLED
+        assert (await flight.outcome()).how is X.KILLED
 
     run_simulated(main())
 
@@ -211,7 +212,7 @@ def test_a_kill_commanded_again_is_one_call_while_it_is_under_way_and_another_on
         flight.link.release()
 
     _, calls, outcome = fly_disturbed(P.KILLING, again)
-    assert (calls, outcome.ending) == ([], X.KILLED)
+    assert (calls, outcome.how) == ([], X.KILLED)
 
     def refused_once(flight: FakeFlight) -> None:
         flight.link.refused.add("kill")
@@ -220,7 +221,7 @@ def test_a_kill_commanded_again_is_one_call_while_it_is_under_way_and_another_on
         asyncio.get_running_loop().call_later(2.1, flight.command, "kill")
 
     _, calls, outcome = fly_disturbed(P.FLYING, refused_once)
-    assert (calls, outcome.ending) == (["kill", *LAND, "kill"], X.KILLED)
+    assert (calls, outcome.how) == (["kill", *LAND, "kill"], X.KILLED)
 
 
 def test_a_kill_after_the_end_is_carried_out_and_changes_no_outcome() -> None:
@@ -236,27 +237,27 @@ def test_a_kill_after_the_end_is_carried_out_and_changes_no_outcome() -> None:
         await asyncio.sleep(1.0)
         assert flight.link.calls == [*FLOWN, "kill"]
         assert flight.link.cancelled == []
-        assert outcome.ending is X.COMPLETED
+        assert outcome.how is X.LANDED
 
     run_simulated(main())
 
 
-MODE_CHANGED: dict[Phase, tuple[list[str], Ending]] = {
+MODE_CHANGED: dict[Phase, tuple[list[str], FlightEnd]] = {
     # Until offboard is confirmed, and on the way down, the agent is not in offboard anyway.
-    P.TAKE_OFF: (["start_offboard", *LAND], X.COMPLETED),
-    P.HOVERING: (["start_offboard", *LAND], X.COMPLETED),
-    P.ENTERING_OFFBOARD: (LAND, X.COMPLETED),
-    P.CHECKING_ARMED: (LAND, X.STOPPED),
-    P.LEAVING_OFFBOARD: (["land"], X.STOPPED),
-    P.LANDING: ([], X.STOPPED),
+    P.TAKE_OFF: (["start_offboard", *LAND], X.LANDED),
+    P.HOVERING: (["start_offboard", *LAND], X.LANDED),
+    P.ENTERING_OFFBOARD: (LAND, X.LANDED),
+    P.CHECKING_ARMED: (LAND, X.OPERATOR),
+    P.LEAVING_OFFBOARD: (["land"], X.OPERATOR),
+    P.LANDING: ([], X.OPERATOR),
     # Wherever the core steers, the pilot has the vehicle from the next tick on.
-    P.AGREEING_START: (["hand_over"], X.PILOT_OVERRIDE),
-    P.FLYING: (["hand_over"], X.PILOT_OVERRIDE),
-    P.STOPPING: (["hand_over"], X.PILOT_OVERRIDE),
-    P.RETURNING: (["hand_over"], X.PILOT_OVERRIDE),
-    P.PILOT_OVERRIDE: ([], X.PILOT_OVERRIDE),
+    P.AGREEING_START: (["hand_over"], X.PILOT),
+    P.FLYING: (["hand_over"], X.PILOT),
+    P.STOPPING: (["hand_over"], X.PILOT),
+    P.RETURNING: (["hand_over"], X.PILOT),
+    P.PILOT_OVERRIDE: ([], X.PILOT),
     # Offboard was asked for anew, and is confirmed.
-    P.TAKING_BACK: (LAND, X.COMPLETED),
+    P.TAKING_BACK: (LAND, X.LANDED),
 }
 
 
@@ -270,9 +271,9 @@ def test_a_pilot_takes_over(phase: Phase) -> None:
     flight, calls, outcome = fly_disturbed(phase, disturb)
     expected, ending = MODE_CHANGED[phase]
     assert steered(calls) == expected
-    assert outcome.ending is ending
+    assert outcome.how is ending
     assert flight.heartbeat.signs[-1] == "ended"
-    if ending is X.PILOT_OVERRIDE:
+    if ending is X.PILOT:
         assert "send" not in calls
         assert flight.link.status.armed, "left in the air to the pilot"
         assert flight.statuses[-1].tactic is Tactic.PILOT_OVERRIDE, "the peers keep clear of it"
@@ -280,7 +281,7 @@ def test_a_pilot_takes_over(phase: Phase) -> None:
         assert f"'{mode}'" in outcome.reason
 
 
-LINK_LOST: dict[Phase, tuple[list[str], Ending]] = {
+LINK_LOST: dict[Phase, tuple[list[str], FlightEnd]] = {
     P.COMPARING_CLOCKS: (["take_off"], X.REFUSED),
     P.TAKE_OFF: (LAND, X.REFUSED),
     P.ENTERING_OFFBOARD: (LAND, X.REFUSED),
@@ -292,8 +293,8 @@ LINK_LOST: dict[Phase, tuple[list[str], Ending]] = {
     P.LEAVING_OFFBOARD: (["land"], X.REFUSED),
     P.LANDING: ([], X.REFUSED),
     P.KILLING: (LAND, X.REFUSED),
-    P.PILOT_OVERRIDE: ([], X.PILOT_OVERRIDE),
-    P.TAKING_BACK: (["hand_over"], X.PILOT_OVERRIDE),
+    P.PILOT_OVERRIDE: ([], X.PILOT),
+    P.TAKING_BACK: (["hand_over"], X.PILOT),
 }
 
 
@@ -306,7 +307,7 @@ def test_the_link_is_lost(phase: Phase) -> None:
     flight, calls, outcome = fly_disturbed(phase, disturb)
     expected, ending = LINK_LOST[phase]
     assert steered(calls) == expected
-    assert outcome.ending is ending
+    assert outcome.how is ending
     if ending is X.REFUSED:
         last = expected[-1] if expected else "land"
         assert outcome.reason == f"does not answer to {last}"
@@ -315,23 +316,23 @@ def test_the_link_is_lost(phase: Phase) -> None:
 
 def test_a_vehicle_without_telemetry_never_enters_offboard_and_lands_at_the_second_stop() -> None:
     def disturb(flight: FakeFlight) -> None:
-        flight.stop.ask()
-        asyncio.get_running_loop().call_later(5.0, flight.stop.ask)
+        flight.stop.request()
+        asyncio.get_running_loop().call_later(5.0, flight.stop.request)
 
     _, calls, outcome = fly_disturbed(P.HOVERING, disturb)
-    assert (calls, outcome.ending) == (LAND, X.STOPPED)
+    assert (calls, outcome.how) == (LAND, X.OPERATOR)
 
 
-RESTARTED: dict[Phase, tuple[list[str], Ending, bool]] = {
+RESTARTED: dict[Phase, tuple[list[str], FlightEnd, bool]] = {
     P.TAKE_OFF: ([], X.REFUSED, False),
     P.ENTERING_OFFBOARD: ([], X.REFUSED, True),
-    P.AGREEING_START: (["hand_over"], X.PILOT_OVERRIDE, True),
-    P.FLYING: (["hand_over"], X.PILOT_OVERRIDE, True),
-    P.STOPPING: (["hand_over"], X.PILOT_OVERRIDE, True),
-    P.RETURNING: (["hand_over"], X.PILOT_OVERRIDE, True),
-    P.PILOT_OVERRIDE: ([], X.PILOT_OVERRIDE, True),
-    P.TAKING_BACK: (["hand_over"], X.PILOT_OVERRIDE, True),
-    P.CHECKING_ARMED: ([], X.STOPPED, False),
+    P.AGREEING_START: (["hand_over"], X.PILOT, True),
+    P.FLYING: (["hand_over"], X.PILOT, True),
+    P.STOPPING: (["hand_over"], X.PILOT, True),
+    P.RETURNING: (["hand_over"], X.PILOT, True),
+    P.PILOT_OVERRIDE: ([], X.PILOT, True),
+    P.TAKING_BACK: (["hand_over"], X.PILOT, True),
+    P.CHECKING_ARMED: ([], X.OPERATOR, False),
 }
 
 
@@ -348,8 +349,8 @@ def test_the_autopilot_restarts_and_is_disarmed(phase: Phase) -> None:
     _, calls, outcome = fly_disturbed(phase, disturb)
     expected, ending, flew = RESTARTED[phase]
     assert steered(calls) == expected
-    assert (outcome.ending, outcome.flew) == (ending, flew)
-    assert ("restarted" in outcome.reason) is (ending is X.PILOT_OVERRIDE)
+    assert (outcome.how, outcome.flew) == (ending, flew)
+    assert ("restarted" in outcome.reason) is (ending is X.PILOT)
 
 
 def test_a_refused_arming_ends_the_flight_on_the_ground() -> None:
@@ -389,22 +390,22 @@ def test_an_arming_that_is_lost_before_take_off_ends_it_there_and_one_that_is_ke
         assert flight.link.status.armed
         flight.link.change(armed=armed)
         outcome = await flight.outcome()
-        assert (outcome.ending, outcome.reason, outcome.flew) == (X.REFUSED, "refused to take_off", armed)
+        assert (outcome.how, outcome.reason, outcome.flew) == (X.REFUSED, "refused to take_off", armed)
         assert flight.link.calls == ["take_off", *(LAND if armed else [])]
 
     run_simulated(main())
 
 
-STOPPED_ONCE: dict[Phase, tuple[list[str], list[Event], Ending]] = {
-    P.COMPARING_CLOCKS: ([], [], X.STOPPED),
-    P.TAKE_OFF: (LAND, [Event.LAND], X.STOPPED),
-    P.HOVERING: (["start_offboard", *LAND], [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
-    P.ENTERING_OFFBOARD: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
-    P.AGREEING_START: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
-    P.FLYING: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
-    P.PILOT_OVERRIDE: ([], [Event.HOLD, Event.END], X.PILOT_OVERRIDE),
-    P.TAKING_BACK: (LAND, [Event.HOLD, Event.END, Event.LAND], X.STOPPED),
-    P.LANDING: ([], [], X.STOPPED),
+STOPPED_ONCE: dict[Phase, tuple[list[str], list[Event], FlightEnd]] = {
+    P.COMPARING_CLOCKS: ([], [], X.OPERATOR),
+    P.TAKE_OFF: (LAND, [Event.LAND], X.OPERATOR),
+    P.HOVERING: (["start_offboard", *LAND], [Event.HOLD, Event.END, Event.LAND], X.OPERATOR),
+    P.ENTERING_OFFBOARD: (LAND, [Event.HOLD, Event.END, Event.LAND], X.OPERATOR),
+    P.AGREEING_START: (LAND, [Event.HOLD, Event.END, Event.LAND], X.OPERATOR),
+    P.FLYING: (LAND, [Event.HOLD, Event.END, Event.LAND], X.OPERATOR),
+    P.PILOT_OVERRIDE: ([], [Event.HOLD, Event.END], X.PILOT),
+    P.TAKING_BACK: (LAND, [Event.HOLD, Event.END, Event.LAND], X.OPERATOR),
+    P.LANDING: ([], [], X.OPERATOR),
 }
 
 
@@ -415,7 +416,7 @@ def test_the_operator_stops_the_flight(phase: Phase) -> None:
     def disturb(flight: FakeFlight) -> None:
         nonlocal began
         began = len(flight.events())
-        flight.stop.ask()
+        flight.stop.request()
         flight.link.telemetry = True
         flight.link.release()
 
@@ -423,7 +424,7 @@ def test_the_operator_stops_the_flight(phase: Phase) -> None:
     expected, events, ending = STOPPED_ONCE[phase]
     assert steered(calls) == expected
     assert flight.events()[began:] == events
-    assert outcome.ending is ending
+    assert outcome.how is ending
     if Event.HOLD in events:
         times_s = {item.event: time_s for time_s, item in flight.inputs if isinstance(item, TacticEvent)}
         assert times_s[Event.END] - times_s[Event.HOLD] == pytest.approx(3.0, abs=1e-6)
@@ -432,32 +433,32 @@ def test_the_operator_stops_the_flight(phase: Phase) -> None:
 @pytest.mark.parametrize(
     ("phase", "expected", "ending"),
     [
-        (P.TAKE_OFF, LAND, X.STOPPED),
-        (P.HOVERING, LAND, X.STOPPED),
-        (P.ENTERING_OFFBOARD, LAND, X.STOPPED),
-        (P.AGREEING_START, LAND, X.STOPPED),
-        (P.FLYING, LAND, X.STOPPED),
-        (P.PILOT_OVERRIDE, [], X.PILOT_OVERRIDE),
-        (P.TAKING_BACK, ["hand_over"], X.PILOT_OVERRIDE),
-        (P.RETURNING, LAND, X.COMPLETED),
+        (P.TAKE_OFF, LAND, X.OPERATOR),
+        (P.HOVERING, LAND, X.OPERATOR),
+        (P.ENTERING_OFFBOARD, LAND, X.OPERATOR),
+        (P.AGREEING_START, LAND, X.OPERATOR),
+        (P.FLYING, LAND, X.OPERATOR),
+        (P.PILOT_OVERRIDE, [], X.PILOT),
+        (P.TAKING_BACK, ["hand_over"], X.PILOT),
+        (P.RETURNING, LAND, X.LANDED),
     ],
 )
-def test_the_operator_stops_the_flight_twice(phase: Phase, expected: list[str], ending: Ending) -> None:
+def test_the_operator_stops_the_flight_twice(phase: Phase, expected: list[str], ending: FlightEnd) -> None:
     def disturb(flight: FakeFlight) -> None:
-        flight.stop.ask()
-        flight.stop.ask()
+        flight.stop.request()
+        flight.stop.request()
 
     flight, calls, outcome = fly_disturbed(phase, disturb)
     assert steered(calls) == expected
-    assert outcome.ending is ending
-    assert flight.link.status.armed is (ending is X.PILOT_OVERRIDE)
+    assert outcome.how is ending
+    assert flight.link.status.armed is (ending is X.PILOT)
 
 
 @pytest.mark.parametrize("phase", [P.TAKE_OFF, P.HOVERING, P.ENTERING_OFFBOARD, *sorted(OFFBOARD, key=str)])
 def test_the_core_decides_to_land(phase: Phase) -> None:
     flight, calls, outcome = fly_disturbed(phase, lambda flight: flight.command("land"))
     assert steered(calls) == LAND
-    assert outcome.ending is (X.COMPLETED if phase is P.RETURNING else X.STOPPED)
+    assert outcome.how is (X.LANDED if phase is P.RETURNING else X.OPERATOR)
     assert flight.link.cancelled == {P.TAKE_OFF: ["take_off"], P.ENTERING_OFFBOARD: ["start_offboard"]}.get(phase, [])
     assert not flight.link.status.armed
 
@@ -471,10 +472,10 @@ def test_a_take_off_that_is_abandoned_before_it_arms_lands_nothing_but_waits_for
         await flight.until(P.TAKE_OFF)
         await asyncio.sleep(0.5)
         asked_s = asyncio.get_running_loop().time()
-        flight.stop.ask()
+        flight.stop.request()
         outcome = await flight.outcome()
         assert asyncio.get_running_loop().time() - asked_s == pytest.approx(2.5, abs=0.1)
-        assert (outcome.ending, outcome.flew) == (X.STOPPED, False)
+        assert (outcome.how, outcome.flew) == (X.OPERATOR, False)
         assert flight.link.calls == ["take_off"]
 
     run_simulated(main())
@@ -487,7 +488,7 @@ def test_a_pilot_and_a_decision_to_land_between_two_ticks_leave_the_vehicle_to_t
 
     _, calls, outcome = fly_disturbed(P.FLYING, disturb)
     assert steered(calls) == ["hand_over"]
-    assert outcome.ending is X.PILOT_OVERRIDE
+    assert outcome.how is X.PILOT
 
 
 def test_resume_takes_the_vehicle_back_once_setpoints_flow() -> None:
@@ -502,7 +503,7 @@ def test_resume_takes_the_vehicle_back_once_setpoints_flow() -> None:
             await asyncio.sleep(0.005)
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(0.2, abs=0.02)  # two ticks
         await flight.until(P.FLYING)
-        assert (await flight.outcome()).ending is X.COMPLETED
+        assert (await flight.outcome()).how is X.LANDED
         back = ["hand_over", "take_back", "send", "start_offboard", "send", *LAND]
         assert flight.link.calls == [*FLOWN[:4], *back]
 
@@ -516,13 +517,13 @@ def test_a_refused_resume_leaves_the_vehicle_to_the_pilot() -> None:
 
     _, calls, outcome = fly_disturbed(P.PILOT_OVERRIDE, disturb)
     assert calls == ["take_back", "send", "start_offboard", "send", "hand_over"]
-    assert (outcome.ending, outcome.reason) == (X.PILOT_OVERRIDE, "refused to start_offboard")
+    assert (outcome.how, outcome.reason) == (X.PILOT, "refused to start_offboard")
 
 
 def test_the_mission_ends_while_the_vehicle_is_taken_back() -> None:
     _, calls, outcome = fly_disturbed(P.TAKING_BACK, lambda flight: None)
     assert steered(calls) == ["hand_over"]
-    assert (outcome.ending, "'hold'" in outcome.reason) == (X.PILOT_OVERRIDE, True)
+    assert (outcome.how, "'hold'" in outcome.reason) == (X.PILOT, True)
 
 
 def test_the_start_is_agreed_on_while_a_pilot_has_the_vehicle() -> None:
@@ -536,7 +537,7 @@ def test_the_start_is_agreed_on_while_a_pilot_has_the_vehicle() -> None:
         assert flight.agent.phase is P.PILOT_OVERRIDE
         flight.command("resume")
         await flight.until(P.FLYING)
-        assert (await flight.outcome()).ending is X.COMPLETED
+        assert (await flight.outcome()).how is X.LANDED
 
     run_simulated(main())
 
@@ -544,7 +545,7 @@ def test_the_start_is_agreed_on_while_a_pilot_has_the_vehicle() -> None:
 def test_a_vehicle_that_is_held_on_its_way_up_holds_in_offboard() -> None:
     flight, calls, outcome = fly_disturbed(P.TAKE_OFF, lambda flight: flight.command("hold"))
     assert steered(calls) == ["start_offboard", *LAND]
-    assert outcome.ending is X.COMPLETED
+    assert outcome.how is X.LANDED
     assert {status.tactic for status in flight.statuses} == {
         Tactic.STANDBY,
         Tactic.HOLD,
@@ -556,7 +557,7 @@ def test_a_vehicle_that_is_held_on_its_way_up_holds_in_offboard() -> None:
 def test_a_vehicle_held_on_its_way_back_goes_on_when_it_is_sent_to_its_mission() -> None:
     flight, calls, outcome = fly_disturbed(P.RETURNING, lambda flight: flight.command("resume"))
     assert steered(calls) == LAND
-    assert outcome.ending is X.COMPLETED
+    assert outcome.how is X.LANDED
     assert flight.events() == [Event.END, Event.END, Event.LAND]
     assert flight.agent.ended_s == pytest.approx((flight.agent.start_s or 0.0) + DURATION_S + 1e-3, abs=1e-6)
 
@@ -569,22 +570,22 @@ def test_a_vehicle_held_on_its_way_back_goes_on_when_it_is_sent_to_its_mission()
         ({"stop_offboard", "land"}, X.REFUSED, "refused to land"),
     ],
 )
-def test_a_refused_landing(refused: set[str], ending: Ending, reason: str) -> None:
+def test_a_refused_landing(refused: set[str], ending: FlightEnd, reason: str) -> None:
     flight, calls, outcome = fly_disturbed(P.FLYING, lambda flight: flight.link.refused.update(refused))
     assert steered(calls) == LAND
-    assert (outcome.ending, outcome.reason, outcome.flew) == (ending, reason, True)
+    assert (outcome.how, outcome.reason, outcome.flew) == (ending, reason, True)
     assert flight.heartbeat.signs[-1] == "ended"
 
 
 def test_other_clocks_are_refused_on_the_ground() -> None:
     _, calls, outcome = fly_disturbed(P.COMPARING_CLOCKS, lambda flight: flight.hear_peer_clock(0.8))
-    assert (calls, outcome.ending, outcome.flew) == ([], X.REFUSED, False)
+    assert (calls, outcome.how, outcome.flew) == ([], X.REFUSED, False)
 
 
 def test_a_peer_that_never_comes_ends_the_flight_where_the_vehicle_hovers() -> None:
     flight, calls, outcome = fly_disturbed(P.AGREEING_START, lambda flight: None)
     assert steered(calls) == LAND
-    assert (outcome.ending, "2" in outcome.reason) == (X.REFUSED, True)
+    assert (outcome.how, "2" in outcome.reason) == (X.REFUSED, True)
     assert flight.events() == [Event.LAND]
     assert flight.agent.ended_s is None
 
@@ -657,13 +658,13 @@ def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypat
         flight = await reach(P.FLYING)
         take = flight.core.take
 
-        def crash(item: Heard) -> None:
+        def crash(item: ReceivedInput) -> None:
             if item == TacticEvent(broken):
                 raise ZeroDivisionError
             take(item)
 
         monkeypatch.setattr(flight.core, "take", crash)
-        flight.stop.ask()
+        flight.stop.request()
         with pytest.raises(ZeroDivisionError):
             await flight.outcome()
         assert flight.link.calls == FLOWN
@@ -672,11 +673,11 @@ def test_a_bug_in_the_core_does_not_prevent_the_landing(broken: Event, monkeypat
     run_simulated(main())
 
 
-async def _waiting(lacks: str) -> FakeFlight:
+async def _waiting(start_blockers: str) -> FakeFlight:
     flight = FakeFlight(PAIR)
     await flight.agent.connect()
     flight.agent.announce()
-    flight.agent.wait_on_ground(lacks)
+    flight.agent.wait_on_ground(start_blockers)
     return flight
 
 
@@ -699,7 +700,7 @@ def test_on_the_ground_an_operator_is_answered_at_once_and_starts_what_lacks_not
         await asyncio.sleep(2.0)
         report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
         assert isinstance(report, VehicleReport)
-        assert "clock" in (report.lacks or "")
+        assert "clock" in (report.start_blockers or "")
         assert report.clock_off_s == pytest.approx(3.0, abs=0.1)
         assert not flight.agent.started.is_set()
         assert flight.link.calls == []
@@ -718,8 +719,8 @@ def test_what_was_started_flies_and_no_longer_reports_that_it_waits() -> None:
         await asyncio.sleep(1.5)
         report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
         assert isinstance(report, VehicleReport)
-        assert report.lacks is None
-        flight.stop.ask()
+        assert report.start_blockers is None
+        flight.stop.request()
         await flight.outcome()
 
     run_simulated(story())
@@ -731,7 +732,7 @@ def test_motors_that_are_cut_on_the_ground_end_the_wait() -> None:
         assert _order(flight, "kill") == ["cuts the motors"]
         assert flight.agent.started.is_set()
         await flight.begin()
-        assert (await flight.outcome()).ending is X.KILLED
+        assert (await flight.outcome()).how is X.KILLED
         assert flight.link.calls == ["kill"]
 
     run_simulated(story())

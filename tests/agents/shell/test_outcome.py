@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.shell.life import Phase
-from agents.shell.outcome import BY_OPERATOR, Ending, Outcome, Stop
+from agents.shell.outcome import BY_OPERATOR, Outcome, Stop
 from tests.support.fake_flight import FakeFlight
 from tests.support.simulated_loop import run_simulated
 
@@ -35,15 +36,15 @@ def twice(flight: FakeFlight) -> None:
     asyncio.get_running_loop().call_later(1.0, lambda: flight.command("hold"))
 
 
-CAUSES: dict[str, tuple[Callable[[FakeFlight], object], tuple[Ending, str]]] = {
-    "land": (lambda flight: flight.command("land"), (Ending.STOPPED, "land by test")),
-    "return": (lambda flight: flight.command("rtl"), (Ending.STOPPED, "rtl by test")),
-    "abort": (lambda flight: flight.command("abort"), (Ending.ABORTED, "abort by the operator")),
-    "battery critical": (lambda flight: flight.link.change(battery=0.05), (Ending.BATTERY, "battery critical")),
-    "battery low": (lambda flight: flight.link.change(battery=0.18), (Ending.BATTERY, "battery low")),
-    "held meanwhile": (twice, (Ending.BATTERY, "battery critical")),
-    "kill": (lambda flight: flight.command("kill"), (Ending.KILLED, "an operator had its motors cut")),
-    "Ctrl-C": (lambda flight: flight.stop.ask(), (Ending.STOPPED, "the operator ended the flight")),
+CAUSES: dict[str, tuple[Callable[[FakeFlight], object], tuple[FlightEnd, str]]] = {
+    "land": (lambda flight: flight.command("land"), (FlightEnd.OPERATOR, "land by test")),
+    "return": (lambda flight: flight.command("rtl"), (FlightEnd.OPERATOR, "rtl by test")),
+    "abort": (lambda flight: flight.command("abort"), (FlightEnd.ABORTED, "abort by the operator")),
+    "battery critical": (lambda flight: flight.link.change(battery=0.05), (FlightEnd.BATTERY, "battery critical")),
+    "battery low": (lambda flight: flight.link.change(battery=0.18), (FlightEnd.BATTERY, "battery low")),
+    "held meanwhile": (twice, (FlightEnd.BATTERY, "battery critical")),
+    "kill": (lambda flight: flight.command("kill"), (FlightEnd.KILLED, "an operator had its motors cut")),
+    "Ctrl-C": (lambda flight: flight.stop.request(), (FlightEnd.OPERATOR, "the operator ended the flight")),
 }
 
 
@@ -51,7 +52,7 @@ CAUSES: dict[str, tuple[Callable[[FakeFlight], object], tuple[Ending, str]]] = {
 def test_what_ended_the_flight_is_its_outcome(cause: str) -> None:
     disturb, expected = CAUSES[cause]
     outcome = ended(disturb)
-    assert (outcome.ending, outcome.reason) == expected
+    assert (outcome.how, outcome.reason) == expected
     assert outcome.flew
 
 
@@ -69,15 +70,15 @@ def test_a_vehicle_that_resumed_completes_its_mission() -> None:
         flight.command("abort")
         flight.command("resume")
 
-    assert ended(abort_and_resume) == Outcome(Ending.COMPLETED, flew=True)
+    assert ended(abort_and_resume) == Outcome(FlightEnd.LANDED, flew=True)
 
 
 def test_a_stop_keeps_the_reason_of_its_first_request() -> None:
     stop = Stop()
-    stop.ask(Outcome(Ending.ORPHANED, "its supervisor was gone"))
-    stop.ask()
-    assert stop.outcome == Outcome(Ending.ORPHANED, "its supervisor was gone")
+    stop.request(Outcome(FlightEnd.WATCHDOG, "its supervisor was gone"))
+    stop.request()
+    assert stop.outcome == Outcome(FlightEnd.WATCHDOG, "its supervisor was gone")
     assert stop.hurried.is_set()
     by_default = Stop()
-    by_default.ask()
+    by_default.request()
     assert by_default.outcome is BY_OPERATOR

@@ -5,10 +5,11 @@ import asyncio
 import numpy as np
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, GpsThreat, VehicleStatus
 from agents.shell.life import Phase
-from agents.shell.outcome import Ending, Outcome
+from agents.shell.outcome import Outcome
 from agents.shell.reporter import ended_words, estimator_words, target_report
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -77,7 +78,7 @@ def test_a_flight_is_reported_once_a_second_and_changes_at_once() -> None:
         assert (report.gps_dimensions, report.estimator) == (3, "good")
 
         await flight.outcome()
-        assert listener.newest.ended == "completed"
+        assert listener.newest.ended == "landed"
 
     run_simulated(main())
 
@@ -116,10 +117,10 @@ def test_an_end_is_reported_at_once_where_nothing_else_changes() -> None:
         await flight.until(Phase.PILOT_OVERRIDE)
         await asyncio.sleep(2.5)
         assert (listener.newest.mode, listener.newest.ended) == ("hold", "")
-        flight.stop.ask()
-        flight.stop.ask()
+        flight.stop.request()
+        flight.stop.request()
         await flight.until(Phase.ENDED)
-        assert listener.newest.ended.startswith("stood down: the flight mode became 'hold'")
+        assert listener.newest.ended.startswith("pilot: the flight mode became 'hold'")
         await flight.outcome()
 
     run_simulated(main())
@@ -143,9 +144,9 @@ def test_the_estimator_in_words(status: VehicleStatus, words: str) -> None:
 
 
 def test_how_a_flight_ended_in_words() -> None:
-    assert ended_words(Outcome(Ending.COMPLETED)) == "completed"
-    assert ended_words(Outcome(Ending.STOPPED, "failsafe: battery low")) == "stopped: failsafe: battery low"
-    assert len(ended_words(Outcome(Ending.REFUSED, "x" * 500))) == 120
+    assert ended_words(Outcome(FlightEnd.LANDED)) == "landed"
+    assert ended_words(Outcome(FlightEnd.OPERATOR, "failsafe: battery low")) == "operator: failsafe: battery low"
+    assert len(ended_words(Outcome(FlightEnd.REFUSED, "x" * 500))) == 120
 
 
 def test_the_estimate_of_the_target_is_reported() -> None:

@@ -22,8 +22,8 @@ def angle(sender: int, time_s: float, bearing: float = 0.5) -> NeighbourAngle:
 def test_the_newest_message_counts_whatever_the_order() -> None:
     team = a_team()
     for time_s in (2.0, 3.0, 1.0):
-        team.hear(member(1, time_s, "encircle", x=time_s))
-        team.ring.hear(angle(1, time_s, bearing=time_s / 10.0))
+        team.receive(member(1, time_s, "encircle", x=time_s))
+        team.ring.receive(angle(1, time_s, bearing=time_s / 10.0))
     assert team.member(1).position_m == (3.0, 0.0)
     assert team.members() == (team.member(1),)
     assert team.ring.bearings_rad(3.0, 0.05) == [0.3]
@@ -31,10 +31,10 @@ def test_the_newest_message_counts_whatever_the_order() -> None:
 
 def test_what_was_said_too_long_ago_is_dropped() -> None:
     team = a_team()
-    team.hear(member(1, 10.0))
-    team.hear(member(3, 10.2))
-    team.ring.hear(angle(1, 10.0))
-    team.ring.hear(angle(3, 10.2))
+    team.receive(member(1, 10.0))
+    team.receive(member(3, 10.2))
+    team.ring.receive(angle(1, 10.0))
+    team.ring.receive(angle(3, 10.2))
     team.expire(12.0)
     assert [peer.sender for peer in team.members()] == [1, 3]
     team.expire(12.1)
@@ -46,24 +46,24 @@ def test_what_was_said_too_long_ago_is_dropped() -> None:
 
 def test_bearings_go_on_at_the_rate_of_the_ring() -> None:
     team = a_team()
-    team.ring.hear(angle(1, 10.0, 0.5))
-    team.ring.hear(angle(3, 9.5, 3.0))
+    team.ring.receive(angle(1, 10.0, 0.5))
+    team.ring.receive(angle(3, 9.5, 3.0))
     assert team.ring.bearings_rad(10.2, 0.05) == pytest.approx([0.5 + 0.01, 3.0 + 0.035])
 
 
 @pytest.mark.parametrize(("tactic", "counted"), [("encircle", 1), ("formation", 0), ("hold", 0), ("land", 0)])
 def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
     team = a_team()
-    team.ring.hear(angle(1, 10.0))
+    team.ring.receive(angle(1, 10.0))
     assert len(team.ring.bearings_rad(10.0, 0.0)) == 1
-    team.hear(member(1, 10.0, tactic))
+    team.receive(member(1, 10.0, tactic))
     assert len(team.ring.bearings_rad(10.0, 0.0)) == counted
 
 
 def test_who_flies_in_formation_and_who_is_near() -> None:
     team = a_team()
     for sender, tactic, x in ((1, "formation", 3.0), (3, "encircle", 5.0), (4, "formation", 5.01)):
-        team.hear(member(sender, 1.0, tactic, x))
+        team.receive(member(sender, 1.0, tactic, x))
     assert sorted(team.in_formation()) == [1, 4]
     assert sorted(team.within(np.zeros(2), 5.0)) == [1, 3]
 
@@ -72,17 +72,17 @@ def test_who_flies_in_formation_and_who_is_near() -> None:
 @pytest.mark.parametrize(("tactic", "missed"), [("formation", True), ("return and land", True), ("land", False)])
 def test_who_falls_silent_is_missed_unless_it_said_that_it_leaves(how: str, tactic: str, missed: bool) -> None:
     team = a_team()
-    team.hear(member(1, 10.0, "formation"))
-    team.hear(member(1, 10.5, tactic))
-    team.hear(member(3, 12.6))
+    team.receive(member(1, 10.0, "formation"))
+    team.receive(member(1, 10.5, tactic))
+    team.receive(member(3, 12.6))
     assert team.gone_s == {}
     if how == "expires":
         team.expire(12.6)
     else:
         team.forget(1)
     assert team.gone_s == ({1: 10.5} if missed else {})
-    assert team.count_heard == 2
-    team.hear(member(1, 12.7))
+    assert team.count_received == 2
+    team.receive(member(1, 12.7))
     assert team.gone_s == {}
 
 
@@ -90,14 +90,14 @@ def far_and_near() -> Team:
     """Return a team of which vehicle 1 is near and vehicle 3 is far away, both of them known since 10 s."""
     team = a_team()
     for sender in (1, 3):
-        team.hear(replace(member(sender, 10.0, "encircle"), angle=angle(sender, 10.0)))
+        team.receive(replace(member(sender, 10.0, "encircle"), angle=angle(sender, 10.0)))
     team.watch([team.member(1)], 11.0)
     return team
 
 
 def receive(team: Team, state: MemberState) -> None:
     if not team.waits(state):
-        team.hear(state)
+        team.receive(state)
 
 
 def test_the_state_of_one_far_away_waits_for_its_turn() -> None:
@@ -117,7 +117,7 @@ def test_the_state_of_one_far_away_waits_for_its_turn() -> None:
 def test_one_far_away_whose_reference_does_not_go_on_as_published_does_not_wait() -> None:
     team = far_and_near()
     place = replace(angle(3, 10.0), reference_rad=3.1, reference_rate_rad_s=0.5)
-    team.hear(replace(member(3, 10.01, "encircle"), angle=replace(place, time_s=10.01)))
+    team.receive(replace(member(3, 10.01, "encircle"), angle=replace(place, time_s=10.01)))
     for time_s, reference_rad, waits in ((10.11, 3.15, True), (10.31, 3.25 - 2.0 * np.pi, True), (10.41, 3.305, False)):
         state = replace(member(3, time_s, "encircle"), angle=replace(place, time_s=time_s, reference_rad=reference_rad))
         assert team.waits(state) is waits, time_s

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from estimation.plant.provenance import COVARIANCE_OF, PlantGrade
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import LimitsSection
-from estimation.profile.shelf import ProfileShelf
 from estimation.settings import OwnFilterSettings
 from estimation.state import Vector
 from gcs.cli import main
@@ -98,7 +98,7 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
     code, out, err = ran(log.path, "-o", "own.toml", "--json", "--html", "own.html")
     assert code == 0
     assert "verdict: good" in err
-    file = ProfileShelf(ran.folder).load("own.toml")
+    file = ProfileLibrary(ran.folder).load("own.toml")
     told, result = file.identified, json.loads(out)
     assert told is not None
     assert list(result) == OUTPUT_KEYS["identify"].split()
@@ -115,7 +115,7 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
     assert told.verdict is PlantGrade.GOOD
     deviations = np.sqrt([told.covariance[at][at] for at in range(len(COVARIANCE_OF))])
     assert (np.abs(np.subtract((*plant, file.plant.delay_s), (1.5, 1.9, 1.1, 1.6, 0.2))) < 4.0 * deviations).all()
-    bundled = ProfileShelf(ran.folder).load("px4")
+    bundled = ProfileLibrary(ran.folder).load("px4")
     assert (file.autopilot, file.own_filter, file.limits) == ("px4", bundled.own_filter, bundled.limits)
     assert result["verdict"] == "good"
     assert result["plant"]["x"]["a0_per_s2"]["value"] == pytest.approx(plant[0], rel=1e-3)
@@ -175,7 +175,7 @@ def test_an_excitation_with_velocities_becomes_a_plant_file_of_that_kind(ran: Ru
     assert np.median(np.abs(moved - read.setpoint_velocity.values[swept, :2])) < 0.05
     code, out, err = ran("own.mcap", "-o", "own.toml", "--json", "--html", "own.html")
     assert code == 0, err
-    file, result = ProfileShelf(ran.folder).load("own.toml"), json.loads(out)
+    file, result = ProfileLibrary(ran.folder).load("own.toml"), json.loads(out)
     assert file.plant.feedforward == pytest.approx(0.8, abs=0.03)
     assert file.plant.x.a0_per_s2 == pytest.approx(1.2 * 0.80, rel=0.05)
     assert file.plant.y.a1_per_s == pytest.approx(0.75 * 0.87, rel=0.05)
@@ -200,7 +200,7 @@ def test_a_flight_that_teaches_nothing_ends_in_1_with_the_reason_and_no_file(ran
 
 def test_the_bundled_profile_is_what_the_command_writes(ran: Runner) -> None:
     assert ran(str(DATA / "px4-quad-excitation.ulg"), "-o", "own.toml")[0] == 0
-    own, bundled = (ProfileShelf(ran.folder).load(name) for name in ("own.toml", "px4"))
+    own, bundled = (ProfileLibrary(ran.folder).load(name) for name in ("own.toml", "px4"))
     assert (own.autopilot, own.limits) == (bundled.autopilot, bundled.limits)
     assert own.plant.a0_per_s2 == pytest.approx(bundled.plant.a0_per_s2, rel=2e-3)
     assert own.own_filter.model_dump() == pytest.approx(bundled.own_filter.model_dump(), rel=1e-2)
@@ -258,5 +258,5 @@ def test_one_of_several_vehicles_is_chosen(ran: Runner) -> None:
 def test_a_profile_of_an_unknown_autopilot_is_for_any_with_the_filters_defaults(ran: Runner) -> None:
     ran.hold(log := log_of(autopilot="simulation"))
     assert ran(log.path, "-o", "own.toml")[0] == 0
-    profile = ProfileShelf(ran.folder).load("own.toml")
+    profile = ProfileLibrary(ran.folder).load("own.toml")
     assert (profile.autopilot, profile.own_filter, profile.limits) == (None, OwnFilterSettings(), LimitsSection())

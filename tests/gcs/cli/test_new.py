@@ -11,9 +11,10 @@ from typing import get_args
 
 import pytest
 
+from agents.settings.shapes import SPACED_SHAPES
 from gcs.cli import main
 from gcs.mission.file import bundled_missions, load_mission, parse_mission
-from gcs.mission.template import PROFILES, Links, NewMission, NewShape, own_ports
+from gcs.mission.template import PROFILES, Links, NewMission, own_ports
 
 pytestmark = pytest.mark.slow
 
@@ -136,7 +137,7 @@ def test_ctrl_c_at_a_question_writes_nothing(tmp_path: Path) -> None:
 
 
 def test_every_choice_makes_a_mission_that_holds(subtests: pytest.Subtests) -> None:
-    for links, shape, vehicles in product(get_args(Links), get_args(NewShape), (1, 2, 5, 20)):
+    for links, shape, vehicles in product(get_args(Links), SPACED_SHAPES, (1, 2, 5, 20)):
         with subtests.test(f"{links} {shape} {vehicles}"):
             mission = chosen(links=links, profile=PROFILES[links], shape=shape, vehicles=vehicles)
             assert parse_mission(mission.text, None).formation.shape == shape

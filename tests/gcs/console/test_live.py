@@ -228,10 +228,10 @@ def test_the_bell_rings_once_for_each_new_alarm(subtests: pytest.Subtests) -> No
         ([row(1, "battery low"), row(2, "battery low")], 3),
     )
     with LiveView(console) as view:
-        for rows, rung in steps:
+        for rows, rings in steps:
             with subtests.test(alerts=[each.alert for each in rows]):
                 view.update(rows, 1.0)
-                assert output.getvalue().count("\a") == rung
+                assert output.getvalue().count("\a") == rings
     console, output = plain()
     with LiveView(console) as view:
         view.update([row(1, "battery low")], 1.0)

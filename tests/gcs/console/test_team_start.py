@@ -3,15 +3,15 @@
 import pytest
 
 from agents.team.messages import BusMessage, MissionIdentity, StartProposal, VehicleReport
-from gcs.console.team_start import TeamRoll
+from gcs.console.team_start import StartReports
 from gcs.mission.file import load_mission
 
 MISSION = load_mission("case2")
 OTHER = MissionIdentity("case2", "0" * 16)
 
 
-def report(lacks: str | None = "", *, armed: bool = False, ended: str = "") -> VehicleReport:
-    return VehicleReport(2, 10.0, "hold", armed, lacks=lacks, clock_off_s=0.02, ended=ended)
+def report(start_blockers: str | None = "", *, armed: bool = False, ended: str = "") -> VehicleReport:
+    return VehicleReport(2, 10.0, "hold", armed, start_blockers=start_blockers, clock_off_s=0.02, ended=ended)
 
 
 def proposal(mission: MissionIdentity | None) -> StartProposal:
@@ -36,10 +36,10 @@ def proposal(mission: MissionIdentity | None) -> StartProposal:
 def test_a_vehicle_is_ready_flying_or_missing(
     messages: tuple[BusMessage, ...], present: bool, state: str, reason: str
 ) -> None:
-    roll = TeamRoll(MISSION)
+    roll = StartReports(MISSION)
     for message in messages:
         roll.receive(message)
-    standing = next(each for each in roll.standings({2} if present else ()) if each.vehicle == 2)
+    standing = next(each for each in roll.states({2} if present else ()) if each.vehicle == 2)
     assert standing.state == state
     assert reason in standing.reason
     assert bool(standing.reason) == bool(reason)

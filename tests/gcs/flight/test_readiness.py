@@ -8,20 +8,20 @@ from typing import cast
 import pytest
 
 from agents.ports import VehicleRefusedError
-from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, lack_lines
-from gcs.flight.team import Team
-from gcs.preflight.findings import Finding, Grade
+from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, blocker_lines
+from gcs.flight.team import FlightTeam
+from gcs.preflight.findings import MISSION, Finding, Grade
 
-WELL = Finding(Grade.PASS, "vehicle 1", "gps", "GPS: 3D fix, 14 satellites")
-WARNED = Finding(Grade.WARNING, "vehicle 1", "battery", "its battery is at 40%", "it may not last", "charge it")
+WELL = Finding(Grade.PASS, 1, "gps", "GPS: 3D fix, 14 satellites")
+WARNED = Finding(Grade.WARNING, 1, "battery", "its battery is at 40%", "it may not last", "charge it")
 
 
 def lack(vehicle: int, found: str, *, temporary: bool = True) -> Finding:
-    return Finding(Grade.REFUSE, f"vehicle {vehicle}", "gps", found, "why", "next", temporary=temporary)
+    return Finding(Grade.REFUSE, vehicle, "gps", found, "why", "next", temporary=temporary)
 
 
 NO_FIX = lack(2, "GPS: no fix, 0 satellites")
-CLOCKS = Finding(Grade.REFUSE, "mission", "clocks", "they run at different speeds", "why", "next")
+CLOCKS = Finding(Grade.REFUSE, MISSION, "clocks", "they run at different speeds", "why", "next")
 WRONG = lack(3, "COM_OF_LOSS_T = 6", temporary=False)
 
 
@@ -35,7 +35,7 @@ class FakeTeam:
         self.lines: list[str] = []
         self.measured = 0
         self.plan = SimpleNamespace(wait_s=wait_s, speed=None, is_governed=False, findings=self._findings)
-        self.meet = self.recorded.append
+        self.begin_vehicle = self.recorded.append
         self.view = SimpleNamespace(is_live=False, print_line=self.lines.append, update=lambda *_: None)
 
     async def facts(self, settle_s: float) -> list[str]:
@@ -57,7 +57,7 @@ class FakeTeam:
 
 
 async def checked(team: FakeTeam) -> Sequence[Finding]:
-    return await Readiness(cast(Team, team)).findings()
+    return await Readiness(cast(FlightTeam, team)).findings()
 
 
 @pytest.mark.parametrize("first", [[WELL], [WELL, WARNED]], ids=["well", "warned"])
@@ -105,13 +105,13 @@ async def test_what_waiting_uncovers_is_refused_at_once() -> None:
 
 
 async def test_a_speed_that_cannot_be_measured_yet() -> None:
-    await Readiness(cast(Team, FakeTeam(30.0, speeds=(False, False, True)))).measure_speed()
+    await Readiness(cast(FlightTeam, FakeTeam(30.0, speeds=(False, False, True)))).measure_speed()
     with pytest.raises(VehicleRefusedError, match="no attitude"):
-        await Readiness(cast(Team, FakeTeam(0.05, speeds=(False,)))).measure_speed()
+        await Readiness(cast(FlightTeam, FakeTeam(0.05, speeds=(False,)))).measure_speed()
 
 
 def test_vehicles_that_lack_the_same_share_a_line() -> None:
-    lines = lack_lines([NO_FIX, lack(3, NO_FIX.found), lack(3, "home position: not healthy")])
+    lines = blocker_lines([NO_FIX, lack(3, NO_FIX.found), lack(3, "home position: not healthy")])
     assert [line.strip() for line in lines] == [
         "vehicles 2, 3: GPS: no fix, 0 satellites",
         "vehicle 3: home position: not healthy",

@@ -2,12 +2,13 @@
 
 import pytest
 
-from agents.shell.outcome import Ending, Outcome
+from agents.flight_end import FlightEnd
+from agents.shell.outcome import Outcome
 from gcs.errors import Exit
 from gcs.flight.run import exit_code
 
-COMPLETED = Outcome(Ending.COMPLETED, flew=True)
-REFUSED = Outcome(Ending.REFUSED, "arming was denied", "see its preflight messages")
+COMPLETED = Outcome(FlightEnd.LANDED, flew=True)
+REFUSED = Outcome(FlightEnd.REFUSED, "arming was denied", "see its preflight messages")
 
 
 @pytest.mark.parametrize("verdict", [Exit.HOLDS, Exit.VERDICT_FAILED])
@@ -15,8 +16,8 @@ def test_the_verdict_counts_where_all_vehicles_completed_the_mission(verdict: Ex
     assert exit_code({1: COMPLETED, 2: COMPLETED}, verdict) is verdict
 
 
-@pytest.mark.parametrize("ending", [Ending.STOPPED, Ending.KILLED, Ending.PILOT_OVERRIDE, Ending.FAILED])
-def test_one_vehicle_that_ended_in_flight_decides(ending: Ending, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("ending", [FlightEnd.OPERATOR, FlightEnd.KILLED, FlightEnd.PILOT, FlightEnd.ERROR])
+def test_one_vehicle_that_ended_in_flight_decides(ending: FlightEnd, capsys: pytest.CaptureFixture[str]) -> None:
     outcome = Outcome(ending, "its reason", "its next step", flew=True)
     assert exit_code({1: COMPLETED, 2: outcome}, Exit.HOLDS) is Exit.ENDED_IN_FLIGHT
     out, err = capsys.readouterr()
@@ -32,5 +33,5 @@ def test_a_team_of_which_none_took_off_was_refused() -> None:
 
 
 def test_a_refusal_ends_the_others_in_flight() -> None:
-    stopped = Outcome(Ending.STOPPED, "the operator ended the flight", flew=True)
+    stopped = Outcome(FlightEnd.OPERATOR, "the operator ended the flight", flew=True)
     assert exit_code({1: REFUSED, 2: stopped}, Exit.VERDICT_FAILED) is Exit.ENDED_IN_FLIGHT

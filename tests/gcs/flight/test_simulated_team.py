@@ -5,7 +5,7 @@ from math import dist
 
 import pytest
 
-from agents.shell.outcome import Ending
+from agents.flight_end import FlightEnd
 from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from tests.support.mission_text import LOW_M, content, parsed, put
@@ -56,7 +56,7 @@ async def landed(mission: Mission, landings: Landings) -> SimulatedTeam:
         landings.team = team
         await team.begin(10.0)
         outcomes = [await flight for flight in team.flights.values()]
-        assert [outcome.ending for outcome in outcomes] == [Ending.COMPLETED] * 3
+        assert [outcome.how for outcome in outcomes] == [FlightEnd.LANDED] * 3
     return team
 
 
@@ -82,8 +82,8 @@ def test_who_takes_a_vehicle_keeps_it_until_a_command_and_it_is_not_landed_at_th
             kept.select(NavMode.HOLD)
             await team.until(lambda: team.tactics()[1] == "pilot override", 1.0)
             outcomes = {vehicle: await flight for vehicle, flight in team.flights.items()}
-            endings = {vehicle: outcome.ending for vehicle, outcome in outcomes.items()}
-            assert endings == {1: Ending.COMPLETED, 2: Ending.PILOT_OVERRIDE, 3: Ending.COMPLETED}
+            endings = {vehicle: outcome.how for vehicle, outcome in outcomes.items()}
+            assert endings == {1: FlightEnd.LANDED, 2: FlightEnd.PILOT, 3: FlightEnd.LANDED}
             assert [link.autopilot.armed for link in team.links.values()] == [False, True, False]
             assert kept.mode is NavMode.HOLD
             assert "'hold'" in outcomes[2].reason
@@ -107,8 +107,8 @@ def test_a_low_battery_comes_home_and_a_lost_bus_steps_aside() -> None:
             await team.until(lambda: team.newest[2].alert == "peer silent", 3.0)
             assert team.tactics()[1] == "formation"
             outcomes = {vehicle: await flight for vehicle, flight in team.flights.items()}
-            assert (outcomes[3].ending, outcomes[3].reason) == (Ending.BATTERY, "battery low")
-            assert [outcomes[vehicle].ending for vehicle in (1, 2)] == [Ending.COMPLETED] * 2
+            assert (outcomes[3].how, outcomes[3].reason) == (FlightEnd.BATTERY, "battery low")
+            assert [outcomes[vehicle].how for vehicle in (1, 2)] == [FlightEnd.LANDED] * 2
             assert not any(link.autopilot.armed for link in team.links.values())
 
     run_simulated(fly())
@@ -166,8 +166,8 @@ def test_an_abort_hovers_then_lands_by_itself_unless_resumed() -> None:
             assert asyncio.get_running_loop().time() - aborted_s >= 5.0
             await team.until(lambda: [x.autopilot.armed for x in team.links.values()] == [True, False, False])
             assert team.tactics()[0] == "formation"
-            endings = {vehicle: (await team.flights[vehicle]).ending for vehicle in (2, 3)}
-            assert endings == {2: Ending.ABORTED, 3: Ending.ABORTED}
+            endings = {vehicle: (await team.flights[vehicle]).how for vehicle in (2, 3)}
+            assert endings == {2: FlightEnd.ABORTED, 3: FlightEnd.ABORTED}
 
     run_simulated(fly())
 
@@ -186,8 +186,8 @@ def test_on_its_way_up_one_vehicle_is_landed_and_another_killed() -> None:
             outcomes = {vehicle: await flight for vehicle, flight in team.flights.items()}
             assert outcomes[3].flew
             # The start needs all vehicles: without the others the first one lands.
-            endings = {vehicle: outcome.ending for vehicle, outcome in outcomes.items()}
-            assert endings == {1: Ending.REFUSED, 2: Ending.STOPPED, 3: Ending.KILLED}
+            endings = {vehicle: outcome.how for vehicle, outcome in outcomes.items()}
+            assert endings == {1: FlightEnd.REFUSED, 2: FlightEnd.OPERATOR, 3: FlightEnd.KILLED}
             assert outcomes[1].reason.endswith(": 2, 3")
             assert not any(autopilot.armed for autopilot in autopilots.values())
 

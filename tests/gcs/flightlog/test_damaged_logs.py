@@ -21,7 +21,7 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
-from agents.inputs import Autopilot, Bus, Start, Tick
+from agents.inputs import AutopilotStatus, Bus, Start, Tick
 from agents.ports import FlightMode, VehicleStatus
 from gcs.cli import main
 from gcs.errors import InputError
@@ -402,7 +402,7 @@ def test_a_newer_version_s_log_says_so_and_is_read_as_far_as_it_is_known(sample:
     log = read_log(path)
     assert f"format {FORMAT + 1}; this version reads up to {FORMAT}" in told(log)
     assert "1 records are not read: /vehicle/1/wind is unknown to this version" in told(log)
-    assert "1 records of kind Autopilot have content that this version does not support" in told(log)
+    assert "1 records of kind AutopilotStatus have content that this version does not support" in told(log)
     assert [each.kind for each in log.vehicles[1]] == [Start, Decision]
     assert log.run == newer
     assert list(log.of_kind(1, Start)) == [Start(1.0)]
@@ -410,7 +410,9 @@ def test_a_newer_version_s_log_says_so_and_is_read_as_far_as_it_is_known(sample:
 
 def with_unknown_word() -> tuple[str, str, bytes, bytes]:
     """What an autopilot says of itself, in a mode that no version knows."""
-    topic, name, schema, payload = entry("/vehicle/1/autopilot", Autopilot(VehicleStatus(mode=FlightMode.HOLD)), 3)
+    topic, name, schema, payload = entry(
+        "/vehicle/1/autopilot", AutopilotStatus(VehicleStatus(mode=FlightMode.HOLD)), 3
+    )
     assert b"hold" in payload
     return topic, name, schema, payload.replace(b"hold", b"soar")
 

@@ -66,7 +66,9 @@ def test_a_log_holds_it_beside_the_parameters(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         parameters = {"COM_OBL_RC_ACT": 4.0, "NOT_THERE": None}
-        recording.meet(VehicleFacts(vehicle_id=2, autopilot=px4.AUTOPILOT, firmware="1.17.0", parameters=parameters))
+        recording.begin_vehicle(
+            VehicleFacts(vehicle_id=2, autopilot=px4.AUTOPILOT, firmware="1.17.0", parameters=parameters)
+        )
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         ((_, _, _, vehicle),) = reader.iter_decoded_messages(topics="/vehicle/2/vehicle")

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from agents.inputs import TacticEvent
+from agents.inputs import Ground, TacticEvent
 from agents.team.codec import decode
 from agents.team.messages import MemberState, StartProposal
 from gcs.flightlog.reader import read_log, topic_of
@@ -57,3 +57,11 @@ def test_topics_of_format_1_are_known() -> None:
     assert topic_of("/vehicle/2/patience") == topic_of("/vehicle/2/time_scale")
     assert topic_of("/vehicle/2/patience") is not None
     assert topic_of("/vehicle/2/event") == (TacticEvent, 2)
+
+
+def test_a_field_with_a_former_name_is_read_with_its_present_one() -> None:
+    former = msgspec.defstruct("Ground", [("lacks", str)])
+    written = Codec(former)
+    decoder = Decoder(written.name, written.schema)
+    decoder.require(Ground)
+    assert msgspec.convert(decoder.decode(written.encode(former("GPS: no fix"), 1)), Ground) == Ground("GPS: no fix")

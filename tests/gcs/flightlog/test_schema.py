@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from agents.inputs import Autopilot, Command, CoreInput, Message
+from agents.inputs import AutopilotStatus, Command, CoreInput, Message
 from agents.ports import FlightMode, Setpoint, VehicleStatus
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
@@ -58,7 +58,7 @@ def test_nothing_is_told_from_nought(subtests: pytest.Subtests) -> None:
     for battery in [None, 0.0, 0.25]:
         with subtests.test(battery=battery):
             status = VehicleStatus(connected=True, mode=FlightMode.LAND, battery=battery)
-            assert back(Autopilot(status)) == Autopilot(status)
+            assert back(AutopilotStatus(status)) == AutopilotStatus(status)
 
 
 @given(st.one_of(st.none(), NUMBERS), st.integers(1, 200))

@@ -5,7 +5,7 @@ import threading
 from typing import Any
 
 from agents.shell.handover import PERIOD_S
-from gcs.link.feed import Postbox
+from gcs.link.feed import PostedCalls
 
 COUNT, THREADS = 2000, 4
 
@@ -20,7 +20,7 @@ def test_all_that_threads_post_is_taken_in_order_with_few_wakes() -> None:
             return wake(*arguments)
 
         loop.call_soon_threadsafe = counted  # type: ignore[method-assign, assignment]
-        box, began_s = Postbox(gathers=True), loop.time()
+        box, began_s = PostedCalls(gathers=True), loop.time()
 
         def post(thread: int) -> None:
             for number in range(COUNT):
@@ -44,7 +44,7 @@ def test_what_a_receiver_posts_or_raises_keeps_nothing_from_the_others() -> None
     async def run() -> tuple[list[str], list[str]]:
         taken, failures, loop = list[str](), list[str](), asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: failures.append(str(context["exception"])))
-        box = Postbox(gathers=True)
+        box = PostedCalls(gathers=True)
 
         def fail() -> None:
             raise ValueError("broken")
@@ -61,7 +61,7 @@ def test_what_a_receiver_posts_or_raises_keeps_nothing_from_the_others() -> None
 
 
 def test_posts_after_the_loop_is_closed_are_no_error() -> None:
-    async def box() -> Postbox:
-        return Postbox(gathers=True)
+    async def box() -> PostedCalls:
+        return PostedCalls(gathers=True)
 
     asyncio.run(box()).post(print, "not printed")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.link.relay.frames import FrameStream, header, is_signed, station_heartbeat
-from gcs.link.relay.signing import Signing, Verdict
+from gcs.link.relay.signing import SignatureCheck, Signing
 
 KEY, OTHER_KEY = secrets.token_bytes(32), secrets.token_bytes(32)
 NOW = 30_000_000_000_000
@@ -53,21 +53,29 @@ def test_what_is_signed_here_pymavlink_verifies(message: mavlink.MAVLink_message
 def test_what_pymavlink_signs_is_accepted_once_and_in_order() -> None:
     signing, (first, second, third) = Signing(KEY, lambda: NOW), signed(station(KEY, 1), 3)
     verdicts = [signing.verify(frame) for frame in (first, third, second, third, first)]
-    assert verdicts == [Verdict.AUTHENTIC, Verdict.AUTHENTIC, Verdict.OLD, Verdict.OLD, Verdict.OLD]
+    assert verdicts == [
+        SignatureCheck.AUTHENTIC,
+        SignatureCheck.AUTHENTIC,
+        SignatureCheck.OLD,
+        SignatureCheck.OLD,
+        SignatureCheck.OLD,
+    ]
 
 
 def test_what_is_unsigned_damaged_or_of_another_key_is_not() -> None:
     signing, (frame,) = Signing(KEY, lambda: NOW), signed(station(KEY, 1))
-    assert signing.verify(signed(station(OTHER_KEY, 1))[0]) is Verdict.WRONG_KEY
-    assert signing.verify(heartbeat(station(None, 1))) is Verdict.UNSIGNED
+    assert signing.verify(signed(station(OTHER_KEY, 1))[0]) is SignatureCheck.WRONG_KEY
+    assert signing.verify(heartbeat(station(None, 1))) is SignatureCheck.UNSIGNED
     for place in range(3, len(frame)):
         damaged = frame[:place] + bytes((frame[place] ^ 1,)) + frame[place + 1 :]
-        assert signing.verify(damaged) is Verdict.WRONG_KEY, place
-    assert signing.verify(frame) is Verdict.AUTHENTIC, "a forged frame barred the true one"
+        assert signing.verify(damaged) is SignatureCheck.WRONG_KEY, place
+    assert signing.verify(frame) is SignatureCheck.AUTHENTIC, "a forged frame barred the true one"
 
 
-@pytest.mark.parametrize(("behind", "verdict"), [(MINUTE - 1, Verdict.AUTHENTIC), (MINUTE + 1, Verdict.OLD)])
-def test_a_stream_begins_at_most_a_minute_ago(behind: int, verdict: Verdict) -> None:
+@pytest.mark.parametrize(
+    ("behind", "verdict"), [(MINUTE - 1, SignatureCheck.AUTHENTIC), (MINUTE + 1, SignatureCheck.OLD)]
+)
+def test_a_stream_begins_at_most_a_minute_ago(behind: int, verdict: SignatureCheck) -> None:
     assert Signing(KEY, lambda: NOW).verify(signed(station(KEY, 1, NOW - behind))[0]) is verdict
 
 

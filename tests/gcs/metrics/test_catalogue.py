@@ -3,7 +3,7 @@
 from dataclasses import fields
 
 from gcs.metrics.catalogue import FLIGHT, FLOCKING, VEHICLE, VERDICTS, Verdicts
-from gcs.metrics.references import RingReference, VerdictTolerances
+from gcs.metrics.references import DesiredRing, VerdictTolerances
 
 JUDGED = [metric.judged for metric in (*FLIGHT, *VEHICLE) if metric.judged is not None]
 
@@ -15,7 +15,7 @@ def test_every_verdict_has_a_field_and_what_it_judges() -> None:
 
 def test_every_tolerance_judges_one_metric() -> None:
     assert sorted(each.tolerance for each in JUDGED if each.tolerance) == sorted(VerdictTolerances.model_fields)
-    assert {each.desired for each in JUDGED} - {""} <= {each.name for each in fields(RingReference)}
+    assert {each.desired for each in JUDGED} - {""} <= {each.name for each in fields(DesiredRing)}
 
 
 def test_a_metric_in_a_table_of_the_terminal_has_a_label_for_it() -> None:

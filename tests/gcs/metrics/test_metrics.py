@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from estimation.state import Vector
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
-from gcs.metrics.references import FormationReference, RingReference, VerdictTolerances
+from gcs.metrics.references import DesiredRing, FormationReference, VerdictTolerances
 from gcs.metrics.result import FlightResult, window_line
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
 from gcs.metrics.ring import SETTLED_FOR_S, RingResult
@@ -25,7 +25,7 @@ from tests.support.result_keys import RESULT_KEYS
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-RING = RingReference(radius_m=10.0, angular_rate_rad_s=0.05)
+RING = DesiredRing(radius_m=10.0, angular_rate_rad_s=0.05)
 SLOTS = {1: (0.0, 5.0), 2: (0.0, 0.0), 3: (0.0, -5.0)}
 FORMATION = FormationReference(speed_m_s=0.2, slots_m=SLOTS)
 TIME_S = np.arange(6001) / 10.0
@@ -67,7 +67,7 @@ def record(*vehicles: VehicleTrack, tick_us: Vector | None = None) -> FlightReco
     )
 
 
-def judged(*vehicles: VehicleTrack, ring: RingReference = RING) -> FlightResult:
+def judged(*vehicles: VehicleTrack, ring: DesiredRing = RING) -> FlightResult:
     return evaluate(record(*vehicles), ring, FORMATION, TOLERANCES)
 
 
@@ -529,8 +529,8 @@ def test_a_loop_that_was_not_timed_has_no_percentiles() -> None:
 
 def test_faulty_references_are_refused(subtests: pytest.Subtests) -> None:
     rows: tuple[object, ...] = (
-        lambda: RingReference(0.0, 0.05),
-        lambda: RingReference(10.0, float("nan")),
+        lambda: DesiredRing(0.0, 0.05),
+        lambda: DesiredRing(10.0, float("nan")),
         lambda: FormationReference(float("inf"), {}),
         lambda: FormationReference(0.2, {1: (0.0, float("nan"))}),
         lambda: VerdictTolerances(separation_m=-1.0),

@@ -7,12 +7,12 @@ import pytest
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.references import RingReference
+from gcs.metrics.references import DesiredRing
 from gcs.metrics.ring_motion import ring_motion
 from gcs.metrics.transitions import TransitionResult, transitions
 
 TIME_S = np.arange(0.0, 80.0, 0.1)
-RING = RingReference(10.0, 0.05)
+RING = DesiredRing(10.0, 0.05)
 ENGAGES_S = 20.0
 DRIFT_M_S = np.array([0.1, -0.05])
 
@@ -41,7 +41,7 @@ def flown(error_rad: Callable[[Vector], Vector], direction: float = 1.0) -> Tran
         LoopStatistics(10.0, 0, 0),
         1.0,
     )
-    ring = RingReference(10.0, direction * 0.05)
+    ring = DesiredRing(10.0, direction * 0.05)
     first, second = transitions(record, ring_motion(record), ring, [0.0, ENGAGES_S])
     assert (first.members, first.spacing_overshoot_deg, first.spacing_monotonic) == (1, None, None)
     assert (second.begins_at_s, second.members) == (ENGAGES_S, 2)

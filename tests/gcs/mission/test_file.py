@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from agents.settings.sections import DecisionSettings
 from estimation.frames import Geodetic
 from estimation.plant.model import PlantAxis
-from estimation.profile.shelf import ProfileShelf
+from estimation.profile.library import ProfileLibrary
 from estimation.settings import OwnFilterSettings
 from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
 from gcs.mission.mission import Mission, VehicleSection
@@ -766,7 +766,7 @@ def test_missions_are_frozen() -> None:
 def test_every_vehicle_flies_with_its_own_profile() -> None:
     mission = load_mission("mixed-team")
     names = [vehicle.section.profile for vehicle in mission.vehicles]
-    profiles = [ProfileShelf(MISSIONS).load(name) for name in names]
+    profiles = [ProfileLibrary(MISSIONS).load(name) for name in names]
     assert names == ["px4", "ardupilot", "px4"]
     configs = [mission.agent_config(vehicle) for vehicle in mission.vehicles]
     assert [config.plant for config in configs] == [profile.plant for profile in profiles]

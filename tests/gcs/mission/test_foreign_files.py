@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from estimation.input_file import toml_content
+from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import ProfileError
-from estimation.profile.shelf import ProfileShelf
 from gcs.errors import InputError
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
@@ -68,9 +68,9 @@ def test_a_profile_is_a_file_in_the_mission_s_folder_or_none(name: str, pipe: Pa
     (inside / "linked.toml").symlink_to(tmp_path / "own.toml")
     pipe.rename(inside / "pipe.toml")
     with within(REFUSED_WITHIN_S), pytest.raises(ProfileError, match="no profile"):
-        ProfileShelf(inside).load(name.replace("{folder}", str(tmp_path)))
+        ProfileLibrary(inside).load(name.replace("{folder}", str(tmp_path)))
     (inside / "own.toml").write_text(OWN, encoding="utf-8")
-    assert ProfileShelf(inside).load("own.toml").plant == ProfileShelf(None).load("stub").plant
+    assert ProfileLibrary(inside).load("own.toml").plant == ProfileLibrary(None).load("stub").plant
 
 
 def test_a_log_holds_its_profiles_and_no_file_takes_their_place(

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from estimation.profile.shelf import ProfileShelf
+from estimation.profile.library import ProfileLibrary
 from estimation.settings import OwnFilterSettings
 from gcs.mission.file import bundled_missions, load_mission
 from gcs.mission.sections import TUNED, TUNING
 from tests.support.mission_text import Content, content, faults, parsed, places, put
 from tests.support.paths import MISSIONS
 
-PX4_FILTER = ProfileShelf(Path()).load("px4").own_filter
+PX4_FILTER = ProfileLibrary(Path()).load("px4").own_filter
 
 
 def old(*plants: str, **sections: Content) -> Content:

@@ -61,9 +61,9 @@ def test_a_mission_is_checked_with_its_values() -> None:
 def test_a_place_that_cannot_be_is_named(place: str, names: str) -> None:
     with pytest.raises(InputError) as raised:
         overridden(CASE2, {place: 1})
-    (fault,) = raised.value.faults
-    assert fault.startswith(f"{place}: ")
-    assert names in fault
+    (fault,) = raised.value.placed
+    assert fault.place == place
+    assert names in fault.reason
 
 
 def test_a_setting_without_a_value_is_refused() -> None:

@@ -17,13 +17,13 @@ from agents.settings.config import AgentConfig
 from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import Vector
-from gcs.mission.stability import Loop, loops
+from gcs.mission.stability import ClosedLoop, loops
 from tests.support.mission_text import CASE2, content, faults, parsed, put
 
 STILL = np.zeros(4)
 
 
-def named(config: AgentConfig, name: str) -> Loop:
+def named(config: AgentConfig, name: str) -> ClosedLoop:
     return next(loop for loop in loops(config) if loop.name == name)
 
 

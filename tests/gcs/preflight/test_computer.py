@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.shell.ticker import Tick
+from agents.shell.ticker import TickTiming
 from gcs.mission.file import load_mission
 from gcs.preflight.computer import (
     ComputerFacts,
@@ -77,7 +77,7 @@ def test_timers_are_as_late_as_the_computer_pauses() -> None:
 def test_without_a_tick_there_is_no_lateness() -> None:
     with pytest.raises(ValueError, match="no tick"):
         lateness([], 10.0)
-    assert lateness([Tick(0, 0.0, 0.01, 0)], 10.0).count == 1
+    assert lateness([TickTiming(0, 0.0, 0.01, 0)], 10.0).count == 1
 
 
 def test_the_rehearsal_plans_a_formation_with_the_messages_of_the_others() -> None:

@@ -19,6 +19,7 @@ from gcs.autopilots.px4 import SITL_UID
 from gcs.errors import Exit
 from gcs.link.estimator_report import EstimatorReport
 from gcs.link.relay.gate import LinkReport
+from gcs.link.status_texts import HealthItem
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import FenceArea, Finding, GpsFix, Grade, VehicleFacts
@@ -58,7 +59,13 @@ ARDUCOPTER = {
 }
 RATIOS = {"horizontal position": 0.1, "height": 0.05, "velocity": 0.02, "compass": 0.3}
 SURE = EstimatorReport(RATIOS, relative=True, absolute=True)
-HEALTH = ("gyrometer calibration", "local position", "global position", "home position", "arming checks")
+HEALTH = (
+    HealthItem.GYROMETER,
+    HealthItem.LOCAL_POSITION,
+    HealthItem.GLOBAL_POSITION,
+    HealthItem.HOME_POSITION,
+    HealthItem.ARMING,
+)
 
 
 def well(vehicle_id: int, **changes: Any) -> VehicleFacts:
@@ -186,7 +193,7 @@ def test_a_vehicle_without_a_place_is_not_told_so_by_its_estimator_again() -> No
 
 
 def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
-    health = {**dict.fromkeys(HEALTH, True), "local position": False, "global position": False}
+    health = {**dict.fromkeys(HEALTH, True), HealthItem.LOCAL_POSITION: False, HealthItem.GLOBAL_POSITION: False}
     findings = team(
         health=health,
         failed_checks=("Preflight Fail: no GPS", "PreArm: Gyros not calibrated"),
@@ -206,17 +213,17 @@ def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
 
 
 def test_arming_checks_that_fail_with_something_else_are_not_told_twice() -> None:
-    health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False, "arming checks": False}
+    health = {**dict.fromkeys(HEALTH, True), HealthItem.GYROMETER: False, HealthItem.ARMING: False}
     told = [each.found for each in team(health=health) if each.grade is Grade.REFUSE]
     assert told == ["gyrometer calibration: not healthy"]
 
 
 def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
-    health = {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False}
+    health = {**dict.fromkeys(HEALTH, True), HealthItem.GYROMETER: False}
     checks = ("PreArm: Gyros not calibrated", "PreArm: Battery 1 low voltage failsafe")
     (gyro,) = (each for each in team(health=health, failed_checks=checks) if each.grade is Grade.REFUSE)
     assert gyro.found == "gyrometer calibration: not healthy; it reports “PreArm: Gyros not calibrated”"
-    arming = {**dict.fromkeys(HEALTH, True), "arming checks": False}
+    arming = {**dict.fromkeys(HEALTH, True), HealthItem.ARMING: False}
     (refused,) = (each for each in team(health=arming, failed_checks=checks) if each.grade is Grade.REFUSE)
     assert facts_missing(refused.found, *checks) == []
 
@@ -225,19 +232,19 @@ def test_what_waiting_may_resolve(subtests: pytest.Subtests) -> None:
     rows: tuple[tuple[dict[str, Any], bool], ...] = (
         ({"health": {}}, True),
         ({"mode_received": False}, True),
-        ({"health": {**dict.fromkeys(HEALTH, True), "home position": False}}, True),
-        ({"health": {**dict.fromkeys(HEALTH, True), "arming checks": False}}, True),
-        ({"health": {**dict.fromkeys(HEALTH, True), "gyrometer calibration": False}}, False),
+        ({"health": {**dict.fromkeys(HEALTH, True), HealthItem.HOME_POSITION: False}}, True),
+        ({"health": {**dict.fromkeys(HEALTH, True), HealthItem.ARMING: False}}, True),
+        ({"health": {**dict.fromkeys(HEALTH, True), HealthItem.GYROMETER: False}}, False),
         ({"position_m": None, "origin_m": None}, True),
         ({"position_m": None, "origin_m": None, "lost": ("it is far away", "set the origin")}, False),
-        ({"gps": GpsFix(0, 0), "health": {"global position": False}}, True),
+        ({"gps": GpsFix(0, 0), "health": {HealthItem.GLOBAL_POSITION: False}}, True),
         ({"estimator": replace(SURE, ratios={**RATIOS, "compass": 1.5})}, True),
         ({"telemetry_rate_hz": 7.9}, True),
         ({"multicopter": False}, False),
         ({"parameters": {**PX4, "COM_OF_LOSS_T": 6.0}}, False),
         ({"unreachable": ("no heartbeat", "start it")}, False),
         ({"position_m": (50.0, 0.0, 0.0)}, False),
-        ({"position_m": (50.0, 0.0, 0.0), "health": {"local position": False}}, True),
+        ({"position_m": (50.0, 0.0, 0.0), "health": {HealthItem.LOCAL_POSITION: False}}, True),
     )
     for changes, temporary in rows:
         with subtests.test(changes=changes):
@@ -251,7 +258,7 @@ def test_in_a_local_frame_nobody_asks_for_a_place_on_earth() -> None:
     local = changed(frame={"local": True, "latitude_deg": None, "longitude_deg": None, "altitude_m": None})
     far = {"origin_m": (2000.0, 0.0, 0.0), "gps": None}
     assert grave(preflight(local, [well(i, **far) for i in local.ids])) == []
-    health = {"local position": False, "arming checks": False}
+    health = {HealthItem.LOCAL_POSITION: False, HealthItem.ARMING: False}
     (lost,) = (each for each in preflight(local, [well(1, origin_m=None, health=health)]) if each.check == "origin")
     assert "external position" in lost.next_step
 
@@ -318,7 +325,7 @@ def test_a_vehicle_beside_its_start(subtests: pytest.Subtests) -> None:
 
 @pytest.mark.parametrize(("mode", "grade"), [(FlightMode.HOLD, "refuse"), (FlightMode.LAND, "warning")])
 def test_arming_checks_depend_on_the_mode(mode: FlightMode, grade: str) -> None:
-    health = {**dict.fromkeys(HEALTH, True), "arming checks": False}
+    health = {**dict.fromkeys(HEALTH, True), HealthItem.ARMING: False}
     findings = team(health=health, status=replace(well(2).status, mode=mode))
     assert (grade, "vehicle 2", "health") in grave(findings)
 
@@ -525,7 +532,7 @@ def rendered() -> Callable[[object], str]:
 
 def test_a_finding_to_act_on_says_why_and_what_next() -> None:
     with pytest.raises(ValueError, match="without a reason"):
-        Finding(Grade.WARNING, "mission", "battery", "it is low")
+        Finding(Grade.WARNING, 2, "battery", "it is low")
 
 
 def test_facts_hold_finite_numbers() -> None:
@@ -600,12 +607,12 @@ def test_an_area_is_a_polygon_of_finite_corners() -> None:
 SERIAL = "serial:///dev/ttyUSB0:%d"
 
 
-def on_one_line(baud: int, came_bytes_s: float | None = None) -> dict[str, Finding]:
+def on_one_line(baud: int, received_bytes_s: float | None = None) -> dict[str, Finding]:
     """What is found of the connection, with all vehicles of case 2 on one serial line."""
     vehicles = tuple(
         replace(each, section=each.section.model_copy(update={"url": SERIAL % baud})) for each in CASE2.vehicles
     )
-    found = preflight(replace(CASE2, vehicles=vehicles), [well(i, link_bytes_s=came_bytes_s) for i in CASE2.ids])
+    found = preflight(replace(CASE2, vehicles=vehicles), [well(i, link_bytes_s=received_bytes_s) for i in CASE2.ids])
     return {each.check: each for each in found if each.check.startswith("link ")}
 
 
@@ -631,11 +638,11 @@ def test_a_line_that_is_too_slow_at_any_rate_is_told_so() -> None:
     assert "faster radio" in on_one_line(9600)["link budget"].next_step
 
 
-@pytest.mark.parametrize(("came_bytes_s", "grade"), [(2500.0, Grade.PASS), (7000.0, Grade.WARNING)])
-def test_streams_that_were_not_asked_for_are_noticed(came_bytes_s: float, grade: Grade) -> None:
-    traffic = on_one_line(115200, came_bytes_s)["link traffic"]
+@pytest.mark.parametrize(("received_bytes_s", "grade"), [(2500.0, Grade.PASS), (7000.0, Grade.WARNING)])
+def test_streams_that_were_not_asked_for_are_noticed(received_bytes_s: float, grade: Grade) -> None:
+    traffic = on_one_line(115200, received_bytes_s)["link traffic"]
     assert traffic.grade is grade
-    assert f"{came_bytes_s:.0f} bytes/s received" in traffic.found
+    assert f"{received_bytes_s:.0f} bytes/s received" in traffic.found
 
 
 def test_a_vehicle_whose_id_is_doubled_on_its_line_is_refused() -> None:

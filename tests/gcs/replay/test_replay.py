@@ -12,7 +12,7 @@ import pytest
 
 from agents.drops import Drops
 from agents.inputs import (
-    Autopilot,
+    AutopilotStatus,
     Bus,
     Command,
     Computer,
@@ -391,7 +391,7 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
     TimeScale(10.0): ("10",),
     Start(100.0): ("0.000 s",),
     TacticEvent(Event.END): ("end",),
-    Autopilot(STATUS): ("autopilot", "connected", "armed", "on the ground", "offboard", "50%"),
+    AutopilotStatus(STATUS): ("autopilot", "connected", "armed", "on the ground", "offboard", "50%"),
     LateTicks(3): ("3 ticks",),
     Bus(alive=False): ("bus",),
     Drops(too_many=7, unknown_key=1): ("too many 7", "unknown key 1"),

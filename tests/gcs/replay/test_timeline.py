@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.inputs import Autopilot, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
+from agents.inputs import AutopilotStatus, Bus, CoreInput, LateTicks, Message, Start, TacticEvent, Tick, TimeScale
 from agents.notes import Note, TacticChange
 from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
@@ -35,7 +35,7 @@ from gcs.replay.event_detectors import (
     TimelineEntry,
 )
 from gcs.replay.playback import Turn
-from gcs.replay.surroundings import Surroundings
+from gcs.replay.received_inputs import ReceivedInputs
 from gcs.replay.timeline import FOLDED_FROM, KEPT, Timeline, folded, timeline_of
 from gcs.replay.timeline_view import summary_lines
 from tests.support.flight_logs import engaging, record_simulation
@@ -147,10 +147,10 @@ def turn(time_s: float, *inputs: CoreInput, **fields: Any) -> Turn:
 
 
 def lines(detector: EventDetector, turns: Iterable[Turn]) -> list[TimelineEntry]:
-    surroundings, said = Surroundings(), list[TimelineEntry]()
+    received, said = ReceivedInputs(), list[TimelineEntry]()
     for each in turns:
-        surroundings.take(each)
-        said += detector.update(each, surroundings)
+        received.take(each)
+        said += detector.update(each, received)
     return said + list(detector.end())
 
 
@@ -261,8 +261,8 @@ def test_ticks_beside_a_landing_are_not_late() -> None:
 
 
 def test_an_autopilot_is_told_of_when_more_changes_than_its_battery() -> None:
-    def said(battery: float, mode: FlightMode) -> Autopilot:
-        return Autopilot(VehicleStatus(connected=True, armed=True, in_air=True, mode=mode, battery=battery))
+    def said(battery: float, mode: FlightMode) -> AutopilotStatus:
+        return AutopilotStatus(VehicleStatus(connected=True, armed=True, in_air=True, mode=mode, battery=battery))
 
     turns = [
         turn(1.0, said(0.9, FlightMode.HOLD)),
@@ -284,10 +284,10 @@ def test_what_is_repeated_is_folded() -> None:
     assert list(folded(many[: FOLDED_FROM - 1], 0.0)) == many[: FOLDED_FROM - 1]
 
 
-def test_the_surroundings_go_by_the_start_of_the_mission() -> None:
-    surroundings = Surroundings()
-    surroundings.take(turn(1.0, Start(5.0), Telemetry(0.9, (0.0, 0.0, 7.5), (0.0, 0.0, 0.0))))
-    assert (surroundings.start_s, surroundings.height_m) == (5.0, 7.5)
+def test_received_inputs_go_by_the_start_of_the_mission() -> None:
+    received = ReceivedInputs()
+    received.take(turn(1.0, Start(5.0), Telemetry(0.9, (0.0, 0.0, 7.5), (0.0, 0.0, 0.0))))
+    assert (received.start_s, received.height_m) == (5.0, 7.5)
 
 
 def test_a_timeline_of_a_log_with_a_gap_says_so(flight: tuple[FlightLog, FlightRecord], tmp_path: Path) -> None:

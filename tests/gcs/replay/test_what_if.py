@@ -16,9 +16,9 @@ from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, GuardResult, Truth
 from gcs.mission.mission import Mission
-from gcs.replay.estimates import Track, rms_difference
+from gcs.replay.estimates import EstimateTrack, rms_difference
 from gcs.replay.playback import Turn, config_of, turns
-from gcs.replay.what_if import Feed, FilterRun, FilterSettings, Outcome, changed_filters, what_if
+from gcs.replay.what_if import Feed, FilterComparison, FilterRun, FilterSettings, changed_filters, what_if
 from tests.support.flight_logs import engaging, record_simulation
 
 pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
@@ -65,13 +65,13 @@ def run(flight: Flight, *changes: str, vehicle_id: int = 2) -> FilterRun:
     return filters
 
 
-def outcomes(flight: Flight, *changes: str) -> dict[tuple[int, str], Outcome]:
+def outcomes(flight: Flight, *changes: str) -> dict[tuple[int, str], FilterComparison]:
     log, mission = flight
     told = what_if(log, mission, changed_filters(mission, changes))
     return {(each.vehicle_id, each.filter): each for each in told.outcomes}
 
 
-def roughness_m(track: Track) -> float:
+def roughness_m(track: EstimateTrack) -> float:
     """Return the rms of how much the estimates turn from tick to tick."""
     motion = np.array(list(track._motion.values()))[:, POSITION]
     return float(np.sqrt(np.mean(np.sum(np.diff(motion, 2, axis=0) ** 2, axis=1))))
@@ -179,7 +179,7 @@ def test_a_narrow_gate_refuses_more(field: Flight) -> None:
 
 
 def test_innovations_are_normalised_by_what_was_expected_of_them() -> None:
-    track = Track()
+    track = EstimateTrack()
     track.add_measurement(True, (np.array([3.0, 4.0, 0.0, 0.0]), np.diag([9.0, 4.0, 1.0, 1.0])))
     track.add_measurement(False, (np.array([100.0, 0.0]), np.eye(2)))
     track.add_measurement(True, None)
@@ -190,14 +190,14 @@ def test_innovations_are_normalised_by_what_was_expected_of_them() -> None:
 
 
 def test_tracks_are_compared_where_both_know() -> None:
-    one, other = Track(), Track()
+    one, other = EstimateTrack(), EstimateTrack()
     for time_s in (0.0, 1.0, 2.0):
         one.add(time_s, np.array([time_s, 0.0, 0.0, 0.0]))
     other.add(1.0, np.array([4.0, 4.0, 0.0, 0.0]))
     other.add(3.0, np.array([9.0, 9.0, 0.0, 0.0]))
     assert rms_difference(one, other, POSITION) == 5.0
-    assert rms_difference(one, Track(), POSITION) is None
-    assert Track().figures(None).nis is None
+    assert rms_difference(one, EstimateTrack(), POSITION) is None
+    assert EstimateTrack().figures(None).nis is None
 
 
 def test_values_are_those_of_a_mission_file(field: Flight) -> None:

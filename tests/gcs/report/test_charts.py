@@ -9,6 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from gcs.metrics.record import injected_faults
 from gcs.report.charts.chart import WIDE_IN, WIDTH_IN, Chart, chart, levels, logarithmic, rows_of_two
 from gcs.report.charts.lanes import draw_lanes
 from gcs.report.charts.onboard import draw_ticks, intervals_ms
@@ -61,7 +62,7 @@ def test_labels_of_levels_never_cover_each_other_and_stay_inside(values: tuple[f
 
 def test_the_timeline_holds_engagements_faults_commands_and_failsafes() -> None:
     evidence, result, criteria = flown(3, duration_s=120.0, rate_hz=5.0)
-    record = replace(evidence.record, faults=("link-cut@70:3", "latency@75.5"))
+    record = replace(evidence.record, faults=injected_faults(("link-cut@70:3", "latency@75.5")))
     flight = flight_of(replace(evidence, record=record), result, criteria)
     axes = Figure().subplots()
     draw_lanes(axes, flight.sheet, flight.evidence)
@@ -107,7 +108,7 @@ def contrast(one: str, other: str) -> float:
 
 def test_every_colour_of_a_chart_has_one_for_dark_pages_that_can_be_seen_there() -> None:
     evidence, result, criteria = flown(8, duration_s=120.0, rate_hz=2.0)
-    record = replace(evidence.record, faults=("link-cut@70:3",))
+    record = replace(evidence.record, faults=injected_faults(("link-cut@70:3",)))
     html = report_html(replace(evidence, record=record), result, criteria, ring_flight())
     page = html[html.index("<main>") : html.index("</main>")]
     used = {colour.upper() for colour in re.findall(r"var\(--c[0-9a-f]{6}, (#\w+)\)", page)}

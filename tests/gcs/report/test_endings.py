@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from agents.flight_end import FlightEnd
 from gcs.cli.report import ReportOptions, report
 from gcs.console.result import verdict_of
 from gcs.console.summary import summary as terminal_summary
@@ -16,7 +17,7 @@ from gcs.errors import Exit
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.metrics.catalogue import Verdicts
-from gcs.metrics.ending import FlightEnding, How
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.result import FlightResult
 from gcs.report.evidence.reading import read_flight
 from gcs.report.flight_page import report_html
@@ -27,7 +28,7 @@ from tests.support.report_evidence import flown
 
 pytestmark = pytest.mark.slow
 
-KILLED = FlightEnding(How.KILLED, "Vehicle 2: an operator had its motors cut.", (2,))
+KILLED = TeamEnding(FlightEnd.KILLED, "Vehicle 2: an operator had its motors cut.", (2,))
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +38,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
     return read_log(path)
 
 
-def ended(log: FlightLog) -> FlightEnding | None:
-    return FlightEnding.of(read_flight([log]).evidence.record.endings)
+def ended(log: FlightLog) -> TeamEnding | None:
+    return TeamEnding.of(read_flight([log]).evidence.record.endings)
 
 
 def replaced(how: str, reason: str) -> Callable[[LogRecord], object]:
@@ -58,10 +59,10 @@ def without(kind: type[object]) -> Callable[[LogRecord], object]:
 def test_what_the_flight_said_of_its_end_is_in_its_log(log: FlightLog, tmp_path: Path) -> None:
     whole = ended(log)
     assert whole is not None
-    assert (whole.how, whole.vehicles) == (How.SIMULATED, (1, 2, 3))
+    assert (whole.how, whole.vehicles) == (FlightEnd.SIMULATED, (1, 2, 3))
     killed = ended(rewrite(log, tmp_path / "killed.mcap", 2, replaced("killed", "its motors were cut")))
     assert killed is not None
-    assert (killed.how, killed.vehicles) == (How.KILLED, (2,))
+    assert (killed.how, killed.vehicles) == (FlightEnd.KILLED, (2,))
     assert killed.reason.startswith("Vehicle 2: its motors were cut; vehicles 1 and 3: ")
     assert report([tmp_path / "killed.mcap"], options=ReportOptions()) is Exit.ENDED_IN_FLIGHT
 
@@ -69,7 +70,7 @@ def test_what_the_flight_said_of_its_end_is_in_its_log(log: FlightLog, tmp_path:
 def test_a_log_that_does_not_say_how_a_vehicle_ended_ends_in_flight(log: FlightLog, tmp_path: Path) -> None:
     cut = ended(rewrite(log, tmp_path / "cut.mcap", 3, without(VehicleEnd)))
     assert cut is not None
-    assert (cut.how, cut.vehicles) == (How.IN_FLIGHT, (3,))
+    assert (cut.how, cut.vehicles) == (FlightEnd.IN_FLIGHT, (3,))
     assert cut.headline == "The log ends in flight: vehicle 3"
     assert "40.0 s after the mission's start" in cut.reason
     assert report([tmp_path / "cut.mcap"], options=ReportOptions()) is Exit.ENDED_IN_FLIGHT
@@ -86,7 +87,7 @@ def test_an_older_log_ends_as_it_did(log: FlightLog, tmp_path: Path) -> None:
     assert report([older.path], options=ReportOptions()) in (Exit.HOLDS, Exit.VERDICT_FAILED)
 
 
-def all_held(ending: FlightEnding | None) -> FlightResult:
+def all_held(ending: TeamEnding | None) -> FlightResult:
     _, result, _ = flown(3, duration_s=60.0, rate_hz=5.0)
     return replace(result, verdicts=Verdicts(True, True, True, True, True, True), ended=ending)
 
@@ -108,10 +109,10 @@ def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
 
 
 def test_the_exit_code_follows_how_it_ended(subtests: pytest.Subtests) -> None:
-    for how in How:
+    for how in FlightEnd:
         with subtests.test(how=how):
-            early = how not in (How.LANDED, How.SIMULATED)
-            held = verdict_of(all_held(FlightEnding(how, "Why.", (1,))))
+            early = how not in (FlightEnd.LANDED, FlightEnd.SIMULATED)
+            held = verdict_of(all_held(TeamEnding(how, "Why.", (1,))))
             assert held is (Exit.ENDED_IN_FLIGHT if early else Exit.HOLDS)
     assert verdict_of(all_held(None)) is Exit.HOLDS
     failed = replace(all_held(None), verdicts=Verdicts(False, None, None, None, None))

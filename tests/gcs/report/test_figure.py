@@ -15,7 +15,7 @@ from matplotlib.patches import Circle
 
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.references import FormationReference, RingReference
+from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
 from gcs.report import figure as figure_module
 from gcs.report.figure import COLOURS, save_figure
@@ -23,7 +23,7 @@ from tests.support.report_evidence import TOLERANCES
 
 pytestmark = pytest.mark.slow
 
-RING = RingReference(10.0, 0.05)
+RING = DesiredRing(10.0, 0.05)
 TIME_S = np.arange(601) / 1.0
 TARGET_M = np.column_stack((35.0 + 0.1 * TIME_S, np.full(TIME_S.size, -5.0)))
 TARGET_M_S = np.tile([0.1, 0.0], (TIME_S.size, 1))

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.notes import AlertChange
 from gcs.console.advice import advice
 from gcs.metrics.catalogue import Verdicts
-from gcs.metrics.ending import FlightEnding, How
+from gcs.metrics.ending import TeamEnding
 from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.record import FlightEvent
 from gcs.metrics.result import FlightResult
@@ -22,7 +23,7 @@ HELD = Verdicts(True, True, True, True, True, True)
 def flight() -> tuple[FlightEvidence, FlightResult]:
     """A flight of which nothing is to be corrected."""
     evidence, result, _ = flown(3, duration_s=120.0, rate_hz=5.0)
-    return replace(evidence, facts={"log": "flight one.mcap"}), replace(result, verdicts=HELD)
+    return replace(evidence, logs=("flight one.mcap",)), replace(result, verdicts=HELD)
 
 
 def test_a_flight_in_which_all_held_needs_no_step(flight: tuple[FlightEvidence, FlightResult]) -> None:
@@ -34,9 +35,9 @@ def test_every_early_end_has_a_step_and_names_its_vehicles(
     flight: tuple[FlightEvidence, FlightResult], subtests: pytest.Subtests
 ) -> None:
     evidence, result = flight
-    for how in How:
+    for how in FlightEnd:
         with subtests.test(how=how):
-            ending = FlightEnding(how, "Why.", (2, 3))
+            ending = TeamEnding(how, "Why.", (2, 3))
             steps = next_steps(replace(result, ended=ending), evidence)
             assert len(steps) == (1 if ending.is_early else 0)
             assert all(step.text.startswith("Vehicles 2 and 3: ") for step in steps)

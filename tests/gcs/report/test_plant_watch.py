@@ -12,7 +12,7 @@ from estimation.plant.watch import effect_delay_s, others, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.mission.file import load_mission
-from gcs.report.evidence.flight import FlightEvidence, Loop, PlantNote, VehicleEvidence
+from gcs.report.evidence.flight import FlightEvidence, LoopTiming, PlantNote, VehicleEvidence
 from gcs.report.evidence.plants import plant_notes
 
 pytestmark = pytest.mark.slow
@@ -77,7 +77,7 @@ def noted(flight: tuple[Vector, Vector], trips_s: tuple[float, ...]) -> PlantNot
     mission = load_mission("px4-trio")
     mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=FILE), *mission.vehicles[1:]))
     sent, samples = flight
-    loop = Loop(
+    loop = LoopTiming(
         time_s=sent[:, 0], setpoint_m=np.pad(sent[:, 1:], ((0, 0), (0, 1))), velocity_m_s=np.zeros((len(sent), 3))
     )
     vehicle = VehicleEvidence(1, loop=loop, samples=samples, round_trip_s=np.array(trips_s))
@@ -121,7 +121,9 @@ def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> N
     mission = load_mission("px4-trio")
     mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=fed), *mission.vehicles[1:]))
     flat = np.zeros((time_s.size, 1))
-    loop = Loop(time_s=time_s, setpoint_m=np.hstack([setpoints, flat]), velocity_m_s=np.hstack([velocities, flat]))
+    loop = LoopTiming(
+        time_s=time_s, setpoint_m=np.hstack([setpoints, flat]), velocity_m_s=np.hstack([velocities, flat])
+    )
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
     (note,) = plant_notes(mission, FlightEvidence(record, (VehicleEvidence(1, loop=loop, samples=samples),)))
@@ -168,7 +170,7 @@ def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -
     plant = mission.vehicles[0].plant
     setpoints, samples = flown(stiffer * plant.x.a0_per_s2, plant.x.a1_per_s, plant.delay_s)
     sent = np.column_stack([setpoints[:, 1:], np.full(len(setpoints), 8.0)])
-    seen = VehicleEvidence(1, loop=Loop(time_s=setpoints[:, 0], setpoint_m=sent), samples=samples)
+    seen = VehicleEvidence(1, loop=LoopTiming(time_s=setpoints[:, 0], setpoint_m=sent), samples=samples)
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
     (note,) = plant_notes(mission, FlightEvidence(record, (seen, VehicleEvidence(2))))

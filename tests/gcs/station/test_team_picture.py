@@ -225,8 +225,12 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
     assert team.vehicles[2].ending == "killed: an operator had its motors cut"
     assert team.vehicles[1].nearest_id == 1, "one that lies on the ground is no neighbour"
     assert team.vehicles[2].alert == ""
-    page.hears(2.0, report(1, START_S + 1.0, ended="completed"), report(2, START_S + 1.0, ended="completed"))
-    assert page.team(2.1).ending == "1, 2 completed; 3 killed: an operator had its motors cut"
+    page.hears(
+        2.0,
+        report(1, START_S + 1.0, ended="landed", is_completed=True),
+        report(2, START_S + 1.0, ended="landed", is_completed=True),
+    )
+    assert page.team(2.1).ending == "1, 2 landed; 3 killed: an operator had its motors cut"
     assert page.team(60.0).time_s == page.team(2.1).time_s, "the mission's time stands still"
     assert not any("no messages" in each.text for each in page.events), "what has ended may fall silent"
     assert page.team(60.0).link == ""
@@ -246,7 +250,7 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
 def test_a_flight_whose_process_is_gone_is_over() -> None:
     page = Page()
     page.hears(1.0, state(1, START_S), report(1, START_S))
-    page.hears(1.0, report(2, START_S, ended="completed"))
+    page.hears(1.0, report(2, START_S, ended="landed", is_completed=True))
     team = page.team(9.0, "waiting for team", is_over=True)
     assert [(each.has_ended, each.is_stale) for each in team.vehicles] == [(True, True), (True, True), (False, True)]
     assert "silent at the end" in team.ending
@@ -280,7 +284,7 @@ def test_on_the_ground_and_after_landing_no_flight_is_lost() -> None:
     page = Page()
     page.hears(1.0, report(1, START_S, start_s=None), report(2, START_S, start_s=None))
     assert page.team(9.0).lost is None, "they wait for their start"
-    page.hears(10.0, state(1, START_S + 9.0), report(1, START_S + 9.0, ended="completed"))
+    page.hears(10.0, state(1, START_S + 9.0), report(1, START_S + 9.0, ended="landed", is_completed=True))
     assert page.team(19.0, is_over=True).lost is None
 
 

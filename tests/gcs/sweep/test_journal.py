@@ -5,7 +5,7 @@ import pytest
 from gcs.errors import InputError
 from gcs.sweep.columns import Row
 from gcs.sweep.folder import SweepFolder
-from gcs.sweep.journal import Journal, read_rows
+from gcs.sweep.journal import SweepJournal, read_rows
 from gcs.sweep.plan import planned
 
 pytestmark = pytest.mark.slow
@@ -15,7 +15,7 @@ ROWS: dict[int, Row] = {0: {"holds": True, "closest_approach_m": 0.1 + 0.2}, 2: 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    with Journal(tmp_path / "runs.jsonl") as journal:
+    with SweepJournal(tmp_path / "runs.jsonl") as journal:
         for index, row in ROWS.items():
             journal.append(index, row)
     return tmp_path / "runs.jsonl"
@@ -30,7 +30,7 @@ def test_a_journal_that_is_cut_anywhere_goes_on(path: Path) -> None:
     lines = whole.splitlines(keepends=True)
     for size in range(len(whole)):
         path.write_bytes(whole[:size])
-        with Journal(path) as journal:
+        with SweepJournal(path) as journal:
             assert journal.rows == {index: ROWS[index] for index in (0,) if size >= len(lines[0])}
             journal.append(1, {"holds": False})
             kept = journal.rows
@@ -44,9 +44,9 @@ def test_a_line_that_cannot_be_read_is_as_if_its_run_were_not_flown(path: Path) 
 
 
 def test_one_sweep_at_a_time_writes(path: Path) -> None:
-    with Journal(path), pytest.raises(InputError, match="another sweep"):
-        Journal(path)
-    Journal(path)
+    with SweepJournal(path), pytest.raises(InputError, match="another sweep"):
+        SweepJournal(path)
+    SweepJournal(path)
 
 
 def test_a_folder_takes_another_sweep_only_while_no_run_is_finished(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from gcs.sweep.columns import Row
-from gcs.sweep.journal import Journal
-from gcs.sweep.plan import SweepPlan, Task, Tasks, planned
+from gcs.sweep.journal import SweepJournal
+from gcs.sweep.plan import SweepPlan, SweepTask, Tasks, planned
 from gcs.sweep.run import UnlikeWorkerError, flown
 from gcs.sweep.sweep import TRIES, WorkersError, fly_missing
 
@@ -28,7 +28,7 @@ class FakeWorkers:
         self.tries: Counter[int] = Counter()
         self._outcome = outcome
 
-    def submit(self, task: Task) -> "Future[Row]":
+    def submit(self, task: SweepTask) -> "Future[Row]":
         self.tries[task.seed] += 1
         future: Future[Row] = Future()
         try:
@@ -50,7 +50,7 @@ def fly(
     plan: SweepPlan, folder: Path, workers: FakeWorkers, interrupted: Callable[[], bool] = lambda: False
 ) -> list[Row]:
     finished: list[Row] = []
-    with Journal(folder / "runs.jsonl") as journal:
+    with SweepJournal(folder / "runs.jsonl") as journal:
         fly_missing(plan, journal, workers, finished.append, interrupted)
     return finished
 
@@ -104,10 +104,10 @@ def test_what_is_finished_is_kept_when_the_sweep_ends_early(plan: SweepPlan, tmp
 
 def test_a_run_that_raises_is_a_row_and_unlike_workers_fly_nothing(plan: SweepPlan) -> None:
     task = Tasks(plan).of(plan.runs[0])
-    broken = Task("", {}, 0, 1.0, task.versions)
+    broken = SweepTask("", {}, 0, 1.0, task.versions)
     assert "mission: this section is missing" in str(flown(broken)["error"])
-    endless = Task(task.mission_text, task.profile_texts, 0, -1.0, task.versions)
+    endless = SweepTask(task.mission_text, task.profile_texts, 0, -1.0, task.versions)
     assert str(flown(endless)["error"]).startswith("ValueError: ")
-    other = Task(task.mission_text, task.profile_texts, 0, 1.0, {**task.versions, "numpy": "0.1"})
+    other = SweepTask(task.mission_text, task.profile_texts, 0, 1.0, {**task.versions, "numpy": "0.1"})
     with pytest.raises(UnlikeWorkerError, match=r"numpy .* instead of 0\.1"):
         flown(other)

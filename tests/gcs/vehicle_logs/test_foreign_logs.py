@@ -148,11 +148,11 @@ def test_who_flew_what_and_when(px4: VehicleLog, copter: VehicleLog) -> None:
 
 
 def test_what_it_holds_is_told_in_plain_words(px4: VehicleLog, copter: VehicleLog) -> None:
-    told = "\n".join(describe(px4))
+    told = "\n".join(map(": ".join, describe(px4)))
     assert "PX4 log (.ulg) of vehicle 1: px4, firmware v1.17.0 (alpha) b52a9e7e, 42.8 s" in told
     assert "samples from trajectory_setpoint, 5 Hz" in told
     assert "take-off -> hold -> offboard; 18.9 s under external position control" in told
-    assert "ArduPilot log (.bin) of vehicle 1" in describe(copter)[0]
+    assert describe(copter)[0][0] == "ArduPilot log (.bin) of vehicle 1"
 
 
 def test_the_hash_is_that_of_the_file(either: VehicleLog) -> None:

@@ -9,7 +9,7 @@ import pytest
 from foxglove import Context
 from pymavlink.dialects.v20 import common as dialect
 
-from agents.inputs import Autopilot
+from agents.inputs import AutopilotStatus
 from agents.ports import FlightMode, Setpoint, VehicleStatus
 from estimation.frames import Geodetic, MissionFrame
 from estimation.identification.identify import identify
@@ -63,14 +63,14 @@ def written(path: Path, flown: Flown, round_trip_s: float | None = None) -> Path
     places = np.array(flown.position_m)
     speeds = np.gradient(places, flown.time_s, axis=0)
     mode = FlightMode.HOLD
-    note(0.0, Autopilot(VehicleStatus(connected=True, mode=mode)))
+    note(0.0, AutopilotStatus(VehicleStatus(connected=True, mode=mode)))
     for time_s, kind, index in sorted(events):
         if kind == 0:
             note(time_s, Telemetry(time_s, turn(tuple(places[index].tolist())), turn(tuple(speeds[index].tolist()))))
             continue
         if mode is FlightMode.HOLD and time_s >= flown.offboard_s[0]:
             mode = FlightMode.OFFBOARD
-            note(time_s, Autopilot(VehicleStatus(connected=True, mode=mode, round_trip_s=round_trip_s)))
+            note(time_s, AutopilotStatus(VehicleStatus(connected=True, mode=mode, round_trip_s=round_trip_s)))
         note(time_s, decision(time_s, Setpoint(turn(flown.asked_m[index]))))
     writer.close()
     return path

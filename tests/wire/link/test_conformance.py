@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from estimation.profile.autopilots import AutopilotName
-from gcs.autopilots.registry import known_as
+from gcs.autopilots.registry import autopilot_of
 from sitl.autopilot.autopilot import autopilot_named
 from tests.experiments.conformance import (
     EXERCISES,
@@ -129,4 +129,4 @@ def test_a_px4_that_is_not_there_says_what_to_set(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("name", get_args(AutopilotName))
 def test_the_stubs_know_every_parameter_that_preflight_reads(name: AutopilotName) -> None:
     known = autopilot_named(name).TABLE.defaults.keys()
-    assert [names for names in known_as(name).parameters_wanted if not {*names} & known] == []
+    assert [names for names in autopilot_of(name).parameters_wanted if not {*names} & known] == []

@@ -35,7 +35,7 @@ from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates.rate_controller import RateController
 from gcs.link.rates.rates import Rates
 from gcs.link.status_texts import StatusTexts
-from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.guidance import PositionTarget
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink_constants import MessageId, Outgoing
@@ -253,13 +253,13 @@ async def test_setpoints_are_handed_on_at_the_rate_asked_for(
 ) -> None:
     # Without a rate MAVSDK's repetitions come besides: then what counts is how often a new one comes.
     received: list[float] = []
-    take = Autopilot.receive_setpoint
+    take = StubAutopilot.receive_setpoint
 
-    def note(autopilot: Autopilot, time_s: float, target: PositionTarget) -> None:
+    def note(autopilot: StubAutopilot, time_s: float, target: PositionTarget) -> None:
         received.append(target.position_m[2])
         take(autopilot, time_s, target)
 
-    monkeypatch.setattr(Autopilot, "receive_setpoint", note)
+    monkeypatch.setattr(StubAutopilot, "receive_setpoint", note)
     pace = RateController(Rates(20.0, 2.0, rate_hz or 20.0), limits_setpoints=rate_hz is not None)
     # By the wall, as the relay keeps the rate.
     config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock(2.0)

@@ -6,7 +6,7 @@ from math import dist
 
 import pytest
 
-from agents.shell.outcome import Ending
+from agents.flight_end import FlightEnd
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -42,7 +42,7 @@ async def test_a_team_without_gps_ends_up_where_the_mission_says(mission_file: C
         plan = FlightPlan(mission, DURATION_S, mission.vehicles, speed=SPEED, clock=name)
         flight = await fly(plan, unseen_view())
         record = await asyncio.to_thread(stubs.stop)
-    assert [each.ending for each in flight.outcomes.values()] == [Ending.COMPLETED] * 2, flight.outcomes
+    assert [each.how for each in flight.outcomes.values()] == [FlightEnd.LANDED] * 2, flight.outcomes
     assert flight.record is not None
     for track, place in zip(record.tracks, ((0.0, 4.0), (0.0, 0.0)), strict=True):
         x, y, z = track.position_m[-1].tolist()

@@ -140,7 +140,7 @@ async def process(keys: TeamKeys) -> AsyncIterator[Peers]:
         yield team
 
 
-class Stranger:
+class UnauthorisedClient:
     """A plain Zenoh session that connects to both vehicles, with some certificate or none, and no access control."""
 
     def __init__(self, endpoints: Sequence[str], settings: Mapping[str, object], scheme: str = "tls") -> None:
@@ -210,7 +210,7 @@ async def tried(
 
     What is `expected` they reach sooner or later; what else they reach, they reach at once.
     """
-    strangers = [await asyncio.to_thread(Stranger, team.endpoints, each, scheme) for each in settings]
+    strangers = [await asyncio.to_thread(UnauthorisedClient, team.endpoints, each, scheme) for each in settings]
 
     def say() -> bool:
         for stranger in strangers:

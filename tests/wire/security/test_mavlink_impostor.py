@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from agents.flight_end import FlightEnd
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError
-from agents.shell.outcome import Ending
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Telemetry
@@ -113,7 +113,7 @@ async def test_forged_messages_have_no_effect_on_a_flight(
         forging = asyncio.create_task(forge())
         outcomes = (await flight).outcomes
         forging.cancel()
-    assert [outcome.ending for outcome in outcomes.values()] == [Ending.COMPLETED] * 3, outcomes
+    assert [outcome.how for outcome in outcomes.values()] == [FlightEnd.LANDED] * 3, outcomes
     assert max(places) < 100.0
     assert modes <= {mode.value for mode in FlightMode} - {FlightMode.OTHER.value}
     assert all(stub.setpoints for stub in stubs)

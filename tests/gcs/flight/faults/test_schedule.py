@@ -15,7 +15,7 @@ DURATION_S = 60.0
 
 def test_faults_come_by_their_times_with_the_vehicles_that_were_given() -> None:
     faults = scheduled_faults(["Link-Cut@30:2", "target lost@2.5", "gps-jump@40"], CASE2, DURATION_S, CASE2.ids)
-    assert [(each.fault.name, each.at_s, each.vehicle) for each in faults] == [
+    assert [(each.fault.name, each.injected.at_s, each.injected.vehicle) for each in faults] == [
         ("target lost", 2.5, None),
         ("link cut", 30.0, 2),
         ("GPS jump", 40.0, None),

@@ -15,24 +15,24 @@ from gcs.link.rates.budget import (
     load,
 )
 from gcs.link.rates.rate_controller import LOOK_PERIOD_S, UP_AFTER_S, RateController
-from gcs.link.rates.rates import Rates, Traffic, ladder
+from gcs.link.rates.rates import Rates, Traffic, rate_levels
 
 FULL = Rates(telemetry_hz=20.0, status_hz=2.0, setpoint_hz=20.0)
 
 
 def test_status_goes_down_first_then_motion_then_setpoints_and_each_to_its_least() -> None:
-    rungs = ladder(FULL)
+    levels = rate_levels(FULL)
     changed = [
         [name for name in ("status_hz", "telemetry_hz", "setpoint_hz") if getattr(low, name) < getattr(high, name)]
-        for high, low in pairwise(rungs)
+        for high, low in pairwise(levels)
     ]
     assert changed == [["status_hz"]] * 2 + [["telemetry_hz"]] * 5 + [["setpoint_hz"]] * 5
-    assert rungs[0] == FULL
-    assert rungs[-1] == Rates(telemetry_hz=5.0, status_hz=0.5, setpoint_hz=5.0)
+    assert levels[0] == FULL
+    assert levels[-1] == Rates(telemetry_hz=5.0, status_hz=0.5, setpoint_hz=5.0)
 
 
 def test_a_rate_below_the_least_stays() -> None:
-    assert ladder(Rates(4.0, 0.2, 4.0)) == (Rates(4.0, 0.2, 4.0),)
+    assert rate_levels(Rates(4.0, 0.2, 4.0)) == (Rates(4.0, 0.2, 4.0),)
 
 
 @pytest.mark.parametrize(
@@ -68,11 +68,11 @@ def test_the_load_of_three_vehicles_adds_up_by_hand() -> None:
 
 
 def test_rates_that_fit_leave_a_reserve_and_the_next_higher_do_not() -> None:
-    rungs = ladder(FULL)
-    index = fitting(rungs, 3, 3840.0)
-    assert load(rungs[index], 3).bytes_s <= 0.7 * 3840.0 < load(rungs[index - 1], 3).bytes_s
-    assert fitting(rungs, 3, 100.0) == len(rungs) - 1
-    assert fitting(rungs, 1, 1e6) == 0
+    levels = rate_levels(FULL)
+    index = fitting(levels, 3, 3840.0)
+    assert load(levels[index], 3).bytes_s <= 0.7 * 3840.0 < load(levels[index - 1], 3).bytes_s
+    assert fitting(levels, 3, 100.0) == len(levels) - 1
+    assert fitting(levels, 1, 1e6) == 0
 
 
 class Line:
@@ -91,17 +91,17 @@ class Line:
 
 def test_losses_lower_the_rates_and_a_quiet_time_raises_them_no_higher_than_where_they_began() -> None:
     pace = RateController(FULL, 1, automatic=True)
-    line, rungs = Line(pace), ladder(FULL)
+    line, levels = Line(pace), rate_levels(FULL)
     assert line.looks(1) == FULL
-    assert line.looks(3, missed=20) == rungs[3]
-    assert line.looks(5, missed=7) == rungs[3]  # neither well nor bad
-    assert line.looks(int(UP_AFTER_S / LOOK_PERIOD_S)) == rungs[2]
+    assert line.looks(3, missed=20) == levels[3]
+    assert line.looks(5, missed=7) == levels[3]  # neither well nor bad
+    assert line.looks(int(UP_AFTER_S / LOOK_PERIOD_S)) == levels[2]
     assert line.looks(100) == FULL
 
 
 def test_a_full_radio_lowers_the_rates_to_the_last_and_no_further() -> None:
     pace = RateController(FULL, 1, automatic=True)
-    assert Line(pace).looks(50, free=0.1) == ladder(FULL)[-1]
+    assert Line(pace).looks(50, free=0.1) == rate_levels(FULL)[-1]
 
 
 def test_few_frames_show_no_losses() -> None:

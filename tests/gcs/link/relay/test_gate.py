@@ -6,7 +6,7 @@ from math import inf
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.link.relay.gate import REPEAT_FOR_S, Claim, Gate
+from gcs.link.relay.gate import REPEAT_FOR_S, Claim, FrameGate
 
 VEHICLE = ("127.0.0.1", 14540)
 MAVSDK_TIMEOUT_S = 3.0
@@ -23,8 +23,8 @@ def heartbeat(system_id: int = 1) -> bytes:
 ATTITUDE = packed(dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
 
 
-def of_vehicles(*system_ids: int) -> Gate:
-    gate = Gate()
+def of_vehicles(*system_ids: int) -> FrameGate:
+    gate = FrameGate()
     for system_id in system_ids:
         gate.claims[system_id] = Claim()
         gate.claims[system_id].verify(VEHICLE, 0.0)

@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.link.relay.frames import timesync_answer, timesync_request
-from gcs.link.relay.gate import KEPT, Claim, Gate, RoundTrips
+from gcs.link.relay.gate import KEPT, Claim, FrameGate, RoundTrips
 
 VEHICLE = ("127.0.0.1", 14540)
 
@@ -52,7 +52,7 @@ def test_old_round_trips_are_forgotten_and_single_late_ones_do_not_count() -> No
 
 
 def test_answers_to_own_requests_end_at_the_gate_and_those_to_others_pass() -> None:
-    gate, claim = Gate(), Claim()
+    gate, claim = FrameGate(), Claim()
     gate.claims[1] = claim
     claim.verify(VEHICLE, 10.0)
     claim.round_trips.asked(10_000_000_000)

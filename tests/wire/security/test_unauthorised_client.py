@@ -29,7 +29,7 @@ from agents.team.perception import ExternalSighting, encode_sighting
 from gcs.console.command_client import CommandClient
 from gcs.console.live import LiveView
 from gcs.console.watch import WatchView, watch
-from gcs.flight.flight import Flight
+from gcs.flight.flight import FlightOutcome
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.metrics.journal import Journal
@@ -40,7 +40,7 @@ from sitl.server.governed_clock import GovernedClock
 from tests.support.flights import flying, in_flight
 from tests.support.mission_text import INSECURE
 from tests.support.paths import ROOT, finds_tests
-from tests.support.stranger import FAR_M, Stranger, state
+from tests.support.unauthorised_client import FAR_M, UnauthorisedClient, state
 from tests.support.wire import PATIENCE_S, repeated, served, until
 
 pytestmark = pytest.mark.wire
@@ -66,7 +66,7 @@ class Scene:
         self.findings: list[Finding] = []
         self.text = StringIO()
         self.watched = StringIO()
-        self.flight: asyncio.Task[Flight]
+        self.flight: asyncio.Task[FlightOutcome]
         note = Journal.note
 
         def noted(journal: Journal, status: CoreStatus, tick_us: float | None) -> None:
@@ -127,7 +127,7 @@ async def attacked(mission: Mission, monkeypatch: pytest.MonkeyPatch, log: Path 
 def flood(kind: str, scene: Scene, lasting_s: float, rate_hz: float) -> Iterator["Popen[str]"]:
     """Let a stranger in a process of its own flood the bus."""
     arguments = [kind, scene.mission.network.team, str(lasting_s), str(rate_hz), *scene.endpoints]
-    command = [sys.executable, "-m", "tests.support.stranger", *arguments]
+    command = [sys.executable, "-m", "tests.support.unauthorised_client", *arguments]
     with Popen(command, cwd=ROOT, env=finds_tests(), stdout=PIPE, text=True) as flood:
         try:
             yield flood
@@ -135,7 +135,9 @@ def flood(kind: str, scene: Scene, lasting_s: float, rate_hz: float) -> Iterator
             flood.kill()
 
 
-async def spoken(stranger: Stranger, message: Callable[[], list[tuple[str, bytes]]], lasting_s: float = inf) -> None:
+async def spoken(
+    stranger: UnauthorisedClient, message: Callable[[], list[tuple[str, bytes]]], lasting_s: float = inf
+) -> None:
     """Say something ten times a second."""
     end_s = time.monotonic() + lasting_s
     while time.monotonic() < end_s:
@@ -145,7 +147,7 @@ async def spoken(stranger: Stranger, message: Callable[[], list[tuple[str, bytes
 
 
 async def spoken_until(
-    stranger: Stranger, message: Callable[[], list[tuple[str, bytes]]], condition: Callable[[], bool]
+    stranger: UnauthorisedClient, message: Callable[[], list[tuple[str, bytes]]], condition: Callable[[], bool]
 ) -> None:
     """Say something for half a second, and again until a condition holds."""
     end_s = time.monotonic() + PATIENCE_S
@@ -187,7 +189,7 @@ async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
 ) -> None:
     mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"'), INSECURE))
     async with attacked(mission, monkeypatch) as scene:
-        stranger = Stranger(mission.network.team, scene.endpoints)
+        stranger = UnauthorisedClient(mission.network.team, scene.endpoints)
 
         def past_start() -> list[tuple[str, bytes]]:
             now_s = scene.clock.now_s()
@@ -298,7 +300,7 @@ async def lured(scene: Scene) -> None:
     """Lead vehicles away by sightings: they say so, before the flight and before they follow."""
     assert all(status.target is None for status in scene.latest.values()), "the own sensors see it"
     assert [each.grade for each in scene.findings if each.check == "mission fence"] == [Grade.WARNING]
-    stranger = Stranger(scene.mission.network.team, scene.endpoints)
+    stranger = UnauthorisedClient(scene.mission.network.team, scene.endpoints)
     began_s, motion = scene.now_s, scene.latest[2].motion
     assert motion is not None
 

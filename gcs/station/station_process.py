@@ -16,13 +16,13 @@ from dataclasses import asdict
 
 from gcs.metrics.ending import LostFlight
 
-LIFELINE_VARIABLE = "CORDON_STATION_LIFELINE"
+PIPE_VARIABLE = "CORDON_STATION_PIPE"
 """The environment variable with the number of a pipe's end: the station ends when the pipe is closed."""
 _END_TIMEOUT_S = 3.0
 _POLL_S = 0.2
 
 
-class StationBeside:
+class StationProcess:
     """A station that runs: `line` has its address, and is empty if it ended at once, with the reason printed."""
 
     def __init__(self, process: "subprocess.Popen[str]", held: int, line: str) -> None:
@@ -66,21 +66,21 @@ class StationBeside:
 
 
 @contextmanager
-def station_beside(arguments: Sequence[str]) -> Iterator[StationBeside]:
+def run_station(arguments: Sequence[str]) -> Iterator[StationProcess]:
     """Run a station as long as this context lasts, or this process and those that inherit its `kept_open`."""
-    lifeline, held = os.pipe()
+    flight_pipe, held = os.pipe()
     process = subprocess.Popen(
         [sys.executable, "-m", "gcs", "station", *arguments],
         stdout=subprocess.PIPE,
         text=True,
-        pass_fds=[lifeline],
-        env={**os.environ, LIFELINE_VARIABLE: str(lifeline)},
+        pass_fds=[flight_pipe],
+        env={**os.environ, PIPE_VARIABLE: str(flight_pipe)},
         start_new_session=True,  # Ctrl-C in the flight's terminal lands the vehicles; the page stays open and shows it
     )
-    os.close(lifeline)
+    os.close(flight_pipe)
     assert process.stdout is not None
     try:
-        yield StationBeside(process, held, process.stdout.readline().rstrip())
+        yield StationProcess(process, held, process.stdout.readline().rstrip())
     finally:
         os.close(held)
         process.stdout.close()
@@ -109,7 +109,7 @@ class FlightPipe:
         self._lose(LostFlight(**{**fields, "vehicles": tuple(fields["vehicles"])}))
 
 
-def lifeline() -> int | None:
+def flight_pipe() -> int | None:
     """Return the end of the pipe that a flight holds, hidden from other processes; None for a station on its own."""
-    number = os.environ.pop(LIFELINE_VARIABLE, None)
+    number = os.environ.pop(PIPE_VARIABLE, None)
     return None if number is None else int(number)

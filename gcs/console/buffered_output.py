@@ -10,16 +10,16 @@ from typing import IO, TextIO, cast
 
 from rich.console import Console
 
-BACKLOG_MAX = 200_000
+BUFFER_MAX = 200_000
 """Characters, about a minute of the live table; further ones are discarded."""
 CLOSING_S = 2.0
 REPORTED_S = 1.0
 
 
-class Backlog:
+class BufferedOutput:
     """A text file that buffers writes to another one; a separate thread writes them.
 
-    A terminal that accepts no output blocks only that thread. Text beyond BACKLOG_MAX is discarded until the terminal
+    A terminal that accepts no output blocks only that thread. Text beyond BUFFER_MAX is discarded until the terminal
     accepts output again; the thread then writes how long it was blocked. Raises BrokenPipeError once the other file's
     reader is gone.
     """
@@ -52,7 +52,7 @@ class Backlog:
         with self._changed:
             if self._failed:
                 raise BrokenPipeError
-            if self._size > BACKLOG_MAX:
+            if self._size > BUFFER_MAX:
                 self._discarded += len(text)
             else:
                 self._texts.append(text)
@@ -111,10 +111,10 @@ def unblocked(console: Console) -> Iterator[None]:
     except OSError:  # a file in memory
         yield
         return
-    backlog = Backlog(console.file)
+    output = BufferedOutput(console.file)
     try:
-        console.file = cast(TextIO, backlog)
+        console.file = cast(TextIO, output)
         yield
     finally:
-        backlog.close()
+        output.close()
         console.file = cast(TextIO, None)  # the standard stream again

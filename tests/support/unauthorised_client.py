@@ -1,7 +1,7 @@
 """An attacker on a team's bus: plain Zenoh, any key, any payload, at any rate.
 
-As a program it floods: `python -m tests.support.stranger KIND TEAM SECONDS RATE_HZ ENDPOINT...` sends junk, states in
-the names of vehicles, or large payloads.
+As a program it floods: `python -m tests.support.unauthorised_client KIND TEAM SECONDS RATE_HZ ENDPOINT...` sends junk,
+states in the names of vehicles, or large payloads.
 """
 
 import json
@@ -20,7 +20,7 @@ FAR_M = (5000.0, 5000.0)
 LARGE_BYTES = 100_000_000
 
 
-class Stranger:
+class UnauthorisedClient:
     """A Zenoh peer that connects to a team's endpoints."""
 
     def __init__(self, team: str, endpoints: Sequence[str]) -> None:
@@ -67,7 +67,7 @@ def messages(kind: str) -> Iterator[tuple[str, bytes]]:
             yield f"member/{number}", bytes(LARGE_BYTES)
 
 
-def flood(stranger: Stranger, kind: str, lasting_s: float, rate_hz: float) -> int:
+def flood(stranger: UnauthorisedClient, kind: str, lasting_s: float, rate_hz: float) -> int:
     """Send messages at a rate, in bursts of a few milliseconds; return the number sent."""
     began_s = time.monotonic()
     for sent, (key, payload) in enumerate(messages(kind), start=1):
@@ -82,7 +82,7 @@ def flood(stranger: Stranger, kind: str, lasting_s: float, rate_hz: float) -> in
 
 if __name__ == "__main__":
     what, its_team, seconds, rate, *ends = sys.argv[1:]
-    someone = Stranger(its_team, ends)
+    someone = UnauthorisedClient(its_team, ends)
     time.sleep(0.5)
     print(flood(someone, what, float(seconds), float(rate)), flush=True)
     someone.close()

@@ -18,7 +18,7 @@ class Neighbour(NamedTuple):
     distance_m: float
 
 
-class Surroundings:
+class ReceivedInputs:
     """Accumulates a vehicle's inputs turn by turn."""
 
     def __init__(self) -> None:

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 WRITER = """
 import time
-from gcs.console.backlog import unblocked
+from gcs.console.buffered_output import unblocked
 from gcs.console.terminal import STDERR, print_line
 worst = 0.0
 with unblocked(STDERR):
@@ -61,7 +61,7 @@ def test_nothing_waits_for_a_terminal_that_takes_no_output_and_it_says_so_afterw
     text = rest(reader)
     assert process.wait(10.0) == 0
     assert "line 0 " in text
-    assert "line 399 " not in text, "more than the backlog holds"
+    assert "line 399 " not in text, "more than the buffer holds"
     assert "took no output for" in text
     os.close(reader)
 

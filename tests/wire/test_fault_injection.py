@@ -1,4 +1,4 @@
-"""Practice: faults that `cordon fly --sitl --fault` injects, and what the team and its records say of them.
+"""Faults that `cordon fly --sitl --fault` injects, and what the team and its records say of them.
 
 Values that `--set` gives in place of the mission's are those of agents, stubs and log.
 """
@@ -20,7 +20,7 @@ FLY = ("--sitl", "--speed", "4", "--json")
 
 
 def test_faults_come_at_their_times_and_the_team_reacts(mission_file: Callable[..., str], tmp_path: Path) -> None:
-    log = tmp_path / "practice.mcap"
+    log = tmp_path / "faults.mcap"
     faults = ("foreign-mode@4:2", "one-vehicle-not-heard@8:3", "link-cut@14:3")
     options = [word for fault in faults for word in ("--fault", fault)]
     # A stub at the file's start would be 16 m off, and the preflight would refuse it.
@@ -28,7 +28,7 @@ def test_faults_come_at_their_times_and_the_team_reacts(mission_file: Callable[.
     mission = mission_file("case2", LOW)
     with cordon("fly", mission, *FLY, "--duration", "24", "--log", str(log), *options) as flight:
         out, err = flight.communicate()
-    assert "4.0 s: practice: foreign mode, vehicle 2" in err
+    assert "4.0 s: injected: foreign mode, vehicle 2" in err
     result = json.loads(out)
     run = read_log(log).run
     assert tuple(result["faults"]) == run.faults == faults
@@ -50,7 +50,7 @@ def test_a_killed_agent_is_named_before_the_process_ends(mission_file: Callable[
     with cordon("fly", mission_file("case2", LOW), *FLY, "--duration", "40", "--fault", "killed-agent@3") as flight:
         _, err = flight.communicate(timeout=PATIENCE_S)
     assert flight.returncode == 4
-    assert "3.0 s: practice: killed agent" in err
+    assert "3.0 s: injected: killed agent" in err
     assert "ended by signal 9" in err
 
 

@@ -17,7 +17,7 @@ _STILL_M_S = (0.0, 0.0)
 _ORIGIN = "stranger"
 
 
-class Stranger:
+class UnauthorisedClient:
     """Sends states from far away, one bearing for all vehicles, and the command to hold, as long as it runs."""
 
     def __init__(self, mission: Mission, clock: MissionClock) -> None:

@@ -14,7 +14,7 @@ def bundled_profiles() -> list[str]:
     return sorted(path.stem for path in _BUNDLED.glob("*.toml"))
 
 
-class ProfileShelf:
+class ProfileLibrary:
     """Profiles by name: bundled ones, files in a folder, or texts that were read before.
 
     No file outside the folder is opened, and none without a folder. `texts` holds every text that was read, by name:
