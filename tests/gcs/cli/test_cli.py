@@ -631,7 +631,7 @@ def test_stubs_are_served_until_they_are_told_to_end(own_ports: str, number: sig
         assert process.stderr is not None
         lines = [process.stderr.readline() for _ in range(4)]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
-            client.settimeout(20.0)
+            client.settimeout(60.0)
             client.bind(("127.0.0.1", ports_of(own_ports, "url")[0]))
             assert client.recv(512)[0] == 0xFD, "a MAVLink 2 frame"
         process.send_signal(number)

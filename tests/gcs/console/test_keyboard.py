@@ -28,7 +28,7 @@ from gcs.console.keyboard.keyboard import Keyboard
 from tests.support.paths import ROOT
 from tests.support.wire import until
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 
 
 TEAM = (1, 2, 3)
