@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from gcs.mission.file import MissionError, parse_mission
 from gcs.mission.mission import Mission
@@ -50,6 +51,15 @@ def toml(value: object) -> str:
 
 def text_of(mission: Content) -> str:
     return "\n".join(f"{json.dumps(key, ensure_ascii=False)} = {toml(value)}" for key, value in mission.items())
+
+
+def with_first_vehicles(path: str, count: int) -> str:
+    """Let a mission's file have its first vehicles only; return its path."""
+    file = Path(path)
+    mission = tomllib.loads(file.read_text(encoding="utf-8"))
+    mission["vehicles"] = mission["vehicles"][:count]
+    file.write_text(tomli_w.dumps(mission), encoding="utf-8")
+    return path
 
 
 def drawn_vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float], most_off: float) -> Content:

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.wire
 async def flying(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator[tuple[Station, AnsweringTeam]]:
     mission = load_mission(mission_file("case2", INSECURE))
     async with answering_team(mission) as team, station(mission, tmp_path) as running:
-        await asyncio.sleep(1.0)  # the operator's session finds the vehicles
+        await until(lambda: running.tactics == team.tactics)
         yield running, team
 
 
@@ -59,7 +59,7 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
 ) -> None:
     running, team = flying
     team.tactics[2] = "pilot override"
-    await asyncio.sleep(0.3)
+    await until(lambda: running.tactics == team.tactics)
     refused = {
         "kill without the word": (asked("1", "kill"), "kill"),
         "kill with another word": (asked("2", "kill", confirmation="Kill"), "kill"),
@@ -123,9 +123,10 @@ async def test_a_hold_does_not_wait_for_a_vehicle_that_is_dead(
 ) -> None:
     mission = load_mission(mission_file("case2", INSECURE))
     async with answering_team(mission, dead=3) as team, station(mission, tmp_path) as running:
-        await asyncio.sleep(1.5)  # the operator's session finds the vehicles
+        await until(lambda: running.tactics.keys() == {1, 2})
         async with running.connected() as page:
             await commanding(page)
+            await asyncio.sleep(2.0 * command_client._ALL_RECEIVED_TIMEOUT_S)  # since the first vehicle was received
             monkeypatch.setattr(command_client, "_POLL_S", 3.0 * PATIENCE_S)  # whatever is waited for takes as long
             await page.send(asked("1", "hold"))
             await until(lambda: len(team.received) >= 2)

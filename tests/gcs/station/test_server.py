@@ -197,7 +197,6 @@ async def test_a_recorded_flight_is_one_object(page_folder: Path) -> None:
     stop = asyncio.Event()
     serving = asyncio.create_task(serve(recorded_app(flight, page_folder), access, listen(access), stop))
     running = Station(access, CannedSource(), {"Cookie": f"{access.cookie}={access.cookie_value}"})
-    await asyncio.sleep(0.2)
     status, headers, body = await running.get("/flight.json")
     assert (status, headers["Content-Encoding"], headers["Cache-Control"]) == (200, "gzip", "no-store")
     assert msgspec.json.decode(gzip.decompress(body), type=FlightPicture) == flight

@@ -65,6 +65,13 @@ class Station:
     access: Access
     source: CannedSource
     headers: dict[str, str]
+    commands: list[Commands] = field(default_factory=list)
+
+    @property
+    def tactics(self) -> dict[int, str]:
+        """The tactics of the vehicles that the operator's session has received states from."""
+        clients = (each._client for each in self.commands)
+        return {i: tactic for client in clients if client is not None for i, tactic in client.tactics.items()}
 
     @property
     def port(self) -> int:
@@ -97,15 +104,16 @@ class Station:
 async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -> AsyncIterator[Station]:
     """Run a server of the page and of map tiles, with commands to a mission's team."""
     access = Access(Address(LOOPBACK, free_port()), TOKEN)
-    source, stop = CannedSource(), asyncio.Event()
+    source, stop, made = CannedSource(), asyncio.Event(), list[Commands]()
 
     def commands(broadcast: Broadcast) -> Commands:
-        return Commands(mission, None, broadcast.publish)
+        made.append(Commands(mission, None, broadcast.publish))
+        return made[-1]
 
     serving = asyncio.create_task(serve_team(source, commands, access, listen(access), stop, page, tiles))
     try:
         await until(lambda: source.runs or serving.done())
-        yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"})
+        yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"}, made)
     finally:
         stop.set()
         await asyncio.wait_for(serving, PATIENCE_S)
