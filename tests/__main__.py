@@ -16,12 +16,7 @@ from typing import Self
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = Path(sysconfig.get_path("scripts"))
-CHECKS = (
-    ("ruff", "format", "--check", "."),
-    ("ruff", "check", "."),
-    ("mypy",),
-    ("lint-imports", "--no-logo"),
-)
+CHECKS = (("ruff", "format", "--check", "."), ("ruff", "check", "."), ("mypy",), ("lint-imports", "--no-logo"))
 
 WORKERS = 2 * (os.cpu_count() or 1)
 SOCKETS = ("-m", "wire", "--dist", "load", "--maxschedchunk", "1", "-n", str(WORKERS))

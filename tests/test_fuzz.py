@@ -10,7 +10,7 @@ from tests.support.fuzzing import MEMORY_MAX_BYTES, Target, fault_of, run, targe
 
 pytestmark = pytest.mark.slow
 
-COUNT = 10_000
+COUNT = 5_000
 
 
 def test_no_mutated_input_ends_in_a_traceback_or_hangs(tmp_path: Path) -> None:

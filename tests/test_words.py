@@ -93,10 +93,9 @@ def texts() -> list[tuple[str, str]]:
     return found
 
 
-def test_former_phrases_do_not_come_back(texts: list[tuple[str, str]], subtests: pytest.Subtests) -> None:
-    for phrase in FORMER:
-        with subtests.test(phrase=phrase):
-            assert [place for place, text in texts if re.search(rf"\b{re.escape(phrase)}\b", text)] == []
+def test_former_phrases_do_not_come_back(texts: list[tuple[str, str]]) -> None:
+    former = re.compile(rf"\b(?:{'|'.join(map(re.escape, FORMER))})\b")
+    assert [(place, phrase) for place, text in texts for phrase in former.findall(text)] == []
 
 
 def test_a_phrase_is_found_over_the_end_of_a_line_and_in_parts_of_a_literal(tmp_path: Path) -> None:

@@ -327,9 +327,7 @@ def test_on_its_way_to_the_ring_a_vehicle_sends_at_the_full_rate(make_config: Ma
     assert all(output.messages for output in joining)
 
 
-def test_followers_receive_the_undisturbed_setpoint_at_the_time_of_the_message(
-    make_config: Maker,
-) -> None:
+def test_followers_receive_the_undisturbed_setpoint_at_the_time_of_the_message(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     wind = np.array([0.2, -0.1])
     output = next(each for each in reversed(pilot.fly(40.0, wind=wind)) if each.messages)

@@ -24,9 +24,9 @@ from agents.tactics import Event
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, MemberState, NeighbourAngle, TargetPackage
 from estimation.state import POSITION
-from gcs.flight.simulated import INPUTS, simulated_vehicles
-from sitl.simulation.simulation import NetworkModel, simulate
+from gcs.flight.simulated import simulated_vehicles
 from tests.support.mission_text import CASE2, Content, content, parsed
+from tests.support.observed_flight import observed
 from tests.support.paths import MISSIONS
 
 pytestmark = pytest.mark.slow
@@ -118,17 +118,7 @@ def flown(lie: Lie, scene: Scene, *, blocks: bool = False) -> Outcome:
             x, y = mission.target.motion.position_m(status.time_s)
             target_off_m.append(float(np.hypot(status.target[0] - x, status.target[1] - y)))
 
-    network = mission.network
-    flight = simulate(
-        vehicles,
-        NetworkModel(network.range_m, network.delay_s, network.loss),
-        rate_hz=mission.mission.rate_hz,
-        duration_s=scene.duration_s,
-        seed=1,
-        inputs=INPUTS,
-        observe=observe,
-        progress=lambda _: None,
-    )
+    flight = observed(mission, 1, observe, duration_s=scene.duration_s, vehicles=vehicles)
     place_m = flight.motion[flight.time_s >= scene.from_s][..., POSITION]
     near_m = {
         (mission.ids[one], mission.ids[other]): float(
@@ -265,9 +255,7 @@ def test_a_lie_about_the_target_does_not_move_the_estimates_of_those_who_see_it(
 
 
 @pytest.mark.parametrize("scene", [on_the_ring, crossing])
-def test_teams_without_faults_raise_no_doubt_with_loss_delay_and_drift(
-    scene: Callable[[], Scene],
-) -> None:
+def test_teams_without_faults_raise_no_doubt_with_loss_delay_and_drift(scene: Callable[[], Scene]) -> None:
     mission = scene().mission
     mission["network"] = {"loss": 0.4, "delay_s": 0.2}
     mission["simulation"] = {"wander_m": 0.5, "position_noise_m": 0.1, "velocity_noise_m_s": 0.1, "gusts": True}

@@ -9,6 +9,7 @@ import pytest
 
 import cordon
 from sitl.server.shared_clock import new_clock
+from tests.support.wire import PATIENCE_S
 
 PORT = 40_123
 
@@ -24,7 +25,7 @@ def test_a_time_passes_exactly_and_at_once(client: cordon.LockstepClient) -> Non
     for _ in range(1000):
         client.sleep(0.1)
     assert client.now_s - began_s == pytest.approx(100.0, abs=1e-6)
-    assert time.monotonic() - began_wall_s < 50.0
+    assert time.monotonic() - began_wall_s < PATIENCE_S
 
 
 def test_others_wait_while_it_holds_the_time(client: cordon.LockstepClient) -> None:
@@ -43,7 +44,7 @@ def test_others_wait_while_it_holds_the_time(client: cordon.LockstepClient) -> N
         time.sleep(0.3)
         assert times_s == []
         assert client.now_s == held_s
-    observer.join(10.0)
+    observer.join(PATIENCE_S)
     assert times_s == pytest.approx([held_s + 0.01 * (n + 1) for n in range(20)], abs=1e-6)
 
 
@@ -54,7 +55,7 @@ def test_a_speed_is_the_highest_until_the_client_leaves(client: cordon.LockstepC
         assert time.monotonic() - began_wall_s > 0.45
     began_wall_s = time.monotonic()
     client.sleep(600.0)
-    assert time.monotonic() - began_wall_s < 60.0
+    assert time.monotonic() - began_wall_s < PATIENCE_S
 
 
 def test_a_condition_is_waited_for_and_named_if_it_never_holds(client: cordon.LockstepClient) -> None:

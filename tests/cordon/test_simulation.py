@@ -15,6 +15,7 @@ import cordon
 from agents.control.aims import resting
 from sitl.vehicle.plant_step import Motion, Pair
 from tests.support.flight_logs import engaging, record_simulation
+from tests.support.wire import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 
@@ -34,9 +35,9 @@ def flight(log: Path) -> cordon.Flight:
 
 
 def test_metrics_are_those_of_the_command_line() -> None:
-    command = [sys.executable, "-m", "cordon", "sim", "case1", "--seed", "5", "--duration", "40", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
-    flown = cordon.simulate("case1", seed=5, duration_s=40.0)
+    command = [sys.executable, "-m", "cordon", "sim", "case1", "--seed", "5", "--duration", "5", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+    flown = cordon.simulate("case1", seed=5, duration_s=5.0)
     assert json.loads(done.stdout) == json.loads(flown.metrics.untimed().to_json())
 
 
@@ -123,7 +124,7 @@ def circle(time_s: float) -> tuple[float, float]:
     return 12.0 + 3.0 * cos(0.2 * time_s), 3.0 * sin(0.2 * time_s)
 
 
-@pytest.mark.parametrize(("duration_s", "stride"), [(30.0, 1), (210.0, 3)])
+@pytest.mark.parametrize(("duration_s", "stride"), [(30.0, 1), (110.0, 2)])
 def test_a_target_flies_along_a_path_which_the_log_has_too(duration_s: float, stride: int, tmp_path: Path) -> None:
     mission = cordon.load("case1").replace(mission={"rate_hz": 10.0})
     flown = cordon.simulate(mission, duration_s=duration_s, target=circle, log=tmp_path / "flight.mcap")

@@ -1,13 +1,13 @@
 """The profiles that come with cordon are what `cordon identify` finds in logs that lie beside these tests."""
 
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
 from estimation.identification.identified import ParameterEstimate
 from estimation.identification.identify import identify
-from estimation.profile.autopilots import AutopilotName
 from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import Profile
 from gcs.autopilots.registry import autopilot_of
@@ -42,20 +42,25 @@ def bundled(name: str) -> Bundled:
     [log] = read_vehicle_logs(DATA / LOGS[name])
     found = identify([recording_of(log)]).found
     assert found is not None
-    assert log.sha256 in (PROFILES / f"{name}.toml").read_text(encoding="utf-8"), "the profile names another log"
     return Bundled(file, found, log)
 
 
-@pytest.mark.parametrize("name", ["px4", "ardupilot"])
-def test_a_profile_equals_the_identification_of_its_log(name: AutopilotName) -> None:
-    here = bundled(name)
+def test_profiles_name_their_logs() -> None:
+    for name, log in LOGS.items():
+        digest = sha256((DATA / log).read_bytes()).hexdigest()
+        assert digest in (PROFILES / f"{name}.toml").read_text(encoding="utf-8"), name
+
+
+def test_a_profile_equals_the_identification_of_its_log() -> None:
+    """Also PX4's: `tests/gcs/cli/test_identify_command.py`."""
+    here = bundled("ardupilot")
     assert here.numbers == pytest.approx([each.value for each in intervals_of(here.found)], rel=2e-3)
     noise, filtered = here.found.noise, here.profile.own_filter
     assert noise is not None
     values = [getattr(noise, key) for key in filtered.model_fields_set]
     assert [getattr(filtered, key) for key in filtered.model_fields_set] == pytest.approx(values, rel=1e-2)
     assert len(values) == 4
-    limits, parameters = limits_in([here.log], autopilot_of(name))
+    limits, parameters = limits_in([here.log], autopilot_of("ardupilot"))
     assert (here.profile.limits, len(parameters)) == (limits, 2)
 
 

@@ -61,15 +61,14 @@ def test_places_agree_with_earth_centred_geometry_and_come_back(subtests: pytest
 
 
 def test_north_east_down_by_hand(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, tuple[float, float, float], tuple[float, float, float]], ...] = (
+    for bearing_deg, ned, mission in (
         (0.0, (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
         (0.0, (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)),
         (90.0, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
         (90.0, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
         (180.0, (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)),
         (45.0, (1.0, 1.0, -2.0), (sqrt(2.0), 0.0, 2.0)),
-    )
-    for bearing_deg, ned, mission in rows:
+    ):
         with subtests.test(bearing_deg=bearing_deg, ned=ned, mission=mission):
             frame = MissionFrame(ZURICH, radians(bearing_deg))
             assert frame.mission_from_ned(ned) == pytest.approx(mission, abs=1e-12)
@@ -94,13 +93,12 @@ def test_wrapping_changes_an_angle_by_whole_turns_only(angle: float) -> None:
 
 
 def test_what_is_no_place_on_earth_is_refused(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float, float], ...] = (
+    for place in (
         (90.1, 0.0, 0.0),
         (0.0, -180.1, 0.0),
         (nan, 0.0, 0.0),
         (0.0, 0.0, nan),
-    )
-    for place in rows:
+    ):
         with subtests.test(place=place), pytest.raises(ValueError, match="not a place on Earth"):
             Geodetic(*place)
 

@@ -79,13 +79,7 @@ def test_two_steps_are_one_long_step(a0: float, a1: float, first_s: float, secon
 
 
 def test_an_unstable_axis_is_refused(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float], ...] = (
-        (0.0, 1.0),
-        (1.0, -0.1),
-        (nan, 1.0),
-        (1.0, inf),
-    )
-    for a0, a1 in rows:
+    for a0, a1 in ((0.0, 1.0), (1.0, -0.1), (nan, 1.0), (1.0, inf)):
         with subtests.test(a0=a0, a1=a1), pytest.raises(ValueError, match="must be positive"):
             PlantAxis(a0, a1)
 

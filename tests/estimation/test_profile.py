@@ -69,7 +69,7 @@ def test_a_missing_file_names_the_bundled_ones(tmp_path: Path) -> None:
 
 
 def test_a_fault_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: Path) -> None:
-    rows: tuple[tuple[bytes, str], ...] = (
+    for content, fault in (
         (b"a0 = = 1", "'own.toml' is not TOML"),
         (b"\xff\xfe", "'own.toml' is not TOML"),
         (AXES.encode() + b"extra = 1\n", "own.toml: y.extra: Extra inputs are not permitted"),
@@ -83,8 +83,7 @@ def test_a_fault_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: 
         (AXES.encode() + b"[own_filter]\ngate = 5", "own.toml: own_filter.gate: Extra inputs are not permitted"),
         (AXES.encode() + b"[limits]\nspeed_max_m_s = inf", "own.toml: limits.speed_max_m_s: Input should be a finite"),
         (AXES.replace("0.6", "-0.6").encode(), "own.toml: y: a0_per_s2 = -0.6 makes the plant unstable"),
-    )
-    for content, fault in rows:
+    ):
         with subtests.test(fault=fault):
             (tmp_path / "own.toml").write_bytes(content)
             with pytest.raises(ProfileError) as caught:

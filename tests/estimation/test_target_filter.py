@@ -199,7 +199,7 @@ def test_outliers_do_not_keep_a_target_fresh() -> None:
 
 
 def test_a_sighting_that_makes_no_sense_is_refused(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, int, tuple[float, float], tuple[float, float, float], float, float], ...] = (
+    for fields in (
         (nan, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 0.5, 0.5),
         (0.0, 1, (0.0, nan), (1.0, 0.0, 1.0), 0.5, 0.5),
         (0.0, 1, (0.0, 0.0), (1.0, nan, 1.0), 0.5, 0.5),
@@ -210,12 +210,8 @@ def test_a_sighting_that_makes_no_sense_is_refused(subtests: pytest.Subtests) ->
         (0.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 1.1, 0.5),
         (0.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 0.5, -0.1),
         (0.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), nan, 0.5),
-    )
-    for fields in rows:
-        with (
-            subtests.test(fields=fields),
-            pytest.raises(ValueError, match=r"not finite|positive definite|\[0, 1\]"),
-        ):
+    ):
+        with subtests.test(fields=fields), pytest.raises(ValueError, match=r"not finite|positive definite|\[0, 1\]"):
             Sighting(*fields)
 
 

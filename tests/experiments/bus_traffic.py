@@ -15,13 +15,13 @@ from agents.outputs import TickOutput
 from agents.shell.reporter import target_report
 from agents.team.codec import encode
 from agents.team.messages import AutopilotReport, VehicleReport
-from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import NetworkModel, simulate
+from sitl.simulation.simulation import NetworkModel
 from tests.experiments.arguments import parser
 from tests.experiments.membership_scenes import abreast, field
 from tests.experiments.scaling import SETTLED_S, ring
 from tests.support.mission_text import parsed
+from tests.support.observed_flight import observed
 
 RADIO_BYTES_S = 5760.0
 """The capacity of a radio of 57600 baud, with ten bits per byte."""
@@ -55,16 +55,7 @@ def traffic(mission: Mission, duration_s: float) -> tuple[float, float, float, f
             sizes.update(len(message.payload) for message in output.messages)
             report = max(report, report_size(output))
 
-    simulate(
-        simulated_vehicles(mission, 0),
-        NetworkModel(1e6),
-        rate_hz=rate_hz,
-        duration_s=duration_s,
-        seed=0,
-        inputs=INPUTS,
-        observe=observe,
-        progress=lambda _: None,
-    )
+    observed(mission, 0, observe, duration_s=duration_s, network=NetworkModel(1e6))
     seconds = len(mission.vehicles) * (duration_s - SETTLED_S)
     bytes_s = sum(size * times for size, times in sizes.items()) / seconds
     return sizes.total() / seconds, bytes_s, max(sizes), report

@@ -660,8 +660,7 @@ def table(stub: Mapping[str, Observation], px4: Mapping[str, Observation]) -> It
     yield f"{'exercise':30}  {'item':24}  {'expected':34}  {'stub':34}  {'PX4':34}"
     for each in EXERCISES:
         ours, theirs = stub.get(each.name, {}), px4.get(each.name, {})
-        items = [*each.expected, *({*ours, *theirs} - {*each.expected})]
-        for item in items:
+        for item in [*each.expected, *({*ours, *theirs} - {*each.expected})]:
             expected = each.expected.get(item, Is("never"))
             cells = [shown(side[item]) if item in side else "" for side in (ours, theirs)]
             yield f"{each.name:30}  {item:24}  {expected!s:34.34}  {cells[0]:34.34}  {cells[1]:34.34}  " + " ".join(

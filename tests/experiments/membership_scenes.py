@@ -14,11 +14,12 @@ from agents.settings.config import AgentConfig
 from agents.settings.shapes import Shape
 from agents.team.messages import OperatorCommand
 from estimation.state import Vector
-from gcs.flight.simulated import INPUTS, simulated_vehicles
+from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import NetworkModel, SimulatedFlight, simulate
+from sitl.simulation.simulation import SimulatedFlight
 from sitl.simulation.vehicle_model import Absence
 from tests.support.mission_text import Content, content, drawn_vehicle, parsed
+from tests.support.observed_flight import observed
 from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
@@ -80,7 +81,6 @@ class _CutOff(VehicleCore):
 
 def flown(scene: Scene, seed: int) -> SimulatedFlight:
     """Fly a scene."""
-    network = scene.mission.network
     core = VehicleCore if scene.unheard_id is None else partial(_CutOff, scene.unheard_id)
     vehicles = simulated_vehicles(scene.mission, seed, core, scene.absences)
     told = list(scene.told)
@@ -94,16 +94,7 @@ def flown(scene: Scene, seed: int) -> SimulatedFlight:
                     if command.verb == "formation":
                         break  # one vehicle receives it; it reaches the others in peers' states
 
-    return simulate(
-        vehicles,
-        NetworkModel(network.range_m, network.delay_s, network.loss),
-        rate_hz=scene.mission.mission.rate_hz,
-        duration_s=scene.duration_s,
-        seed=seed,
-        inputs=INPUTS,
-        observe=lambda *_: None,
-        progress=tell,
-    )
+    return observed(scene.mission, seed, duration_s=scene.duration_s, vehicles=vehicles, progress=tell)
 
 
 def field(

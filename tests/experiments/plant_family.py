@@ -20,9 +20,9 @@ from agents.outputs import TickOutput
 from estimation.plant.model import Plant, PlantAxis
 from estimation.settings import OwnFilterSettings
 from estimation.state import POSITION, Vector
-from gcs.flight.simulated import INPUTS, simulated_vehicles
+from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import NetworkModel, SimulatedFlight, simulate
+from sitl.simulation.simulation import SimulatedFlight
 from sitl.vehicle.estimator_drift import EstimatorDriftModel
 from sitl.vehicle.imperfections import IDEAL, Imperfections
 from sitl.vehicle.shaping import ShapeLimits
@@ -46,6 +46,7 @@ from tests.experiments.plant_draws import (
     relative,
 )
 from tests.support.mission_text import Content, content, parsed
+from tests.support.observed_flight import observed
 from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
@@ -224,17 +225,9 @@ def flown(draw: Draw) -> Flown:
     def observe(_tick: int, vehicle: int, output: TickOutput) -> None:
         tactics[vehicle] = output.status.tactic.value
 
-    network, seed = mission.network, mission.mission.seed
-    flight = simulate(
-        simulated_vehicles(mission, seed, imperfections={key: each.imperfections for key, each in draw.family.items()}),
-        NetworkModel(network.range_m, network.delay_s, network.loss),
-        rate_hz=mission.mission.rate_hz,
-        duration_s=mission.mission.duration_s,
-        seed=seed,
-        inputs=INPUTS,
-        observe=observe,
-        progress=lambda _: None,
-    )
+    seed, imperfections = mission.mission.seed, {key: each.imperfections for key, each in draw.family.items()}
+    vehicles = simulated_vehicles(mission, seed, imperfections=imperfections)
+    flight = observed(mission, seed, observe, vehicles=vehicles)
     return _judged(draw, flight, on_ring=set(tactics) == {"encircle"})
 
 

@@ -16,11 +16,10 @@ import numpy as np
 from agents.outputs import TickOutput
 from agents.safety.fence import Corner, Fence
 from estimation.state import POSITION, VELOCITY, Vector
-from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.arguments import seeded_parser
 from tests.support.mission_text import Content, content, drawn_vehicle, parsed
+from tests.support.observed_flight import observed
 from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-field.toml").read_text(encoding="utf-8")
@@ -156,21 +155,11 @@ class Flown:
 def flown(mission: Mission, seed: int) -> Flown:
     """Fly a mission and measure the margins on the true paths."""
     outputs: dict[tuple[int, int], TickOutput] = {}
-    network, rate_hz = mission.network, mission.mission.rate_hz
-    flight = simulate(
-        simulated_vehicles(mission, seed),
-        NetworkModel(network.range_m, network.delay_s, network.loss),
-        rate_hz=rate_hz,
-        duration_s=mission.mission.duration_s,
-        seed=seed,
-        inputs=INPUTS,
-        observe=lambda tick, vehicle, output: outputs.update({(tick, vehicle): output}),
-        progress=lambda _: None,
-    )
+    flight = observed(mission, seed, lambda tick, vehicle, output: outputs.update({(tick, vehicle): output}))
     places, speeds = flight.motion[..., POSITION], np.hypot(*np.moveaxis(flight.motion[..., VELOCITY], -1, 0))
     safety = mission.safety
     fence = Fence(safety.fence_m) if safety.fence_m else None
-    acts_after_s = np.array([vehicle.plant.delay_s for vehicle in mission.vehicles]) + 0.5 / rate_hz
+    acts_after_s = np.array([vehicle.plant.delay_s for vehicle in mission.vehicles]) + 0.5 / mission.mission.rate_hz
     lead_m = np.full(speeds.shape, -inf)
     for (tick, vehicle), output in outputs.items():
         if output.setpoint is not None:

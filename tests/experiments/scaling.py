@@ -17,13 +17,13 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
 from gcs.style import COLOURS, INK, STYLE
-from sitl.simulation.simulation import NetworkModel, simulate
+from sitl.simulation.simulation import NetworkModel
 from tests.experiments.arguments import parser
 from tests.experiments.benchmark import Reference
 from tests.support.mission_text import parsed
+from tests.support.observed_flight import observed
 from tests.support.ring_mission import ring_mission
 
 COUNTS = (4, 8, 16, 32, 64)
@@ -71,15 +71,8 @@ def measured(count: int) -> Cost:
         began_s = process_time()
 
     with patch("sitl.simulation.simulation.perf_counter", process_time):
-        flight = simulate(
-            simulated_vehicles(mission, 0),
-            NetworkModel(mission.network.range_m),
-            rate_hz=RATE_HZ,
-            duration_s=DURATION_S,
-            seed=0,
-            inputs=INPUTS,
-            observe=lambda *_: None,
-            progress=progress,
+        flight = observed(
+            mission, 0, duration_s=DURATION_S, network=NetworkModel(mission.network.range_m), progress=progress
         )
     settled = flight.time_s > SETTLED_S
     core_us = float(flight.tick_us[settled].mean())

@@ -348,12 +348,11 @@ def compare_with_log(tour: Tour, command: str, folder: Path) -> None:
     log_tactics = merged(in_log(result["events"], "tactic", r"([a-z ]+ -> [a-z ]+)"))
     page_alerts = on_page(tour.live_events, r"alert: (.+)")
     log_alerts = in_log(result["events"], "failsafe", r"([a-z ]+):")
-    compared = (
+    for expected, some, others in (
         ("the page's changes of tactic are in the log", page_tactics, log_tactics),
         ("the log's changes of tactic were on the page", log_tactics, page_tactics),
         ("the page's alerts are in the log", page_alerts, log_alerts),
-    )
-    for expected, some, others in compared:
+    ):
         missing = without_counterpart(some, others)
         seen = f"not so: {missing}" if missing or not some else f"{len(some)} of {len(some)}"
         tour.keep(Row("The log", expected, seen, None if missing or not some else 0.0))

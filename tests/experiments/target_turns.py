@@ -17,11 +17,12 @@ from agents.outputs import TickOutput
 from agents.tactics import Tactic
 from agents.team.messages import OperatorCommand
 from estimation.state import POSITION
-from gcs.flight.simulated import INPUTS, simulated_vehicles
+from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import NetworkModel, simulate
+from sitl.simulation.simulation import NetworkModel
 from tests.experiments.arguments import seeded_parser
 from tests.support.mission_text import content, parsed
+from tests.support.observed_flight import observed
 from tests.support.paths import MISSIONS
 
 MISSION = (MISSIONS / "case3-turns.toml").read_text(encoding="utf-8")
@@ -69,10 +70,11 @@ def mission(flight: Flight) -> Mission:
     return parsed(text)
 
 
-def flown(seed: int, flight: Flight) -> Turns:
-    """Fly once, and compare with the truth."""
+def flown(seed: int, flight: Flight, duration_s: float | None = None) -> Turns:
+    """Fly once, for as long as the mission unless told otherwise, and compare with the truth."""
     turning = mission(flight)
-    rate_hz, duration_s, count = turning.mission.rate_hz, turning.mission.duration_s, len(turning.vehicles)
+    rate_hz, count = turning.mission.rate_hz, len(turning.vehicles)
+    duration_s = duration_s or turning.mission.duration_s
     believed_m = np.full((round(duration_s * rate_hz) + 1, count, 2), np.nan)
     setpoint_m = np.full_like(believed_m, np.nan)
     tactics: list[Tactic] = []
@@ -89,16 +91,8 @@ def flown(seed: int, flight: Flight) -> Turns:
             resume = OperatorCommand(RESUMED_S, "resume", None, "tower", 1)
             vehicles[vehicle].core.take(Message(RESUMED_S, resume))
 
-    truth = simulate(
-        vehicles,
-        NetworkModel(turning.network.range_m, 0.05, 0.05),
-        rate_hz=rate_hz,
-        duration_s=duration_s,
-        seed=seed,
-        inputs=INPUTS,
-        observe=observe,
-        progress=lambda _: None,
-    )
+    network = NetworkModel(turning.network.range_m, 0.05, 0.05)
+    truth = observed(turning, seed, observe, duration_s=duration_s, vehicles=vehicles, network=network)
     target_m = np.array([turning.target.motion.position_m(time_s) for time_s in truth.time_s.tolist()])[:, None]
     seen, about = truth.time_s > SETTLED_S, truth.time_s > SETTLED_S
     if flight is not Flight.SEEN:

@@ -21,12 +21,13 @@ from sitl.autopilot.autopilot import MavResult
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
-from sitl.mavlink.protocol import Drop, MavlinkVehicle
+from sitl.mavlink.protocol import Drop
 from sitl.mavlink.reports import MavlinkConfig
 from sitl.server import shared_clock
 from sitl.server.server import StubConfig
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
-from tests.support.wire import free_port, served, stub_clock, stub_process
+from tests.support.ground_station import GroundStation
+from tests.support.wire import PATIENCE_S, free_port, served, stub_clock, stub_process
 
 PLANT = Plant(PlantAxis(0.97, 1.33), PlantAxis(0.97, 1.33), delay_s=0.03)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(30.0))
@@ -93,12 +94,7 @@ def test_a_long_distance_takes_the_time_of_the_limits() -> None:
 
 
 def test_limits_are_positive(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float, float], ...] = (
-        (0.0, 1.0, 1.0),
-        (1.0, -1.0, 1.0),
-        (1.0, 1.0, float("nan")),
-    )
-    for wrong in rows:
+    for wrong in ((0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))):
         with subtests.test(wrong=wrong), pytest.raises(ValueError, match="it must be positive"):
             ShapeLimits(*wrong)
 
@@ -214,9 +210,7 @@ def test_guided_entered_anew_stays_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("mode", [NavMode.LAND, NavMode.RETURN])
-def test_after_a_landing_it_disarms_at_once_and_cannot_be_armed_in_that_mode(
-    mode: NavMode,
-) -> None:
+def test_after_a_landing_it_disarms_at_once_and_cannot_be_armed_in_that_mode(mode: NavMode) -> None:
     copter = guided()
     assert copter.select(mode) is MavResult.ACCEPTED
     while not copter.landed:
@@ -245,12 +239,7 @@ def test_armed_anew_it_does_not_follow_the_last_flights_setpoint() -> None:
 
 
 def test_idle_on_the_ground_it_disarms_after_the_delay(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[int, float], ...] = (
-        (10, 9.9),
-        (3, 2.9),
-        (0, 60.0),
-    )
-    for delay_s, stays_s in rows:
+    for delay_s, stays_s in ((10, 9.9), (3, 2.9), (0, 60.0)):
         with subtests.test(delay_s=delay_s, stays_s=stays_s):
             copter = ready(DISARM_DELAY=delay_s)
             copter.arm()
@@ -273,36 +262,18 @@ def test_the_motion_is_as_fast_as_its_parameters_say() -> None:
 # The bytes
 
 
-class Client:
-    """A ground station that knows nothing of the stub but its bytes."""
+class Client(GroundStation):
+    """The ground station of an ArduCopter stub."""
 
     def __init__(self, copter: ArduCopter | None = None) -> None:
         self.copter = copter or ArduCopter(PLANT, (0.0, 0.0, 1.5))
-        self.vehicle = MavlinkVehicle(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)))
-        self._writer = dialect.MAVLink(None, 245, 190)
-        self._reader = dialect.MAVLink(None)
-
-    def run(self, seconds: float) -> list[Any]:
-        messages: list[Any] = []
-        for _ in range(round(seconds / STEP_S)):
-            wait(self.copter, STEP_S)
-            messages += self._read(self.vehicle.emit(self.copter.time_s))
-        return messages
-
-    def send(self, message: Any) -> list[Any]:
-        return self._read(self.vehicle.receive(bytes(message.pack(self._writer)), self.copter.time_s))
-
-    def command(self, command: int, *params: float) -> list[Any]:
-        return self.send(dialect.MAVLink_command_long_message(3, 1, command, 0, *(*params, *[0.0] * 7)[:7]))
+        super().__init__(self.copter, MavlinkConfig(3, FRAME, (0.0, 0.0, 0.0)), dialect)
 
     def results(self, command: int, *params: float) -> list[int]:
         return [each.result for each in self.command(command, *params) if each.get_type() == "COMMAND_ACK"]
 
     def heartbeat(self) -> Any:
         return next(each for each in reversed(self.run(1.1)) if each.get_type() == "HEARTBEAT")
-
-    def _read(self, packets: list[bytes]) -> list[Any]:
-        return [message for packet in packets for message in self._reader.parse_buffer(packet) or []]
 
 
 @pytest.fixture
@@ -432,7 +403,7 @@ def left_mode_after_s(copter: ArduCopter, limit_s: float = 30.0) -> float:
 
 def test_a_silent_ground_station_ends_guided_by_its_parameter(subtests: pytest.Subtests) -> None:
     """By ArduCopter's documentation of FS_GCS_ENABLE; it looks for the heartbeats three times a second."""
-    rows = (
+    for enabled, timeout_s, mode in (
         (1, 5.0, NavMode.RETURN),
         (2, 5.0, NavMode.RETURN),
         (3, 5.0, NavMode.RETURN),
@@ -441,8 +412,7 @@ def test_a_silent_ground_station_ends_guided_by_its_parameter(subtests: pytest.S
         (5, 2.0, NavMode.LAND),
         (6, 5.0, NavMode.RETURN),
         (7, 5.0, NavMode.HOLD),
-    )
-    for enabled, timeout_s, mode in rows:
+    ):
         with subtests.test(enabled=enabled, timeout_s=timeout_s):
             copter = guided(FS_GCS_ENABLE=enabled, FS_GCS_TIMEOUT=timeout_s, SYSID_MYGCS=STATION)
             copter.take_texts()
@@ -473,12 +443,11 @@ def test_a_landing_by_failsafe_begins_with_a_hover() -> None:
 
 
 def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Subtests) -> None:
-    rows = (
+    for words, enabled, watched, sender, every_s in (
         ("switched off", 0, STATION, STATION, 0.0),
         ("another station's heartbeats", 5, STATION, OTHER_STATION, 0.0),
         ("heartbeats go on", 5, STATION, STATION, 1.0),
-    )
-    for words, enabled, watched, sender, every_s in rows:
+    ):
         with subtests.test(words):
             copter = guided(FS_GCS_ENABLE=enabled, SYSID_MYGCS=watched)
             client = Client(copter)
@@ -492,13 +461,12 @@ def test_without_the_failsafe_or_its_station_guided_goes_on(subtests: pytest.Sub
 
 def test_the_reaction_to_a_silent_ground_station_depends_on_the_mode(subtests: pytest.Subtests) -> None:
     """The bits 8 (landing goes on) and 16 (a pilot's mode goes on) of FS_OPTIONS; 16 is the default."""
-    rows = (
+    for before, options, after in (
         (NavMode.HOLD, 16, NavMode.HOLD),
         (NavMode.HOLD, 0, NavMode.RETURN),
         (NavMode.LAND, 16, NavMode.RETURN),
         (NavMode.LAND, 8, NavMode.LAND),
-    )
-    for before, options, after in rows:
+    ):
         with subtests.test(before=before, options=options):
             copter = guided(FS_GCS_ENABLE=1, SYSID_MYGCS=STATION, FS_OPTIONS=options, LAND_SPEED=20.0)
             copter.select(before)
@@ -533,7 +501,7 @@ async def test_while_the_time_stands_still_it_sends_heartbeats_by_the_wall(monke
     port, read, heard = free_port(), dialect.MAVLink(None), 0
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", port))
-        station.settimeout(10.0)
+        station.settimeout(PATIENCE_S)
         async with served([copter_on(port)], SPEED) as stubs:
             with shared_clock.Seat(stubs.clock.name, shared_clock.Rank.GUEST) as other:
                 other.state(other.now_us + 1_000)  # which it never goes on from

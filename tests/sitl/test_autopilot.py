@@ -15,13 +15,12 @@ from sitl.autopilot.autopilot import LandedState, MavResult, StubAutopilot
 from sitl.autopilot.equipment import Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
-from sitl.autopilot.modes import Conditions, NavMode
+from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.px4 import DEFAULTS, Px4
 from sitl.mavlink.schedule import Schedule
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
-READY = Conditions(estimator_ready=True, setpoints_flow=False)
 
 
 def mode_of(autopilot: StubAutopilot) -> NavMode:
@@ -71,9 +70,6 @@ def offboard(height_m: float = 5.0, **parameters: float) -> StubAutopilot:
     assert autopilot.select(NavMode.OFFBOARD) is MavResult.ACCEPTED
     stream(autopilot, PositionTarget((0.0, 0.0, height_m)), 2.0)
     return autopilot
-
-
-# The mode tables
 
 
 # Motion
@@ -291,7 +287,7 @@ TRIANGLE = Zone(True, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)))
 
 
 def test_what_a_zone_allows(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[Zone, tuple[float, float], bool], ...] = (
+    for zone, place_m, allowed in (
         (SQUARE, (4.9, -4.9), True),
         (SQUARE, (5.1, 0.0), False),
         (SQUARE, (0.0, -5.1), False),
@@ -301,8 +297,7 @@ def test_what_a_zone_allows(subtests: pytest.Subtests) -> None:
         (TRIANGLE, (4.9, 4.9), True),
         (TRIANGLE, (5.1, 5.1), False),
         (TRIANGLE, (-0.1, 5.0), False),
-    )
-    for zone, place_m, allowed in rows:
+    ):
         with subtests.test(zone=zone, place_m=place_m, allowed=allowed):
             assert zone.allows(place_m) is allowed
 
@@ -314,11 +309,7 @@ def test_gf_action_selects_the_mode_after_a_breach(subtests: pytest.Subtests) ->
         ({"GF_MAX_HOR_DIST": 6.0}, (), (6.0, 6.0, 5.0), "Geofence: exceeding maximum distance to Home"),
         ({"GF_MAX_VER_DIST": 8.0}, (), (0.0, 0.0, 12.0), "Geofence: exceeding maximum altitude above Home"),
     )
-    actions: tuple[tuple[int, NavMode], ...] = (
-        (2, NavMode.HOLD),
-        (3, NavMode.RETURN),
-        (5, NavMode.LAND),
-    )
+    actions: tuple[tuple[int, NavMode], ...] = ((2, NavMode.HOLD), (3, NavMode.RETURN), (5, NavMode.LAND))
     for parameters, zones, place_m, says in breaches:
         for action, mode in actions:
             with subtests.test(

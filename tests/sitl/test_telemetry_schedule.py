@@ -35,12 +35,6 @@ def test_gaps_have_the_given_interval_and_duration() -> None:
 
 
 def test_what_cannot_be_is_refused(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float], ...] = (
-        (0.0, 0.0),
-        (float("nan"), 0.0),
-        (10.0, 0.5),
-        (10.0, -0.1),
-    )
-    for rate_hz, jitter in rows:
+    for rate_hz, jitter in ((0.0, 0.0), (float("nan"), 0.0), (10.0, 0.5), (10.0, -0.1)):
         with subtests.test(rate_hz=rate_hz, jitter=jitter), pytest.raises(ValueError, match="it must be"):
             TelemetryTiming(rate_hz, jitter)

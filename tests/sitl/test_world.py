@@ -24,12 +24,11 @@ def look(sensor: SimulatedSensor, seconds: float, rate_hz: float = 10.0) -> list
 
 
 def test_the_target_sets_out_when_the_mission_does(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, tuple[float, float]], ...] = (
+    for time_s, place in (
         (-3.0, (35.0, -5.0)),
         (0.0, (35.0, -5.0)),
         (10.0, (36.0, -7.0)),
-    )
-    for time_s, place in rows:
+    ):
         with subtests.test(time_s=time_s, place=place):
             assert TARGET.position_m(time_s) == pytest.approx(place)
 
@@ -42,13 +41,7 @@ def test_a_sensor_has_a_range(distance: float, seen: bool) -> None:
 
 
 def test_a_sensor_measures_at_its_rate_with_any_call_rate(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, float], ...] = (
-        (5.0, 0.2),
-        (10.0, 0.1),
-        (2.0, 0.5),
-        (50.0, 0.1),
-    )
-    for rate_hz, period_s in rows:
+    for rate_hz, period_s in ((5.0, 0.2), (10.0, 0.1), (2.0, 0.5), (50.0, 0.1)):
         with subtests.test(rate_hz=rate_hz, period_s=period_s):
             model = SensorModel(inf, rate_hz, 0.0, 0.8, 0.2)
             times_s = [one.time_s for one in look(SimulatedSensor(1, model, TARGET, 0.0, seed=0), 100.0)]
@@ -71,7 +64,7 @@ FIELD = TargetMotion(
 
 
 def test_a_target_goes_along_its_legs_pauses_and_goes_around_again(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, tuple[float, float], tuple[float, float]], ...] = (
+    for time_s, place, velocity in (
         (-1.0, (0.0, 0.0), (2.0, 0.0)),
         (2.5, (5.0, 0.0), (2.0, 0.0)),
         (8.0, (10.0, 3.0), (0.0, 1.0)),
@@ -79,8 +72,7 @@ def test_a_target_goes_along_its_legs_pauses_and_goes_around_again(subtests: pyt
         (15.5, (5.0, 3.0), (-10.0, -6.0)),
         (18.5, (5.0, 0.0), (2.0, 0.0)),
         (1000.0, (0.0, 0.0), (0.0, 0.0)),
-    )
-    for time_s, place, velocity in rows:
+    ):
         with subtests.test(time_s=time_s, place=place, velocity=velocity):
             assert FIELD.position_m(time_s) == pytest.approx(place)
             assert FIELD.velocity_at_m_s(time_s) == pytest.approx(velocity)

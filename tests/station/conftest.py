@@ -5,9 +5,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from tests.support.page.browser import launched
+from tests.support.wire import PATIENCE_S
+
+expect.set_options(timeout=1000.0 * PATIENCE_S)
 
 EXPECTED = (
     "401",
@@ -42,6 +45,18 @@ window.requestAnimationFrame = (draw) => {
 window.cancelAnimationFrame = (id) => { waiting.get(id)?.(); waiting.delete(id); };
 """
 """A script for all tests: ten pictures a second, as each takes much of a core without a graphics card."""
+
+SOCKET = """
+window.heard = 0;
+window.WebSocket = class extends WebSocket {
+  constructor(...address) {
+    super(...address);
+    window.socket = this;
+    this.addEventListener("message", () => { window.heard += 1; });
+  }
+};
+"""
+"""A script for all tests: the newest connection, and how many messages have come; see `CannedStation`."""
 
 OpenPage = Callable[..., Page]
 
@@ -83,10 +98,10 @@ def open_page(browser: Browser, context: BrowserContext, simulated_context: Brow
         own = browser.new_context(**{"viewport": VIEWPORT, **settings}) if settings else None
         page = (own or (simulated_context if simulated else context)).new_page()
         opened.append(own or page)
-        page.set_default_timeout(10_000)
+        page.set_default_timeout(1000.0 * PATIENCE_S)
         page.on("pageerror", lambda error: _keep_error(str(error), "error", errors))
         page.on("console", lambda message: _keep_error(message.text, message.type, errors))
-        page.add_init_script(FEW_FRAMES + script)
+        page.add_init_script(FEW_FRAMES + SOCKET + script)
         page.goto(url)
         return page
 

@@ -1,7 +1,8 @@
 """Keyboard, contrast, names and sizes: axe-core finds nothing serious, wide and phone-sized, light and dark."""
 
+from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -14,7 +15,8 @@ from tests.support.page.station_pictures import changed, ring_flight, ring_missi
 
 pytestmark = pytest.mark.browser
 AXE = (Path(__file__).parent / "vendor" / "axe.min.js").read_text(encoding="utf-8")
-WIDE, PHONE = {"width": 1920, "height": 1080}, {"width": 390, "height": 844}
+WIDE: Any = {"width": 1920, "height": 1080}
+PHONE: Any = {"width": 390, "height": 844}
 MISSION = ring_mission()
 TARGET_PX = 44
 
@@ -37,28 +39,34 @@ def findings(page: Page) -> list[str]:
 SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
-def test_axe_finds_nothing_serious(open_page: OpenPage, size: dict[str, int], scheme: Literal["light", "dark"]) -> None:
+def test_axe_finds_nothing_serious(open_page: OpenPage, subtests: pytest.Subtests) -> None:
     with CannedStation(MISSION, every_state) as served:
-        page = open_page(served.url, viewport=size, color_scheme=scheme)
-        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+        page = open_page(served.url, viewport=WIDE)
         expect(page.locator("#alarms li")).to_have_count(1)
-        assert findings(page) == []
-        page.get_by_role("tab", name="Table").click()
-        assert findings(page) == []
-        page.locator("[data-verb='kill']").click()
-        assert findings(page) == []
+        for size, scheme in product((WIDE, PHONE), SCHEMES):
+            with subtests.test(width=size["width"], scheme=scheme):
+                page.set_viewport_size(size)
+                page.emulate_media(color_scheme=scheme)
+                page.get_by_role("tab", name="Map").click()
+                expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+                assert findings(page) == []
+                page.get_by_role("tab", name="Table").click()
+                assert findings(page) == []
+                page.locator("[data-verb='kill']").click()
+                assert findings(page) == []
+                page.keyboard.press("Escape")
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_axe_finds_nothing_serious_in_a_replay(open_page: OpenPage, scheme: Literal["light", "dark"]) -> None:
+def test_axe_finds_nothing_serious_in_a_replay(open_page: OpenPage, subtests: pytest.Subtests) -> None:
     with CannedStation(flight=ring_flight(40.0)) as served:
-        page = open_page(served.url, color_scheme=scheme)
+        page = open_page(served.url, color_scheme="light")
         expect(page.locator("#seek-time")).to_have_text("0:00 of 0:40")
         page.locator("#seek").press("End")
         page.get_by_role("tab", name="Strips").click()
-        assert findings(page) == []
+        for scheme in SCHEMES:
+            with subtests.test(scheme=scheme):
+                page.emulate_media(color_scheme=scheme)
+                assert findings(page) == []
 
 
 def test_many_events_take_no_room_from_the_map(open_page: OpenPage) -> None:
@@ -73,20 +81,23 @@ def test_many_events_take_no_room_from_the_map(open_page: OpenPage) -> None:
         assert page.locator("[data-verb='kill']").is_visible()
 
 
-@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
-def test_what_is_touched_is_large_enough_and_on_the_screen(open_page: OpenPage, size: dict[str, int]) -> None:
+def test_what_is_touched_is_large_enough_and_on_the_screen(open_page: OpenPage, subtests: pytest.Subtests) -> None:
     with CannedStation(MISSION, every_state) as served:
-        page = open_page(served.url, viewport=size)
+        page = open_page(served.url, viewport=WIDE)
         expect(page.locator("#alarms li")).to_have_count(1)
-        width = page.evaluate("document.documentElement.scrollWidth")
-        assert width <= size["width"]
-        small = []
-        for control in page.locator("button:visible, summary:visible, select:visible, label.select:visible").all():
-            box = control.bounding_box()
-            assert box is not None
-            if min(box["width"], box["height"]) < TARGET_PX - 0.5:
-                small.append((control.inner_text(), box))
-        assert small == []
+        for size in (WIDE, PHONE):
+            with subtests.test(width=size["width"]):
+                page.set_viewport_size(size)
+                assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+                small = []
+                for control in page.locator(
+                    "button:visible, summary:visible, select:visible, label.select:visible"
+                ).all():
+                    box = control.bounding_box()
+                    assert box is not None
+                    if min(box["width"], box["height"]) < TARGET_PX - 0.5:
+                        small.append((control.inner_text(), box))
+                assert small == []
 
 
 def test_commands_by_keyboard_alone(open_page: OpenPage) -> None:
@@ -99,7 +110,7 @@ def test_commands_by_keyboard_alone(open_page: OpenPage) -> None:
         page.keyboard.press("Tab")
         expect(page.locator("[data-verb='hold']")).to_be_focused()
         page.keyboard.press("Space")
-        page.wait_for_timeout(300)
+        served.await_requests(page)
         assert [request.verb for request in served.requests] == ["hold"]
         page.get_by_role("tab", name="Map").focus()
         page.keyboard.press("ArrowRight")

@@ -65,7 +65,7 @@ def tones_in(page: Page, served: CannedStation, time_ms: float) -> int:
     for _ in range(round(time_ms * RATE_HZ / 1000.0)):
         assert served.team is not None
         served.send(served.team(0.0))
-        page.wait_for_timeout(20)  # until it has arrived
+        served.await_pictures(page)
         pass_time(page, 1000.0 / RATE_HZ)
     after: int = page.evaluate("window.tones")
     return after - before
@@ -155,7 +155,7 @@ def test_events_newest_first_and_each_once(page: Page, served: CannedStation) ->
     served.disconnect()
     expect(page.locator("#link")).to_have_text("■ no station")
     served.is_refusing = False  # the station sends the past again
-    expect(page.locator("#link")).to_have_text("● connected", timeout=10_000)
+    expect(page.locator("#link")).to_have_text("● connected")
     for number in (4, 4, 5):
         served.send(event(number))
     expect(rows.first).to_contain_text("what 5")

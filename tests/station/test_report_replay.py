@@ -16,6 +16,7 @@ from gcs.metrics.record import FlightRecord
 from gcs.report.evidence.reading import read_flight
 from tests.station.conftest import NO_WEBGL, OpenPage
 from tests.support.flight_logs import engaging, record_simulation
+from tests.support.wire import repeated_now
 
 pytestmark = pytest.mark.browser
 DURATION_S, RATE_HZ = 60.0, 5.0
@@ -96,18 +97,17 @@ def test_jumps_to_the_next_event(replay: FrameLocator, flown: tuple[FlightRecord
         expect(replay.locator("#events li .text").first).to_have_text(f"Vehicle {event.vehicle}: {event.text}")
 
 
-def test_it_plays_on_the_map(page: Page, replay: FrameLocator) -> None:
+def test_it_plays_on_the_map(replay: FrameLocator) -> None:
     expect(replay.locator(".symbol[data-vehicle]")).to_have_count(3)
     seek(replay, 50.0)
     # The keep-out area, of the target alone: it is drawn by MapLibre's worker. 12 % of #a3160c on #f6f7f8.
     area = np.array([236.0, 220.0, 220.0]) / 255.0
-    for _ in range(20):
+
+    def attempt() -> None:
         drawn = imread(BytesIO(replay.locator("#map canvas").screenshot()))[:, :, :3]
-        found = int((np.abs(drawn - area).max(axis=2) < 3.0 / 255.0).sum())
-        if found > 500:
-            break
-        page.wait_for_timeout(250)
-    assert found > 500
+        assert (np.abs(drawn - area).max(axis=2) < 3.0 / 255.0).sum() > 500
+
+    repeated_now(attempt)
     replay.locator("#speed").select_option("20")
     replay.get_by_role("button", name="Play").click()
     expect(replay.locator("#seek-time")).to_have_text("1:00 of 1:00")

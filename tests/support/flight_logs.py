@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from foxglove import Context
+from msgspec import structs
 
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
@@ -65,6 +66,13 @@ def files_up_to(size_bytes: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def part(log: FlightLog, *vehicles: int) -> FlightLog:
+    """Return the log that a process with only these vehicles would have left."""
+    own = FlightLog(log.path.with_name(f"{vehicles}.mcap"), log.run_records, {i: log.vehicles[i] for i in vehicles})
+    own.__dict__["run"] = structs.replace(log.run, vehicles=vehicles)
+    return own
 
 
 def reencoded(record: LogRecord, changed: Any, number: int | None = None) -> LogRecord:

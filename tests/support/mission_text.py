@@ -4,12 +4,14 @@ import copy
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from gcs.mission.file import MissionError, parse_mission
 from gcs.mission.mission import Mission
@@ -51,6 +53,15 @@ def text_of(mission: Content) -> str:
     return "\n".join(f"{json.dumps(key, ensure_ascii=False)} = {toml(value)}" for key, value in mission.items())
 
 
+def with_first_vehicles(path: str, count: int) -> str:
+    """Let a mission's file have its first vehicles only; return its path."""
+    file = Path(path)
+    mission = tomllib.loads(file.read_text(encoding="utf-8"))
+    mission["vehicles"] = mission["vehicles"][:count]
+    file.write_text(tomli_w.dumps(mission), encoding="utf-8")
+    return path
+
+
 def drawn_vehicle(random: np.random.Generator, slot: int, start_m: tuple[float, float], most_off: float) -> Content:
     """Draw a vehicle with the noisy stub's profile, whose true plant differs from it by up to a share."""
     a0, a1 = random.uniform(1.0 - most_off, 1.0 + most_off, 2).tolist()
@@ -83,6 +94,14 @@ def drop(mission: Content, path: Place) -> Content:
     for key in path[:-1]:
         node = node[key]
     del node[path[-1]]
+    return mission
+
+
+def changed(changes: Mapping[Place, object]) -> Content:
+    """Return case 2 with some values set."""
+    mission = content()
+    for path, value in changes.items():
+        mission = put(mission, path, value)
     return mission
 
 

@@ -13,7 +13,7 @@ from typing import Any, Self
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-TEXT, BINARY, PING, PONG = 1, 2, 9, 10
+TEXT, PONG = 1, 10
 MESSAGE_DATA = 1
 
 
@@ -44,18 +44,19 @@ class Onlooker:
         return cls(reader, writer)
 
     async def know(self, *topics: str) -> None:
-        """Wait until all these topics have been advertised, and until the server takes subscriptions to them.
-
-        The server advertises a channel a moment before it knows that this client may subscribe to it.
-        """
+        """Wait until all these topics have been advertised."""
         while not set(topics) <= set(self.channels):
             kind, payload = await self._frame()
             if kind == TEXT:
                 self._hear(json.loads(payload))
-        await asyncio.sleep(0.3)
 
-    def subscribe(self, *topics: str) -> None:
-        """Subscribe to topics."""
+    async def subscribe(self, *topics: str) -> None:
+        """Subscribe to topics once they are known.
+
+        The server advertises a channel a moment before it knows that this client may subscribe to it.
+        """
+        await self.know(*topics)
+        await asyncio.sleep(1.0)
         first = len(self.topics)
         self.topics |= dict(enumerate(topics, first))
         wanted = [{"id": first + k, "channelId": self.channels[topic]["id"]} for k, topic in enumerate(topics)]

@@ -7,11 +7,12 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Collection, Iterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
+from typing import TypeVar
 
 from agents.shell.clock import MissionClock
 from sitl.autopilot.autopilot import StubAutopilot
@@ -21,6 +22,7 @@ from sitl.server.process import StubProcess
 from sitl.server.server import Stub, StubConfig, serve
 from sitl.server.shared_clock import ClockName, Rank, new_clock
 
+ValueT = TypeVar("ValueT")
 LOOPBACK = "127.0.0.1"
 
 
@@ -128,12 +130,49 @@ async def until(
     return now_s()
 
 
-def until_now(condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
-    """Wait for a condition without an event loop."""
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s
+def until_now(condition: Callable[[], ValueT], waiting_for: str = "it") -> ValueT:
+    """Wait for a condition without an event loop, and return its value."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not (value := condition()):
+        assert time.monotonic() < end_s, f"{waiting_for} never came true"
         time.sleep(0.01)
+    return value
+
+
+async def repeated(attempt: Callable[[], Awaitable[None]]) -> None:
+    """Repeat what is measured by the wall's clock until its assertions hold: a busy computer may spoil an attempt."""
+    end_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return await attempt()
+        except AssertionError:
+            if time.monotonic() > end_s:
+                raise
+
+
+def repeated_now(attempt: Callable[[], None]) -> None:
+    """Do the same without an event loop."""
+    end_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return attempt()
+        except AssertionError:
+            if time.monotonic() > end_s:
+                raise
+
+
+@asynccontextmanager
+async def running(*arguments: str) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Run a command in the background for tasks of an event loop, without a terminal and without line breaks."""
+    pipe, environment = asyncio.subprocess.PIPE, {**os.environ, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "400"}
+    command = [sys.executable, "-m", "gcs", *arguments]
+    process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe, env=environment)
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            process.kill()
+        await process.communicate()
 
 
 @contextmanager

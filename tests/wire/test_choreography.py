@@ -1,16 +1,13 @@
 """From the ground to the ground over UDP: looked at before arming, refused in the autopilot's words, and once again."""
 
 import asyncio
-import os
 import re
-import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from io import StringIO
 
 import pytest
-from rich.console import Console
 
 from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
@@ -19,7 +16,6 @@ from agents.shell.bus.zenoh_session import BusTeam
 from agents.team import participant
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, StartProposal
-from gcs.console.live import LiveView
 from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -31,8 +27,9 @@ from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Px4
 from sitl.server.governed_clock import Alarm, GovernedClock
 from sitl.server.shared_clock import ClockName, Rank
+from tests.support.flights import unseen_view
 from tests.support.mission_text import INSECURE, LOW
-from tests.support.wire import Served, served
+from tests.support.wire import Served, running, served, until
 from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
@@ -42,7 +39,7 @@ SPEED = 5.0
 
 async def flown(mission: Mission, stubs: Served, findings: list[Finding]) -> FlightOutcome:
     plan = FlightPlan(mission, 5.0, mission.vehicles, speed=None, clock=stubs.clock.name)
-    return await fly(plan, LiveView(Console(file=StringIO())), findings.extend)
+    return await fly(plan, unseen_view(), findings.extend)
 
 
 class Watched:
@@ -91,17 +88,12 @@ async def test_a_refusal_to_arm_is_told_in_the_autopilots_own_words(
     path = mission_file("case2")
     words = "Arming denied: press the safety switch first"
     monkeypatch.setattr(Px4, "_arming_fault", lambda _autopilot: words)
-    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"}
-    async with served(stub_configs(load_mission(path)), SPEED):
-        command = ("-m", "gcs", "fly", path, "--json")
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, *command, env=environment, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
-        )
-        out, err = await asyncio.wait_for(process.communicate(), 60.0)
+    async with served(stub_configs(load_mission(path)), SPEED), running("fly", path, "--json") as process:
+        out, err = await process.communicate()
     assert (process.returncode, out) == (3, b"")
-    refusals = [line for line in err.decode().splitlines() if " refused: " in line]
-    assert refusals
-    assert all("refused to arm" in line and f"“{words}”" in line for line in refusals)
+    refusals = [line for line in err.decode().splitlines() if "refused to arm" in line]
+    assert len(refusals) == 3, err.decode()
+    assert all(f"“{words}”" in line for line in refusals)
     assert "Traceback" not in err.decode()
 
 
@@ -115,7 +107,7 @@ async def test_a_peer_whose_computer_has_another_time(
     watched, told = Watched(monkeypatch), list[Finding]()
     async with served(stub_configs(mission)[:1], SPEED) as stubs, mustering(mission, three, ahead_s, stubs.clock):
         plan = FlightPlan(mission, 5.0, (one,), speed=None, clock=stubs.clock.name)
-        outcome = (await fly(plan, LiveView(Console(file=StringIO())), told.extend)).outcomes[1]
+        outcome = (await fly(plan, unseen_view(), told.extend)).outcomes[1]
     assert outcome.how is FlightEnd.REFUSED
     assert outcome.flew is not refused
     if refused:
@@ -149,7 +141,7 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
     watched, two = Watched(monkeypatch), mission.vehicles[:2]
     async with served(stub_configs(mission)[:2], SPEED) as stubs:
         plans = [FlightPlan(mission, 5.0, (each,), speed=None, clock=stubs.clock.name) for each in two]
-        flights = await asyncio.gather(*(fly(plan, LiveView(Console(file=StringIO()))) for plan in plans))
+        flights = await asyncio.gather(*(fly(plan, unseen_view()) for plan in plans))
     one, other = (outcome for flight in flights for outcome in flight.outcomes.values())
     assert (one.how, one.flew, other.how, other.flew) == (FlightEnd.REFUSED, False, FlightEnd.REFUSED, False)
     assert re.fullmatch(r"this computer's clock is 0\.[67]\d s behind that of vehicle 2's", one.reason)
@@ -186,21 +178,24 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for_and_a_second_mi
     mission = load_mission(mission_file("case2", LOW))
     one, two, three = stub_configs(mission)
     watched, told, written = Watched(monkeypatch), list[Finding](), StringIO()
+
+    def waits() -> str:
+        return "\n".join(line for line in written.getvalue().splitlines() if line.startswith("  "))
+
     async with served([one, replace(two, localised=False), three], SPEED) as stubs:
-        plan = FlightPlan(mission, 5.0, mission.vehicles, speed=None, wait_s=0.0, clock=stubs.clock.name)
-        with pytest.raises(VehicleRefusedError, match="nothing was armed"):
-            await fly(plan, LiveView(Console(file=written)), told.extend)
-        assert {each.subject for each in told if each.grade is Grade.REFUSE} == {"vehicle 2"}
-        assert watched.asked == []
-        told.clear()
-        asyncio.get_running_loop().call_later(7.0, setattr, watched.vehicles[1], "_localised", True)
+        plan = FlightPlan(mission, 5.0, mission.vehicles, speed=None, clock=stubs.clock.name)
+        finding = asyncio.create_task(_find_itself(watched.vehicles[1], lambda: "it has no valid position" in waits()))
         for _ in range(2):
-            flight = await fly(replace(plan, wait_s=60.0), LiveView(Console(file=written)), told.extend)
+            flight = await fly(plan, unseen_view(written), told.extend)
             assert [outcome.how for outcome in flight.outcomes.values()] == [FlightEnd.LANDED] * 3
             assert not any(vehicle.armed for vehicle in watched.vehicles)
+        await finding
     assert watched.asked.count("arm") == 6
     assert not [each for each in told if each.grade is Grade.REFUSE]
-    waits = [line for line in written.getvalue().splitlines() if line.startswith("  ")]
-    assert waits
-    assert all(line.startswith("  vehicle 2: ") for line in waits)
-    assert facts_missing(" ".join(waits), "GPS: no fix", "it has no valid position") == []
+    assert all(line.startswith("  vehicle 2: ") for line in waits().splitlines())
+    assert facts_missing(waits(), "GPS: no fix") == []
+
+
+async def _find_itself(vehicle: StubAutopilot, when: Callable[[], bool]) -> None:
+    await until(when)
+    vehicle._localised = True

@@ -9,20 +9,17 @@ import re
 import sys
 import termios
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from io import StringIO
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from typing import Any
 
 import pytest
-from rich.console import Console
 
 from agents.flight_end import FlightEnd
 from agents.shell.outcome import Outcome
 from agents.team.perception import TOPIC, ExternalSighting
 from gcs.console.command_client import CommandClient
-from gcs.console.live import LiveView
 from gcs.console.team_bus import guest_bus
-from gcs.flight.flight import FlightOutcome, fly
+from gcs.flight.flight import FlightOutcome
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.keys.team_keys import team_keys
@@ -30,13 +27,15 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.modes import NavMode
+from sitl.server.governed_clock import GovernedClock
+from tests.support.flights import flying, in_flight, unseen_view
 from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
 
 SPEED = 5.0
-HIGH_M = 8.0
-"""High enough that a vehicle is still in the air when the next command arrives while it lands."""
+SLOW = 0.5
+"""The speed at which a vehicle that lands is still in the air when the next command arrives, by the wall's clock."""
 
 
 class Team:
@@ -44,13 +43,14 @@ class Team:
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
+        self.clock: GovernedClock
         self.vehicles: dict[int, StubAutopilot] = {}
         self.tactics: dict[int, str] = {}
         self.said: list[str] = []
         self.flight: asyncio.Task[FlightOutcome]
 
     async def outcomes(self) -> dict[int, Outcome]:
-        return (await asyncio.wait_for(self.flight, 60.0)).outcomes
+        return (await self.flight).outcomes
 
     async def command(self, verb: str, vehicle: int | None = None, shape: str | None = None) -> dict[int, str]:
         asked = self.mission.ids if vehicle is None else (vehicle,)
@@ -67,32 +67,24 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
     """Return a way to fly case2 on stubs, until it is in formation."""
 
     @asynccontextmanager
-    async def flying() -> AsyncIterator[Team]:
-        changes = ('name = "case2"', 'name = "commanded"'), ("endpoint =", f"altitude_m = {HIGH_M}\nendpoint =")
-        mission = load_mission(mission_file("case2", *changes))
+    async def in_formation() -> AsyncIterator[Team]:
+        mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "commanded"')))
         team = Team(mission)
-        view = LiveView(Console(file=StringIO()))
+        view = unseen_view()
         monkeypatch.setattr(
             view, "update", lambda rows, *_: team.tactics.update({row.vehicle_id: row.tactic for row in rows})
         )
         monkeypatch.setattr(view, "print_line", lambda text, *_: team.said.append(text))
         async with served(stub_configs(mission), SPEED) as stubs:
-            team.vehicles = stubs.vehicles
+            team.clock, team.vehicles = stubs.clock, stubs.vehicles
             plan = FlightPlan(mission, 300.0, mission.vehicles, speed=None, clock=stubs.clock.name)
-            team.flight = asyncio.create_task(fly(plan, view))
-            try:
-                await until(
-                    lambda: team.flight.done() or list(team.tactics.values()) == ["formation"] * 3,
-                    300.0,
-                    clock=stubs.clock,
+            async with flying(plan, view) as team.flight:
+                await in_flight(
+                    team.flight, lambda: list(team.tactics.values()) == ["formation"] * 3, "formation", stubs.clock
                 )
-                assert not team.flight.done(), team.flight.result()
                 yield team
-            finally:
-                team.flight.cancel()
-                await asyncio.gather(team.flight, return_exceptions=True)
 
-    return flying
+    return in_formation
 
 
 async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_the_word(
@@ -166,9 +158,11 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
         return disarm(autopilot, force=force and refusals < 0)
 
     await _kill(team, 3, armed=(1, 2))
+    team.clock.set_speed(SLOW)
     assert await team.command("land", 2) == {2: "lands"}
     await until(lambda: team.vehicles[2].mode is NavMode.LAND)
     await _kill(team, 2, armed=(1,))
+    team.clock.set_speed(SPEED)
     team.vehicles[1].select(NavMode.HOLD)
     await until(lambda: team.tactics[1] == "pilot override")
     monkeypatch.setattr(StubAutopilot, "disarm", stubborn)
@@ -186,7 +180,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
     path = mission_file("case2")
     mission = load_mission(path)
     tactics = dict[int, str]()
-    view = LiveView(Console(file=StringIO()))
+    view = unseen_view()
     monkeypatch.setattr(view, "update", lambda rows, *_: tactics.update({row.vehicle_id: row.tactic for row in rows}))
     async with served(stub_configs(mission), SPEED) as stubs:
         child, person = pty.fork()
@@ -196,12 +190,12 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             os.execv(sys.executable, command)
         terminal, shown = Terminal(person), termios.tcgetattr(person)
         # Until it has joined the clock, the other process is not waited for: it is first.
-        await until(lambda: stubs.vehicles[1].armed, 100.0, "the other process has armed its vehicle")
+        await until(lambda: stubs.vehicles[1].armed, waiting_for="the other process has armed its vehicle")
         plan = FlightPlan(mission, 300.0, mission.vehicles[1:], speed=None, clock=stubs.clock.name)
         stubs.clock.set_speed(1.0)  # the other process waits for these two, which take wall time to connect
-        flight = asyncio.create_task(fly(plan, view))
-        try:
-            await until(lambda: all(each.armed for each in stubs.vehicles.values()), 100.0, "all have armed")
+        async with AsyncExitStack() as stack, flying(plan, view) as flight:
+            stack.callback(terminal.close)
+            await until(lambda: all(each.armed for each in stubs.vehicles.values()), waiting_for="all have armed")
             stubs.clock.set_speed(SPEED)
             await until(lambda: list(tactics.values()) == ["formation"] * 2, 300.0, clock=stubs.clock)
             assert "h hold" in terminal.text
@@ -228,10 +222,6 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             await until(lambda: terminal.ended, waiting_for="the end of the other process")
             assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 4
             assert termios.tcgetattr(person) == shown
-        finally:
-            terminal.close()
-            flight.cancel()
-            await asyncio.gather(flight, return_exceptions=True)
 
 
 @pytest.mark.parametrize(("typed", "told"), [("n", "no command was sent"), ("y", "no flight of team")])

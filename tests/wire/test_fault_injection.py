@@ -1,4 +1,7 @@
-"""Faults that `cordon fly --sitl --fault` injects, and what the team and its records say of them."""
+"""Faults that `cordon fly --sitl --fault` injects, and what the team and its records say of them.
+
+Values that `--set` gives in place of the mission's are those of agents, stubs and log.
+"""
 
 import json
 from collections.abc import Callable
@@ -7,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from gcs.flightlog.reader import read_log
+from gcs.mission.file import parse_mission
 from tests.support.mission_text import LOW
 from tests.support.wire import PATIENCE_S, cordon
 
@@ -17,24 +21,29 @@ FLY = ("--sitl", "--speed", "4", "--json")
 
 def test_faults_come_at_their_times_and_the_team_reacts(mission_file: Callable[..., str], tmp_path: Path) -> None:
     log = tmp_path / "faults.mcap"
-    faults = ("foreign-mode@8:2", "one-vehicle-not-heard@16:3", "link-cut@24:3")
+    faults = ("foreign-mode@4:2", "one-vehicle-not-heard@8:3", "link-cut@14:3")
     options = [word for fault in faults for word in ("--fault", fault)]
+    # A stub at the file's start would be 16 m off, and the preflight would refuse it.
+    options += ["--set", "vehicles[2].start_m=[0.0, -20.0]", "--set", "encirclement.radius_m=12"]
     mission = mission_file("case2", LOW)
-    with cordon("fly", mission, *FLY, "--duration", "40", "--log", str(log), *options) as flight:
-        out, err = flight.communicate(timeout=120.0)
-    assert "8.0 s: injected: foreign mode, vehicle 2" in err
+    with cordon("fly", mission, *FLY, "--duration", "24", "--log", str(log), *options) as flight:
+        out, err = flight.communicate()
+    assert "4.0 s: injected: foreign mode, vehicle 2" in err
     result = json.loads(out)
-    assert tuple(result["faults"]) == read_log(log).run.faults == faults
+    run = read_log(log).run
+    assert tuple(result["faults"]) == run.faults == faults
+    flown = parse_mission(run.mission_text, None)
+    assert (flown.encirclement.radius_m, flown.vehicle(3).section.start_m) == (12.0, (0.0, -20.0))
     events = [(event["time_s"], event["vehicle"], event["text"]) for event in result["events"]]
     piloted_s = [at_s for at_s, vehicle, text in events if vehicle == 2 and "-> pilot override" in text]
     assert len(piloted_s) == 1
-    assert 8.0 <= piloted_s[0] <= 11.0, "a mode is reported once a second, and messages take theirs"
+    assert 4.0 <= piloted_s[0] <= 7.0, "a mode is reported once a second, and messages take theirs"
     unheard = {vehicle: at_s for at_s, vehicle, text in events if "peer silent" in text and vehicle != 3}
     assert unheard.keys() == {1, 2}
-    assert all(16.0 < at_s < 40.0 for at_s in unheard.values())
+    assert all(8.0 < at_s < 24.0 for at_s in unheard.values())
     stale_s = [at_s for at_s, vehicle, text in events if vehicle == 3 and text.startswith("telemetry stale")]
     assert len(stale_s) == 1
-    assert 24.0 < stale_s[0] < 30.0, "telemetry is stale after a second of the wall, which is four of the mission"
+    assert 14.0 < stale_s[0] < 20.0, "telemetry is stale after a second of the wall, which is four of the mission"
 
 
 def test_a_killed_agent_is_named_before_the_process_ends(mission_file: Callable[..., str]) -> None:

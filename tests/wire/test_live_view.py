@@ -1,27 +1,23 @@
 """What the live view of a flight shows, against the vehicles as they truly are; an alert that ends, and the end."""
 
-import asyncio
 from collections.abc import Callable, Sequence
-from io import StringIO
 from math import dist
 from typing import Any
 
 import pytest
-from rich.console import Console
 
-from gcs.console.live import LiveView
 from gcs.console.vehicle_view import TeamRow
-from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
 from sitl.autopilot.autopilot import StubAutopilot
+from tests.support.flights import flying, in_flight, unseen_view
 from tests.support.mission_text import LOW, LOW_M
 from tests.support.wire import served, until
 
 pytestmark = pytest.mark.wire
 
-SPEED = 4.0
+SPEED = 10.0
 HALF_M = 30.0
 RING_M_S = 0.05 * 10.0
 NEAR = (
@@ -36,15 +32,18 @@ NEAR = (
 
 
 class Shown:
-    """What the live view has shown last, and all its titles and lines."""
+    """What the live view has shown last, where the vehicles truly were then, and all its titles and lines."""
 
-    def __init__(self) -> None:
+    def __init__(self, vehicles: dict[int, StubAutopilot]) -> None:
+        self._vehicles = vehicles
+        self.places_m: dict[int, tuple[float, float, float]] = {}
         self.rows: dict[int, TeamRow] = {}
         self.titles: list[str] = []
         self.lines: list[tuple[str, str]] = []
 
     def update(self, rows: Sequence[TeamRow], *rest: Any) -> None:
         self.rows = {row.vehicle_id: row for row in rows}
+        self.places_m = {i: vehicle.airframe.position_m for i, vehicle in self._vehicles.items()}
         self.titles += rest[3:]
 
     def print_line(self, text: str, how_grave: str = "information") -> None:
@@ -58,27 +57,19 @@ class Shown:
         return {i: row.alert for i, row in self.rows.items() if row.alert}
 
 
-def place_m(vehicle: StubAutopilot) -> tuple[float, float]:
-    x, y, _ = vehicle.airframe.position_m
-    return x, y
-
-
 async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
     mission = load_mission(mission_file("case2", *NEAR))
-    shown, view = Shown(), LiveView(Console(file=StringIO()))
-    monkeypatch.setattr(view, "update", shown.update)
-    monkeypatch.setattr(view, "print_line", shown.print_line)
+    view = unseen_view()
     async with served(stub_configs(mission), SPEED) as stubs:
-        clock, vehicles, faults = stubs.clock, stubs.vehicles, stubs.stubs[2].faults
-        plan = FlightPlan(mission, 100.0, mission.vehicles, speed=SPEED, clock=clock.name)
-        flight = asyncio.create_task(fly(plan, view))
-        try:
+        clock, faults, shown = stubs.clock, stubs.stubs[2].faults, Shown(stubs.vehicles)
+        monkeypatch.setattr(view, "update", shown.update)
+        monkeypatch.setattr(view, "print_line", shown.print_line)
+        plan = FlightPlan(mission, 65.0, mission.vehicles, speed=SPEED, clock=clock.name)
+        async with flying(plan, view) as flight:
             ring = "ring 3 of 3"
-            await until(
-                lambda: flight.done() or bool(shown.titles and ring in shown.titles[-1]), 300.0, ring, clock=clock
-            )
+            await in_flight(flight, lambda: bool(shown.titles) and ring in shown.titles[-1], ring, clock)
             with subtests.test("numbers"):
                 await until(
                     lambda: all(shown.flies_at(i, RING_M_S) for i in shown.rows),
@@ -86,16 +77,16 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
                     "the speed of the ring",
                     clock=clock,
                 )
-                # Stubs and view are a few tenths of a second of mission time apart.
+                places_m = {i: (x, y) for i, (x, y, _) in shown.places_m.items()}
                 for i, row in shown.rows.items():
-                    vehicle, here_m = vehicles[i], place_m(vehicles[i])
-                    others_m = {dist(here_m, place_m(other)): k for k, other in vehicles.items() if k != i}
-                    assert row.height_m == pytest.approx(vehicle.airframe.position_m[2], abs=0.2)
+                    here_m = places_m[i]
+                    others_m = {dist(here_m, place_m): k for k, place_m in places_m.items() if k != i}
+                    assert row.height_m == pytest.approx(shown.places_m[i][2], abs=0.2)
                     assert row.height_m == pytest.approx(LOW_M, abs=0.5)
                     assert row.fence_margin_m == pytest.approx(HALF_M - max(map(abs, here_m)), abs=1.0)
                     assert row.nearest_m == pytest.approx(min(others_m), abs=1.0)
                     assert row.nearest_id is not None
-                    nearest_m = dist(here_m, place_m(vehicles[row.nearest_id]))
+                    nearest_m = dist(here_m, places_m[row.nearest_id])
                     assert nearest_m == pytest.approx(min(others_m), abs=1.0)
                     assert row.autopilot.gps_dimensions == 3
                     assert row.link_age_s is not None
@@ -117,9 +108,6 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
                 assert shown.rows[2].tactic == "hold"
                 assert "estimator failing cleared: resume" in shown.rows[2].note
             await flight
-        finally:
-            flight.cancel()
-            await asyncio.gather(flight, return_exceptions=True)
     assert {row.ending for row in shown.rows.values()} == {"disarmed"}
     assert all(row.height_m == pytest.approx(0.0, abs=0.3) for row in shown.rows.values())
     assert "ring 0 of 3" in shown.titles[-1]

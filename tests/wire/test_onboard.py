@@ -1,4 +1,7 @@
-"""Agents that wait on the ground for an operator's start, on computers of their own, with a router between them."""
+"""Agents that wait on the ground for an operator's start, on another computer, with a router between them.
+
+A computer without keys beside them gets nothing. The agents' processes are on one computer, as is the clock of stubs.
+"""
 
 import json
 import os
@@ -13,18 +16,22 @@ import pytest
 import tomli_w
 
 from gcs.errors import Exit
+from gcs.flightlog.reader import read_log
 from gcs.keys.authority_folder import AuthorityFolder
+from gcs.replay.cores import replay
 from tests.support.computers import Computer, computers
 from tests.support.mission_text import CASE2, LOW_M
 from tests.support.wire import PATIENCE_S
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
-SPEED = "6"
+SPEED = "4"
 HOLDERS = ("router-hill", "vehicle-1", "vehicle-2", "operator-anna")
+KEYLESS, PLAIN = "keyless", "plain"
+"""Who has the mission without its keys, and who has it without its security."""
 
 
-def mission_text(router: Computer) -> str:
+def mission_text(router: Computer, **security: object) -> str:
     """Return case2 for the vehicles 1 and 2, which hold when the operator has left."""
     mission = tomllib.loads(CASE2)
     mission["vehicles"] = mission["vehicles"][:2]
@@ -32,13 +39,15 @@ def mission_text(router: Computer) -> str:
         del vehicle["endpoint"]
         vehicle["altitude_m"] = LOW_M
     mission["formation"]["leader"] = 1
-    mission["network"] = {"router": f"tcp/{router.address}:7447", "security": {"keys": "keys"}}
+    mission["network"] = {"team": "onboard", "router": f"tcp/{router.address}:7447", "security": security}
     mission["failsafe"] = {"no_operator": "hold", "no_operator_s": 2.0}
     return tomli_w.dumps(mission)
 
 
 class Site:
-    """Four computers with the files of one holder each, and the commands that run there."""
+    """Computers of the router, of both vehicles, of the operator, and one without keys: who has which files, and runs
+    which commands.
+    """
 
     def __init__(self, hosts: list[Computer], folder: Path, stack: ExitStack) -> None:
         keys = AuthorityFolder(folder / "keys")
@@ -46,9 +55,14 @@ class Site:
         for role, _, name in (holder.partition("-") for holder in HOLDERS):
             keys.issue(role, name, 1.0)  # type: ignore[arg-type]
         self._places = {}
-        for holder, host in zip(HOLDERS, hosts, strict=True):
-            copytree(keys.path / holder, folder / holder / "keys" / holder)
-            (folder / holder / "mission.toml").write_text(mission_text(hosts[0]), encoding="utf-8")
+        router, vehicles, operator, other = hosts
+        at = (router, vehicles, vehicles, operator, other, other)
+        for holder, host in zip((*HOLDERS, KEYLESS, PLAIN), at, strict=True):
+            if holder in HOLDERS:
+                copytree(keys.path / holder, folder / holder / "keys" / holder)
+            mission = mission_text(router, **{"insecure": True} if holder == PLAIN else {"keys": "keys"})
+            (folder / holder).mkdir(exist_ok=True)
+            (folder / holder / "mission.toml").write_text(mission, encoding="utf-8")
             self._places[holder] = host, folder / holder
         self._stack = stack
 
@@ -63,14 +77,12 @@ class Site:
 
     def ended(self, holder: str, *arguments: str) -> tuple[int, str, str]:
         process = self.run(holder, *arguments)
-        out, err = process.communicate(timeout=90.0)
+        out, err = process.communicate(timeout=2.0 * PATIENCE_S)
         return process.returncode, out, err
 
     def agent(self, vehicle: int) -> "subprocess.Popen[str]":
-        holder = f"vehicle-{vehicle}"
-        self.run(holder, "sitl", "mission.toml", "--speed", SPEED)
-        options = ("--only", str(vehicle), "--wait-for-start", "--speed", SPEED, "--log", "flight.mcap")
-        return self.run(holder, "fly", "mission.toml", *options)
+        options = ("--only", str(vehicle), "--wait-for-start", "--log", "flight.mcap")
+        return self.run(f"vehicle-{vehicle}", "fly", "mission.toml", *options)
 
 
 def said_until(process: "subprocess.Popen[str]", *words: str) -> str:
@@ -87,10 +99,8 @@ def said_until(process: "subprocess.Popen[str]", *words: str) -> str:
 def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_operator_leaves(tmp_path: Path) -> None:
     with computers(4) as hosts, ExitStack() as stack:
         site = Site(hosts, tmp_path, stack)
-        code, _, err = site.ended("operator-anna", "start", "mission.toml")
-        assert code == Exit.REFUSED
-        assert "cordon router" in err
         said_until(site.run("router-hill", "router", "mission.toml"), "Ctrl-C ends it")
+        said_until(site.run("vehicle-1", "sitl", "mission.toml", "--lockstep", "--speed", SPEED), "Ctrl-C ends it")
         first = site.agent(1)
         said_until(first, "waits for its start: ready")
         code, out, _ = site.ended("operator-anna", "start", "mission.toml", "--wait", "6", "--json")
@@ -106,15 +116,23 @@ def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_ope
         assert [each["answer"] for each in json.loads(out)["vehicles"]] == ["takes off", "takes off"]
         for flying in (first, second):
             assert "log is incomplete" not in said_until(flying, "standby -> formation")
+        land = "command", "land", "--mission", "mission.toml"
+        code, _, err = site.ended(KEYLESS, *land)
+        assert (code, "operator" in err) == (Exit.BAD_INPUT, True), err
+        code, _, err = site.ended(PLAIN, *land)
+        assert (code, "router" in err) == (Exit.REFUSED, True), err
+        code, _, err = site.ended("operator-anna", "command", "kill", "--yes", "--mission", "mission.toml")
+        assert (code, "may not command kill" in err) == (Exit.REFUSED, True), err
         watching.terminate()
         for flying in (first, second):
             said_until(flying, "no operator on the bus", "formation -> hold")
         code, _, err = site.ended("operator-anna", "command", "resume", "--mission", "mission.toml")
         assert code == Exit.HOLDS, err
-        code, _, err = site.ended("operator-anna", "command", "land", "--mission", "mission.toml")
+        code, _, err = site.ended("operator-anna", *land)
         assert code == Exit.HOLDS, err
         for vehicle, flying in enumerate((first, second), start=1):
-            flying.communicate(timeout=PATIENCE_S)
+            _, said = flying.communicate(timeout=PATIENCE_S)
             assert flying.returncode == Exit.ENDED_IN_FLIGHT
-            code, out, err = site.ended(f"vehicle-{vehicle}", "replay", "flight.mcap")
-            assert code == Exit.HOLDS, out + err
+            assert "land by anna" in said
+            replayed = replay(read_log(tmp_path / f"vehicle-{vehicle}" / "flight.mcap"))
+            assert (replayed.same, replayed.other_versions) == (True, ())

@@ -21,11 +21,11 @@ from gcs.station.picture import FlightPicture
 from tests.support.mission_text import LOW
 from tests.support.page.map_tiles import mbtiles, png, tile_folder
 from tests.support.page.station import asked, entered, received, stream
-from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, free_port, until_now
 
 pytestmark = pytest.mark.wire
 
-END_S = 2.0
+END_S = 8.0
 """Ctrl-C ends a station within this time, on a busy computer."""
 
 
@@ -44,7 +44,7 @@ async def events_to_the_end(page: ClientConnection) -> list[str]:
     texts = []
     with suppress(websockets.ConnectionClosed):
         while True:
-            message = json.loads(await asyncio.wait_for(page.recv(), 20.0))
+            message = json.loads(await asyncio.wait_for(page.recv(), PATIENCE_S))
             texts += [message["text"]] if message["kind"] == "event" else []
     return texts
 
@@ -107,7 +107,7 @@ def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
             said = lines_to(process.stderr, "page of")
             assert f"warning: map tiles {tiles}: no tile covers the mission's origin" in "".join(said)
             port, cookie = entered(said[-1])
-            connection = http.client.HTTPConnection(LOOPBACK, port, timeout=5.0)
+            connection = http.client.HTTPConnection(LOOPBACK, port, timeout=PATIENCE_S)
             connection.request("GET", "/tiles/1/1/1", headers={"Cookie": cookie})
             assert connection.getresponse().read() == image
             connection.request("GET", "/flight.json", headers={"Cookie": cookie})
@@ -136,18 +136,18 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
     mission_file: Callable[..., str], subtests: pytest.Subtests
 ) -> None:
     address = f"{LOOPBACK}:{free_port()}"
-    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "60", "--no-log")
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "300", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
         port, cookie = entered(process.stderr.readline())
         async with stream(port, cookie) as page, stream(port, cookie) as other:
             reading = asyncio.create_task(events_to_the_end(other))  # at once: one that does not read is cut off
-            while not (mission := await received(page, "mission", 20.0))["operator"]["may"]:
+            while not (mission := await received(page, "mission"))["operator"]["may"]:
                 pass
             with subtests.test("who may command what"):
                 assert mission["source"] == "sitl"
                 assert {"hold", "kill"} <= set(mission["operator"]["may"])
-            while {each["tactic"] for each in (await received(page, "team", 30.0))["vehicles"]} != {"formation"}:
+            while {each["tactic"] for each in (await received(page, "team"))["vehicles"]} != {"formation"}:
                 pass
             with subtests.test("commands"):
                 for request, verb, did in (("1", "hold", "holds"), ("2", "land", "lands")):
@@ -158,7 +158,7 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
         with subtests.test("what was commanded, and by whom, is shown to the other page"):
             name = mission["operator"]["name"]
             assert {f"hold by {name}: holds", f"land by {name}: lands"} <= set(said)
-        assert await asyncio.to_thread(process.wait, 20.0) == 4, "the operator ended it"
+        assert await asyncio.to_thread(process.wait, PATIENCE_S) == 4, "the operator ended it"
         assert not is_listening(port)
 
 
@@ -167,22 +167,22 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
 ) -> None:
     """A page stays with the vehicles' last state, until the operator closes it at the terminal."""
     address = f"{LOOPBACK}:{free_port()}"
-    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "60", "--no-log")
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "300", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
         port, cookie = entered(process.stderr.readline())
         async with stream(port, cookie) as page:
-            while {each["tactic"] for each in (await received(page, "team", 30.0))["vehicles"]} != {"formation"}:
+            while {each["tactic"] for each in (await received(page, "team"))["vehicles"]} != {"formation"}:
                 pass
             (flying,) = [each for each in psutil.Process(process.pid).children() if "station" not in each.cmdline()]
             flying.kill()
             killed_s = time.time()
-            while (lost := (team := await received(page, "team", 10.0))["lost"]) is None:
+            while (lost := (team := await received(page, "team"))["lost"]) is None:
                 pass
             with subtests.test("why, which vehicles, since when"):
                 assert f"the flying process {flying.pid} ended by signal 9" in lost["reason"]
                 assert lost["vehicles"] == [1, 2, 3]
-                assert abs(lost["since_wall_s"] - killed_s) < 2.0
+                assert killed_s - 2.0 < lost["since_wall_s"] <= time.time(), "not since its start"
             with subtests.test("what the autopilots do"):
                 assert "COM_OBL_RC_ACT" in lost["autopilots"]
             with subtests.test("the last state, for longer than a flight without vehicles is shown"):
@@ -194,7 +194,7 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
                 assert (team["lost"], team["ending"]) == (lost, "")
             assert process.poll() is None
             process.send_signal(signal.SIGINT)
-            assert await asyncio.to_thread(process.wait, 10.0) == 4
+            assert await asyncio.to_thread(process.wait, PATIENCE_S) == 4
         said = process.stderr.read()
         assert "Ended by the watchdog: vehicles 1, 2 and 3" in said
         assert "stays open" in said
@@ -208,7 +208,4 @@ def test_a_station_does_not_outlive_a_flight_that_is_killed(mission_file: Callab
         assert process.stderr is not None
         port, _ = entered(process.stderr.readline())
         process.kill()
-        began_s = time.monotonic()
-        while is_listening(port):
-            assert time.monotonic() - began_s < 60.0
-            time.sleep(0.05)
+        until_now(lambda: not is_listening(port), "the station's end")

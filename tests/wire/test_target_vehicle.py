@@ -1,21 +1,17 @@
 """Another MAVLink vehicle as the target of a team: a stub that stands where it stands."""
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from io import StringIO
 from urllib.parse import urlsplit
 
 import pytest
-from rich.console import Console
 
-from gcs.console.live import LiveView
-from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
+from tests.support.flights import flying, in_flight, unseen_view
 from tests.support.mission_text import LOW
-from tests.support.wire import served, until
+from tests.support.wire import served
 
 pytestmark = pytest.mark.wire
 
@@ -28,7 +24,7 @@ async def test_a_vehicle_that_says_where_it_is_is_encircled(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mission = load_mission(mission_file("case2", LOW, ("[target]\n", NAMED)))
-    view = LiveView(Console(file=StringIO()))
+    view = unseen_view()
     radii: dict[int, float] = {}
     monkeypatch.setattr(
         view, "update", lambda rows, *_: radii.update({row.vehicle_id: row.radius_m or 0.0 for row in rows})
@@ -38,15 +34,7 @@ async def test_a_vehicle_that_says_where_it_is_is_encircled(
     target = replace(team[0], vehicle_id=TARGET_ID, client_port=port, start_position_m=PLACE_M)
     async with served([*team, target], SPEED) as stubs:
         plan = FlightPlan(mission, 120.0, mission.vehicles, speed=SPEED, clock=stubs.clock.name)
-        flight = asyncio.create_task(fly(plan, view))
-        try:
-            await until(
-                lambda: flight.done() or all(9.0 < radii.get(i, 0.0) < 11.0 for i in mission.ids),
-                300.0,
-                "a ring",
-                clock=stubs.clock,
+        async with flying(plan, view) as flight:
+            await in_flight(
+                flight, lambda: all(9.0 < radii.get(i, 0.0) < 11.0 for i in mission.ids), "a ring", stubs.clock
             )
-            assert not flight.done(), flight.result()
-        finally:
-            flight.cancel()
-            await asyncio.gather(flight, return_exceptions=True)

@@ -1,24 +1,20 @@
 """Yaw and altitude on the wire: what a stub vehicle says of its own, while it encircles a target over MAVLink."""
 
-import asyncio
 import struct
 from collections.abc import Callable
 from dataclasses import replace
-from io import StringIO
 from math import atan2, degrees, hypot
-from pathlib import Path
 from statistics import median
 
 import pytest
-from rich.console import Console
 
-from gcs.console.live import LiveView
-from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
+from tests.support.flights import flying, in_flight
+from tests.support.mission_text import with_first_vehicles
 from tests.support.relay import Message, Relay
-from tests.support.wire import free_port, served, until
+from tests.support.wire import free_port, served
 
 pytestmark = pytest.mark.wire
 
@@ -75,30 +71,19 @@ class Witness:
 async def test_a_vehicle_on_the_ring_says_that_it_looks_at_the_target_and_flies_above_it(
     mission_file: Callable[..., str],
 ) -> None:
-    path = Path(mission_file("px4-trio", *ALONE))
-    text = path.read_text(encoding="utf-8")
-    path.write_text("[[vehicles]]".join(text.split("[[vehicles]]")[:2]), encoding="utf-8")
-    mission = load_mission(str(path))
+    mission = load_mission(with_first_vehicles(mission_file("px4-trio", *ALONE), 1))
     (stub,) = stub_configs(mission)
     witness, front_port = Witness(), free_port()
     relay = Relay(1, front_port, stub.client_port, on_message=witness.hear, on_setpoint=lambda: None)
     await relay.open()
     async with served([replace(stub, client_port=front_port)], SPEED) as stubs:
         plan = FlightPlan(mission, 300.0, mission.vehicles, speed=SPEED, clock=stubs.clock.name)
-        flight = asyncio.create_task(fly(plan, LiveView(Console(file=StringIO()))))
-        try:
-            await until(
-                lambda: flight.done() or witness.turned_deg > SETTLES_DEG + SEEN_DEG,
-                300.0,
-                "a part of the ring",
-                clock=stubs.clock,
+        async with flying(plan) as flight:
+            await in_flight(
+                flight, lambda: witness.turned_deg > SETTLES_DEG + SEEN_DEG, "a part of the ring", stubs.clock
             )
-            assert not flight.done(), flight.result()
             off_deg, height_m = witness.off_deg[witness.settled :], witness.height_m
-        finally:
-            flight.cancel()
-            await asyncio.gather(flight, return_exceptions=True)
-            await relay.close()
+    await relay.close()
     assert len(off_deg) > 5
     assert max(map(abs, off_deg)) < 5.0
     assert median(map(abs, off_deg)) < 3.0

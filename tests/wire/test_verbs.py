@@ -12,6 +12,8 @@ from tests.support.verb_runs import (
     ALONE,
     BESIDE,
     BESIDE_STUBS,
+    EXCITE,
+    EXCITED,
     FLIGHT,
     START,
     STUBS,
@@ -20,10 +22,11 @@ from tests.support.verb_runs import (
     commands,
     fault,
     finished,
+    finished_here,
     write_missions,
 )
 
-ALL = (*ALONE, STUBS, *BESIDE_STUBS, FLIGHT, *BESIDE, AFTER)
+ALL = (*ALONE, EXCITE, *EXCITED, STUBS, *BESIDE_STUBS, FLIGHT, *BESIDE, AFTER)
 
 
 def test_every_command_is_run_and_with_json_where_it_has_it() -> None:
@@ -54,8 +57,14 @@ def judge(ran: Sequence[Ran], subtests: pytest.Subtests) -> None:
 
 @pytest.mark.wire
 @pytest.mark.long
-def test_commands_that_run_alone(folder: Path, subtests: pytest.Subtests) -> None:
-    judge([finished(run, folder) for run in ALONE], subtests)
+@pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
+def test_commands_that_run_alone(
+    folder: Path, subtests: pytest.Subtests, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    judge(
+        [finished(run, folder) if run.lasts else finished_here(run, folder, monkeypatch, capsys)[0] for run in ALONE],
+        subtests,
+    )
 
 
 @pytest.mark.wire

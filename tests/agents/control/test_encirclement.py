@@ -11,12 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from agents.control.encirclement import (
-    Approach,
-    EncirclementPlan,
-    EncirclementPlanner,
-    RingTask,
-)
+from agents.control.encirclement import Approach, EncirclementPlan, EncirclementPlanner, RingTask
 from agents.control.lmpc import QpStatus
 from agents.ring.detour import MARGIN_M, Obstacle
 from agents.ring.feasibility import Orbit
@@ -178,7 +173,7 @@ PLACES = {
     place=st.sampled_from(list(PLACES.values())),
     weights=st.tuples(st.floats(4.0, 10.0), st.floats(4.0, 10.0)),
 )
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_the_plan_minimises_the_papers_cost(
     make_config: Maker, polar: Polar, place: RingPlace, weights: tuple[float, float]
 ) -> None:

@@ -22,10 +22,7 @@ def followed(start: ShapedCoordinate, wanted: float, acceleration: float, jerk: 
 
 
 @given(
-    rate=st.floats(-3.0, 3.0),
-    wanted=st.floats(-3.0, 3.0),
-    acceleration=st.floats(0.05, 2.0),
-    jerk=st.floats(0.05, 5.0),
+    rate=st.floats(-3.0, 3.0), wanted=st.floats(-3.0, 3.0), acceleration=st.floats(0.05, 2.0), jerk=st.floats(0.05, 5.0)
 )
 def test_bounds_are_kept_and_the_rate_arrives_without_overshoot(
     rate: float, wanted: float, acceleration: float, jerk: float

@@ -15,11 +15,11 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from estimation.state import OwnEstimate, TargetEstimate
-from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import NetworkModel, simulate
+from sitl.simulation.simulation import NetworkModel
 from tests.support.estimates import own_spread, target_spread
 from tests.support.mission_text import content, faults, parsed, put
+from tests.support.observed_flight import observed
 
 Maker = Callable[..., AgentConfig]
 Point = tuple[float, float]
@@ -129,17 +129,11 @@ def test_in_formation_it_points_along_the_line_and_along_a_way_of_its_own(make_c
 
 def flown(mission: Mission) -> tuple[list[list[TickOutput]], np.ndarray[tuple[int, int, int], np.dtype[np.float64]]]:
     outputs: list[list[TickOutput]] = [[] for _ in mission.ids]
-    vehicles = simulated_vehicles(mission, 5)
-    flight = simulate(
-        vehicles,
-        NetworkModel(200.0),
-        rate_hz=mission.mission.rate_hz,
-        duration_s=45.0,
-        seed=5,
-        inputs=INPUTS,
-        observe=lambda _tick, vehicle, output: outputs[vehicle].append(output),
-        progress=lambda _: None,
-    )
+
+    def observe(_tick: int, vehicle: int, output: TickOutput) -> None:
+        outputs[vehicle].append(output)
+
+    flight = observed(mission, 5, observe, duration_s=45.0, network=NetworkModel(200.0))
     return outputs, flight.motion
 
 

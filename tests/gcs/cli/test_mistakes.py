@@ -1,13 +1,13 @@
 """Typical mistakes: each message names the thing and the next step, and the line of the file that it is about."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from gcs.cli import main
+from tests.conftest import RunHere
 from tests.support.mission_text import CASE2
+from tests.support.wording import facts_missing
 
 SIM = "sim my.toml"
 ONE_VEHICLE = CASE2[: CASE2.index("\n[[vehicles]]\nid = 2")].replace("leader = 2", "leader = 1")
@@ -83,7 +83,7 @@ MISTAKES = (
 
 
 def test_a_mistake_is_named_with_its_line_and_the_next_step(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], subtests: pytest.Subtests
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: RunHere, subtests: pytest.Subtests
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
@@ -92,12 +92,9 @@ def test_a_mistake_is_named_with_its_line_and_the_next_step(
             old, new = mistake.change
             assert old in mistake.text
             Path("my.toml").write_text(mistake.text.replace(old, new) if old else mistake.text, encoding="utf-8")
-            monkeypatch.setattr(sys, "argv", ["cordon", *mistake.command.split()])
-            with pytest.raises(SystemExit) as ended:
-                main()
-            out, err = capsys.readouterr()
-            assert (ended.value.code, out) == (2, "")
-            assert [words for words in mistake.says if words not in err] == [], err
+            code, out, err = run_here(*mistake.command.split())
+            assert (code, out) == (2, "")
+            assert facts_missing(err, *mistake.says) == [], err
             if mistake.line:
                 sources = [f"[my.toml, line {number}: {line.strip()}]" for number, line in _lines_with(mistake.line)]
                 assert any(source in err for source in sources), err

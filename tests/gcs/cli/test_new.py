@@ -4,7 +4,7 @@ import os
 import pty
 import sys
 import tomllib
-from collections.abc import Callable
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import get_args
@@ -12,9 +12,10 @@ from typing import get_args
 import pytest
 
 from agents.settings.shapes import SPACED_SHAPES
-from gcs.cli import main
 from gcs.mission.file import bundled_missions, load_mission, parse_mission
 from gcs.mission.template import PROFILES, Links, NewMission, own_ports
+from tests.conftest import RunHere
+from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.slow
 
@@ -27,21 +28,17 @@ CHOICES = {
     "--target": "moving",
     "--fence": "20",
 }
-OPTIONS = tuple(word for pair in CHOICES.items() for word in pair)
+
+
+def words(**changes: str) -> list[str]:
+    return [word for pair in {**CHOICES, **changes}.items() for word in pair]
 
 
 @pytest.fixture
-def new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
-    """Return a runner of `cordon new my.toml` in an empty folder, without a terminal: its exit code."""
+def new(run_here: RunHere, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunHere:
+    """Return a runner of `cordon new my.toml` in an empty folder, without a terminal."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*options: str) -> int:
-        monkeypatch.setattr(sys, "argv", ["cordon", "new", "my.toml", *options])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return int(ended.value.code or 0)
-
-    return run
+    return partial(run_here, "new", "my.toml")
 
 
 def chosen(**changes: object) -> NewMission:
@@ -50,72 +47,63 @@ def chosen(**changes: object) -> NewMission:
     return NewMission(**{**usual, **more, **changes})  # type: ignore[arg-type]  # by name
 
 
-def test_a_mission_of_ones_own_settles_on_its_ring(
-    new: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert new(*OPTIONS, "--profile", "0.8,0.9,0.1", "--plot", "my.svg") == 0
-    said = capsys.readouterr().err
-    assert "5 of 5 vehicles engaged the target" in said
+def test_a_mission_of_ones_own_settles_on_its_ring(new: RunHere, tmp_path: Path) -> None:
+    code, _, said = new(*words(**{"--vehicles": "3", "--profile": "0.8,0.9,0.1", "--plot": "my.svg"}))
+    assert code == 0
+    assert "3 of 3 vehicles engaged the target" in said
     assert "settled after" in said
+    assert "next: cordon fly my.toml --sitl --speed 10" in said
     assert (tmp_path / "my.svg").stat().st_size > 0
     mission = load_mission("my.toml")
     ring, target = mission.encirclement, mission.target
-    assert (len(mission.vehicles), mission.formation.shape, ring.radius_m, ring.angular_rate_rad_s) == (
-        5,
-        "wedge",
-        15.0,
-        0.1,
-    )
+    assert (len(mission.vehicles), mission.formation.shape) == (3, "wedge")
+    assert (ring.radius_m, ring.angular_rate_rad_s) == (15.0, 0.1)
     assert target.velocity_m_s == (0.1, 0.0)
     plant = mission.vehicles[0].plant
     assert (plant.x.a0_per_s2, plant.y.a1_per_s, plant.delay_s) == (0.8, 0.9, 0.1)
     before = {path: path.read_bytes() for path in tmp_path.glob("*.toml")}
-    assert new(*OPTIONS) == 2
-    assert "my.toml exists already" in capsys.readouterr().err
+    code, _, said = new(*words())
+    assert code == 2
+    assert "my.toml exists already" in said
     assert {path: path.read_bytes() for path in tmp_path.glob("*.toml")} == before
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--radius", "2"], ["--radius", "2.56", "3 m between vehicles"]),
-        (["--rate", "0.3"], ["encirclement.angular_rate_rad_s", "4.60 m/s", "3.0 m/s"]),
-        (["--radius", "nan"], ["--radius", "'nan'"]),
-        (["--vehicles", "0"], ["--vehicles", "'0'"]),
-        (["--links", "wifi"], ["--links", '"wifi"', "stub"]),
-        (["--target", "fast"], ["--target", "'fast'"]),
-        (["--profile", "0.8,0.9"], ["--profile", "A0,A1,DELAY", "'0.8,0.9'"]),
-        (["--profile", "0.8,-1,0"], ["--profile", "'-1'"]),
-        (["--profile", "mine.toml"], ["vehicles[0].profile", "'mine.toml'", "bundled profiles: "]),
-    ],
-)
 def test_what_would_not_hold_is_refused_before_anything_is_written(
-    new: Callable[..., int],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    options: list[str],
-    says: list[str],
+    new: RunHere, tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
-    assert new(*(word for pair in {**CHOICES, options[0]: options[1]}.items() for word in pair)) == 2
-    said = capsys.readouterr().err
-    assert [words for words in says if words not in said] == [], said
-    assert list(tmp_path.iterdir()) == []
+    for option, value, *says in (
+        ("--radius", "2", "--radius", "2.56", "3 m between vehicles"),
+        ("--rate", "0.3", "encirclement.angular_rate_rad_s", "4.60 m/s", "3.0 m/s"),
+        ("--radius", "nan", "--radius", "'nan'"),
+        ("--vehicles", "0", "--vehicles", "'0'"),
+        ("--links", "wifi", "--links", '"wifi"', "stub"),
+        ("--target", "fast", "--target", "'fast'"),
+        ("--profile", "0.8,0.9", "--profile", "A0,A1,DELAY", "'0.8,0.9'"),
+        ("--profile", "0.8,-1,0", "--profile", "'-1'"),
+        ("--profile", "mine.toml", "vehicles[0].profile", "'mine.toml'", "bundled profiles: "),
+    ):
+        with subtests.test(option=option, value=value):
+            code, _, said = new(*words(**{option: value}))
+            assert code == 2
+            assert facts_missing(said, *says) == [], said
+            assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("links", "step"), [("udp", "fly my.toml --sitl --speed 10"), ("serial", "check my.toml")])
-def test_the_next_command_fits_the_links(
-    new: Callable[..., int], capsys: pytest.CaptureFixture[str], links: str, step: str
-) -> None:
-    new(*(word for pair in {**CHOICES, "--links": links, "--profile": "stub"}.items() for word in pair))
-    assert f"next: cordon {step}" in capsys.readouterr().err
+def test_the_next_command_fits_the_links(new: RunHere) -> None:
+    ran = new(*words(**{"--vehicles": "1", "--links": "serial", "--profile": "stub"}))
+    assert "next: cordon check my.toml" in ran.err
 
 
-def test_without_a_terminal_every_missing_option_is_named(
-    new: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert new("--vehicles", "5", "--shape", "wedge") == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert [line.partition(":")[0] for line in lines] == ["--links", "--radius", "--rate", "--target", "--fence"]
+def test_without_a_terminal_every_missing_option_is_named(new: RunHere, tmp_path: Path) -> None:
+    code, _, said = new("--vehicles", "5", "--shape", "wedge")
+    assert code == 2
+    assert [line.partition(":")[0] for line in said.splitlines()] == [
+        "--links",
+        "--radius",
+        "--rate",
+        "--target",
+        "--fence",
+    ]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,6 +1,5 @@
 """What a command leaves behind: JSON for scripts, text for people, a figure where it was asked for."""
 
-import json
 import subprocess
 import sys
 from io import StringIO
@@ -32,86 +31,35 @@ def record(mission: Mission) -> FlightRecord:
 # Figures are refused before anything flies
 
 
-@pytest.mark.parametrize("name", ["flight.png", "flight.svg", "flight.pdf", "FLIGHT.PNG", "a[b].png", "two words.svg"])
-def test_a_figure_that_can_be_written_is_no_fault(tmp_path: Path, name: str) -> None:
-    check_plot(tmp_path / name)
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a file in it, and a folder with the name of a figure."""
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.png").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
-def test_no_figure_is_no_fault() -> None:
+def test_a_figure_that_can_be_written_is_no_fault(folder: Path) -> None:
+    for name in ("flight.png", "flight.svg", "flight.pdf", "FLIGHT.PNG", "a[b].png", "two words.svg"):
+        check_plot(Path(name))
+        check_plot(folder / name)
     check_plot(None)
 
 
-def test_a_figure_beside_the_reader_needs_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    check_plot(Path("flight.png"))
-
-
-@pytest.mark.parametrize("name", ["flight.bmp", "flight", "flight.png.txt", "png", "", "."])
-def test_a_figure_of_an_unknown_kind_names_the_known_ones(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=r"--plot: .* must end in \.png, \.svg, \.pdf"):
-        check_plot(tmp_path / name if name else Path())
-
-
-def test_a_figure_into_no_folder_is_a_fault(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    for folder in (tmp_path / "missing", tmp_path / "file"):
-        with pytest.raises(InputError, match="--plot: no folder"):
-            check_plot(folder / "flight.png")
-
-
-def test_a_figure_in_place_of_a_folder_is_a_fault(tmp_path: Path) -> None:
-    (tmp_path / "flight.png").mkdir()
-    with pytest.raises(InputError, match=r"--plot: .*flight\.png"):
-        check_plot(tmp_path / "flight.png")
-
-
-@pytest.mark.parametrize(
-    ("number", "path", "fault"), [(7, "a.png", "--figure: the paper has no figure 7"), (4, None, "add --plot")]
-)
-def test_a_figure_that_the_paper_lacks_or_without_a_file_is_a_fault(number: int, path: str | None, fault: str) -> None:
-    with pytest.raises(InputError, match=fault):
-        check_plot(None if path is None else Path(path), number)
+def test_a_figure_that_cannot_be_is_a_fault(folder: Path, subtests: pytest.Subtests) -> None:
+    for name, number, fault in [
+        *((name, None, r"--plot: .* must end in") for name in ("a.bmp", "flight", "a.png.txt", "png", "", ".")),
+        *((f"{parent}/a.png", None, "--plot: no folder") for parent in ("missing", "file")),
+        ("folder.png", None, r"--plot: .*folder\.png"),
+        ("a.png", 7, "--figure: the paper has no figure 7"),
+        (None, 4, "add --plot"),
+    ]:
+        with subtests.test(name=name, number=number), pytest.raises(InputError, match=fault):
+            check_plot(None if name is None else Path(name), number)
 
 
 # The result
-
-
-def test_json_is_one_line_on_standard_output_and_text_is_elsewhere(
-    mission: Mission, record: FlightRecord, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert present(mission, record, json=True, plot=None) is Exit.HOLDS
-    out, err = capsys.readouterr()
-    result = json.loads(out)
-    assert out.count("\n") == 1
-    assert (result["mission"], result["seed"], result["duration_s"]) == ("case1", 3, 2.0)
-    assert result["wall_time_s"] > 0.0
-    assert result["loop"]["tick_p50_us"] > 0.0
-    assert "case1" in err
-    assert "{" not in err
-
-
-def test_without_json_standard_output_stays_empty(
-    mission: Mission, record: FlightRecord, capsys: pytest.CaptureFixture[str]
-) -> None:
-    present(mission, record, json=False, plot=None)
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "separation" in err
-
-
-def test_an_untimed_result_holds_no_wall_time(
-    mission: Mission, record: FlightRecord, capsys: pytest.CaptureFixture[str]
-) -> None:
-    present(mission, record, json=True, plot=None, timed=False)
-    result = json.loads(capsys.readouterr().out)
-    timed = (
-        result["wall_time_s"],
-        result["realtime_factor"],
-        result["loop"]["tick_p50_us"],
-        result["loop"]["tick_p99_us"],
-    )
-    assert timed == (None,) * 4
-    assert result["loop"]["ticks"] == 63
 
 
 def test_a_verdict_that_does_not_hold_is_an_exit_code(record: FlightRecord) -> None:
@@ -122,11 +70,10 @@ def test_a_verdict_that_does_not_hold_is_an_exit_code(record: FlightRecord) -> N
     assert present(failing, record, json=False, plot=None) is Exit.VERDICT_FAILED
 
 
-@pytest.mark.parametrize("name", ["flight.svg", "a[/b].svg", "a[bold]b.svg"])
 def test_a_figure_is_written_and_its_name_is_told_as_it_is(
-    mission: Mission, record: FlightRecord, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+    mission: Mission, record: FlightRecord, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / name
+    path = tmp_path / "a[/bold]b.svg"
     path.parent.mkdir(exist_ok=True)
     present(mission, record, json=False, plot=path)
     assert path.read_bytes().startswith(b"<?xml")

@@ -8,9 +8,6 @@ import pytest
 from tests.support.page.map_tiles import mbtiles
 from tests.support.paths import DATA
 
-# It warns that these tests run main() itself, as the console script does.
-pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
-
 Refused = Callable[..., list[str]]
 LOCAL_FRAME = ("latitude_deg = 47.397742\nlongitude_deg = 8.545594\naltitude_m = 488.0", "local = true")
 

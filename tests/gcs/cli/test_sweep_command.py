@@ -6,8 +6,7 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,10 @@ import psutil
 import pytest
 
 from gcs.errors import Exit
+from tests.conftest import RunHere
 from tests.support.paths import MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS
-from tests.support.wire import free_ports
+from tests.support.wire import PATIENCE_S, free_ports, until_now
 
 pytestmark = pytest.mark.slow
 
@@ -45,24 +45,17 @@ def finished(folder: Path) -> int:
     return journal.read_bytes().count(b"\n") if journal.exists() else 0
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + 120.0
-    while not condition():
-        assert time.monotonic() < end_s, "it did not come to pass"
-        time.sleep(0.02)
-
-
 @contextmanager
-def in_the_middle(folder: Path, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
+def in_the_middle(folder: Path, *arguments: str, runs: int = MIDDLE) -> Iterator["subprocess.Popen[str]"]:
     """Start the sweep, and yield when it has flown some of its runs; it is not left running."""
     process = start(*FLIGHT, *arguments, "--out", str(folder))
     try:
-        wait_until(lambda: finished(folder) >= MIDDLE)
+        until_now(lambda: finished(folder) >= runs)
         yield process
     finally:
         process.kill()
         process.wait()
-    assert finished(folder) >= MIDDLE
+    assert finished(folder) >= runs
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +80,7 @@ def test_a_sweep_that_is_killed_goes_on_to_the_same_table(tmp_path: Path, table:
     with in_the_middle(tmp_path, "--workers", "2") as process:
         family = psutil.Process(process.pid).children(recursive=True)
         process.kill()
-        _, alive = psutil.wait_procs(family, timeout=20)
+        _, alive = psutil.wait_procs(family, timeout=PATIENCE_S)
         assert len(family) >= 3, "two workers, and what starts them"
         assert alive == [], "workers outlive their sweep"
     with (tmp_path / "runs.jsonl").open("a") as journal:
@@ -104,15 +97,15 @@ def test_a_killed_worker_loses_no_run_and_flies_none_twice(tmp_path: Path, table
     assert finished(tmp_path) == RUNS
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_ends_it_with_what_goes_on(sent: signal.Signals, tmp_path: Path, table: bytes) -> None:
-    with in_the_middle(tmp_path, "--json") as process:
-        process.send_signal(sent)
-        code, out, err = ended(process)
-    assert code is Exit.ENDED_IN_FLIGHT
-    assert json.loads(out)["finished"] == finished(tmp_path)
-    assert shlex.join(["cordon", "sweep", *FLIGHT, "--json", "--out", str(tmp_path)]) in err
-    assert not (tmp_path / "runs.parquet").exists()
+def test_ctrl_c_ends_it_with_what_goes_on(tmp_path: Path, table: bytes) -> None:
+    for sent in (signal.SIGINT, signal.SIGTERM):
+        with in_the_middle(tmp_path, "--json", runs=finished(tmp_path) + 2) as process:
+            process.send_signal(sent)
+            code, out, err = ended(process)
+        assert code is Exit.ENDED_IN_FLIGHT
+        assert json.loads(out)["finished"] == finished(tmp_path)
+        assert shlex.join(["cordon", "sweep", *FLIGHT, "--json", "--out", str(tmp_path)]) in err
+        assert not (tmp_path / "runs.parquet").exists()
     assert_goes_on(tmp_path, table)
 
 
@@ -145,7 +138,7 @@ def test_on_a_cluster_a_killed_worker_changes_nothing(tmp_path: Path, table: byt
     assert finished(tmp_path) == RUNS
 
 
-def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path) -> None:
+def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path, run_here: RunHere) -> None:
     mission = tmp_path / "mine.toml"
     mission.write_text((MISSIONS / "case2.toml").read_text())
     folder, figure = tmp_path / "results", tmp_path / "sweep.svg"
@@ -157,12 +150,12 @@ def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path) -> None
     assert list(summary["errors"].values()) == [2]
     assert "encirclement.radius_m: it must be greater than 0 (given: -1)" in err
     mission.write_text("edited")
-    code, out, _ = ended(start("plot", str(folder), "--out", str(figure), "--json"))
-    drawn = json.loads(out)
+    plotted = run_here("sweep", "plot", str(folder), "--out", str(figure), "--json")
+    drawn = json.loads(plotted.out)
     (failed,) = (each for each in drawn["worst"] if "-1" in each["command"])
     plot_keys = OUTPUT_KEYS["sweep plot"].split(), OUTPUT_KEYS["worst[] of sweep plot"].split()
     assert (list(drawn), list(failed)) == plot_keys
     copy = folder / "mission" / "mine.toml"
     assert failed["command"] == f"cordon sim {copy} --set encirclement.radius_m=-1 --seed 3 --duration 5"
     assert copy.read_text() == (MISSIONS / "case2.toml").read_text()
-    assert (code, b"</svg>" in figure.read_bytes()) == (Exit.HOLDS, True)
+    assert (plotted.code, b"</svg>" in figure.read_bytes()) == (Exit.HOLDS, True)

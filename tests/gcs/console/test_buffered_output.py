@@ -4,9 +4,10 @@ import os
 import pty
 import subprocess
 import sys
-import time
 
 import pytest
+
+from tests.support.wire import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 
@@ -14,15 +15,12 @@ WRITER = """
 import time
 from gcs.console.buffered_output import unblocked
 from gcs.console.terminal import STDERR, print_line
-worst = 0.0
 with unblocked(STDERR):
     for number in range(400):
-        began = time.monotonic()
         print_line(f"line {number} " + "x" * 1000)
-        worst = max(worst, time.monotonic() - began)
-        time.sleep(0.005)
+        time.sleep(0.005)  # the terminal takes no output for longer than is reported
     time.sleep(0.2)
-    print("done", worst, flush=True)
+    print("done", flush=True)
     input()
 print("left", flush=True)
 """
@@ -52,14 +50,12 @@ def rest(reader: int) -> str:
 def test_nothing_waits_for_a_terminal_that_takes_no_output_and_it_says_so_afterwards() -> None:
     process, reader = start()
     assert process.stdout is not None
-    word, worst_s = process.stdout.readline().split()
-    assert (word, float(worst_s) < 0.5) == ("done", True)
-    time.sleep(1.0)
+    assert process.stdout.readline() == "done\n", "before anybody reads what it printed"
     assert process.stdin is not None
     process.stdin.write("\n")
     process.stdin.flush()
     text = rest(reader)
-    assert process.wait(10.0) == 0
+    assert process.wait(PATIENCE_S) == 0
     assert "line 0 " in text
     assert "line 399 " not in text, "more than the buffer holds"
     assert "took no output for" in text
@@ -68,7 +64,7 @@ def test_nothing_waits_for_a_terminal_that_takes_no_output_and_it_says_so_afterw
 
 def test_a_process_ends_although_its_terminal_takes_no_output() -> None:
     process, reader = start()
-    output, _ = process.communicate("\n", 15.0)
+    output, _ = process.communicate("\n", PATIENCE_S)
     assert output.endswith("left\n")
     assert process.returncode == 0
     os.close(reader)

@@ -16,20 +16,11 @@ import pytest
 
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
-from gcs.console.keyboard.bindings import (
-    ANSWERED_WITHIN_S,
-    DIGITS_WITHIN_S,
-    SELECTED_FOR_S,
-    KeyBindings,
-    KeyedCommand,
-)
+from gcs.console.keyboard.bindings import ANSWERED_WITHIN_S, DIGITS_WITHIN_S, SELECTED_FOR_S, KeyBindings, KeyedCommand
 from gcs.console.keyboard.commands import KeyCommands
 from gcs.console.keyboard.keyboard import Keyboard
 from tests.support.paths import ROOT
-from tests.support.wire import until
-
-WAIT_S = 20.0
-
+from tests.support.wire import PATIENCE_S, until
 
 TEAM = (1, 2, 3)
 BY_HAND_S = 0.15
@@ -49,7 +40,7 @@ def commands(
 
 
 def test_keys_and_what_confirms_them(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+    for keys, given in (
         ("hra", [("hold", None), ("resume", None), ("abort", None)]),
         ("ly", [("land", None)]),
         ("ty", [("rtl", None)]),
@@ -79,23 +70,21 @@ def test_keys_and_what_confirms_them(subtests: pytest.Subtests) -> None:
         ("23h", [("hold", 3)]),
         ("2ly", [("land", 2)]),
         ("9h", [("hold", None)]),
-    )
-    for keys, given in rows:
+    ):
         with subtests.test(keys=keys):
             assert commands(keys) == given
 
 
 def test_digits_select_vehicles_of_two_digits(subtests: pytest.Subtests) -> None:
     many = (1, 2, 10, 12, 31)
-    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+    for keys, given in (
         ("12h", [("hold", 12)]),
         ("1h", [("hold", 1)]),
         ("10h", [("hold", 10)]),
         ("112h", [("hold", 12)]),
         ("3h", []),
         ("31h", [("hold", 31)]),
-    )
-    for keys, given in rows:
+    ):
         with subtests.test(keys=keys):
             assert commands(keys, team=many) == given
     assert commands("12h", team=many, every_s=DIGITS_WITHIN_S + 0.1) == [("hold", 2)]
@@ -130,7 +119,7 @@ def test_a_paste_ends_an_open_question() -> None:
 
 
 def test_a_vehicle_that_its_pilot_has_is_taken_back_only_when_that_is_confirmed(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, list[tuple[str, int | None]]], ...] = (
+    for keys, given in (
         ("r", []),
         ("rr", []),
         ("rrrr", []),
@@ -138,22 +127,20 @@ def test_a_vehicle_that_its_pilot_has_is_taken_back_only_when_that_is_confirmed(
         ("2r", []),
         ("2ry", [("resume", 2)]),
         ("1r", [("resume", 1)]),
-    )
-    for keys, given in rows:
+    ):
         with subtests.test(keys=keys):
             assert commands(keys, piloted=(2,)) == given
 
 
 def test_questions_name_what_they_are_about(subtests: pytest.Subtests) -> None:
-    rows = (
+    for keys, words in (
         ("l", ("land", "3 vehicles", "y within 3 s")),
         ("t", ("return", "3 vehicles", "y within 3 s")),
         ("k", ("type kill", "motors", "3 vehicles")),
         ("kki", ("type kill", "3 vehicles", ": ki")),
         ("2k", ("type kill", "vehicle 2")),
         ("2r", ("vehicle 2", "pilot", "y within 3 s")),
-    )
-    for keys, words in rows:
+    ):
         with subtests.test(keys=keys):
             bindings = KeyBindings(TEAM)
             for number, key in enumerate(keys):
@@ -299,7 +286,7 @@ def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: 
             os.write(person, b"\x1b")
             heard += _read_until(person, "pressed \x1b")
             heard += _press_until(person, ending, f"pressed {ending}")
-            assert child.wait(WAIT_S) == code
+            assert child.wait(PATIENCE_S) == code
         finally:
             child.kill()
     assert settings(person) == before
@@ -310,7 +297,7 @@ def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: 
 def _press_until(fd: int, key: str, text: str) -> str:
     """Press a key again and again: read together with what was pasted before it, it would count as pasted too."""
     heard = ""
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     while text not in heard:
         assert time.monotonic() < end_s, heard
         os.write(fd, key.encode())
@@ -320,7 +307,7 @@ def _press_until(fd: int, key: str, text: str) -> str:
 
 def _read_until(fd: int, text: str) -> str:
     heard = ""
-    end_s = time.monotonic() + WAIT_S
+    end_s = time.monotonic() + PATIENCE_S
     while text not in heard:
         assert time.monotonic() < end_s, heard
         heard += _heard(fd, 0.2)

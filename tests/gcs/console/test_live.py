@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
@@ -23,6 +22,7 @@ from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
 from gcs.metrics.ring import RingResult
 from gcs.metrics.vehicles import EstimatedVehicleResult, VehicleResult
+from tests.support.wire import until_now
 
 ROWS = (
     TeamRow(
@@ -164,10 +164,6 @@ def test_many_alerts_leave_room_for_vehicles_and_the_hint() -> None:
     assert f"and {len(alerts) - 4} more alerts" in lines
 
 
-def test_brackets_in_a_note_are_no_markup() -> None:
-    assert "vehicle 2: ring [pair 1]" in shown_at(120)
-
-
 def test_after_the_end_nothing_is_shown_as_flying(subtests: pytest.Subtests) -> None:
     down = [with_alert(structs.replace(row, ending="disarmed"), "") for row in ROWS]
     for rows, ending in ((down, "disarmed"), (ROWS, "unknown")):
@@ -269,9 +265,7 @@ def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
     console, output = terminal()
     with LiveView(console) as view:
         view.update(ROWS, 1.0, "flying", Text("h hold"))
-        end_s = time.monotonic() + 5.0
-        while "h hold" not in output.getvalue() and time.monotonic() < end_s:
-            time.sleep(0.05)
+        until_now(lambda: "h hold" in output.getvalue())
         view.print_line("0.5 s: vehicle 1: [holds]")
         told = output.getvalue()
         assert told.index("[holds]") < told.rindex("1.0 s") < told.rindex("flying") < told.rindex("h hold")

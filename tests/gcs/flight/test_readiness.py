@@ -11,6 +11,7 @@ from agents.ports import VehicleRefusedError
 from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, blocker_lines
 from gcs.flight.team import FlightTeam
 from gcs.preflight.findings import MISSION, Finding, Grade
+from tests.support.simulated_loop import run_simulated
 
 WELL = Finding(Grade.PASS, 1, "gps", "GPS: 3D fix, 14 satellites")
 WARNED = Finding(Grade.WARNING, 1, "battery", "its battery is at 40%", "it may not last", "charge it")
@@ -92,11 +93,17 @@ async def test_vehicles_about_to_be_ready_are_waited_for() -> None:
     assert "vehicle 2: GPS: no fix, 0 satellites" in second
 
 
-async def test_the_wait_ends() -> None:
-    team = FakeTeam(0.2, [NO_FIX])
-    async with asyncio.timeout(5.0):
+def test_the_wait_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def waited() -> None:
+        monkeypatch.setattr("gcs.flight.preparation.time.monotonic", asyncio.get_running_loop().time)
+        team = FakeTeam(0.2, [NO_FIX])
         assert await checked(team) == [NO_FIX]
-    assert len(team.settled_s) > 2
+        assert len(team.settled_s) == 20, "each takes 10 ms"
+        refused = Readiness(cast(FlightTeam, FakeTeam(0.05, speeds=(False,))))
+        with pytest.raises(VehicleRefusedError, match="no attitude"):
+            await refused.measure_speed()
+
+    run_simulated(waited())
 
 
 async def test_what_waiting_uncovers_is_refused_at_once() -> None:
@@ -105,9 +112,9 @@ async def test_what_waiting_uncovers_is_refused_at_once() -> None:
 
 
 async def test_a_speed_that_cannot_be_measured_yet() -> None:
-    await Readiness(cast(FlightTeam, FakeTeam(30.0, speeds=(False, False, True)))).measure_speed()
-    with pytest.raises(VehicleRefusedError, match="no attitude"):
-        await Readiness(cast(FlightTeam, FakeTeam(0.05, speeds=(False,)))).measure_speed()
+    team = FakeTeam(30.0, speeds=(False, False, True))
+    await Readiness(cast(FlightTeam, team)).measure_speed()
+    assert team.measured == 3
 
 
 def test_vehicles_that_lack_the_same_share_a_line() -> None:

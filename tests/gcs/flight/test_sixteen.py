@@ -3,12 +3,10 @@
 from collections import Counter
 
 from agents.control.lmpc import QpStatus
-from agents.core import VehicleCore
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
-from gcs.flight.simulated import INPUTS, simulated_vehicles
-from sitl.simulation.simulation import NetworkModel, simulate
 from tests.experiments.membership_scenes import sixteen
+from tests.support.observed_flight import observed
 
 JOINING_S = 25.0
 
@@ -20,16 +18,6 @@ def test_plans_of_a_crowd_are_solved_and_no_vehicle_steps_aside() -> None:
         solved[output.status.qp is not QpStatus.FALLBACK] += 1
         tactics.add(output.status.tactic)
 
-    network = scene.mission.network
-    simulate(
-        simulated_vehicles(scene.mission, 2, VehicleCore),
-        NetworkModel(network.range_m, network.delay_s, network.loss),
-        rate_hz=scene.mission.mission.rate_hz,
-        duration_s=JOINING_S,
-        seed=2,
-        inputs=INPUTS,
-        observe=observe,
-        progress=lambda _: None,
-    )
+    observed(scene.mission, 2, observe, duration_s=JOINING_S)
     assert solved[False] < 0.005 * solved[True]
     assert Tactic.ASIDE not in tactics

@@ -22,8 +22,10 @@ from gcs.flight.supervision.protocol import (
     LoopMonitor,
     encode_beat,
 )
+from sitl.server import shared_clock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat, new_clock
+from tests.support.wire import PATIENCE_S
 
 PERIOD_S = 0.1
 
@@ -183,10 +185,10 @@ def test_a_wish_is_one_call_each_and_a_lost_supervisor_is_one_wish(pair: tuple[s
     with SupervisorHeartbeat(theirs, lambda: call("orphaned")) as heartbeat:
         heartbeat.relay(lambda: call("ask"))
         ours.send(ALIVE + STOP + ALIVE + STOP)
-        assert heard.acquire(timeout=5.0)
-        assert heard.acquire(timeout=5.0)
+        assert heard.acquire(timeout=PATIENCE_S)
+        assert heard.acquire(timeout=PATIENCE_S)
         ours.close()
-        assert heard.acquire(timeout=5.0)
+        assert heard.acquire(timeout=PATIENCE_S)
     assert calls == ["ask", "ask", "orphaned"], "another wish would mean: in a hurry"
 
 
@@ -210,14 +212,15 @@ def test_a_supervisor_that_is_dead_or_silent_makes_it_land(
         heartbeat.relay(ask)
         if closed:
             ours.close()
-        assert told.wait(5.0)
+        assert told.wait(PATIENCE_S)
         assert not theirs.get_inheritable()
     assert calls == ["ask", "orphaned"]
 
 
 async def test_on_a_clock_that_runs_ahead_of_the_listening_thread_a_supervisor_that_lives_is_not_lost(
-    pair: tuple[socket.socket, socket.socket],
+    pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(shared_clock, "HUNG_S", PATIENCE_S)
     ours, theirs = pair
     calls: list[str] = []
     is_over = threading.Event()

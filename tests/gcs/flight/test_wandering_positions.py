@@ -1,6 +1,5 @@
 """A ring of vehicles whose reported positions wander, judged by their true positions."""
 
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -8,14 +7,15 @@ import pytest
 
 from agents.outputs import TickOutput
 from estimation.state import POSITION, Vector
-from gcs.flight.simulated import INPUTS, simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import NetworkModel, simulate
+from sitl.simulation.simulation import NetworkModel
+from tests.gcs.flight.test_missions_simulated import own_filter
 from tests.support.flight_logs import engaging
+from tests.support.observed_flight import observed
 
 pytestmark = pytest.mark.slow
 
-SETTLED_S, BLIND_FROM_S, BLIND_TO_S, UNTIL_S = 60.0, 200.0, 220.0, 300.0
+SETTLED_S, BLIND_FROM_S, BLIND_TO_S, UNTIL_S = 60.0, 150.0, 170.0, 220.0
 WANDER_M, RING_M, SEED = 0.25, 10.0, 1
 BLIND = 0
 """The vehicle whose sensor is blind for a while."""
@@ -25,8 +25,8 @@ STEP_MAX_M = 0.3
 class Wandering:
     """What a flight shows: true offsets from the target, and claimed ones (T, V, 2); what was sent; uncertainties."""
 
-    def __init__(self, mission: Mission) -> None:
-        vehicles, shape = simulated_vehicles(mission, SEED), (round(UNTIL_S * mission.mission.rate_hz) + 1, 3)
+    def __init__(self, mission: Mission, until_s: float = UNTIL_S) -> None:
+        shape = round(until_s * mission.mission.rate_hz) + 1, 3
         self.claimed_m, self.setpoint_m = np.full((2, *shape, 2), np.nan)
         self.sigma_m = np.full(shape, np.nan)
 
@@ -38,16 +38,7 @@ class Wandering:
             self.setpoint_m[tick, vehicle] = output.setpoint.position_m[:2]
             self.sigma_m[tick, vehicle] = situation.position_sigma_m
 
-        flight = simulate(
-            vehicles,
-            NetworkModel(1000.0),
-            rate_hz=mission.mission.rate_hz,
-            duration_s=UNTIL_S,
-            seed=SEED,
-            inputs=INPUTS,
-            observe=observe,
-            progress=lambda _: None,
-        )
+        flight = observed(mission, SEED, observe, duration_s=until_s, network=NetworkModel(1000.0))
         self.time_s = flight.time_s
         self.true_m = flight.motion[:, :, POSITION]
         target_m = np.array([mission.target.motion.position_m(time_s) for time_s in flight.time_s.tolist()])
@@ -87,11 +78,7 @@ def test_the_true_ring_is_about_the_target_and_evenly_spaced(wandering: Wanderin
 
 
 def test_the_same_vehicles_that_know_nothing_of_their_wander_fly_a_ring_that_is_off_by_it() -> None:
-    mission = engaging("case2-wander")
-    plain = tuple(
-        replace(each, own_filter=each.own_filter.model_copy(update={"wander_m": 0.0})) for each in mission.vehicles
-    )
-    flight = Wandering(replace(mission, vehicles=plain))
+    flight = Wandering(own_filter(wander_m=0.0)(engaging("case2-wander")), 150.0)
     assert rms(flight.radius_error_m[flight.seeing]) > 0.15
 
 

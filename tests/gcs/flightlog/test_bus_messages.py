@@ -63,11 +63,7 @@ def test_a_lost_message_is_reported_and_ends_the_comparison_of_those_that_took_i
 def test_records_of_earlier_versions_are_read(flown: FlightLog, tmp_path: Path) -> None:
     """They hold the messages themselves, also those that cannot be decoded."""
     answer, start = CommandAnswer(3, 1.0, 7, "holds"), StartProposal(3, 1.0, None)
-    records = (
-        FormerMessage(1.0, encode(answer)),
-        FormerMessage(1.2, b"\xff"),
-        FormerMessage(1.3, encode(start)),
-    )
+    records = (FormerMessage(1.0, encode(answer)), FormerMessage(1.2, b"\xff"), FormerMessage(1.3, encode(start)))
     writer = LogWriter(tmp_path / "former.mcap", Context())
     writer.write(0, 0, 0, next(each.read(Run) for each in flown.run_records if each.kind is Run))
     for number, record in enumerate(records, start=1):

@@ -11,11 +11,11 @@ import pytest
 from agents.shell.bus.bus_security import BusSecurity
 from agents.team.participant import Role
 from agents.team.verbs import VERBS
-from gcs.cli import main
 from gcs.errors import Exit, InputError
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE
+from tests.conftest import RunHere
 
 
 @pytest.fixture
@@ -163,30 +163,25 @@ def test_a_roster_that_was_tampered_with_is_refused(keys: AuthorityFolder, subte
                 security_of(keys, "vehicle", "3")
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["cordon", "keys", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
-
-
-def test_the_commands_make_what_they_say(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_make_what_they_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: RunHere) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run(monkeypatch, "init") == Exit.HOLDS
-    assert run(monkeypatch, "issue", "vehicle", "3") == Exit.HOLDS
-    assert run(monkeypatch, "issue", "operator", "anna", "--may", "land,hold", "--days", "2") == Exit.HOLDS
-    assert run(monkeypatch, "issue", "operator", "bob") == Exit.HOLDS
-    assert run(monkeypatch, "issue", "sensor", "mast") == Exit.HOLDS
-    assert run(monkeypatch, "revoke", "operator-bob") == Exit.HOLDS
-    said = capsys.readouterr()
-    assert "PRIVATE" not in said.out + said.err
-    assert run(monkeypatch, "show") == Exit.HOLDS
-    shown = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    for line in (
+        "init",
+        "issue vehicle 3",
+        "issue operator anna --may land,hold --days 2",
+        "issue operator bob",
+        "issue sensor mast",
+        "revoke operator-bob",
+    ):
+        code, out, err = run_here("keys", *line.split())
+        assert code == Exit.HOLDS, line
+        assert "PRIVATE" not in out + err
+    code, out, _ = run_here("keys", "show")
+    shown = {line.split()[0]: line for line in out.splitlines()}
+    assert code == Exit.HOLDS
     assert shown.keys() == {"operator-anna", "operator-bob", "sensor-mast", "vehicle-3"}
     assert "hold, land" in shown["operator-anna"]
     assert "revoked" in shown["operator-bob"]
-    assert run(monkeypatch, "issue", "operator", "carl", "--may", "fly") == Exit.BAD_INPUT
-    assert run(monkeypatch, "init") == Exit.BAD_INPUT
+    for line in ("issue operator carl --may fly", "init"):
+        assert run_here("keys", *line.split()).code == Exit.BAD_INPUT
     assert [path.name for path in tmp_path.iterdir()] == ["keys"]

@@ -15,6 +15,7 @@ from agents.ports import VehicleRefusedError
 from gcs.errors import InputError
 from gcs.keys.run_keys import RunKeys
 from tests.support.paths import ROOT
+from tests.support.wire import PATIENCE_S
 
 HOLDER = """
 import sys
@@ -63,9 +64,9 @@ def test_processes_of_one_team_share_them_and_the_last_removes_them(runtime: Pat
         made = authority()
         assert (runtime / "team").stat().st_mode & 0o777 == 0o700
         with flight() as second:
-            first.communicate("\n", timeout=10.0)
+            first.communicate("\n", PATIENCE_S)
             assert authority() == made, "the second had keys of its own"
-            second.communicate("\n", timeout=10.0)
+            second.communicate("\n", PATIENCE_S)
     assert list(runtime.iterdir()) == []
     with KEYS.held():
         assert authority() != made

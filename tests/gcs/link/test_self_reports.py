@@ -14,7 +14,8 @@ from mavsdk.plugins.telemetry import FixType
 from agents.ports import Connection, GpsThreat
 from gcs.link import self_reports
 from gcs.link.estimator_report import EstimatorReport
-from gcs.link.self_reports import SelfReports, estimator_facts, tilt_deg
+from gcs.link.self_reports import LOST_S, WIND_S, SelfReports, estimator_facts, tilt_deg
+from tests.support.simulated_loop import run_simulated
 
 SYSTEM = 4
 
@@ -77,16 +78,17 @@ async def test_texts_name_the_lost_connection_and_the_threat(
             assert list(flight.status.values()) == ([] if expected is None else [expected])
 
 
-async def test_what_a_text_reported_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(self_reports, "LOST_S", 0.05)
-    flight = Reports(monkeypatch)
-    flight.reports.take_text("GCS Failsafe")
-    await asyncio.sleep(0.03)
-    flight.reports.take_text("GCS Failsafe")
-    await asyncio.sleep(0.03)
-    assert flight.status == {"lost": Connection.GROUND_STATION}
-    await asyncio.sleep(0.05)
-    assert flight.status == {"lost": Connection.NONE}
+def test_what_a_text_reported_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def reported() -> None:
+        flight = Reports(monkeypatch)
+        for _ in range(2):
+            flight.reports.take_text("GCS Failsafe")
+            await asyncio.sleep(0.6 * LOST_S)
+        assert flight.status == {"lost": Connection.GROUND_STATION}
+        await asyncio.sleep(0.5 * LOST_S)
+        assert flight.status == {"lost": Connection.NONE}
+
+    run_simulated(reported())
 
 
 async def test_a_remote_control_is_lost_only_where_there_was_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,18 +118,20 @@ async def test_the_estimator_counts_with_its_own_system_id_and_dialect(monkeypat
     }
 
 
-async def test_the_wind_is_that_of_each_autopilots_own_message_and_expires(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(self_reports, "WIND_S", 0.05)
-    px4, copter = Reports(monkeypatch), Reports(monkeypatch, Autopilot.ARDUPILOT)
-    px4.receive("WIND_COV", SYSTEM + 1, wind_x=9.0, wind_y=0.0)
-    px4.receive("WIND_COV", SYSTEM, wind_x=9.0, wind_y=None)
-    px4.receive("WIND_COV", SYSTEM, wind_x=9.0)
-    assert px4.status == {}
-    px4.receive("WIND_COV", SYSTEM, wind_x=-9.0, wind_y=12.04, wind_z=100.0)
-    copter.receive("WIND", SYSTEM, direction=200.0, speed=7.26, speed_z=-3.0)
-    assert (px4.status, copter.status) == ({"wind_m_s": 15.0}, {"wind_m_s": 7.3})
-    await asyncio.sleep(0.1)
-    assert (px4.status, copter.status) == ({"wind_m_s": None}, {"wind_m_s": None})
+def test_the_wind_is_that_of_each_autopilots_own_message_and_expires(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def blown() -> None:
+        px4, copter = Reports(monkeypatch), Reports(monkeypatch, Autopilot.ARDUPILOT)
+        px4.receive("WIND_COV", SYSTEM + 1, wind_x=9.0, wind_y=0.0)
+        px4.receive("WIND_COV", SYSTEM, wind_x=9.0, wind_y=None)
+        px4.receive("WIND_COV", SYSTEM, wind_x=9.0)
+        assert px4.status == {}
+        px4.receive("WIND_COV", SYSTEM, wind_x=-9.0, wind_y=12.04, wind_z=100.0)
+        copter.receive("WIND", SYSTEM, direction=200.0, speed=7.26, speed_z=-3.0)
+        assert (px4.status, copter.status) == ({"wind_m_s": 15.0}, {"wind_m_s": 7.3})
+        await asyncio.sleep(1.1 * WIND_S)
+        assert (px4.status, copter.status) == ({"wind_m_s": None}, {"wind_m_s": None})
+
+    run_simulated(blown())
 
 
 def test_a_rejected_sensor_is_not_hidden_by_a_worse_compass() -> None:

@@ -88,11 +88,10 @@ def test_events_are_in_order_by_the_missions_clock() -> None:
 
 
 def test_an_event_in_one_line(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float | None, str], ...] = (
+    for start_s, line in (
         (START_S, "12.3 s: vehicle 2: lands"),
         (None, "before the start: vehicle 2: lands"),
         (START_S + 20.0, "before the start: vehicle 2: lands"),
-    )
-    for start_s, line in rows:
+    ):
         with subtests.test(start_s=start_s, line=line):
             assert event_line(FlightEvent(START_S + 12.34, 2, "command", "lands"), start_s) == line

@@ -277,14 +277,13 @@ def test_without_the_truth_of_one_vehicle_or_for_a_second_no_figure_is_by_truth(
     first, second, third = truth_of(101, off_by(0.5)), truth_of(2, off_by(0.5)), truth_of(3, off_by(0.5))
     heard = (second.time_s < START_S + 3.0) | (second.time_s > START_S + 4.5)
     gap = TruthTrack(2, second.time_s[heard], second.position_m[heard], second.velocity_m_s[heard])
-    rows = (
+    for known, missing in (
         ((first, gap, third), "vehicle 2 from"),
         ((first, second), "vehicle 3"),
         ((first, third), "vehicle 2"),
         ((), ""),
         ((truth_of(77, straight),), ""),  # of no vehicle of the mission
-    )
-    for known, missing in rows:
+    ):
         with subtests.test(missing=missing):
             flight = judged(journal, *known)
             assert flight.reference == "estimate"

@@ -50,15 +50,14 @@ def test_the_true_track_is_the_flight_between_its_samples_with_the_tactics_of_th
 
 
 def test_a_message_lost_now_and_then_is_no_gap_and_a_second_without_any_is(subtests: pytest.Subtests) -> None:
-    rows = (
+    for time_s, expected in (
         (ALL_S[np.arange(ALL_S.size) % 7 != 3], None),
         (without(5.0, 5.7), None),
         (without(5.0, 6.4), "from 5.5 s to 6.0 s"),
         (without(12.0, 30.0), "from 12.5 s on"),
         (without(-1.0, 3.9), "from 0.0 s to 3.5 s"),
         (np.empty(0), "no ground truth of vehicle 1"),
-    )
-    for time_s, expected in rows:
+    ):
         with subtests.test(expected=expected):
             told = missing(truth(time_s))
             assert (told == "") if expected is None else (expected in told)

@@ -191,9 +191,8 @@ def test_what_is_flown_is_what_was_foreseen(name: str) -> None:
     assert flown.guard_interventions == 0
 
 
-@pytest.mark.parametrize("wind", [(0.5, 0.3), (-0.3, 0.4)])
 @pytest.mark.parametrize(("a0", "a1", "delay_s"), [(0.7, 0.7, 0.4), (1.3, 0.7, 0.3), (0.6, 0.6, 0.4), (1.5, 1.5, 0.0)])
-@pytest.mark.parametrize("name", ["case2", "px4-trio"])
+@pytest.mark.parametrize(("name", "wind"), [("case2", (0.5, 0.3)), ("px4-trio", (-0.3, 0.4))])
 def test_the_box_holds_in_wind_and_on_other_plants(
     name: str, a0: float, a1: float, delay_s: float, wind: tuple[float, float]
 ) -> None:

@@ -216,15 +216,14 @@ def test_without_layers_vehicles_take_off_to_where_they_fly() -> None:
 
 
 def test_a_way_home_that_cannot_be_is_refused(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, object], str, str], ...] = (
+    for choreography, place, told in (
         ({"landing": "return"}, "choreography.layer_m", "layers of at least 1.0 m"),
         ({"landing": "home"}, "choreography.landing", "'in_place' or 'return'"),
         ({"landing_order": [1, 7]}, "choreography.landing_order[1]", "no vehicle has the id 7 (ids: 1, 2, 3)"),
         ({"landing_order": [2, 1, 2]}, "choreography.landing_order[2]", "vehicle 2 is listed twice"),
         ({"landing_order": [0]}, "choreography.landing_order[0]", "greater than or equal to 1"),
         ({"landing_order": 2}, "choreography.landing_order", "a list of vehicles' ids"),
-    )
-    for choreography, place, told in rows:
+    ):
         with subtests.test(choreography=choreography, place=place, told=told):
             (fault,) = faults(put(content(), ("choreography",), choreography))
             assert fault.startswith(f"{place}: ")
@@ -237,12 +236,11 @@ def test_a_vehicle_that_is_not_there_is_a_key_error() -> None:
 
 
 def test_two_devices_or_two_hosts_are_no_clash(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, str], ...] = (
+    for urls in (
         ("serial:///dev/ttyUSB0:57600", "serial:///dev/ttyUSB1:57600"),
         ("tcpout://10.0.0.1:5760", "tcpout://10.0.0.2:5760"),
         ("udpout://10.0.0.1:14550", "udpout://10.0.0.2:14550"),
-    )
-    for urls in rows:
+    ):
         with subtests.test(urls=urls):
             mission = put(put(content(), ("vehicles", 0, "url"), urls[0]), ("vehicles", 1, "url"), urls[1])
             assert tuple(vehicle.section.url for vehicle in parsed(mission).vehicles)[:2] == urls
@@ -311,10 +309,7 @@ def changed(*changes: tuple[Place, object]) -> Content:
 
 RADIUS, RATE = ("encirclement", "radius_m"), ("encirclement", "angular_rate_rad_s")
 BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
-    "an unknown section": (
-        changed((("formaton",), {"spacing_m": 5.0})),
-        [("formaton", "did you mean 'formation'")],
-    ),
+    "an unknown section": (changed((("formaton",), {"spacing_m": 5.0})), [("formaton", "did you mean 'formation'")]),
     "a misspelt key": (
         changed((("encirclement", "radius_mm"), 10.0)),
         [("encirclement.radius_mm", "did you mean 'radius_m'")],
@@ -616,27 +611,20 @@ def test_a_folder_or_a_picture_is_no_mission(tmp_path: Path) -> None:
 
 
 def test_what_is_no_toml_is_one_fault(subtests: pytest.Subtests) -> None:
-    rows: tuple[str, ...] = (
+    for text in (
         "[mission",
         "a = 1\na = 2",
         "a = " + "[" * 5000 + "]" * 5000,
         "a = " + "1" * 5000,
         "\0",
         "[mission]\nname = 2020-99-99",
-    )
-    for text in rows:
+    ):
         with subtests.test(text=text):
             assert places(text) == ["not TOML"]
 
 
 def test_odd_values_are_shown_on_one_short_line(subtests: pytest.Subtests) -> None:
-    rows: tuple[str, ...] = (
-        "0x" + "f" * 5000,
-        "1979-05-27T07:32:00Z",
-        "1" * 400,
-        '"""a\nb"""',
-    )
-    for value in rows:
+    for value in ("0x" + "f" * 5000, "1979-05-27T07:32:00Z", "1" * 400, '"""a\nb"""'):
         with subtests.test(value=value):
             (fault,) = faults(CASE2.replace("radius_m = 10.0", f"radius_m = {value}"))
             assert fault.startswith("encirclement.radius_m: ")

@@ -5,19 +5,12 @@ from math import cos, pi, sin
 import pytest
 
 from gcs.mission.geometry import fences, nearest_other
-from tests.support.mission_text import Content, content, faults, parsed, put
+from tests.support.mission_text import changed, faults, parsed
 
 Changes = dict[tuple[str | int, ...], object]
 
 # case2: starts at x = 0, y = 4, 0 and -4; the target goes from (35, -5) to (95, -5) within a ring of 10 m.
 BOX: list[list[float]] = [[-5.0, -20.0], [110.0, -20.0], [110.0, 10.0], [-5.0, 10.0]]
-
-
-def changed(changes: Changes) -> Content:
-    mission = content()
-    for path, value in changes.items():
-        mission = put(mission, path, value)
-    return mission
 
 
 def fenced(*corners: tuple[float, float], **more: object) -> Changes:
@@ -29,30 +22,9 @@ def box(left: float = -5.0, right: float = 110.0, low: float = -20.0, high: floa
     return fenced((left, low), (right, low), (right, high), (left, high))
 
 
-@pytest.mark.parametrize("corners", [BOX, BOX[::-1]])
-def test_a_fence_about_everything_is_accepted_in_either_sense(corners: list[list[float]]) -> None:
-    mission = parsed(changed({("safety", "fence_m"): corners}))
-    assert mission.safety.fence_m == tuple((x, y) for x, y in corners)
-
-
-def test_a_concave_fence_may_go_around_what_is_not_needed() -> None:
-    parsed(
-        changed(
-            fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (12.0, 10.0), (10.0, -10.0), (8.0, 10.0), (-5.0, 10.0))
-        )
-    )
-
-
-def test_as_near_as_the_ring_needs_is_near_enough() -> None:
-    parsed(changed(box(right=105.0, low=-15.0, high=5.0)))
-    assert len(faults(changed(box(right=104.9)))) == 1
-
-
-FENCES: dict[str, tuple[Changes, list[str]]] = {
-    "two corners": (
-        fenced((0.0, 0.0), (10.0, 0.0)),
-        ["safety.fence_m: a fence needs at least 3 corners (given: 2)"],
-    ),
+APART: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
+REFUSED: dict[str, tuple[Changes, list[str]]] = {
+    "two corners": (fenced((0.0, 0.0), (10.0, 0.0)), ["safety.fence_m: a fence needs at least 3 corners (given: 2)"]),
     "equal corners": (
         fenced((-5.0, -20.0), (110.0, -20.0), (110.0, -20.0), (110.0, 10.0), (-5.0, 10.0)),
         ["safety.fence_m: corners 1 and 2 are the same, (110, -20)"],
@@ -80,34 +52,6 @@ FENCES: dict[str, tuple[Changes, list[str]]] = {
         box(right=34.0),
         ["safety.fence_m: the target's path is 1.00 m outside, with the target at (35, -5) after 0 s"],
     ),
-}
-
-
-@pytest.mark.parametrize("name", FENCES)
-def test_a_fence_that_does_not_fit_is_refused(name: str) -> None:
-    changes, expected = FENCES[name]
-    assert faults(changed(changes)) == expected
-
-
-def test_the_ring_is_followed_until_it_first_leaves_the_fence() -> None:
-    """At 0.1 m/s the ring's edge, at x = 45 at first, meets x = 60 after 150 s."""
-    (fault,) = faults(changed(box(right=60.0)))
-    words = fault.removeprefix("safety.fence_m: the ring of 10.0 m around it is ").replace(",", " ").split()
-    outside_m, after_s = float(words[0]), float(words[-2])
-    assert 150.0 <= after_s <= 150.0 + 600.0 / 199.0 + 0.5
-    assert outside_m == pytest.approx(0.1 * after_s - 15.0, abs=0.06)
-
-
-def test_a_ring_that_reaches_over_a_dent_is_refused() -> None:
-    dent = fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (66.0, 10.0), (65.0, -1.0), (64.0, 10.0), (-5.0, 10.0))
-    (fault,) = faults(changed(dent))
-    # The target comes within 10 m of the dent's tip, 4 m beside its path, where it is sqrt(100 - 16) m before it.
-    assert fault.startswith("safety.fence_m: the ring of 10.0 m around it is 0.")
-    after_s = float(fault.split()[-2])
-    assert 0.1 * after_s == pytest.approx(30.0 - 84.0**0.5, abs=0.35)
-
-
-SLOTS: dict[str, tuple[Changes, list[str]]] = {
     "too near": (
         {("vehicles", i, "slot_m"): [0.0, y] for i, y in enumerate((0.0, 2.5, 8.0))},
         ["vehicles[1].slot_m: 2.50 m from vehicles[0]'s, less than safety.separation_m = 3.0 m"],
@@ -120,54 +64,25 @@ SLOTS: dict[str, tuple[Changes, list[str]]] = {
         {("vehicles", 0, "slot_m"): [0.0, 0.0], ("vehicles", 2, "slot_m"): [9.0, 0.0]},
         ["vehicles[1].slot_m: this key is missing; vehicles[0] has one: all have one, or none"],
     ),
-}
-
-
-@pytest.mark.parametrize("name", SLOTS)
-def test_places_in_the_formation_that_do_not_do_are_refused(name: str) -> None:
-    changes, expected = SLOTS[name]
-    assert faults(changed(changes)) == expected
-
-
-def test_shapes_that_the_mission_has_no_room_or_no_slots_for_are_refused() -> None:
-    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
-    near, shape = ("formation", "spacing_m"), ("formation", "shape")
-    assert faults(changed({shape: "free"})) == [
-        "formation.shape: a free formation needs every vehicle's slot_m, and none has one"
-    ]
-    too_near = "formation.spacing_m: 1.0 m is less than safety.separation_m = 3.0 m"
-    assert faults(changed({near: 1.0, shape: "column"})) == [too_near]
-    assert faults(changed(slots | {near: 1.0, shape: "wedge"})) == [too_near]
-    (unknown,) = faults(changed({shape: "diamond"}))
-    assert unknown.startswith("formation.shape: it must be 'line', 'column', 'wedge' or 'free'")
-    assert parsed(changed(slots | {shape: "wedge"})).agent_config(parsed(changed(slots)).vehicles[0]).shape == "wedge"
-
-
-def test_who_keeps_station_on_a_neighbour_can_hear_it() -> None:
-    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 40.0 * i] for i in range(3)}
-    far = slots | {("network", "range_m"): 30.0}
-    told = "m from vehicles[{}]'s, its neighbour in line order, and out of network.range_m = 30 m"
-    one, other = faults(changed(far))
-    assert one.startswith("vehicles[1].slot_m: 40 " + told.format(0))
-    assert other.startswith("vehicles[2].slot_m: 40 " + told.format(1))
-    parsed(changed(far | {("formation", "station"): "line"}))
-
-
-def test_with_places_of_their_own_vehicles_need_no_spacing() -> None:
-    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
-    parsed(changed(slots | {("formation", "spacing_m"): 1.0}))
-
-
-LIMITS: dict[str, tuple[Changes, list[str]]] = {
+    "a free formation without places": (
+        {("formation", "shape"): "free"},
+        ["formation.shape: a free formation needs every vehicle's slot_m, and none has one"],
+    ),
+    "a column too near": (
+        {("formation", "spacing_m"): 1.0, ("formation", "shape"): "column"},
+        ["formation.spacing_m: 1.0 m is less than safety.separation_m = 3.0 m"],
+    ),
+    "a wedge too near, with places for a free formation": (
+        APART | {("formation", "spacing_m"): 1.0, ("formation", "shape"): "wedge"},
+        ["formation.spacing_m: 1.0 m is less than safety.separation_m = 3.0 m"],
+    ),
     "starts nearer than the separation": (
         {("vehicles", 1, "start_m"): [0.0, 1.5]},
         ["vehicles[1].start_m: 2.50 m from vehicles[0], less than safety.separation_m = 3.0 m"],
     ),
     "no room between keep-out and ring": (
         {("safety", "keep_out_m"): 10.0},
-        [
-            "safety.keep_out_m: 10.0 m about the target leaves no room for the ring of encirclement.radius_m = 10.0 m",
-        ],
+        ["safety.keep_out_m: 10.0 m about the target leaves no room for the ring of encirclement.radius_m = 10.0 m"],
     ),
     "slower than the ring": (
         {("safety", "speed_max_m_s"): 0.4},
@@ -210,10 +125,69 @@ LIMITS: dict[str, tuple[Changes, list[str]]] = {
 }
 
 
-@pytest.mark.parametrize("name", LIMITS)
-def test_limits_that_contradict_are_refused(name: str) -> None:
-    changes, expected = LIMITS[name]
-    assert faults(changed(changes)) == expected
+def test_what_does_not_fit_or_contradicts_is_refused(subtests: pytest.Subtests) -> None:
+    for name, (changes, expected) in REFUSED.items():
+        with subtests.test(name):
+            assert faults(changed(changes)) == expected
+
+
+@pytest.mark.parametrize("corners", [BOX, BOX[::-1]])
+def test_a_fence_about_everything_is_accepted_in_either_sense(corners: list[list[float]]) -> None:
+    mission = parsed(changed({("safety", "fence_m"): corners}))
+    assert mission.safety.fence_m == tuple((x, y) for x, y in corners)
+
+
+def test_a_concave_fence_may_go_around_what_is_not_needed() -> None:
+    parsed(
+        changed(
+            fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (12.0, 10.0), (10.0, -10.0), (8.0, 10.0), (-5.0, 10.0))
+        )
+    )
+
+
+def test_as_near_as_the_ring_needs_is_near_enough() -> None:
+    parsed(changed(box(right=105.0, low=-15.0, high=5.0)))
+    assert len(faults(changed(box(right=104.9)))) == 1
+
+
+def test_the_ring_is_followed_until_it_first_leaves_the_fence() -> None:
+    """At 0.1 m/s the ring's edge, at x = 45 at first, meets x = 60 after 150 s."""
+    (fault,) = faults(changed(box(right=60.0)))
+    words = fault.removeprefix("safety.fence_m: the ring of 10.0 m around it is ").replace(",", " ").split()
+    outside_m, after_s = float(words[0]), float(words[-2])
+    assert 150.0 <= after_s <= 150.0 + 600.0 / 199.0 + 0.5
+    assert outside_m == pytest.approx(0.1 * after_s - 15.0, abs=0.06)
+
+
+def test_a_ring_that_reaches_over_a_dent_is_refused() -> None:
+    dent = fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (66.0, 10.0), (65.0, -1.0), (64.0, 10.0), (-5.0, 10.0))
+    (fault,) = faults(changed(dent))
+    # The target comes within 10 m of the dent's tip, 4 m beside its path, where it is sqrt(100 - 16) m before it.
+    assert fault.startswith("safety.fence_m: the ring of 10.0 m around it is 0.")
+    after_s = float(fault.split()[-2])
+    assert 0.1 * after_s == pytest.approx(30.0 - 84.0**0.5, abs=0.35)
+
+
+def test_a_shape_may_be_other_than_free_although_there_are_places_for_it() -> None:
+    (unknown,) = faults(changed({("formation", "shape"): "diamond"}))
+    assert unknown.startswith("formation.shape: it must be 'line', 'column', 'wedge' or 'free'")
+    wedge = parsed(changed(APART | {("formation", "shape"): "wedge"}))
+    assert wedge.agent_config(wedge.vehicles[0]).shape == "wedge"
+    assert parsed(changed(APART)).agent_config(wedge.vehicles[0]).shape == "free"
+
+
+def test_who_keeps_station_on_a_neighbour_can_hear_it() -> None:
+    slots: Changes = {("vehicles", i, "slot_m"): [0.0, 40.0 * i] for i in range(3)}
+    far = slots | {("network", "range_m"): 30.0}
+    told = "m from vehicles[{}]'s, its neighbour in line order, and out of network.range_m = 30 m"
+    one, other = faults(changed(far))
+    assert one.startswith("vehicles[1].slot_m: 40 " + told.format(0))
+    assert other.startswith("vehicles[2].slot_m: 40 " + told.format(1))
+    parsed(changed(far | {("formation", "station"): "line"}))
+
+
+def test_with_places_of_their_own_vehicles_need_no_spacing() -> None:
+    parsed(changed(APART | {("formation", "spacing_m"): 1.0}))
 
 
 def test_limits_that_just_do_are_accepted() -> None:

@@ -12,7 +12,7 @@ from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.mission import highest_m
 from gcs.preflight.preflight import preflight
-from tests.support.mission_text import Content, content, faults, parsed, put
+from tests.support.mission_text import changed, faults, parsed
 
 Changes = dict[tuple[str | int, ...], object]
 
@@ -26,13 +26,6 @@ FOLLOWS: Changes = {
     ("encirclement", "altitude_offset_m"): 6.0,
     ("target", "altitude_m"): 3.0,
 }
-
-
-def changed(changes: Changes) -> Content:
-    mission = content()
-    for path, value in changes.items():
-        mission = put(mission, path, value)
-    return mission
 
 
 def own(index: int, **limits: object) -> Changes:

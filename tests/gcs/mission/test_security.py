@@ -22,8 +22,7 @@ def test_it_is_either_keys_or_insecure(subtests: pytest.Subtests) -> None:
 
 
 def test_an_endpoint_beyond_this_computer_needs_it(subtests: pytest.Subtests) -> None:
-    beyond = ("tcp/192.168.1.7:7461", "tcp/0.0.0.0:7461", "tcp/drone3.local:7461", "tcp/[fe80::1]:7461")
-    for endpoint in beyond:
+    for endpoint in ("tcp/192.168.1.7:7461", "tcp/0.0.0.0:7461", "tcp/drone3.local:7461", "tcp/[fe80::1]:7461"):
         with subtests.test(endpoint=endpoint):
             mission = put(content(), ("vehicles", 1, "endpoint"), endpoint)
             (fault,) = security_faults(parsed(mission))

@@ -62,8 +62,7 @@ def test_the_radius_settles_as_fast_as_its_eigenvalue_says(
 
 def test_a_radius_that_is_said_to_be_unstable_grows(make_config: Callable[..., AgentConfig]) -> None:
     config = make_config(
-        rate_hz=2.0,
-        encirclement={"angular_rate_rad_s": 0.0, "radius_weight": 1e6, "radial_increment_weight": 1e-6},
+        rate_hz=2.0, encirclement={"angular_rate_rad_s": 0.0, "radius_weight": 1e6, "radial_increment_weight": 1e-6}
     )
     assert named(config, "keeping the radius along x").margin < -1.0
     # What is unstable near the ring is caught by the bounds far from it: it swings on.

@@ -109,9 +109,8 @@ def test_the_busiest_programs_are_named_by_what_they_used_in_between() -> None:
 
 
 def test_a_program_that_computes_is_found_among_those_of_this_computer() -> None:
-    """The system's own account of its processor time is the truth: it may not get a whole processor."""
+    """The system's own account of its processor time is the truth."""
     command = "import sys, time\nwhile time.process_time() < 0.5: pass\nsys.stdin.read()"
-    before, began_s = processes(), time.monotonic()
     with subprocess.Popen([sys.executable, "-c", command], stdin=subprocess.PIPE) as spinner:
         while _ticks(spinner.pid)["cpu"] < 0.4:
             time.sleep(0.05)
@@ -119,9 +118,9 @@ def test_a_program_that_computes_is_found_among_those_of_this_computer() -> None
         name, used_s = next(used for (pid, _), used in after.used.items() if pid == spinner.pid)
         assert spinner.stdin is not None
         spinner.stdin.close()
-    assert 0.399 < used_s < 0.51 + (after.time_s - began_s)
-    only = Processes(after.time_s, {key: used for key, used in after.used.items() if key[0] == spinner.pid})
-    assert busiest(before, only)[0] == Program(name, spinner.pid, used_s / (after.time_s - before.time_s))
+    assert 0.399 < used_s < 0.6
+    only = Processes(1.0, {key: used for key, used in after.used.items() if key[0] == spinner.pid})
+    assert busiest(Processes(0.0, {}), only) == [Program(name, spinner.pid, used_s)]
 
 
 def _ticks(pid: int) -> Mapping[str, float]:
@@ -153,11 +152,7 @@ input()
 @pytest.mark.skipif(sys.platform != "linux", reason="priority and memory are those of Linux")
 @pytest.mark.parametrize(
     ("who", "scheduling", "policy"),
-    [
-        ("root", "REAL_TIME", (2, NICE, 1)),
-        ("no real time", "RAISED", (0, -10, 0)),
-        ("nobody", "NORMAL", (0, NICE, 0)),
-    ],
+    [("root", "REAL_TIME", (2, NICE, 1)), ("no real time", "RAISED", (0, -10, 0)), ("nobody", "NORMAL", (0, NICE, 0))],
 )
 def test_all_threads_are_raised_as_far_as_the_system_permits(
     who: str, scheduling: str, policy: tuple[int, int, int]
@@ -211,8 +206,7 @@ ALL = Privileges(Scheduling.REAL_TIME, memory_locked=True)
 
 
 @pytest.mark.parametrize(
-    ("late_s", "grade"),
-    [(0.05, Grade.PASS), (0.051, Grade.WARNING), (0.2, Grade.WARNING), (0.201, Grade.REFUSE)],
+    ("late_s", "grade"), [(0.05, Grade.PASS), (0.051, Grade.WARNING), (0.2, Grade.WARNING), (0.201, Grade.REFUSE)]
 )
 def test_a_late_computer_is_refused_with_the_programs_that_keep_it_busy(late_s: float, grade: Grade) -> None:
     finding = found(late_s, ALL)["lateness"]

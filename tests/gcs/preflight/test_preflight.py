@@ -154,15 +154,14 @@ def test_an_estimator_is_graded_by_its_test_ratios() -> None:
 
 
 def test_an_estimator_that_does_not_know_what_it_should(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, Any], list[str]], ...] = (
+    for change, grades in (
         ({"absolute": False}, ["refuse"]),
         ({"wrong": ("accelerometer error",)}, ["refuse"]),
         ({"wrong": ("no attitude", "no height")}, ["refuse", "refuse"]),
         ({"glitch": True}, ["warning"]),
         ({"ratios": {}}, ["warning"]),
         ({"relative": False}, []),
-    )
-    for change, grades in rows:
+    ):
         with subtests.test(change=change, grades=grades):
             findings = team(estimator=replace(SURE, **change))
             assert grave(findings) == [(grade, "vehicle 2", "estimator") for grade in grades]
@@ -230,7 +229,7 @@ def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
 
 
 def test_what_waiting_may_resolve(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, Any], bool], ...] = (
+    for changes, temporary in (
         ({"health": {}}, True),
         ({"mode_received": False}, True),
         ({"health": {**dict.fromkeys(HEALTH, True), HealthItem.HOME_POSITION: False}}, True),
@@ -246,8 +245,7 @@ def test_what_waiting_may_resolve(subtests: pytest.Subtests) -> None:
         ({"unreachable": ("no heartbeat", "start it")}, False),
         ({"position_m": (50.0, 0.0, 0.0)}, False),
         ({"position_m": (50.0, 0.0, 0.0), "health": {HealthItem.LOCAL_POSITION: False}}, True),
-    )
-    for changes, temporary in rows:
+    ):
         with subtests.test(changes=changes):
             refused = [each for each in team(**changes) if each.grade is Grade.REFUSE]
             assert refused
@@ -272,7 +270,7 @@ def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
 
 
 def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, Any], list[tuple[str, str]]], ...] = (
+    for changes, expected in (
         ({"autopilot": registry.UNKNOWN}, [("refuse", "autopilot"), ("warning", "kind")]),
         ({"multicopter": False}, [("refuse", "airframe")]),
         ({"health": {}}, [("refuse", "health")]),
@@ -289,14 +287,13 @@ def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
         ({"link": LinkReport()}, [("warning", "latency")]),
         ({"clock_ratio": None}, [("warning", "clock")]),
         ({"clock_ratio": 1.05}, [("warning", "clock")]),
-    )
-    for changes, expected in rows:
+    ):
         with subtests.test(changes=changes, expected=expected):
             assert [(grade, check) for grade, _, check in grave(team(**changes))] == expected
 
 
 def test_what_is_not_well_with_its_status(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, Any], list[tuple[str, str]]], ...] = (
+    for status, expected in (
         ({"armed": True}, [("refuse", "armed")]),
         ({"in_air": True}, [("refuse", "armed")]),
         ({"mode": FlightMode.READY}, []),
@@ -306,20 +303,18 @@ def test_what_is_not_well_with_its_status(subtests: pytest.Subtests) -> None:
         ({"battery": 0.49}, [("warning", "battery")]),
         ({"battery": 0.25}, [("warning", "battery")]),
         ({"battery": 0.24}, [("refuse", "battery")]),
-    )
-    for status, expected in rows:
+    ):
         with subtests.test(status=status, expected=expected):
             findings = team(status=structs.replace(well(2).status, **status))
             assert [(grade, check) for grade, _, check in grave(findings)] == expected
 
 
 def test_a_vehicle_beside_its_start(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, list[tuple[str, str, str]]], ...] = (
+    for off_m, expected in (
         (1.9, []),
         (2.1, [("warning", "mission", "origin agreement"), ("warning", "vehicle 2", "start")]),
         (10.1, [("refuse", "mission", "origin agreement"), ("refuse", "vehicle 2", "start")]),
-    )
-    for off_m, expected in rows:
+    ):
         with subtests.test(off_m=off_m, expected=expected):
             assert grave(team(position_m=(-off_m, 0.0, 0.0))) == expected
 
@@ -346,13 +341,7 @@ def test_vehicles_too_near_to_each_other_on_the_ground_are_refused() -> None:
 
 
 def test_the_height_of_the_ground(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, list[str]], ...] = (
-        (1.9, []),
-        (-2.1, ["warning"]),
-        (6.9, ["warning"]),
-        (7.1, ["refuse"]),
-    )
-    for ground_m, expected in rows:
+    for ground_m, expected in ((1.9, []), (-2.1, ["warning"]), (6.9, ["warning"]), (7.1, ["refuse"])):
         with subtests.test(ground_m=ground_m, expected=expected):
             findings = team(position_m=(*CASE2.vehicle(2).section.start_m, ground_m))
             assert [grade for grade, _, check in grave(findings) if check == "height"] == expected
@@ -364,7 +353,7 @@ def test_clocks_of_different_speed_are_refused() -> None:
 
 
 def test_px4_parameters(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, float, str | None], ...] = (
+    for name, value, grade in (
         ("COM_OBL_RC_ACT", 0.0, "warning"),
         ("COM_OBL_RC_ACT", 3.0, "warning"),
         ("COM_OBL_RC_ACT", 5.0, None),
@@ -385,8 +374,7 @@ def test_px4_parameters(subtests: pytest.Subtests) -> None:
         ("MPC_XY_VEL_MAX", 1.0, None),
         ("MPC_ACC_HOR", 0.02, "refuse"),
         ("MPC_ACC_HOR", 0.026, "warning"),
-    )
-    for name, value, grade in rows:
+    ):
         with subtests.test(name=name, value=value, grade=grade):
             findings = team(parameters={**PX4, name: value})
             assert [each[0] for each in grave(findings)] == ([] if grade is None else [grade])
@@ -394,7 +382,7 @@ def test_px4_parameters(subtests: pytest.Subtests) -> None:
 
 
 def test_arducopter_parameters(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, float | None], list[str]], ...] = (
+    for changes, grades in (
         ({}, []),
         ({"FS_THR_ENABLE": 0.0}, ["warning"]),
         ({"FS_GCS_ENABLE": 0.0}, ["warning"]),
@@ -409,8 +397,7 @@ def test_arducopter_parameters(subtests: pytest.Subtests) -> None:
         ({"WPNAV_SPEED": None, "WP_SPD": 0.59}, ["refuse"]),
         ({"WPNAV_SPEED": None, "WP_SPD": 10.0}, []),
         ({"WPNAV_ACCEL": 2.0}, ["refuse"]),
-    )
-    for changes, grades in rows:
+    ):
         with subtests.test(changes=changes, grades=grades):
             findings = team(autopilot=ardupilot.AUTOPILOT, parameters={**ARDUCOPTER, **changes})
             assert [each[0] for each in grave(findings)] == grades
@@ -468,7 +455,7 @@ def test_a_sensor_that_does_not_see_as_far_as_the_ring_is_a_warning_that_names_i
 
 
 def test_missions_beyond_their_own_limits(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, Any], str, Grade], ...] = (
+    for sections, check, grade in (
         ({"target": {"velocity_m_s": (2.6, 0.0)}}, "target speed", Grade.REFUSE),
         ({"target": {"velocity_m_s": (0.0, -2.4)}}, "target speed", Grade.WARNING),
         ({"encirclement": {"angular_rate_rad_s": -0.46}}, "ring acceleration", Grade.REFUSE),
@@ -476,8 +463,7 @@ def test_missions_beyond_their_own_limits(subtests: pytest.Subtests) -> None:
         ({"formation": {"speed_m_s": 2.1}}, "formation speed", Grade.REFUSE),
         ({"formation": {"speed_m_s": 1.7}}, "formation speed", Grade.WARNING),
         ({"formation": {"spacing_m": 1.0}}, "line spacing", Grade.REFUSE),
-    )
-    for sections, check, grade in rows:
+    ):
         with subtests.test(sections=sections, check=check, grade=grade):
             assert graded(changed(**sections), check).grade is grade
 
@@ -547,13 +533,12 @@ def test_facts_hold_finite_numbers() -> None:
 
 
 def test_an_arducopter_whose_failsafe_watches_another_station(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[dict[str, float | None], list[str]], ...] = (
+    for changes, expected in (
         ({"SYSID_MYGCS": 255.0}, ["SYSID_MYGCS = 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 255.0}, ["MAV_GCS_SYSID = 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 245.0}, []),
         ({"SYSID_MYGCS": 255.0, "FS_GCS_ENABLE": 0.0}, []),
-    )
-    for changes, expected in rows:
+    ):
         with subtests.test(changes=changes, expected=expected):
             findings = team(autopilot=ardupilot.AUTOPILOT, parameters={**ARDUCOPTER, **changes})
             told = [each for each in findings if each.check == "ground station id" and each.grade is Grade.WARNING]
@@ -573,7 +558,7 @@ WIDE = square(90.0, stay_in=True)
 
 
 def test_the_areas_of_the_fence(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[tuple[FenceArea, ...] | None, list[str]], ...] = (
+    for areas, expected in (
         ((WIDE,), ["pass"]),
         ((square(50.5, stay_in=True),), ["warning"]),
         ((square(50.5, stay_in=True), WIDE), ["pass"]),
@@ -581,20 +566,18 @@ def test_the_areas_of_the_fence(subtests: pytest.Subtests) -> None:
         ((WIDE, square(3.0, stay_in=False, about=(50.0, 60.0))), ["pass"]),
         ((), []),
         (None, ["warning"]),
-    )
-    for areas, expected in rows:
+    ):
         with subtests.test(areas=areas, expected=expected):
             findings = team(fence_areas=areas)
             assert [each.grade.value for each in findings if each.check == "fence areas"] == expected
 
 
 def test_areas_of_a_fence_that_does_not_act_are_none(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[Autopilot, dict[str, float], bool], ...] = (
+    for kind, parameters, acts in (
         (px4.AUTOPILOT, {**PX4, "GF_ACTION": 1.0}, False),
         (ardupilot.AUTOPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0}, True),
         (ardupilot.AUTOPILOT, {**ARDUCOPTER, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 3.0}, False),
-    )
-    for kind, parameters, acts in rows:
+    ):
         with subtests.test(kind=kind, parameters=parameters, acts=acts):
             findings = team(autopilot=kind, parameters=parameters, fence_areas=(square(5.0, stay_in=True),))
             assert bool([each for each in findings if each.check == "fence areas"]) is acts

@@ -19,7 +19,7 @@ def in_a_floats_bytes(value: int) -> float:
 
 
 def test_a_parameter_means(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[Autopilot, int, float | None, float | None], ...] = (
+    for kind, wire_type, value, expected in (
         (px4.AUTOPILOT, INT32, in_a_floats_bytes(4), 4.0),
         (px4.AUTOPILOT, INT32, in_a_floats_bytes(10040), 10040.0),
         (px4.AUTOPILOT, INT32, in_a_floats_bytes(-1), None),  # no number: JSON has lost it on the way
@@ -29,8 +29,7 @@ def test_a_parameter_means(subtests: pytest.Subtests) -> None:
         (ardupilot.AUTOPILOT, REAL32, 250.0, 250.0),
         (px4.AUTOPILOT, REAL32, nan, None),
         (px4.AUTOPILOT, REAL32, None, None),
-    )
-    for kind, wire_type, value, expected in rows:
+    ):
         with subtests.test(kind=kind, wire_type=wire_type, value=value, expected=expected):
             assert parameter_value(kind, wire_type, value) == expected
 
@@ -53,11 +52,7 @@ def test_an_estimators_report_means(kind: Autopilot, fields: dict[str, float]) -
     assert report == EstimatorReport(RATIOS, relative=True, absolute=True)
     blind = estimator_report(kind.estimator, fields | {"flags": 0b1000_0000})
     assert blind is not None
-    assert (blind.relative, blind.absolute, blind.wrong) == (
-        False,
-        False,
-        ("no attitude", "no height"),
-    )
+    assert (blind.relative, blind.absolute, blind.wrong) == (False, False, ("no attitude", "no height"))
     indoors = estimator_report(kind.estimator, fields | {"flags": 0b10_1111})
     assert indoors == EstimatorReport(RATIOS, relative=True, absolute=False)
 
@@ -93,7 +88,6 @@ def test_a_ratio_that_is_no_number_is_left_out(
 
 
 def test_what_is_no_report_is_none(subtests: pytest.Subtests) -> None:
-    rows: tuple[dict[str, float | None], ...] = ({}, {"flags": None}, {"flags": 1.5}, {"vel_ratio": 0.1})
-    for fields in rows:
+    for fields in ({}, {"flags": None}, {"flags": 1.5}, {"vel_ratio": 0.1}):
         with subtests.test(fields=fields):
             assert estimator_report(px4.AUTOPILOT.estimator, fields) is None

@@ -1,8 +1,7 @@
 """Replays of recorded flights: identical, or different at exactly the tick and in the field that was changed."""
 
 import json
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import inf, nextafter
 from pathlib import Path
 from typing import Any, get_args
@@ -41,19 +40,18 @@ from agents.team.messages import (
     TargetPackage,
 )
 from estimation.state import Sighting, Telemetry
-from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import Decision, Run, Sent, Version
 from gcs.mission.file import load_mission
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, close
 from gcs.replay.cores import VehicleReplay, replay
+from tests.conftest import RunHere
 from tests.support.flight_logs import engaging, record_simulation, reencoded, rewrite
 from tests.support.result_keys import OUTPUT_KEYS
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")]
+pytestmark = pytest.mark.slow
 
 SECONDS, TICKS = 12.0, 121
-Ran = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(scope="module")
@@ -67,17 +65,6 @@ def case2(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
 def copy(case2: FlightLog) -> FlightLog:
     """The same log, of which records may be changed in place."""
     return FlightLog(case2.path, list(case2.run_records), {i: list(each) for i, each in case2.vehicles.items()})
-
-
-@pytest.fixture
-def cordon(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ran:
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["cordon", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return int(ended.value.code or 0), *capsys.readouterr()
-
-    return run
 
 
 def nth(records: Sequence[LogRecord], kind: type, count: int) -> int:
@@ -110,12 +97,12 @@ def of(log: FlightLog, vehicle_id: int) -> VehicleReplay:
 
 
 @pytest.mark.parametrize("name", ["case1", "case2", "case2-field"])
-def test_a_recorded_flight_is_replayed_bit_for_bit(name: str, tmp_path: Path, cordon: Ran) -> None:
+def test_a_recorded_flight_is_replayed_bit_for_bit(name: str, tmp_path: Path, run_here: RunHere) -> None:
     mission = load_mission(name) if name == "case1" else engaging(name)
     record = record_simulation(mission, tmp_path / "log.mcap", seed=1, duration_s=SECONDS)
     engaged = {name: "encircle" in vehicle.tactic for name, vehicle in enumerate(record.vehicles)}
     assert any(engaged.values()) == (name != "case1")
-    code, out, err = cordon("replay", str(tmp_path / "log.mcap"), "--json")
+    code, out, err = run_here("replay", str(tmp_path / "log.mcap"), "--json")
     result = json.loads(out)
     assert (code, result["same"], result["tolerance"]) == (0, True, None)
     assert list(result) == OUTPUT_KEYS["replay"].split()
@@ -133,14 +120,14 @@ def test_every_tick_of_every_vehicle_is_shown_to_whoever_counts(case2: FlightLog
 # Different
 
 
-def test_one_changed_telemetry_is_found_at_the_next_tick(case2: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+def test_one_changed_telemetry_is_found_at_the_next_tick(case2: FlightLog, tmp_path: Path, run_here: RunHere) -> None:
     place = nth(case2.vehicles[2], Telemetry, 117)
     before = case2.vehicles[2][place].read(Telemetry)
     x, y, z = before.position_m
     after = msgspec.structs.replace(before, position_m=(x + 1e-9, y, z))
     path = tmp_path / "changed.mcap"
     rewrite(case2, path, 2, lambda record: after if record is case2.vehicles[2][place] else record.read(record.kind))
-    code, out, err = cordon("replay", str(path), "--json")
+    code, out, err = run_here("replay", str(path), "--json")
     result = json.loads(out)
     one, two, three = result["vehicles"]
     assert (code, result["same"]) == (1, False)
@@ -222,18 +209,18 @@ def test_other_versions_are_compared_within_the_tolerance(copy: FlightLog) -> No
         assert told.startswith("osqp 0.1 in the flight, ")
 
 
-def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+def test_other_versions_are_named_with_the_tolerance(case2: FlightLog, tmp_path: Path, run_here: RunHere) -> None:
     run = msgspec.structs.replace(case2.run, versions=(*case2.run.versions[:-1], Version("machine", "abacus")))
     path = tmp_path / "elsewhere.mcap"
     rewrite(case2, path, 0, lambda record: run if record.kind is Run else record.read(record.kind))
-    code, out, err = cordon("replay", str(path), "--json")
+    code, out, err = run_here("replay", str(path), "--json")
     assert (code, json.loads(out)["tolerance"]) == (0, TOLERANCE)
     assert "machine abacus in the flight" in " ".join(err.split())
     assert f"within {TOLERANCE:g}" in err
 
 
 def test_what_is_close(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[str, object, object, bool], ...] = (
+    for field, one, other, same in (
         ("own.mean[0]", 1.0, 1.0 + 0.9 * TOLERANCE, True),
         ("own.covariance[0]", 1.0, 1.0 + 2.0 * COVARIANCE_TOLERANCE, False),
         ("notes[0].because", "moved by 0.53 m", "moved by 0.54 m", True),
@@ -242,8 +229,7 @@ def test_what_is_close(subtests: pytest.Subtests) -> None:
         ("notes[0].text", "hold", "land", False),
         ("messages_dropped", 3, 4, False),
         ("own", None, 1.0, False),
-    )
-    for field, one, other, same in rows:
+    ):
         with subtests.test(field=field, one=one, other=other, same=same):
             assert close(field, one, other) is same
 
@@ -311,10 +297,10 @@ def test_a_failure_that_was_recorded_is_reported_with_its_inputs(
 
 
 def test_a_failure_that_was_not_recorded_is_a_difference(
-    case2: FlightLog, monkeypatch: pytest.MonkeyPatch, cordon: Ran
+    case2: FlightLog, monkeypatch: pytest.MonkeyPatch, run_here: RunHere
 ) -> None:
     failing_from(monkeypatch, 10.0)
-    code, out, err = cordon("replay", str(case2.path), "--json")
+    code, out, err = run_here("replay", str(case2.path), "--json")
     vehicle = json.loads(out)["vehicles"][0]
     assert code == 1
     assert (vehicle["failure"]["tick"], vehicle["failure"]["recorded"], vehicle["identical"]) == (101, False, 100)
@@ -338,8 +324,8 @@ def test_a_tick_without_a_decision_in_mid_flight_is_a_difference(copy: FlightLog
 # Bad input
 
 
-def test_what_cannot_be_done_is_told(subtests: pytest.Subtests, case2: FlightLog, cordon: Ran) -> None:
-    rows: tuple[tuple[tuple[str, ...], str], ...] = (
+def test_what_cannot_be_done_is_told(subtests: pytest.Subtests, case2: FlightLog, run_here: RunHere) -> None:
+    for arguments, told in (
         (("--explain", "9"), "--explain: the log has no vehicle 9 (it has 1, 2, 3)"),
         (("--set", "own_filter.gate_sigm=3"), "gate_sigm: unknown key; did you mean 'gate_sigma'?"),
         (("--set", "own_filtr.gate_sigma=3"), "own_filtr: unknown key; did you mean 'own_filter'?"),
@@ -348,39 +334,38 @@ def test_what_cannot_be_done_is_told(subtests: pytest.Subtests, case2: FlightLog
         (("--set", "own_filter.gate_sigma=3\nx=1"), "own_filter.gate_sigma: "),
         (("--set", "target_filter.gate_sigma=-3"), "gate_sigma: it must be greater than 1 (given: -3)"),
         (("--set", "own_filter.gate_sigma"), "it must be KEY=VALUE"),
-    )
-    for arguments, told in rows:
+    ):
         with subtests.test(arguments=arguments, told=told):
-            code, out, err = cordon("replay", str(case2.path), *arguments)
+            code, out, err = run_here("replay", str(case2.path), *arguments)
             assert (code, out) == (2, "")
             assert told in err
 
 
-def test_all_faults_are_told_at_once(case2: FlightLog, cordon: Ran) -> None:
+def test_all_faults_are_told_at_once(case2: FlightLog, run_here: RunHere) -> None:
     faults = ("own_filter.gate=3", "target_filter.gate_sigma=0", "nonsense")
-    code, _, err = cordon("replay", str(case2.path), *(word for fault in faults for word in ("--set", fault)))
+    code, _, err = run_here("replay", str(case2.path), *(word for fault in faults for word in ("--set", fault)))
     assert (code, len(err.splitlines())) == (2, 3)
 
 
-def test_a_log_without_a_vehicle_is_bad_input(copy: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+def test_a_log_without_a_vehicle_is_bad_input(copy: FlightLog, tmp_path: Path, run_here: RunHere) -> None:
     copy.vehicles.clear()
     rewrite(copy, tmp_path / "empty.mcap", 0, lambda record: record.read(record.kind))
-    code, _, err = cordon("replay", str(tmp_path / "empty.mcap"))
+    code, _, err = run_here("replay", str(tmp_path / "empty.mcap"))
     assert code == 2
     assert "no vehicle's control loop was recorded" in err
 
 
-def test_a_mission_that_is_refused_now_is_bad_input(case2: FlightLog, tmp_path: Path, cordon: Ran) -> None:
+def test_a_mission_that_is_refused_now_is_bad_input(case2: FlightLog, tmp_path: Path, run_here: RunHere) -> None:
     run = msgspec.structs.replace(case2.run, mission_text=case2.run.mission_text.replace("radius_m", "radios_m"))
     path = tmp_path / "refused.mcap"
     rewrite(case2, path, 0, lambda record: run if record.kind is Run else record.read(record.kind))
-    code, _, err = cordon("replay", str(path))
+    code, _, err = run_here("replay", str(path))
     assert code == 2
     assert "its mission: encirclement.radios_m: unknown key; did you mean 'radius_m'?" in err
 
 
-def test_a_file_that_is_not_there_is_bad_input(tmp_path: Path, cordon: Ran) -> None:
-    code, _, err = cordon("replay", str(tmp_path / "none.mcap"))
+def test_a_file_that_is_not_there_is_bad_input(tmp_path: Path, run_here: RunHere) -> None:
+    code, _, err = run_here("replay", str(tmp_path / "none.mcap"))
     assert (code, "No such file" in err) == (2, True)
 
 

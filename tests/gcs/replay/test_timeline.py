@@ -1,7 +1,6 @@
 """The story of a vehicle, against what the simulation knew of the flight, and against flights made up by hand."""
 
 import json
-import sys
 from collections.abc import Iterable
 from math import hypot
 from pathlib import Path
@@ -17,7 +16,6 @@ from agents.ports import FlightMode, VehicleStatus
 from agents.tactics import Event
 from agents.team.messages import MemberState
 from estimation.state import Telemetry
-from gcs.cli import main
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, GuardResult, OwnState, Place, PolarMotion, TargetState
 from gcs.metrics.record import FlightRecord
@@ -38,9 +36,8 @@ from gcs.replay.playback import Turn
 from gcs.replay.received_inputs import ReceivedInputs
 from gcs.replay.timeline import FOLDED_FROM, KEPT, Timeline, folded, timeline_of
 from gcs.replay.timeline_view import summary_lines
+from tests.conftest import RunHere
 from tests.support.flight_logs import engaging, record_simulation
-
-pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 
 SECONDS = 25.0
 EMPTY = Decision(0.0, "formation", 0.0, None, None, None, None, None, None, None, None, "", (), (), (), (), 0)
@@ -124,13 +121,10 @@ def test_the_timeline_of_a_flight_is_short(timeline: Timeline) -> None:
 
 
 def test_a_timeline_ends_in_two_sentences_and_is_json_as_well(
-    flight: tuple[FlightLog, FlightRecord], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    flight: tuple[FlightLog, FlightRecord], run_here: RunHere
 ) -> None:
-    monkeypatch.setattr(sys, "argv", ["cordon", "replay", str(flight[0].path), "--explain", "2", "--json"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    out, err = capsys.readouterr()
-    assert ended.value.code == 0
+    code, out, err = run_here("replay", str(flight[0].path), "--explain", "2", "--json")
+    assert code == 0
     story = json.loads(out)["story"]
     assert story["vehicle"] == 2
     assert any(line["text"] == "formation -> encircle: engage" for line in story["lines"])

@@ -1,7 +1,6 @@
 """Filters with other parameters, against what was recorded and against the truth."""
 
 import json
-import sys
 
 import msgspec
 import numpy as np
@@ -11,7 +10,6 @@ from agents.inputs import TacticEvent, Tick
 from agents.tactics import Event
 from estimation.filters.own import OwnFilter
 from estimation.state import POSITION, Telemetry, Vector
-from gcs.cli import main
 from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, GuardResult, Truth
@@ -19,9 +17,8 @@ from gcs.mission.mission import Mission
 from gcs.replay.estimates import EstimateTrack, rms_difference
 from gcs.replay.playback import Turn, config_of, turns
 from gcs.replay.what_if import Feed, FilterComparison, FilterRun, FilterSettings, changed_filters, what_if
+from tests.conftest import RunHere
 from tests.support.flight_logs import engaging, record_simulation
-
-pytestmark = pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 
 SECONDS = 40.0
 Flight = tuple[FlightLog, Mission]
@@ -213,16 +210,10 @@ def test_values_are_those_of_a_mission_file(field: Flight) -> None:
         changed_filters(mission, ["own_filter.disturbance_turns=3"])
 
 
-def test_the_comparison_is_shown_and_is_json(
-    field: Flight, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    argument = "own_filter.position_noise_m=0.5"
-    monkeypatch.setattr(sys, "argv", ["cordon", "replay", str(field[0].path), "--set", argument, "--json"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    out, err = capsys.readouterr()
+def test_the_comparison_is_shown_and_is_json(field: Flight, run_here: RunHere) -> None:
+    code, out, err = run_here("replay", str(field[0].path), "--set", "own_filter.position_noise_m=0.5", "--json")
     result = json.loads(out)["what_if"]
-    assert ended.value.code == 0
+    assert code == 0
     assert result["changes"] == {"own_filter.position_noise_m": {"recorded": 0.1, "tried": 0.5}}
     assert [(each["vehicle_id"], each["filter"]) for each in result["filters"]] == [(i, "own") for i in (1, 2, 3)]
     assert "own_filter.position_noise_m: 0.1 -> 0.5" in err

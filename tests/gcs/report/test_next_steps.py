@@ -57,9 +57,7 @@ def test_a_verdict_that_fails_leads_to_the_decisions_of_the_vehicle_that_was_wor
     assert "81.2 s" in next_steps(moved, evidence)[0].text
 
 
-def test_vehicles_that_did_not_engage_or_came_too_close_come_first(
-    flight: tuple[FlightEvidence, FlightResult],
-) -> None:
+def test_vehicles_that_did_not_engage_or_came_too_close_come_first(flight: tuple[FlightEvidence, FlightResult]) -> None:
     evidence, result = flight
     failed = replace(
         result,

@@ -6,6 +6,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -24,13 +25,14 @@ from gcs.report.flight_page import report_html, write_report
 from gcs.report.sections import flight_of, sections
 from gcs.report.summary import headline, summary, verdicts
 from gcs.report.tables import loop_table
-from tests.support.page.report_replay import nasty_flight, noisy_flight
+from gcs.station.picture import FlightPicture
+from tests.support.page.report_replay import held_files, nasty_flight, noisy_flight
 from tests.support.page.station_pictures import ring_flight
 from tests.support.report_evidence import OWN_SIGMA_M, TARGET_SIGMA_M, TOLERANCES, flown
 
 pytestmark = pytest.mark.slow
 
-NASTY = "<script>alert('&')</script><!-- $x_1$"
+NASTY = "</script><script>alert('&')</script><!-- $x_1$ ${alert(1)} \u2028 {{ 1 }}"
 REPLAY = ring_flight()
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 SECTIONS = [
@@ -121,7 +123,7 @@ def test_ten_minutes_of_three_vehicles_are_small_and_soon_written(ten_minutes: t
 
 
 def test_ten_minutes_of_sixteen_are_small_too() -> None:
-    html = report_html(*flown(16), noisy_flight(16))
+    html = report_html(*flown(16, rate_hz=5.0), noisy_flight(16))
     assert len(html.encode()) < 5_000_000
     assert longest_line(html) <= 600
 
@@ -147,10 +149,17 @@ def test_nothing_is_fetched_and_nothing_runs_but_the_replay_and_the_charts(page:
 
 
 def test_what_users_name_is_text_and_no_markup(page: Page) -> None:
-    assert page.text.count(NASTY) >= 3  # title, heading, summary
+    assert page.text.count(" ".join(NASTY.split())) >= 3  # title, heading, summary
     assert "<b>/tmp/a&b.mcap</b>" in page.text
     assert "battery <b>low</b>" in page.text
     assert not page.all("b")
+
+
+def test_names_in_the_replay_do_not_break_out(page: Page) -> None:
+    assert page.html.count("<script") == page.html.count("</script>") == 3
+    shown = msgspec.json.decode(held_files(page.html)["flight.json"], type=FlightPicture)
+    assert shown.mission.mission == NASTY
+    assert {each.text for each in shown.events} == {NASTY}
 
 
 def test_ids_are_unique_and_every_reference_inside_a_chart_has_its_aim(page: Page) -> None:
@@ -198,14 +207,13 @@ def test_a_verdict_that_fails_is_told_on_top(page: Page) -> None:
 
 
 def test_the_headline_counts_only_what_applies(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[tuple[bool | None, ...], str], ...] = (
+    for held, words in (
         ((True, True, True, True, True, True), "All verdicts hold"),
         ((True, True, True, True, True, None), "All 5 verdicts that apply hold"),
         ((True, None, None, True, True), "All 3 verdicts that apply hold"),
         ((False, None, None, True, True), "1 of 3 verdicts does not hold"),
         ((None, None, None, None, None), "No verdict applies"),
-    )
-    for held, words in rows:
+    ):
         with subtests.test(held=held, words=words):
             _, result, _ = flown(2, duration_s=60.0, rate_hz=5.0)
             assert headline(replace(result, verdicts=Verdicts(*held))) == words
@@ -266,9 +274,9 @@ def test_what_was_not_kept_is_said_in_a_line_instead_of_drawn() -> None:
     assert len(page.all("figure")) == 10
 
 
-def test_noses_that_turn_are_drawn_and_no_line_crosses_the_chart_where_a_yaw_wraps() -> None:
+def test_noses_that_turn_are_drawn_and_no_line_crosses_the_chart_where_a_yaw_wraps(page: Page) -> None:
     evidence, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
-    assert "Yaw of the setpoints" not in Page(report_html(evidence, result, asked, REPLAY)).text
+    assert "Yaw of the setpoints" not in page.text
     first, *others = evidence.vehicles
     turning_rad = (0.1 * first.loop.time_s + np.pi) % (2.0 * np.pi) - np.pi
     loop = replace(first.loop, yaw_rad=turning_rad)

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from math import hypot
 
 import numpy as np
@@ -22,6 +23,7 @@ WIND = np.array([0.3, -0.2])
 FINE_S = 0.005
 
 
+@cache
 def flown(
     a0: float, a1: float, delay_s: float, *, noise_m: float = 0.05, seconds: float = 150.0, step_m: float = 1.5
 ) -> tuple[Vector, Vector]:
@@ -161,10 +163,7 @@ def test_all_that_is_tried_is_another_plant() -> None:
     assert len(set(others(FILE))) == len(others(FILE)) == 124
 
 
-@pytest.mark.parametrize(
-    ("stiffer", "expected"),
-    [(1.0, "valid for this flight"), (0.55, "(cordon excite)")],
-)
+@pytest.mark.parametrize(("stiffer", "expected"), [(1.0, "valid for this flight"), (0.55, "(cordon excite)")])
 def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -> None:
     mission = load_mission("px4-trio")
     plant = mission.vehicles[0].plant

@@ -23,7 +23,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.replay.playback import Turn, turns
 from gcs.report.evidence.reading import read_flight
-from tests.support.flight_logs import engaging, record_simulation, reencoded
+from tests.support.flight_logs import engaging, part, record_simulation, reencoded
 
 pytestmark = pytest.mark.slow
 
@@ -36,13 +36,6 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlightRecord, Path]
 
 def result(mission: Mission, record: FlightRecord) -> FlightResult:
     return evaluate(record, ring_reference(mission), formation_reference(mission), verdict_tolerances(mission))
-
-
-def part(log: FlightLog, *vehicles: int) -> FlightLog:
-    """Return the log that a process with only these vehicles would have left."""
-    own = FlightLog(log.path.with_name(f"{vehicles}.mcap"), log.run_records, {i: log.vehicles[i] for i in vehicles})
-    own.__dict__["run"] = replace(log.run, vehicles=vehicles)
-    return own
 
 
 def test_the_result_is_that_of_the_flight_to_the_last_digit(flown: tuple[FlightRecord, Path]) -> None:

@@ -10,20 +10,19 @@ import msgspec
 import pytest
 
 from gcs.cli.report import ReportOptions, report
-from gcs.flightlog.reader import FlightLog, read_log
+from gcs.flightlog.reader import read_log
 from gcs.report import flight_page
-from gcs.report.flight_page import replay_flight, report_html
+from gcs.report.flight_page import replay_flight
 from gcs.station.picture import FlightPicture
 from gcs.station.recorded_flight import recorded_flight
-from tests.support.flight_logs import engaging, record_simulation
-from tests.support.page.report_replay import held_files, nasty_flight
+from tests.support.flight_logs import engaging, part, record_simulation
+from tests.support.page.report_replay import held_files
 from tests.support.paths import DATA, ROOT
-from tests.support.report_evidence import flown
 
 pytestmark = pytest.mark.slow
 
 PAGE = ROOT / "gcs" / "station" / "page"
-DURATION_S = 200.0
+DURATION_S = 80.0
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +37,6 @@ def html(path: Path) -> str:
     written = path.with_name("flight.html")
     report([path], options=ReportOptions(html=written))
     return written.read_text(encoding="utf-8")
-
-
-def part(log: FlightLog, *vehicles: int) -> FlightLog:
-    """Return the log that a process with only these vehicles would have left."""
-    own = FlightLog(log.path.with_name(f"{vehicles}.mcap"), log.run_records, {i: log.vehicles[i] for i in vehicles})
-    own.__dict__["run"] = msgspec.structs.replace(log.run, vehicles=vehicles)
-    return own
 
 
 def test_the_replay_comes_before_every_figure_and_takes_its_room(html: str) -> None:
@@ -70,16 +62,6 @@ def test_every_file_that_the_page_names_is_held(html: str) -> None:
             assert re.findall(r'"\./', text) == re.findall(r'(?<=from |port\(|olve\()"\./', text)
     assert len(named) > 40
     assert set(named) <= set(files)
-
-
-def test_names_of_others_do_not_break_out() -> None:
-    nasty = "</script><script>alert(1)</script><!-- ${alert(1)} \u2028 {{ 1 }}"
-    html = report_html(*flown(2, duration_s=60.0, rate_hz=5.0), nasty_flight(nasty))
-    assert html.count("<script") == html.count("</script>") == 3
-    assert "alert(1)" not in html
-    shown = msgspec.json.decode(held_files(html)["flight.json"], type=FlightPicture)
-    assert shown.mission.mission == nasty
-    assert {each.text for each in shown.events} == {nasty}
 
 
 def test_the_licences_of_the_libraries_are_to_be_read(html: str) -> None:

@@ -1,17 +1,16 @@
-"""Commands from pages to vehicles on a bus: who may, what has to be confirmed, each once, and how fast."""
+"""Commands from pages to vehicles on a bus: who may, what has to be confirmed, and each once."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from statistics import median
-from time import monotonic
 
 import pytest
 
+from gcs.console import command_client
 from gcs.mission.file import load_mission
 from tests.support.mission_text import INSECURE
 from tests.support.page.station import AnsweringTeam, Station, answering_team, asked, commanding, received, station
-from tests.support.wire import until
+from tests.support.wire import PATIENCE_S, until
 
 pytestmark = pytest.mark.wire
 
@@ -20,7 +19,7 @@ pytestmark = pytest.mark.wire
 async def flying(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator[tuple[Station, AnsweringTeam]]:
     mission = load_mission(mission_file("case2", INSECURE))
     async with answering_team(mission) as team, station(mission, tmp_path) as running:
-        await asyncio.sleep(1.0)  # the operator's session finds the vehicles
+        await until(lambda: running.tactics == team.tactics)
         yield running, team
 
 
@@ -38,7 +37,7 @@ async def test_a_command_reaches_whom_it_names_and_each_answer_comes_back(
                 assert (answer["request"], answer["verb"], answer["did"]) == ("a", "hold", "holds")
                 assert answer["is_obeyed"]
                 assert answer["is_final"]
-                assert 0.0 < answer["after_s"] < 1.0
+                assert answer["after_s"] > 0.0
         with subtests.test("some"):
             team.received.clear()
             await page.send(asked("b", "land", [1, 3, 1]))
@@ -49,7 +48,7 @@ async def test_a_command_reaches_whom_it_names_and_each_answer_comes_back(
         with subtests.test("a vehicle that does not answer"):
             team.silent.add(2)
             await page.send(asked("c", "hold", [2]))
-            event = await received(page, "event", 6.0)
+            event = await received(page, "event")
             assert (event["vehicle_id"], event["text"]) == (2, "hold from the page: no answer")
             answer = await received(page, "answer")
             assert (answer["vehicle_id"], answer["did"], answer["is_obeyed"]) == (2, "no answer", False)
@@ -60,7 +59,7 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
 ) -> None:
     running, team = flying
     team.tactics[2] = "pilot override"
-    await asyncio.sleep(0.3)
+    await until(lambda: running.tactics == team.tactics)
     refused = {
         "kill without the word": (asked("1", "kill"), "kill"),
         "kill with another word": (asked("2", "kill", confirmation="Kill"), "kill"),
@@ -119,17 +118,15 @@ async def test_a_request_is_sent_once_and_to_its_end_though_its_page_is_gone(
             assert len(team.received) == sent
 
 
-async def test_a_hold_leaves_within_100_ms_though_a_vehicle_is_dead(
-    mission_file: Callable[..., str], tmp_path: Path
+async def test_a_hold_does_not_wait_for_a_vehicle_that_is_dead(
+    mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mission = load_mission(mission_file("case2", INSECURE))
-    after_s = []
     async with answering_team(mission, dead=3) as team, station(mission, tmp_path) as running:
-        await asyncio.sleep(1.5)  # the operator's session finds the vehicles
+        await until(lambda: running.tactics.keys() == {1, 2})
         async with running.connected() as page:
             await commanding(page)
-            for number in range(10):
-                began_s, sent = monotonic(), len(team.numbers("hold"))
-                await page.send(asked(str(number), "hold"))
-                after_s.append(await until(lambda before=sent: len(team.numbers("hold")) > before) - began_s)  # type: ignore[misc]
-    assert median(after_s) < 0.1, after_s
+            await asyncio.sleep(2.0 * command_client._ALL_RECEIVED_TIMEOUT_S)  # since the first vehicle was received
+            monkeypatch.setattr(command_client, "_POLL_S", 3.0 * PATIENCE_S)  # whatever is waited for takes as long
+            await page.send(asked("1", "hold"))
+            await until(lambda: len(team.received) >= 2)

@@ -18,7 +18,7 @@ from gcs.station.picture import FlightPicture, OperatorRights, TeamPicture
 from gcs.station.server import REQUEST_MAX_BYTES, listen, recorded_app, serve
 from gcs.viewer.address import Address
 from tests.support.page.station import TOKEN, CannedSource, Station, asked, received, station
-from tests.support.wire import LOOPBACK, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port
 
 pytestmark = pytest.mark.wire
 
@@ -143,7 +143,7 @@ async def test_a_page_that_says_what_it_should_not_is_closed_alone(
 ) -> None:
     async with served.connected() as other, served.connected() as page:
         await page.send(said)
-        await asyncio.wait_for(page.wait_closed(), 5.0)
+        await asyncio.wait_for(page.wait_closed(), PATIENCE_S)
         assert page.close_code == code
         served.source.team(7.0)
         assert (await received(other, "team"))["time_s"] == 7.0
@@ -197,7 +197,6 @@ async def test_a_recorded_flight_is_one_object(page_folder: Path) -> None:
     stop = asyncio.Event()
     serving = asyncio.create_task(serve(recorded_app(flight, page_folder), access, listen(access), stop))
     running = Station(access, CannedSource(), {"Cookie": f"{access.cookie}={access.cookie_value}"})
-    await asyncio.sleep(0.2)
     status, headers, body = await running.get("/flight.json")
     assert (status, headers["Content-Encoding"], headers["Cache-Control"]) == (200, "gzip", "no-store")
     assert msgspec.json.decode(gzip.decompress(body), type=FlightPicture) == flight
@@ -206,7 +205,7 @@ async def test_a_recorded_flight_is_one_object(page_folder: Path) -> None:
         async with running.connected():
             pass
     stop.set()
-    await asyncio.wait_for(serving, 3.0)
+    await asyncio.wait_for(serving, PATIENCE_S)
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

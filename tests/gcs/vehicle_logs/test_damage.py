@@ -1,25 +1,30 @@
 """Which logs of others are damaged, and which only end early: exit codes rest on it."""
 
 import json
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gcs.cli import main
 from gcs.errors import Exit
 from gcs.vehicle_logs.foreign import read_vehicle_logs
-from gcs.vehicle_logs.vehicle_log import VehicleLog
-from tests.gcs.vehicle_logs.test_bad_logs import BIN, LOCAL, ULOG, bin_records, topic_records, ulog_records
+from tests.conftest import RunHere
+from tests.gcs.vehicle_logs.test_bad_logs import (
+    BIN,
+    LOCAL,
+    LOGS,
+    TLOG,
+    ULOG,
+    Read,
+    bin_records,
+    topic_records,
+    ulog_records,
+)
 from tests.support.flight_logs import record_simulation
 from tests.support.mission_text import content, parsed, put
 from tests.support.result_keys import OUTPUT_KEYS
-from tests.support.telemetry_log import flight
 
-TLOG = bytes(flight((3,), seconds=5.0).log)
-LOGS = {"ulg": ULOG, "bin": BIN, "tlog": TLOG}
 STAMP_BYTES, V2_OVERHEAD_BYTES = 8, 12
 
 
@@ -62,18 +67,8 @@ DAMAGED = {
 }
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Callable[[bytes], VehicleLog]:
-    def write_and_read(log: bytes) -> VehicleLog:
-        file = tmp_path / "flight.log"
-        file.write_bytes(log)
-        return read_vehicle_logs(file)[0]
-
-    return write_and_read
-
-
 @pytest.mark.parametrize("name", DAMAGED)
-def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Callable[[bytes], VehicleLog]) -> None:
+def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Read) -> None:
     found, whole = read(DAMAGED[name]), read(LOGS[name.partition(":")[0]])
     assert (found.is_damaged, whole.is_damaged) == (True, False)
     assert any("damaged" in note for note in found.notes)
@@ -85,24 +80,15 @@ def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Callable[[byte
 
 
 @pytest.mark.parametrize("kind", LOGS)
-def test_a_log_that_ends_early_is_not_damaged(kind: str, read: Callable[[bytes], VehicleLog]) -> None:
+def test_a_log_that_ends_early_is_not_damaged(kind: str, read: Read) -> None:
     """As without power: after any byte, within a record or between two."""
     log = LOGS[kind]
     for at in np.random.default_rng(5).integers(len(log) // 2, len(log), 25):
         assert not read(log[:at]).is_damaged, at
 
 
-def run(patch: pytest.MonkeyPatch, *arguments: str) -> int:
-    patch.setattr(sys, "argv", ["cordon", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert isinstance(ended.value.code, int)
-    return ended.value.code
-
-
-@pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
 def test_report_gives_its_result_and_says_by_its_exit_code_that_a_log_is_damaged(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], subtests: pytest.Subtests
+    tmp_path: Path, run_here: RunHere, subtests: pytest.Subtests
 ) -> None:
     rows = [(name, log, Exit.VERDICT_FAILED) for name, log in DAMAGED.items() if "nonsense" in name]
     rows += [(f"{kind}: cut", log[:-7], Exit.HOLDS) for kind, log in LOGS.items()]
@@ -110,8 +96,8 @@ def test_report_gives_its_result_and_says_by_its_exit_code_that_a_log_is_damaged
         with subtests.test(name=name):
             file = tmp_path / "flight.log"
             file.write_bytes(log)
-            assert run(monkeypatch, "report", str(file), "--json") == code
-            out, err = capsys.readouterr()
+            ended, out, err = run_here("report", str(file), "--json")
+            assert ended == code
             (result,) = json.loads(out)["logs"]
             assert list(result) == OUTPUT_KEYS["logs[] of report"].split()
             assert result["damaged"] is (code is Exit.VERDICT_FAILED)

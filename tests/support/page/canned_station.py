@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Self
 
 import msgspec
+from playwright.sync_api import Page
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
@@ -16,6 +17,7 @@ from websockets.sync.server import Server, ServerConnection, serve
 
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, FlightPicture, MissionPicture, TeamPicture
 from tests.support.paths import ROOT
+from tests.support.wire import PATIENCE_S, until_now
 
 PAGE = ROOT / "gcs" / "station" / "page"
 RATE_HZ = 5.0
@@ -24,6 +26,8 @@ POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+
+MARK = "mark"
 
 Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture
 
@@ -48,6 +52,9 @@ class CannedStation:
         self.requests: list[CommandRequest] = []
         self.events: list[EventPicture] = []
         self._connections: set[ServerConnection] = set()
+        self._sent = 0
+        self._sending = threading.Lock()
+        self._marks = threading.Semaphore(0)
         self._stopped = threading.Event()
         self._server: Server = serve(self._serve, "127.0.0.1", 0, process_request=self._answer, compression=None)
         self._threads = [threading.Thread(target=work) for work in (self._server.serve_forever, self._publish)]
@@ -78,7 +85,17 @@ class CannedStation:
         if isinstance(picture, EventPicture):
             self.events.append(picture)
         for connection in tuple(self._connections):
-            _send(connection, picture)
+            self._send(connection, picture)
+
+    def await_requests(self, page: Page) -> None:
+        """Wait until all that a page has sent has arrived: a mark that it sends on the same connection follows it."""
+        page.evaluate(f"socket.send('{MARK}')")
+        assert self._marks.acquire(timeout=PATIENCE_S)
+
+    def await_pictures(self, page: Page) -> None:
+        """Wait until all that was sent has arrived on the page, the only one and loaded once."""
+        sent = self._sent
+        until_now(lambda: page.evaluate("heard") >= sent, "the pictures")
 
     def disconnect(self) -> None:
         """Close the connections of all pages."""
@@ -88,10 +105,13 @@ class CannedStation:
     def _serve(self, connection: ServerConnection) -> None:
         for picture in (self.mission, self.team and self.team(0.0), *self.events):
             if picture is not None:
-                _send(connection, picture)
+                self._send(connection, picture)
         self._connections.add(connection)
         try:
             for message in connection:
+                if message == MARK:
+                    self._marks.release()
+                    continue
                 self.requests.append(msgspec.json.decode(message, type=CommandRequest))
         finally:
             self._connections.discard(connection)
@@ -99,8 +119,13 @@ class CannedStation:
     def _publish(self) -> None:
         began_s = time.monotonic()
         while not self._stopped.wait(1.0 / RATE_HZ):
-            if self.team is not None and not self.is_silent:
-                self.send(self.team(time.monotonic() - began_s))
+            if (team := self.team) is not None and not self.is_silent:
+                self.send(team(time.monotonic() - began_s))
+
+    def _send(self, connection: ServerConnection, picture: Live) -> None:
+        with self._sending, suppress(ConnectionClosed):
+            connection.send(msgspec.json.encode(picture).decode())
+            self._sent += 1
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         path = request.path.partition("?")[0]
@@ -117,8 +142,3 @@ class CannedStation:
 def _response(status: int, kind: str, body: bytes) -> Response:
     headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Content-Security-Policy": POLICY})
     return Response(status, "", headers, body)
-
-
-def _send(connection: ServerConnection, picture: Live) -> None:
-    with suppress(ConnectionClosed):
-        connection.send(msgspec.json.encode(picture).decode())

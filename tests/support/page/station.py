@@ -31,7 +31,7 @@ from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, Te
 from gcs.station.server import listen, serve_team
 from gcs.station.tiles import MapTiles
 from gcs.viewer.address import Address
-from tests.support.wire import LOOPBACK, free_port, until
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until
 
 TOKEN = "a token of the tests: ümläut"
 HERE = (0.0, 0.0)
@@ -66,6 +66,13 @@ class Station:
     access: Access
     source: CannedSource
     headers: dict[str, str]
+    commands: list[Commands] = field(default_factory=list)
+
+    @property
+    def tactics(self) -> dict[int, str]:
+        """The tactics of the vehicles that the operator's session has received states from."""
+        clients = (each._client for each in self.commands)
+        return {i: tactic for client in clients if client is not None for i, tactic in client.tactics.items()}
 
     @property
     def port(self) -> int:
@@ -77,12 +84,7 @@ class Station:
         own = {"Origin": f"http://{LOOPBACK}:{self.port}", "Cookie": self.headers["Cookie"]}
         given = {key: value for key, value in (own | headers).items() if value}
         return websockets.connect(
-            f"ws://{name}/stream",
-            host=LOOPBACK,
-            port=self.port,
-            additional_headers=given,
-            compression=None,
-            proxy=None,
+            f"ws://{name}/stream", host=LOOPBACK, port=self.port, additional_headers=given, compression=None, proxy=None
         )
 
     async def get(
@@ -91,7 +93,7 @@ class Station:
         """Request a file; headers replace its own."""
 
         def ask() -> tuple[int, HTTPMessage, bytes]:
-            connection = http.client.HTTPConnection(LOOPBACK, self.port, timeout=5.0)
+            connection = http.client.HTTPConnection(LOOPBACK, self.port, timeout=PATIENCE_S)
             connection.request(method, path, body, {**self.headers, **headers})
             answer = connection.getresponse()
             return answer.status, answer.headers, answer.read()
@@ -103,18 +105,19 @@ class Station:
 async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -> AsyncIterator[Station]:
     """Run a server of the page and of map tiles, with commands to a mission's team."""
     access = Access(Address(LOOPBACK, free_port()), TOKEN)
-    source, stop = CannedSource(), asyncio.Event()
+    source, stop, made = CannedSource(), asyncio.Event(), list[Commands]()
 
     def commands(broadcast: Broadcast) -> Commands:
-        return Commands(mission, None, broadcast.publish)
+        made.append(Commands(mission, None, broadcast.publish))
+        return made[-1]
 
     serving = asyncio.create_task(serve_team(source, commands, access, listen(access), stop, page, tiles))
     try:
         await until(lambda: source.runs or serving.done())
-        yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"})
+        yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"}, made)
     finally:
         stop.set()
-        await asyncio.wait_for(serving, 5.0)
+        await asyncio.wait_for(serving, PATIENCE_S)
 
 
 @dataclass
@@ -172,7 +175,7 @@ def entered(line: str) -> tuple[int, str]:
     """Return the port in the line that `cordon station` prints, and the cookie for the token in it."""
     found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", line)
     assert found is not None, line
-    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=5.0)
+    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=PATIENCE_S)
     connection.request("POST", "/enter", unquote(found[2]))
     answer = connection.getresponse()
     assert answer.status == 204
@@ -187,7 +190,7 @@ def stream(port: int, cookie: str, **options: Any) -> websockets.connect:
     )
 
 
-async def received(page: ClientConnection, kind: str, timeout_s: float = 5.0) -> dict[str, Any]:
+async def received(page: ClientConnection, kind: str, timeout_s: float = PATIENCE_S) -> dict[str, Any]:
     """Return the next message of a kind."""
     async with asyncio.timeout(timeout_s):
         while True:

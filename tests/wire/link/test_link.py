@@ -4,9 +4,10 @@ import asyncio
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
@@ -41,8 +42,17 @@ from sitl.mavlink_constants import MessageId, Outgoing
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
-from sitl.server.shared_clock import ClockName, Rank, new_clock
-from tests.support.wire import Served, free_port, served, served_by, stub_clock, stub_process, until
+from tests.support.wire import (
+    PATIENCE_S,
+    Served,
+    free_port,
+    repeated,
+    served,
+    served_by,
+    stub_clock,
+    stub_process,
+    until,
+)
 
 pytestmark = pytest.mark.wire
 
@@ -51,28 +61,6 @@ PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 BEARING_RAD = radians(35.0)
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=BEARING_RAD)
 QUANTUM_M = 0.012  # GPS_GLOBAL_ORIGIN counts in 1e-7 degrees
-
-
-PORTS = {name: free_port() for name in ("near", "twin")}
-
-
-def url(name: str) -> str:
-    return f"udpin://127.0.0.1:{PORTS[name]}"
-
-
-@pytest.fixture(scope="module")
-def stubs() -> Iterator[ClockName]:
-    """Two vehicles, of which the twin has the other's system id, and their clock."""
-    near = StubConfig(1, PORTS["near"], PLANT, FRAME)
-    twin = StubConfig(1, PORTS["twin"], PLANT, FRAME, (10.0, 0.0))
-    # Two clocks: what is under way is told apart by system ids.
-    with (
-        new_clock(SPEED) as name,
-        new_clock(SPEED) as other,
-        stub_process([near], name),
-        stub_process([twin], other),
-    ):
-        yield name
 
 
 @asynccontextmanager
@@ -103,13 +91,13 @@ async def served_here() -> AsyncIterator[tuple[Served, str]]:
 
 
 @asynccontextmanager
-async def linked(
-    clock_name: ClockName, system_id: int, **settings: Any
-) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry], GovernedClock]]:
-    """Connect to the vehicle of the module."""
-    with GovernedClock(clock_name, Rank.AGENTS) as clock:
-        async with link_on(clock, url("near"), system_id, **settings) as (link, telemetry):
-            yield link, telemetry, clock
+async def linked(**settings: Any) -> AsyncIterator[tuple[MavsdkLink, list[Telemetry], GovernedClock]]:
+    """Serve a stub in this process and connect to it."""
+    async with (
+        served_here() as (served, link_url),
+        link_on(served.clock, link_url, 1, **settings) as (link, telemetry),
+    ):
+        yield link, telemetry, served.clock
 
 
 async def hold_setpoint(link: VehicleLink, setpoint: Setpoint, clock: MissionClock, duration_s: float) -> None:
@@ -161,8 +149,8 @@ def mode_of(link: VehicleLink) -> FlightMode:
     return link.status.mode
 
 
-async def test_velocity_and_yaw_are_in_the_mission_frame(stubs: ClockName) -> None:
-    async with linked(stubs, 1) as (link, telemetry, clock):
+async def test_velocity_and_yaw_are_in_the_mission_frame() -> None:
+    async with linked() as (link, telemetry, clock):
         await link.take_off(3.0)
         yaw_rad = radians(20.0)
         setpoint = Setpoint((12.0, 0.0, 3.0), yaw_rad)
@@ -188,8 +176,8 @@ async def heading_of(link: MavsdkLink) -> float:
     return float((await link._parts.calls.run(link._parts.feed.plugin.attitude_euler)).yaw_deg)
 
 
-async def test_telemetry_comes_at_the_rate_asked_for(stubs: ClockName) -> None:
-    async with linked(stubs, 1, pace=RateController(Rates(10.0, 2.0, 20.0))) as (_, telemetry, clock):
+async def test_telemetry_comes_at_the_rate_asked_for() -> None:
+    async with linked(pace=RateController(Rates(10.0, 2.0, 20.0))) as (_, telemetry, clock):
         await clock.sleep(3.0)
         telemetry.clear()
         await clock.sleep(12.0)
@@ -237,7 +225,7 @@ async def test_setpoints_that_a_bound_link_holds_back_do_not_hold_up_the_clock()
         for index in range(100):
             link.send(Setpoint((0.0, 0.0, 0.001 * index)))
             await clock.sleep(0.05)
-        assert time.monotonic() - began_wall_s < 10.0, "half a second of the wall for each"
+        assert time.monotonic() - began_wall_s < 25.0, "half a second of the wall for each"
         assert served.stubs[1].setpoints > 0
 
 
@@ -247,12 +235,16 @@ async def test_the_clock_is_measured_at_its_own_rate_for_a_moment(monkeypatch: p
     pace = RateController(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0, clock_hz=25.0))
     config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock(5.0)
     async with served_by(clock, [config]), link_on(clock, udp_in(config), 1, pace=pace) as (link, _):
-        sent.clear()
-        assert await link.measure_speed(1.0) == 5.0
-        assert sent[MessageId.ATTITUDE] >= 0.8 * 25.0 * 5.0
-        sent.clear()
-        await clock.sleep(5.0)
-        assert sent[MessageId.ATTITUDE] / 5.0 == pytest.approx(2.0, abs=0.6)
+
+        async def attempt() -> None:
+            sent.clear()
+            assert await link.measure_speed(1.0) == 5.0
+            assert sent[MessageId.ATTITUDE] >= 0.8 * 25.0 * 5.0
+            sent.clear()
+            await clock.sleep(5.0)
+            assert sent[MessageId.ATTITUDE] / 5.0 == pytest.approx(2.0, abs=0.6)
+
+        await repeated(attempt)
 
 
 @pytest.mark.parametrize(("rate_hz", "expected_hz"), [(None, 20.0), (5.0, 5.0)])
@@ -272,17 +264,22 @@ async def test_setpoints_are_handed_on_at_the_rate_asked_for(
     # By the wall, as the relay keeps the rate.
     config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock(2.0)
     async with served_by(clock, [config]), link_on(clock, udp_in(config), 1, pace=pace) as (link, _):
-        began_s = clock.now_s()
-        async for tick in Ticker(0.05, clock):
-            link.send(Setpoint((0.0, 0.0, 0.001 * tick.index)))
-            if clock.now_s() - began_s > 4.0:
-                break
-    counted = received if rate_hz is not None else {round(z, 4) for z in received}
-    assert len(counted) / 4.0 == pytest.approx(expected_hz, rel=0.15)
+
+        async def attempt() -> None:
+            received.clear()
+            began_s = clock.now_s()
+            async for tick in Ticker(0.05, clock):
+                link.send(Setpoint((0.0, 0.0, 0.001 * tick.index)))
+                if clock.now_s() - began_s > 4.0:
+                    break
+            counted = received if rate_hz is not None else {round(z, 4) for z in received}
+            assert len(counted) / 4.0 == pytest.approx(expected_hz, rel=0.15)
+
+        await repeated(attempt)
 
 
-async def test_the_speed_of_a_governed_clock_needs_no_measurement(stubs: ClockName) -> None:
-    async with linked(stubs, 1) as (link, _, clock):
+async def test_the_speed_of_a_governed_clock_needs_no_measurement() -> None:
+    async with linked() as (link, _, clock):
         began_s = clock.now_s()
         assert await link.measure_speed() == 1.0
         assert clock.now_s() - began_s == pytest.approx(1.0, abs=0.01)
@@ -306,8 +303,8 @@ def test_a_speed_near_a_whole_number_is_that_number(subtests: pytest.Subtests) -
             assert link_calls.clock_ratio([], 1.0) is None
 
 
-async def test_what_is_out_of_order_is_refused(stubs: ClockName) -> None:
-    async with linked(stubs, 1) as (link, _, _):
+async def test_what_is_out_of_order_is_refused() -> None:
+    async with linked() as (link, _, _):
         with pytest.raises(VehicleRefusedError, match="no setpoint") as refusal:
             await link.start_offboard()
         assert refusal.value.next_step == "send setpoints first"
@@ -317,17 +314,19 @@ async def test_what_is_out_of_order_is_refused(stubs: ClockName) -> None:
         await link.land()
 
 
-async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again(stubs: ClockName) -> None:
-    async with linked(stubs, 1) as (link, telemetry, _):
-        await link.take_off(3.0)
-        link.send(Setpoint(telemetry[-1].position_m))
-        await link.start_offboard()
-    # With the link closed nobody repeats the setpoint: the failsafe lands it, in a mode that does not arm.
-    async with linked(stubs, 1) as (link, _, clock):
-        await until(lambda: not link.status.armed, 50.0, clock=clock)
-        assert link.status.mode not in (FlightMode.HOLD, FlightMode.READY)
-        await link.take_off(3.0)
-        await link.land()
+async def test_a_vehicle_left_in_offboard_comes_down_and_flies_again() -> None:
+    async with served_here() as (served, link_url):
+        clock = served.clock
+        async with link_on(clock, link_url, 1) as (link, telemetry):
+            await link.take_off(3.0)
+            link.send(Setpoint(telemetry[-1].position_m))
+            await link.start_offboard()
+        # With the link closed nobody repeats the setpoint: the failsafe lands it, in a mode that does not arm.
+        async with link_on(clock, link_url, 1) as (link, _):
+            await until(lambda: not link.status.armed, 50.0, clock=clock)
+            assert link.status.mode not in (FlightMode.HOLD, FlightMode.READY)
+            await link.take_off(3.0)
+            await link.land()
 
 
 async def test_silence_is_refused() -> None:
@@ -361,10 +360,11 @@ def test_mavsdk_writes_nothing_to_standard_output() -> None:
     assert (ran.stdout, ran.stderr) == ("", "")
 
 
-async def test_the_wrong_vehicle_is_refused_with_both_ids(stubs: ClockName) -> None:
-    with pytest.raises(VehicleRefusedError, match="carries system id 1, not 7"):
-        async with linked(stubs, 7):
-            pass
+async def test_the_wrong_vehicle_is_refused_with_both_ids() -> None:
+    async with served_here() as (served, link_url):
+        with pytest.raises(VehicleRefusedError, match="carries system id 1, not 7"):
+            async with link_on(served.clock, link_url, 7):
+                pass
 
 
 async def test_a_taken_port_is_refused_and_left_alone() -> None:
@@ -378,20 +378,21 @@ async def test_a_taken_port_is_refused_and_left_alone() -> None:
         await hub.close()
 
 
-async def test_two_vehicles_with_one_system_id_are_refused(stubs: ClockName) -> None:
+async def test_two_vehicles_with_one_system_id_are_refused() -> None:
     hub = MavsdkHub()
-    try:
-        await hub.find(url("near"), 1, 5.0)
-        with pytest.raises(VehicleRefusedError, match="system id 1 is used on both") as refusal:
-            await hub.find(url("twin"), 1, 5.0)
-        assert "MAV_SYS_ID" in refusal.value.next_step
-        # The wrong id in the mission does not help the twin either.
-        with pytest.raises(VehicleRefusedError, match="carries system id 1, not 3"):
-            await hub.find(url("twin"), 3, 5.0)
-        await hub.release(url("near"), 1)
-        await hub.find(url("twin"), 1, 5.0)
-    finally:
-        await hub.close()
+    async with served_here() as (_, near), served_here() as (_, twin):
+        try:
+            await hub.find(near, 1, PATIENCE_S)
+            with pytest.raises(VehicleRefusedError, match="system id 1 is used on both") as refusal:
+                await hub.find(twin, 1, PATIENCE_S)
+            assert "MAV_SYS_ID" in refusal.value.next_step
+            # The wrong id in the mission does not help the twin either.
+            with pytest.raises(VehicleRefusedError, match="carries system id 1, not 3"):
+                await hub.find(twin, 3, PATIENCE_S)
+            await hub.release(near, 1)
+            await hub.find(twin, 1, PATIENCE_S)
+        finally:
+            await hub.close()
 
 
 async def test_urls_that_lead_nowhere_are_refused(subtests: pytest.Subtests) -> None:
@@ -416,7 +417,11 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     pace = RateController(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0))
     link = MavsdkLink(hub, LinkConfig(f"udpin://127.0.0.1:{config.client_port}", 1, FRAME, pace), WallClock())
     await link.connect(telemetry.append)
-    assert await link.measure_speed(0.6) == 1.0
+
+    async def measured() -> None:
+        assert await link.measure_speed(0.6) == 1.0
+
+    await repeated(measured)
     first.stop()
     link.send(Setpoint((0.0, 0.0, 5.0)))
     with pytest.raises(VehicleRefusedError, match="did not answer the command to enter hold"):
@@ -430,9 +435,13 @@ async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None
     telemetry.clear()
     await until(lambda: bool(telemetry) and dist(telemetry[-1].position_m, (7.0, 3.0, 0.0)) < QUANTUM_M)
     assert link.status.connected
-    telemetry.clear()
-    await asyncio.sleep(1.0)
-    assert 8 <= len(telemetry) <= 12
+
+    async def counted() -> None:
+        telemetry.clear()
+        await asyncio.sleep(1.0)
+        assert 8 <= len(telemetry) <= 12
+
+    await repeated(counted)
     await link.close()
     await link.close()
     await hub.close()
@@ -505,11 +514,13 @@ async def test_closing_waits_for_calls_in_flight(calls_and_feed: tuple[VehicleCa
     done: list[bool] = []
 
     def slow() -> None:
+        begun.set()
         time.sleep(0.2)
         done.append(True)
 
+    begun = threading.Event()
     call = asyncio.create_task(calls.run(slow))
-    await asyncio.sleep(0.05)
+    await until(begun.is_set)
     await calls.close()
     assert done == [True]
     await call

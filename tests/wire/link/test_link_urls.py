@@ -9,17 +9,14 @@ import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import replace
-from io import StringIO
 from pathlib import Path
 from typing import cast
 
 import pytest
-from rich.console import Console
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
-from gcs.console.live import LiveView
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -33,6 +30,7 @@ from sitl.autopilot.px4 import Px4
 from sitl.mavlink import reports
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import StubConfig
+from tests.support.flights import unseen_view
 from tests.support.wire import LOOPBACK, free_ports, served, served_by, stub_clock, until
 from tests.support.wording import facts_missing
 
@@ -159,7 +157,7 @@ async def test_a_vehicle_is_reached_and_commanded_over_every_kind_of_url(
         link = MavsdkLink(hub, LinkConfig(url, 1, FRAME), clock)
         stack.push_async_callback(link.close)
         await link.connect(samples.append)
-        await until(lambda: len(samples) > 10, 15.0, "telemetry", clock=clock)
+        await until(lambda: len(samples) > 10, waiting_for="telemetry")
         await link.take_off(2.0)
         assert link.status.armed
     assert link.unsent == 0
@@ -240,5 +238,5 @@ async def test_what_is_no_multicopter_of_a_known_autopilot_is_not_armed(
     async with served([stub_configs(mission)[0]], SPEED) as stubs:
         plan = FlightPlan(mission, 5.0, mission.vehicles[:1], speed=SPEED, clock=stubs.clock.name)
         with pytest.raises(VehicleRefusedError, match="nothing was armed"):
-            await fly(plan, LiveView(Console(file=StringIO())), told.extend)
+            await fly(plan, unseen_view(), told.extend)
     assert ("vehicle 1", found) in [(each.subject, each.found) for each in told if each.grade is Grade.REFUSE]

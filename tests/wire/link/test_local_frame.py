@@ -2,15 +2,11 @@
 
 import asyncio
 from collections.abc import Callable
-from io import StringIO
 from math import dist
-from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from agents.flight_end import FlightEnd
-from gcs.console.live import LiveView
 from gcs.flight.flight import fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -19,6 +15,8 @@ from gcs.preflight.findings import Grade
 from gcs.preflight.link_facts import gather_facts
 from gcs.preflight.preflight import preflight
 from sitl.server.shared_clock import new_clock
+from tests.support.flights import unseen_view
+from tests.support.mission_text import with_first_vehicles
 from tests.support.wire import stub_process
 
 pytestmark = pytest.mark.wire
@@ -36,16 +34,13 @@ INDOORS = (
 
 
 async def test_a_team_without_gps_ends_up_where_the_mission_says(mission_file: Callable[..., str]) -> None:
-    path = mission_file("px4-trio", *INDOORS)
-    text = Path(path).read_text(encoding="utf-8")
-    Path(path).write_text(text[: text.rindex("[[vehicles]]")], encoding="utf-8")  # two are a team
-    mission = load_mission(path)
+    mission = load_mission(with_first_vehicles(mission_file("px4-trio", *INDOORS), 2))
     assert [config.gps for config in stub_configs(mission)] == [False, False]
     with new_clock(SPEED) as name, stub_process(stub_configs(mission), name) as stubs:
         findings = preflight(mission, await gather_facts(mission))
         assert [each for each in findings if each.grade is Grade.REFUSE] == []
         plan = FlightPlan(mission, DURATION_S, mission.vehicles, speed=SPEED, clock=name)
-        flight = await fly(plan, LiveView(Console(file=StringIO())))
+        flight = await fly(plan, unseen_view())
         record = await asyncio.to_thread(stubs.stop)
     assert [each.how for each in flight.outcomes.values()] == [FlightEnd.LANDED] * 2, flight.outcomes
     assert flight.record is not None

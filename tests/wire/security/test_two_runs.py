@@ -2,14 +2,11 @@
 
 import asyncio
 import json
-import os
 import signal
 import socket
-import sys
 import time
-from asyncio.subprocess import PIPE, Process
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from asyncio.subprocess import Process
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
@@ -28,7 +25,7 @@ from gcs.console.watch import WatchView, watch
 from gcs.link.ports.claims import flight_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
-from tests.support.wire import free_ports
+from tests.support.wire import PATIENCE_S, free_ports, running
 
 pytestmark = pytest.mark.wire
 
@@ -36,23 +33,9 @@ MISSED_SHARE_MAX = 0.01
 """Of the ticks of the first flight: the other runs take processor time to start and to be refused."""
 
 
-@asynccontextmanager
-async def cordon(*arguments: str) -> AsyncIterator[Process]:
-    """Run a command of cordon in a process of its own."""
-    environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "400"}
-    command = [sys.executable, "-m", "gcs", *arguments]
-    process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
-    try:
-        yield process
-    finally:
-        with suppress(ProcessLookupError):
-            process.kill()
-        await process.communicate()
-
-
 async def refused(*arguments: str) -> str:
     """Run a command that is to be refused, and return what it says."""
-    async with asyncio.timeout(60.0), cordon(*arguments) as process:
+    async with asyncio.timeout(PATIENCE_S), running(*arguments) as process:
         out, err = await process.communicate()
     assert (process.returncode, out) == (3, b""), (arguments, process.returncode, err.decode())
     assert "Traceback" not in err.decode()
@@ -61,7 +44,7 @@ async def refused(*arguments: str) -> str:
 
 async def line_with(process: Process, text: str) -> None:
     assert process.stderr is not None
-    async with asyncio.timeout(60.0):
+    async with asyncio.timeout(PATIENCE_S):
         while text not in (line := (await process.stderr.readline()).decode()):
             assert line, "it has ended"
 
@@ -84,34 +67,43 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
     flown, renamed, moved = map(load_mission, missions)
     section = flown.vehicles[0].section
     fed = f"udp port {section.url.rpartition(':')[2]} receives the vehicle of another run, by process "
-    seconds = {
-        ("sitl", missions[1]): (fed, "flown.toml --sitl"),
-        ("fly", missions[0], "--sitl", "--no-log"): (section.url, f"endpoint {section.endpoint} is in use by", fed),
-        ("command", "land", "--mission", missions[1]): ("'case2'", "'survey'"),
-    }
-    async with cordon("fly", missions[0], "--sitl", "--speed", "2", "--no-log", "--json") as flight:
-        await line_with(flight, "standby -> formation")
-        for second, parts in seconds.items():
-            said = await refused(*second)
-            assert all(part in said for part in parts), (second, said)
-        with pytest.raises(VehicleRefusedError, match="flies another mission on this computer, by process"):
-            flight_claims(moved, moved.ids).__enter__()
-        sighting = ExternalSighting("mission", (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2)
-        for stranger in (
-            CommandClient(renamed).command("kill", renamed.ids, None),
-            CommandClient(renamed).send_sighting(sighting, 0.0),
-            watch(renamed, WatchView(Console(file=StringIO())), asyncio.Event()),
-        ):
-            with pytest.raises(VehicleRefusedError, match="'case2', not 'survey'"):
-                await stranger
-        assert flight.returncode is None, "it has to fly all the time"
-        answers = await CommandClient(flown).command("land", flown.ids, None)
-        assert {answer.did for answer in answers.values() if answer is not None} == {"lands"}
-        out, err = await flight.communicate()
+    async with running("sitl", missions[0], "--lockstep", "--speed", "4") as stubs:
+        await line_with(stubs, "Ctrl-C ends it")
+        async with running("fly", missions[0], "--no-log", "--json") as flight:
+            await line_with(flight, "standby -> formation")
+            said = await refused("sitl", missions[1])
+            assert fed in said, said
+            said = await refused("fly", missions[0], "--sitl", "--no-log")
+            for part in (section.url, f"endpoint {section.endpoint} is in use by", fed):
+                assert part in said, said
+            with pytest.raises(VehicleRefusedError, match="flies another mission on this computer, by process"):
+                flight_claims(moved, moved.ids).__enter__()
+            sighting = ExternalSighting("mission", (35.0, -5.0), (1.0, 0.0, 1.0), 0.8, 0.2)
+            for stranger in (
+                CommandClient(renamed).command("kill", renamed.ids, None),
+                CommandClient(renamed).send_sighting(sighting, 0.0),
+                watch(renamed, WatchView(Console(file=StringIO())), asyncio.Event()),
+            ):
+                with pytest.raises(VehicleRefusedError, match="'case2', not 'survey'"):
+                    await stranger
+            assert flight.returncode is None, "it has to fly all the time"
+            answers = await CommandClient(flown).command("land", flown.ids, None)
+            assert {answer.did for answer in answers.values() if answer is not None} == {"lands"}
+            out, err = await flight.communicate()
+        stubs.send_signal(signal.SIGINT)
+        await stubs.communicate()
+        assert stubs.returncode == 0
     result = json.loads(out)
     assert result["loop"]["missed"] <= MISSED_SHARE_MAX * result["loop"]["ticks"], err.decode()
     tactics = {event["text"].partition(":")[0] for event in result["events"] if event["kind"] == "tactic"}
     assert tactics == {"standby -> formation", "formation -> land"}
+
+
+async def test_processes_that_were_given_other_values_do_not_fly_together(missions: tuple[str, str, str]) -> None:
+    flown = load_mission(missions[0])
+    with flight_claims(flown, flown.ids[:1]):
+        said = await refused("fly", missions[0], "--only", "2", "--no-log", "--set", "mission.rate_hz=20")
+    assert "flies another mission" in said
 
 
 async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missions: tuple[str, str, str]) -> None:
@@ -138,27 +130,10 @@ async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missi
         await bus.close()
 
 
-async def test_stub_vehicles_and_one_flight_go_together_and_a_second_of_either_does_not(
-    missions: tuple[str, str, str],
-) -> None:
-    flown, _, _ = missions
-    async with cordon("sitl", flown, "--speed", "5") as stubs:
-        await line_with(stubs, "Ctrl-C ends it")
-        assert "receives the vehicle of another run" in await refused("sitl", flown)
-        async with cordon("fly", flown, "--speed", "5", "--no-log") as flight:
-            await line_with(flight, "standby -> formation")
-            answers = await CommandClient(load_mission(flown)).command("land", (1, 2, 3), None)
-            assert {answer.did for answer in answers.values() if answer is not None} == {"lands"}
-            await flight.communicate()
-        stubs.send_signal(signal.SIGINT)
-        await stubs.communicate()
-        assert stubs.returncode == 0
-
-
 async def test_stub_vehicles_serve_a_ground_station_that_listens_already(missions: tuple[str, str, str]) -> None:
     flown, _, _ = missions
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", int(load_mission(flown).vehicles[0].section.url.rpartition(":")[2])))
-        station.settimeout(20.0)
-        async with cordon("sitl", flown):
+        station.settimeout(PATIENCE_S)
+        async with running("sitl", flown):
             assert (await asyncio.to_thread(station.recv, 2048))[0] in (0xFD, 0xFE), "MAVLink arrives"

@@ -1,7 +1,6 @@
 """The relay of a connection between two sockets: which of MAVSDK's frames reach the vehicles there."""
 
 import socket
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
@@ -11,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
-from tests.support.wire import LOOPBACK, free_port
+from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until_now
 
 VEHICLES = (7, 8)
 
@@ -27,11 +26,13 @@ class Ends:
     def find(self, vehicle: int) -> None:
         """Wait for a vehicle's heartbeat, and accept its address."""
         self.relay.claim(vehicle, None)
-        autopilot, end_s = mavlink.MAVLink(None, vehicle, 1), time.monotonic() + 5.0
-        while not self.relay.candidates(vehicle):
-            assert time.monotonic() < end_s
+        autopilot = mavlink.MAVLink(None, vehicle, 1)
+
+        def found() -> bool:
             self.vehicles.send(bytes(autopilot.heartbeat_encode(2, 12, 0, 0, 4).pack(autopilot)))
-            time.sleep(0.02)
+            return bool(self.relay.candidates(vehicle))
+
+        until_now(found)
         self.relay.verify(vehicle, self.relay.candidates(vehicle)[0])
 
     def sends(self, *messages: mavlink.MAVLink_message) -> list[tuple[str, int]]:
@@ -45,6 +46,17 @@ class Ends:
             arrived += [(m.get_type(), m.target_system) for m in found if hasattr(m, "target_system")]
         return arrived[:-1]
 
+    def hears(self, count: int, *messages: mavlink.MAVLink_message) -> list[tuple[str, int]]:
+        """Send messages, and return what arrives, once there are `count`: setpoints may wait until others have left."""
+        arrived = self.sends(*messages)
+
+        def all_arrived() -> bool:
+            arrived.extend(self.sends())
+            return len(arrived) >= count
+
+        until_now(all_arrived)
+        return arrived
+
 
 @pytest.fixture
 def ends() -> Iterator[Ends]:
@@ -52,7 +64,7 @@ def ends() -> Iterator[Ends]:
     relay = Relay(f"udpin://{LOOPBACK}:{port}", thread)
     at = relay.inner_url.removeprefix("tcpout://").split(":")
     with socket.create_connection((at[0], int(at[1]))) as mavsdk, socket.socket(type=socket.SOCK_DGRAM) as vehicles:
-        vehicles.settimeout(5.0)
+        vehicles.settimeout(PATIENCE_S)
         vehicles.connect((LOOPBACK, port))
         relay.start()
         both = Ends(relay, mavsdk, vehicles)
@@ -77,12 +89,11 @@ def test_a_muted_vehicle_is_sent_no_setpoint_and_the_others_and_all_else_are(end
     if paced:
         ends.relay.pace(None, 1000.0)
     both = [("SET_POSITION_TARGET_LOCAL_NED", vehicle) for vehicle in VEHICLES]
-    assert sorted(ends.sends(setpoint(7), setpoint(8)) + flushed(ends)) == both
+    assert sorted(ends.hears(2, setpoint(7), setpoint(8))) == both
     ends.relay.mute(7, True)
-    heard = ends.sends(setpoint(7), setpoint(8)) + flushed(ends)
-    assert heard == both[1:]
+    assert ends.hears(1, setpoint(7), setpoint(8)) + ends.sends() == both[1:]
     ends.relay.mute(7, False)
-    assert both[0] in ends.sends(setpoint(7)) + flushed(ends)
+    assert both[0] in ends.hears(1, setpoint(7))
 
 
 def test_a_vehicle_that_is_found_again_is_sent_setpoints(ends: Ends) -> None:
@@ -90,9 +101,3 @@ def test_a_vehicle_that_is_found_again_is_sent_setpoints(ends: Ends) -> None:
     ends.relay.release(7)
     ends.find(7)
     assert ends.sends(setpoint(7)) == [("SET_POSITION_TARGET_LOCAL_NED", 7)]
-
-
-def flushed(ends: Ends) -> list[tuple[str, int]]:
-    """Return what has waited until commands had passed."""
-    time.sleep(0.05)
-    return ends.sends()
