@@ -139,10 +139,7 @@ class Ground(msgspec.Struct, frozen=True):
 
 
 class Message(msgspec.Struct, frozen=True):
-    """A message from the bus, the same object for all cores of a process, and the time of its arrival.
-
-    Places on the ring and sightings are parts of their senders' states; in older logs they are separate messages.
-    """
+    """A message from the bus, the same object for all cores of a process, and the time of its arrival."""
 
     topic: ClassVar = "message"
     lasts: ClassVar = False

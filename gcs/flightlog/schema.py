@@ -15,8 +15,6 @@ from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 from msgspec import inspect
 
-from gcs.flightlog.former_words import holds_former_words, renew
-
 PACKAGE = "cordon"
 _SCALARS: dict[type[inspect.Type], FieldDescriptorProto.Type.ValueType] = {
     inspect.FloatType: FieldDescriptorProto.TYPE_DOUBLE,
@@ -95,12 +93,9 @@ class Decoder:
     def message(self, payload: bytes) -> Any:
         """Return a record as a Protobuf message: quicker than `decode` for a few fields; the same errors."""
         try:
-            message = self._message.FromString(payload)
+            return self._message.FromString(payload)
         except (DecodeError, UnicodeDecodeError) as error:
             raise ValueError(str(error)) from error
-        if holds_former_words(payload):
-            renew(message)
-        return message
 
 
 @cache

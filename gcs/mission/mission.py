@@ -66,7 +66,7 @@ class MissionSection(Settings):
     duration_s: float = Field(gt=0.0, le=86400.0, description="time from the start to the landing")
     rate_hz: float = Field(10.0, ge=2.0, le=100.0, description="rate of the control loop")
     seed: int = Field(0, ge=0, description="seed of all random numbers")
-    format: Literal[1, 2] = Field(2, description="version of the keys; 1 is that of cordon 0.1")
+    format: Literal[2] = Field(2, description="version of the keys")
 
 
 class FrameSection(Settings):
@@ -311,8 +311,8 @@ class Mission:
     """A checked mission: every section, the vehicles with their profiles, and the text that it was read from.
 
     `identity` is compared between the vehicles and operators of one team (gcs/mission/file.py). `folder` is that of
-    its file. `warnings` list keys at their places in an earlier version, with their present places. A mission that
-    `excites` is the excitation flight of its only vehicle. `parse` makes a mission from text, folder and profile texts.
+    its file. A mission that `excites` is the excitation flight of its only vehicle. `parse` makes a
+    mission from text, folder and profile texts.
     """
 
     mission: MissionSection
@@ -335,7 +335,6 @@ class Mission:
     profile_texts: Mapping[str, str] = field(compare=False, repr=False)
     parse: "Callable[[str, Path | None, Mapping[str, str] | None], Mission]" = field(compare=False, repr=False)
     identity: MissionIdentity | None = field(default=None, compare=False)
-    warnings: tuple[str, ...] = field(default=(), compare=False)
     excites: bool = False
     folder: Path = field(default=Path(), compare=False)
 

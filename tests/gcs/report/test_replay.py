@@ -107,13 +107,6 @@ def test_a_long_flight_is_shown_at_a_lower_but_even_rate(path: Path, monkeypatch
     assert shown.teams[-1].ending == whole.teams[-1].ending != ""
 
 
-def test_a_log_of_the_first_format_has_a_replay(tmp_path: Path) -> None:
-    written = tmp_path / "former.html"
-    report([DATA / "stub-excitation.mcap"], options=ReportOptions(html=written))
-    shown = msgspec.json.decode(held_files(written.read_text(encoding="utf-8"))["flight.json"], type=FlightPicture)
-    assert {each.tactic for team in shown.teams for each in team.vehicles} >= {"excite", "return and land"}
-
-
 def test_without_a_page_nothing_of_the_station_is_loaded(path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from gcs.cli.report import ReportOptions, report;"
