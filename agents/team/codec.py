@@ -140,10 +140,8 @@ class _Report(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     clock_off_ms: _Positive | None = None
 
 
-_Former = MemberState | NeighbourAngle | TargetPackage
-"""The types of messages in logs of earlier versions."""
 _encoder = msgspec.msgpack.Encoder()
-_Packed = _State | _Former | StartProposal | OperatorCommand | CommandAnswer | _Report
+_Packed = _State | StartProposal | OperatorCommand | CommandAnswer | _Report
 _decoder: msgspec.msgpack.Decoder[_Packed] = msgspec.msgpack.Decoder(_Packed)
 
 

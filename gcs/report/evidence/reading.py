@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.drops import Drops
 from agents.inputs import Autopilot, LateTicks, Start
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
@@ -291,11 +291,8 @@ class _VehicleReader:
             newest = self._peers.get(message.sender)
             if newest is None or message.time_s > newest.time_s:
                 self._peers[message.sender] = message
-        angle = angle_of(message)
-        if angle is not None:
-            before = self._angles.get(angle.sender)
-            if before is None or angle.time_s > before.time_s:
-                self._angles[angle.sender] = angle
+                if message.angle is not None:
+                    self._angles[message.sender] = message.angle
         if isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
             self._journal.event_log.add_answer(message)
 
