@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import radians
+from math import inf, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -98,16 +98,10 @@ class SensorSection(Settings):
     blind_s: Intervals = Field((), description="intervals of mission time without sightings")
 
 
-class SensorChange(Settings):
+class SensorChange(SensorSection):
     """`sensor` of a vehicle: values that replace those of `[target.sensor]` for this vehicle."""
 
-    range_m: float | None = Field(None, gt=0.0, le=10000.0)
-    rate_hz: float | None = Field(None, gt=0.0, le=50.0)
-    noise_m: float | None = Field(None, ge=0.0, le=100.0)
-    outlier_share: float | None = Field(None, ge=0.0, le=0.5)
-    outlier_m: float | None = Field(None, gt=0.0, le=1000.0)
-    delay_s: float | None = Field(None, ge=0.0, le=5.0)
-    blind_s: Intervals | None = None
+    range_m: float = Field(inf, gt=0.0, le=10000.0, description="largest distance of a sighting")
 
 
 class LegSection(Settings):
@@ -362,7 +356,7 @@ class Mission:
     def sensor(self, vehicle_id: int) -> SensorSection:
         """Return a vehicle's sensor of the simulated target."""
         change = self.vehicle(vehicle_id).section.sensor
-        return self.target.sensor.model_copy(update={} if change is None else change.model_dump(exclude_none=True))
+        return self.target.sensor.model_copy(update=change.model_dump(exclude_unset=True) if change else {})
 
     def mission_frame(self) -> MissionFrame:
         """Return the mission frame."""

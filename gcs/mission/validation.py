@@ -21,6 +21,10 @@ FORMER_KEYS: Mapping[str, str] = {
     **{
         f"{name}.{key}": f"moved to tuning.{name}.{key}" for name, model in TUNING.items() for key in model.model_fields
     },
+    **dict.fromkeys(
+        ("tuning.encirclement.lag_weight", "tuning.encirclement.lead_weight"),
+        "their sum is tuning.encirclement.spacing_weight",
+    ),
     "encirclement.spacing_acceleration_max_m_s2": f"its value is always {ACCELERATION_MAX_M_S2:g}",
     "encirclement.spacing_jerk_max_m_s3": f"its value is always {JERK_MAX_M_S3:g}",
     "tuning.failsafe.clock_step_s": f"its value is always {STEP_S:g}",

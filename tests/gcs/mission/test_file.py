@@ -81,7 +81,7 @@ def test_every_key_is_found() -> None:
         ("target", "sensor", "noise_m"),
         ("simulation", "wind_m_s2", 1),
         ("decision", "threat_max"),
-        ("tuning", "encirclement", "lag_weight"),
+        ("tuning", "encirclement", "spacing_weight"),
         ("target", "coast_s"),
         ("vehicles", 1, "start_m", 1),
         ("vehicles", 1, "true_scale", "a0"),
