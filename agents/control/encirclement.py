@@ -214,7 +214,8 @@ def ring_programme(settings: EncirclementSettings) -> Programme:
 
     (24b) and (24c) weight, by rho and zeta, the differences between the angles to the neighbours behind and in front
     and the angles between the references. The neighbours are predicted on their references, as (25) and (26) do at the
-    ring's rate. Both terms therefore weight the vehicle's distance from its own reference, by rho + zeta: `spacing_weight`.
+    ring's rate. Both terms therefore weight the vehicle's distance from its own reference, by rho + zeta
+    (`spacing_weight`).
     """
     per_m2 = settings.radius_m**-2
     step_s = settings.prediction_step_s
