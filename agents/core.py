@@ -55,7 +55,7 @@ from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reas
 from agents.team.clock_watch import ClockWatch
 from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand, sightings_of
+from agents.team.messages import CommandAnswer, MemberState, OperatorCommand
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
@@ -364,14 +364,12 @@ class VehicleCore:
             return
         if not self._inbox.accepts(message, now_s, self._time_scale):
             return
-        self._receive_sightings(message)
         match message:
             case MemberState():
+                self._receive_sightings(message)
                 self._team.receive(message)
                 if message.shape is not None:
                     self._reshape(Reshaping(message.shaped_s, message.shape))
-            case NeighbourAngle():
-                self._team.ring.receive(message)
             case OperatorCommand():
                 self._command(message, now_s)
             case CommandAnswer():
@@ -394,8 +392,8 @@ class VehicleCore:
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
 
-    def _receive_sightings(self, message: BusMessage) -> None:
-        for package in sightings_of(message):
+    def _receive_sightings(self, state: MemberState) -> None:
+        for package in state.sightings:
             if self._config.vehicle_id not in package.recipients:
                 continue
             try:

@@ -20,11 +20,9 @@ from agents.team.messages import (
     BusMessage,
     CommandAnswer,
     MemberState,
-    NeighbourAngle,
     OperatorCommand,
     PeerMessage,
     StartProposal,
-    TargetPackage,
     VehicleReport,
 )
 from estimation.state import Sighting, Telemetry, place_text, target_text
@@ -139,10 +137,7 @@ class Ground(msgspec.Struct, frozen=True):
 
 
 class Message(msgspec.Struct, frozen=True):
-    """A message from the bus, the same object for all cores of a process, and the time of its arrival.
-
-    Places on the ring and sightings are parts of their senders' states; in older logs they are separate messages.
-    """
+    """A message from the bus, the same object for all cores of a process, and the time of its arrival."""
 
     topic: ClassVar = "message"
     lasts: ClassVar = False
@@ -237,12 +232,9 @@ def _message_text(message: PeerMessage) -> str:
         case MemberState():
             where = f"position {place_text(message.position_m)} m, velocity {place_text(message.velocity_m_s)} m/s"
             alert = f", alert {message.alert}" if message.alert else ""
-            parts = [_message_text(part) for part in (message.angle, *message.sightings) if part is not None]
-            return ", ".join((f"{message.tactic}, {where}{alert}", *parts))
-        case NeighbourAngle():
-            return f"on the ring, bearing {message.bearing_rad:.3f} rad"
-        case TargetPackage():
-            return f"sighting: {target_text(message)}"
+            ring = [f"on the ring, bearing {message.angle.bearing_rad:.3f} rad"] if message.angle is not None else []
+            seen = [f"sighting: {target_text(each)}" for each in message.sightings]
+            return ", ".join((f"{message.tactic}, {where}{alert}", *ring, *seen))
         case StartProposal():
             return "ready to start"
         case CommandAnswer():

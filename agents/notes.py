@@ -110,7 +110,7 @@ NotedEvent = TacticChange | AlertChange | ResumeRefusal | CommandOutcome | Shape
 
 
 class Note(msgspec.Struct, frozen=True):
-    """One event: time, kind, text, the numbers behind it, and its values, which older logs lack."""
+    """One event: time, kind, text, the numbers behind it, and its values."""
 
     time_s: float
     kind: Kind

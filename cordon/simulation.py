@@ -15,7 +15,6 @@ True
 True
 """
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -56,10 +55,7 @@ def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType
     ...
     gcs.mission.file.MissionError: encirclement.radius: unknown key; did you mean 'radius_m'? [set, not in the file]
     """
-    loaded = load_mission(str(mission), overrides)
-    for words in loaded.warnings:
-        warnings.warn(words, FutureWarning, stacklevel=2)
-    return loaded
+    return load_mission(str(mission), overrides)
 
 
 def finite_numbers(returned: object, names: tuple[str, ...], of: str) -> tuple[float, ...]:

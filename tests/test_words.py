@@ -74,8 +74,6 @@ FORMER = (
 """In lower case. Each is matched as a whole word, also over the end of a line."""
 NAMES = ("nobody hears anybody", "nobody-hears-anybody")
 """Names of injected faults, which users write: they may hold former words."""
-MAPPINGS = {ROOT / "gcs" / "flightlog" / "former_words.py"}
-"""Files that translate the words of earlier logs."""
 TEMPLATES = {".html", ".j2", ".js", ".toml"}
 
 
@@ -86,7 +84,7 @@ def texts() -> list[tuple[str, str]]:
     found = [(path.name, _plain(path.read_text(encoding="utf-8"))) for path in documents]
     for path in (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*"))):
         place = str(path.relative_to(ROOT))
-        if path.suffix == ".py" and path not in MAPPINGS:
+        if path.suffix == ".py":
             found += [(f"{place}:{line}", text) for line, text in _strings(path)]
         elif path.suffix in TEMPLATES and "vendor" not in path.parts:
             found.append((place, _plain(path.read_text(encoding="utf-8"))))

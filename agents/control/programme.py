@@ -82,10 +82,10 @@ def ring_programme(settings: EncirclementSettings) -> QuadraticProgram:
 
     (24b) and (24c) weight, by rho and zeta, the differences between the angles to the neighbours behind and in front
     and the angles between the references. The neighbours are predicted on their references, as (25) and (26) do at the
-    ring's rate. Both terms therefore weight the vehicle's distance from its own reference, by rho + zeta.
+    ring's rate. Both terms therefore weight the vehicle's distance from its own reference, by rho + zeta
+    (`spacing_weight`).
     """
     per_m2 = settings.radius_m**-2
-    spacing_weight = settings.lag_weight + settings.lead_weight
     step_s = settings.prediction_step_s
     transition = np.eye(4)
     transition[:2, 2:] = np.eye(2) * step_s
@@ -95,7 +95,9 @@ def ring_programme(settings: EncirclementSettings) -> QuadraticProgram:
         input_gain,
         horizon=settings.horizon,
         control_horizon=settings.control_horizon,
-        state_weight=np.diag([settings.radius_weight, spacing_weight * per_m2, 0.0, settings.rate_weight * per_m2]),
+        state_weight=np.diag(
+            [settings.radius_weight, settings.spacing_weight * per_m2, 0.0, settings.rate_weight * per_m2]
+        ),
         increment_weight=np.array([settings.radial_increment_weight, settings.angular_increment_weight * per_m2]),
         constrained_states=RING_CONSTRAINED,
     )

@@ -108,22 +108,14 @@ class EncirclementTuning(Settings):
         gt=0.0,
         le=1e6,
     )
-    lag_weight: float = tuned(
-        12.0,
-        "weight of the angle to the vehicle behind",
-        "With 6 the stability margin of the bearing loop is 0.115 instead of 0.137. With 24 it is 0.148, but noise of "
-        "the bearing has more effect.",
-        "ρ of (24)",
+    spacing_weight: float = tuned(
+        24.0,
+        "weight of the angles to the vehicles behind and in front",
+        "With 12 the stability margin of the bearing loop is 0.115 instead of 0.137. With 48 it is 0.148, but noise "
+        "of the bearing has more effect.",
+        "ρ + ζ of (24)",
         ge=0.0,
-        le=1e6,
-    )
-    lead_weight: float = tuned(
-        12.0,
-        "weight of the angle to the vehicle in front",
-        "As `lag_weight`: both neighbours weigh the same.",
-        "ζ of (24)",
-        ge=0.0,
-        le=1e6,
+        le=2e6,
     )
     radial_increment_weight: float = tuned(
         0.2,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import hypot, inf
 
 from agents.settings.config import AgentConfig
-from agents.team.messages import TOPICS, TargetPackage
+from agents.team.messages import TOPICS, MemberState
 from agents.team.perception import SOURCES_FROM, SOURCES_TO
 from estimation.state import Sighting
 
@@ -23,7 +23,7 @@ CONTRADICTED, _COUNTED_MAX = 3, 6
 CONTRADICTS_S = 5.0
 """How long a sensor stays reported after its last contradiction."""
 _OWN_MAX = 64
-_PERIOD_S = TOPICS[TargetPackage].period_s
+_PERIOD_S = TOPICS[MemberState].period_s
 SIGHTINGS_HZ = 30.0
 """Sightings per second that the team sends in total; the rate of each sensor is also limited by its topic."""
 OBSERVES_S = 3.0

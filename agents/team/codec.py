@@ -14,10 +14,8 @@ from agents.team.messages import (
     BusMessage,
     CommandAnswer,
     MemberState,
-    NeighbourAngle,
     OperatorCommand,
     StartProposal,
-    TargetPackage,
     VehicleReport,
     key_of,
 )
@@ -28,11 +26,9 @@ _PACKINGS: dict[type[msgspec.Struct], Packing[Any]] = {
     VehicleReport: Packing(VehicleReport, "r"),
 }
 _BY_WIRE = {packing.wire: packing for packing in _PACKINGS.values()}
-_FORMER = (MemberState, NeighbourAngle, TargetPackage)
-"""The types of messages in logs of earlier versions."""
 _encoder = msgspec.msgpack.Encoder()
 _decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(
-    Union[(*_BY_WIRE, *_FORMER, StartProposal, OperatorCommand, CommandAnswer)]
+    Union[(*_BY_WIRE, StartProposal, OperatorCommand, CommandAnswer)]
 )
 
 

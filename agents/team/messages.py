@@ -38,11 +38,10 @@ Metres2 = tuple[_Metres, _Metres]
 Outcome = Literal["begun", "obeyed", "refused"]
 
 
-class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
+class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
-    It is a part of its sender's state; in logs of earlier versions it is a message of its own. The shares are the ring
-    that the sender can fly (`agents/ring/feasibility.py`).
+    It is a part of its sender's state. The shares are the ring that the sender can fly (`agents/ring/feasibility.py`).
     """
 
     sender: Annotated[VehicleId, SHARED]
@@ -56,12 +55,12 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, tag="angle"):
     reference_rate_rad_s: _AngularRate = 0.0
 
 
-class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
+class TargetPackage(msgspec.Struct, frozen=True, array_like=True):
     """One raw sighting of the target, and its recipients: the members within the sender's communication radius.
 
-    It is a part of its sender's state; in logs of earlier versions it is a message of its own. The covariance holds
-    (xx, xy, yy); the altitude is above the mission's origin, None if not measured. The position includes the error of
-    the sender's own position: standard deviation per axis (0: none) and correlation time.
+    It is a part of its sender's state. The covariance holds (xx, xy, yy); the altitude is above the mission's origin,
+    None if not measured. The position includes the error of the sender's own position: standard
+    deviation per axis (0: none) and correlation time.
     """
 
     sender: Annotated[VehicleId, SHARED]
@@ -77,7 +76,7 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True, tag="target"):
     frame_correlation_s: Annotated[_Seconds, PAIRED] = 0.0
 
 
-class MemberState(msgspec.Struct, frozen=True, array_like=True, tag="member"):
+class MemberState(msgspec.Struct, frozen=True, array_like=True):
     """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers.
 
     It includes the vehicle's place on the ring, None off it, and the new sightings of its own sensor.
@@ -143,7 +142,7 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     """A vehicle's answer to an operator's command, and its time; verb and origin of the command are for observers.
 
     Observers receive from vehicles only: operators connect to vehicles, not to each other. `did` is for people. A
-    command that has `begun` is answered again once it is `obeyed` or `refused`. Earlier versions send `did` only.
+    command that has `begun` is answered again once it is `obeyed` or `refused`.
     """
 
     sender: VehicleId
@@ -227,7 +226,7 @@ class VehicleReport(msgspec.Struct, frozen=True):
         return self.link_age_s is not None and self.link_age_s > LINK_SILENT_S
 
 
-PeerMessage = MemberState | NeighbourAngle | TargetPackage | StartProposal | CommandAnswer | VehicleReport
+PeerMessage = MemberState | StartProposal | CommandAnswer | VehicleReport
 BusMessage = PeerMessage | OperatorCommand
 
 
@@ -242,8 +241,6 @@ class Topic:
 
 TOPICS: dict[type[BusMessage], Topic] = {
     MemberState: Topic("member", 0.1, 1.0),
-    NeighbourAngle: Topic("angle", 0.1, 1.0),
-    TargetPackage: Topic("target", 0.1, 1.0),
     StartProposal: Topic("start", 0.2, 1.0),
     OperatorCommand: Topic("command", 0.1, 2.0),
     CommandAnswer: Topic("answer", 0.1, 2.0),
@@ -258,20 +255,6 @@ PRESENCE_TOPIC, OPERATORS_TOPIC = "alive", "operator"
 REPORT_TOPIC = TOPICS[VehicleReport].name
 PEER_TOPICS = frozenset(TOPICS[kind].name for kind in (MemberState, StartProposal, CommandAnswer, VehicleReport))
 """Topics on which vehicles send, with one key per vehicle; commands have one key per verb and operator."""
-
-
-def angle_of(message: BusMessage) -> NeighbourAngle | None:
-    """Return the place on the ring in a message, which in logs of earlier versions is the message; None without one."""
-    if isinstance(message, MemberState):
-        return message.angle
-    return message if isinstance(message, NeighbourAngle) else None
-
-
-def sightings_of(message: BusMessage) -> tuple[TargetPackage, ...]:
-    """Return the sightings in a message, which in logs of earlier versions is one itself."""
-    if isinstance(message, MemberState):
-        return message.sightings
-    return (message,) if isinstance(message, TargetPackage) else ()
 
 
 def topic_of(message: BusMessage) -> str:

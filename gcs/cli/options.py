@@ -151,20 +151,11 @@ def require_station(station: bool, address: str | None, tiles: Path | None) -> N
 
 
 def loaded_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
-    """Return the mission of a name or file, with the values of `--set`.
-
-    Warnings go to standard error. Raises InputError with every fault.
-    """
+    """Return the mission of a name or file, with the values of `--set`; raises InputError."""
     from gcs.mission.file import load_mission
     from gcs.mission.overrides import override
 
-    mission = load_mission(name, dict(map(override, changes)))
-    if mission.warnings:
-        from gcs.console.terminal import print_line
-
-        for warning in mission.warnings:
-            print_line(f"warning: {warning}", "yellow")
-    return mission
+    return load_mission(name, dict(map(override, changes)))
 
 
 def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":

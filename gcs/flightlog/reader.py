@@ -17,9 +17,8 @@ from agents.team.codec import decode
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain
 from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError, NoContainerError
-from gcs.flightlog.former_words import FORMER_TOPICS
 from gcs.flightlog.record_counter import RecordCounter
-from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, FormerMessage, Run, RunEnd, Taken
+from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, Run, RunEnd, Taken
 from gcs.flightlog.schema import PACKAGE, Decoder
 
 KINDS: Mapping[str, type[Any]] = {name: kind for kind, name in VEHICLE_TOPICS.items()}
@@ -104,14 +103,7 @@ class FlightLog:
         return {place: message for place, message in decoded if message is not None}
 
     def messages(self, record: LogRecord) -> list[BusInput]:
-        """Return the inputs from the bus in a record; raises LogError where a message is lost.
-
-        In logs before format 3 a record may hold a message that cannot be decoded: then there is none.
-        """
-        if record.kind is FormerMessage:
-            former = record.read(FormerMessage)
-            message = _decoded(former.payload)
-            return [] if message is None else [BusInput(former.now_s, message)]
+        """Return the inputs from the bus in a record; raises LogError where a message is lost."""
         taken = record.read(Taken)
         lost = [place for place in taken.places if place not in self.carried]
         if lost:
@@ -147,6 +139,8 @@ def read_log(path: Path) -> FlightLog:
         raise LogError([f"{path}: it holds no cordon record", *(f"{path}: {fault}" for fault in container.faults)])
     log.faults.extend(faults_of(container, counter) + topics.faults)
     log = replace(log, is_damaged=container.is_damaged or bool(counter.faults))
+    if log.run.format < FORMAT:
+        raise LogError([f"{path}: it has format {log.run.format}, which cordon 0.1 reads; this version reads {FORMAT}"])
     if log.run.format > FORMAT:
         newer = f"format {log.run.format}; this version reads up to {FORMAT}"
         log.faults.append(f"it was written by a newer version of cordon ({newer})")
@@ -253,12 +247,8 @@ class _Topics:
 def topic_of(topic: str) -> tuple[type[Any], int] | None:
     """Return the kind of record on a topic, and its vehicle (0: the run); None for what only viewers need."""
     match topic.split("/"):
-        case ["", "vehicle", number, name] if number.isdecimal() and (kind := _kind_of(name)) is not None:
-            return kind, int(number)
+        case ["", "vehicle", number, name] if number.isdecimal() and name in KINDS:
+            return KINDS[name], int(number)
         case ["", name] if name in RUN_KINDS:
             return RUN_KINDS[name], 0
     return None
-
-
-def _kind_of(name: str) -> type[Any] | None:
-    return KINDS.get(FORMER_TOPICS.get(name, name))

@@ -23,11 +23,11 @@ ValuesT = TypeVar("ValuesT", AlertChange, CommandOutcome)
 PROFILE = "cordon"
 """The profile name in the MCAP file."""
 FORMAT = 3
-"""The format of the log: a reader supports all up to its own. Before 3 each vehicle's records held the messages."""
+"""The format of the log, that of cordon 0.2."""
 
 
 class PlantText(msgspec.Struct, frozen=True):
-    """A profile of the flight; in earlier versions a plant file."""
+    """A profile of the flight."""
 
     name: str
     text: str
@@ -89,13 +89,6 @@ class Taken(msgspec.Struct, frozen=True):
 
     places: tuple[int, ...]
     times_s: tuple[float, ...]
-
-
-class FormerMessage(msgspec.Struct, frozen=True):
-    """A message that the core received, and when, in logs before format 3."""
-
-    now_s: float
-    payload: bytes
 
 
 class LocalCommand(msgspec.Struct, frozen=True):
@@ -164,11 +157,10 @@ class Decision(msgspec.Struct, frozen=True):
     """All results of one tick: estimates, decisions and their reasons, and what was sent.
 
     `peers` are the members taken into account, `answers` the peers' answers to operators, as received from the bus.
-    `ring_rate_rad_s` is the angular rate of the ring as flown, 0 off the ring; older logs have none.
+    `ring_rate_rad_s` is the angular rate of the ring as flown, 0 off the ring.
     `target_altitude_m` is the estimate of the target's altitude, None if the vehicle followed none.
-    `turning_rad_s` is the estimated rate at which the vehicle circles, 0 off the ring; older logs have none.
-    `drops` are the messages dropped so far by reason, `messages_dropped` their number; older logs have the number
-    only.
+    `turning_rad_s` is the estimated rate at which the vehicle circles, 0 off the ring.
+    `drops` are the messages dropped so far by reason, `messages_dropped` their number.
     """
 
     time_s: float
@@ -213,14 +205,14 @@ class Truth(msgspec.Struct, frozen=True):
 class VehicleEnd(msgspec.Struct, frozen=True):
     """The totals of a vehicle's control loop, when its mission ended and the way down began, and how and why.
 
-    `how` is a value of `agents.flight_end.FlightEnd`, empty in older logs.
+    `how` is a value of `agents.flight_end.FlightEnd`.
     """
 
     ticks: int
     missed: int
     ended_s: float | None
-    how: str = ""
-    reason: str = ""
+    how: str
+    reason: str
 
 
 class RunEnd(msgspec.Struct, frozen=True):
@@ -234,7 +226,6 @@ RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end", AuditEntry: "audit", C
 VEHICLE_TOPICS: dict[type, str] = {
     **{each: each.topic for each in get_args(CoreInput) if each not in (Message, Command)},
     Taken: "taken",
-    FormerMessage: "message",
     LocalCommand: "command",
     Decision: "decision",
     Cost: "cost",
@@ -297,7 +288,7 @@ def decision_of(output: TickOutput) -> Decision:
 
 
 def notes_of(decision: Any) -> list[Note]:
-    """Return the notes of a decision that was read as a Protobuf message; in older logs they have no values."""
+    """Return the notes of a decision that was read as a Protobuf message; in logs of 0.2.0 they have no values."""
     return [
         Note(
             note.time_s,

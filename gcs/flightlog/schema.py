@@ -15,9 +15,9 @@ from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 from msgspec import inspect
 
-from gcs.flightlog.former_words import FORMER_FIELDS, holds_former_words, renew
-
 PACKAGE = "cordon"
+_FORMER_FIELDS: Mapping[str, str] = {"lacks": "start_blockers"}
+"""Earlier names of fields, and the present ones; a schema is read with the present ones, bytes hold numbers only."""
 _SCALARS: dict[type[inspect.Type], FieldDescriptorProto.Type.ValueType] = {
     inspect.FloatType: FieldDescriptorProto.TYPE_DOUBLE,
     inspect.IntType: FieldDescriptorProto.TYPE_INT64,
@@ -75,7 +75,7 @@ class Decoder:
                 if any(each.options.map_entry for message in file.message_type for each in message.nested_type):
                     raise TypeError("it has maps, which cordon does not write")
                 for each in (field for message in file.message_type for field in message.field):
-                    each.name = FORMER_FIELDS.get(each.name, each.name)
+                    each.name = _FORMER_FIELDS.get(each.name, each.name)
                 pool.Add(file)
             self._message = GetMessageClass(pool.FindMessageTypeByName(name))
         except (DecodeError, KeyError, TypeError) as error:
@@ -97,12 +97,9 @@ class Decoder:
     def message(self, payload: bytes) -> Any:
         """Return a record as a Protobuf message: quicker than `decode` for a few fields; the same errors."""
         try:
-            message = self._message.FromString(payload)
+            return self._message.FromString(payload)
         except (DecodeError, UnicodeDecodeError) as error:
             raise ValueError(str(error)) from error
-        if holds_former_words(payload):
-            renew(message)
-        return message
 
 
 @cache

@@ -127,8 +127,8 @@ class FlightRecord:
     are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
-    which it is known, none in older logs. `faults` are those injected into stub vehicles.
-    `kinds` are what vehicles are (gcs/autopilots/kind.py), by their ids; empty in older logs and in simulations.
+    which it is known. `faults` are those injected into stub vehicles.
+    `kinds` are what vehicles are (gcs/autopilots/kind.py), by their ids; empty in simulations.
     """
 
     mission: str

@@ -17,7 +17,7 @@ from agents.team.text import printable
 from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
 from estimation.profile.library import ProfileLibrary
 from estimation.profile.profile import ProfileError
-from estimation.settings import OwnFilterSettings, Settings
+from estimation.settings import Settings
 from gcs.errors import InputError, KeyFault
 from gcs.mission.control_loops import unstable_loops
 from gcs.mission.cross_checks import cross_checked
@@ -25,10 +25,9 @@ from gcs.mission.excitation import excitation_faults, excited
 from gcs.mission.fault_lines import located, syntax_fault
 from gcs.mission.links import SharedLinkSection
 from gcs.mission.mission import Mission, VehicleSection
-from gcs.mission.moved import modernised
 from gcs.mission.overrides import overridden
 from gcs.mission.profiles import LoadedVehicle, resolved
-from gcs.mission.sections import EXCITES, OLD_OWN_FILTER, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
+from gcs.mission.sections import EXCITES, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
 from gcs.mission.validation import shown, unknown_keys, validated
 
 _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
@@ -107,27 +106,21 @@ def _other_missions(name: str) -> str:
 def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, str] | None = None) -> Mission:
     """Check a mission's text. Profiles whose text is not given are bundled, or files in `folder` (None: bundled only).
 
-    Texts of earlier versions are accepted: `Mission.warnings` lists the keys that have moved. Raises MissionError with
-    every fault.
+    Raises MissionError with every fault.
     """
     try:
-        content, moves = modernised(toml_content(text))
+        content = toml_content(text)
     except ValueError as error:  # also numbers beyond Python's limits
         raise MissionError([syntax_fault(error, text)]) from error
     excites = content.pop(EXCITES, None)
-    try:
-        mission = _checked(content, text, ProfileLibrary(folder, profile_texts), moves.faults)
-    except MissionError as error:
-        raise MissionError([moves.as_written(fault) for fault in error.placed]) from error
-    mission = replace(mission, warnings=tuple(moves.warnings), folder=folder or Path())
+    mission = replace(_checked(content, text, ProfileLibrary(folder, profile_texts)), folder=folder or Path())
     return mission if excites is None else _excited(mission, excites)
 
 
-def _checked(content: dict[str, Any], text: str, library: ProfileLibrary, faults: list[KeyFault]) -> Mission:
-    """Return the mission of a file's content in the present form; raises MissionError with `faults` and all others."""
-    own_filter = validated(OwnFilterSettings, content.pop(OLD_OWN_FILTER, {}), OLD_OWN_FILTER, faults)
+def _checked(content: dict[str, Any], text: str, library: ProfileLibrary) -> Mission:
+    """Return the mission of a file's content; raises MissionError with every fault."""
     known = [*SECTIONS, "links", "vehicles", "tuning"]
-    faults += unknown_keys("", [key for key in content if key not in known], known)
+    faults = unknown_keys("", [key for key in content if key not in known], known)
     faults += [
         KeyFault(name, "this section is missing; `cordon new` writes a complete mission")
         for name in REQUIRED
@@ -142,7 +135,7 @@ def _checked(content: dict[str, Any], text: str, library: ProfileLibrary, faults
     if faults:
         raise MissionError(faults)
     sections.pop("decision")
-    complete = tuple(resolved(*vehicle, own_filter) for vehicle in vehicles if vehicle is not None)
+    complete = tuple(resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
     read = {"text": text, "profile_texts": library.texts, "parse": parse_mission}
     mission = Mission(**sections, links=links, vehicles=complete, **read)  # type: ignore[arg-type]  # each is of its section's model
     if unstable := list(unstable_loops(mission)):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import radians
+from math import inf, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -66,7 +66,7 @@ class MissionSection(Settings):
     duration_s: float = Field(gt=0.0, le=86400.0, description="time from the start to the landing")
     rate_hz: float = Field(10.0, ge=2.0, le=100.0, description="rate of the control loop")
     seed: int = Field(0, ge=0, description="seed of all random numbers")
-    format: Literal[1, 2] = Field(2, description="version of the keys; 1 is that of cordon 0.1")
+    format: Literal[2] = Field(2, description="version of the keys")
 
 
 class FrameSection(Settings):
@@ -98,16 +98,10 @@ class SensorSection(Settings):
     blind_s: Intervals = Field((), description="intervals of mission time without sightings")
 
 
-class SensorChange(Settings):
+class SensorChange(SensorSection):
     """`sensor` of a vehicle: values that replace those of `[target.sensor]` for this vehicle."""
 
-    range_m: float | None = Field(None, gt=0.0, le=10000.0)
-    rate_hz: float | None = Field(None, gt=0.0, le=50.0)
-    noise_m: float | None = Field(None, ge=0.0, le=100.0)
-    outlier_share: float | None = Field(None, ge=0.0, le=0.5)
-    outlier_m: float | None = Field(None, gt=0.0, le=1000.0)
-    delay_s: float | None = Field(None, ge=0.0, le=5.0)
-    blind_s: Intervals | None = None
+    range_m: float = Field(inf, gt=0.0, le=10000.0, description="largest distance of a sighting")
 
 
 class LegSection(Settings):
@@ -311,8 +305,8 @@ class Mission:
     """A checked mission: every section, the vehicles with their profiles, and the text that it was read from.
 
     `identity` is compared between the vehicles and operators of one team (gcs/mission/file.py). `folder` is that of
-    its file. `warnings` list keys at their places in an earlier version, with their present places. A mission that
-    `excites` is the excitation flight of its only vehicle. `parse` makes a mission from text, folder and profile texts.
+    its file. A mission that `excites` is the excitation flight of its only vehicle. `parse` makes a
+    mission from text, folder and profile texts.
     """
 
     mission: MissionSection
@@ -335,7 +329,6 @@ class Mission:
     profile_texts: Mapping[str, str] = field(compare=False, repr=False)
     parse: "Callable[[str, Path | None, Mapping[str, str] | None], Mission]" = field(compare=False, repr=False)
     identity: MissionIdentity | None = field(default=None, compare=False)
-    warnings: tuple[str, ...] = field(default=(), compare=False)
     excites: bool = False
     folder: Path = field(default=Path(), compare=False)
 
@@ -363,7 +356,7 @@ class Mission:
     def sensor(self, vehicle_id: int) -> SensorSection:
         """Return a vehicle's sensor of the simulated target."""
         change = self.vehicle(vehicle_id).section.sensor
-        return self.target.sensor.model_copy(update={} if change is None else change.model_dump(exclude_none=True))
+        return self.target.sensor.model_copy(update=change.model_dump(exclude_unset=True) if change else {})
 
     def mission_frame(self) -> MissionFrame:
         """Return the mission frame."""

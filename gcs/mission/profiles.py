@@ -7,7 +7,6 @@ from agents.settings.sections import DecisionSettings
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.profile.autopilots import DEFAULT
 from estimation.profile.profile import Profile
-from estimation.settings import OwnFilterSettings
 from gcs.errors import KeyFault
 from gcs.mission.links import LinkSection
 from gcs.mission.mission import MissionVehicle, VehicleSection
@@ -15,18 +14,14 @@ from gcs.mission.mission import MissionVehicle, VehicleSection
 LoadedVehicle = tuple[VehicleSection, Profile]
 
 
-def resolved(section: VehicleSection, profile: Profile, own_filter: OwnFilterSettings | None) -> MissionVehicle:
-    """Return a vehicle with its profile, and the true plant of a simulation: the profile's, scaled by `true_scale`.
-
-    Keys set in `own_filter`, a section of earlier versions, override the profile's.
-    """
-    changes = {} if own_filter is None else {key: getattr(own_filter, key) for key in own_filter.model_fields_set}
+def resolved(section: VehicleSection, profile: Profile) -> MissionVehicle:
+    """Return a vehicle with its profile, and the true plant of a simulation: the profile's, scaled by `true_scale`."""
     return MissionVehicle(
         section,
         profile.plant,
         true_plant(section, profile.plant),
         section.decision or DecisionSettings(),
-        profile.own_filter.model_copy(update=changes),
+        profile.own_filter,
         section.autopilot or profile.autopilot or DEFAULT,
         profile,
     )

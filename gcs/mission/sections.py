@@ -27,8 +27,6 @@ from gcs.mission.mission import (
 
 EXCITES = "excite"
 """The top-level key that makes a mission the excitation flight of the vehicle of that id."""
-OLD_OWN_FILTER = "own_filter"
-"""The section by which missions of earlier versions override the own-state filter of every vehicle."""
 SECTIONS: dict[str, type[Settings]] = {
     "mission": MissionSection,
     "frame": FrameSection,

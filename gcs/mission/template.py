@@ -155,7 +155,7 @@ name = {name}
 description = {description}
 duration_s = {duration_s}  # from the start of the formation to the landing
 rate_hz = 10.0  # rate of the control loop
-format = 2  # of the keys of this file; 1 is that of cordon 0.1
+format = 2  # of the keys of this file
 
 [frame]  # origin of the mission frame: for real vehicles, the place where they stand
 latitude_deg = 47.397742

@@ -1,16 +1,36 @@
 """Validation of a TOML section against its model: the settings, or every fault with its path in plain words."""
 
 import difflib
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from math import radians
 from typing import TypeVar, get_args
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from agents.ring.transition import ACCELERATION_MAX_M_S2, JERK_MAX_M_S3
+from agents.team.clock_watch import STEP_S
 from estimation.settings import Settings
 from gcs.errors import KeyFault
+from gcs.mission.sections import TUNING
 
+FORMER_KEYS: Mapping[str, str] = {
+    "own_filter": "moved to [own_filter] of the vehicles' profiles",
+    "target_filter": "moved to [target] and [tuning.target_filter]",
+    "vehicles.plant": "moved to profile",
+    **{
+        f"{name}.{key}": f"moved to tuning.{name}.{key}" for name, model in TUNING.items() for key in model.model_fields
+    },
+    **dict.fromkeys(
+        ("tuning.encirclement.lag_weight", "tuning.encirclement.lead_weight"),
+        "their sum is tuning.encirclement.spacing_weight",
+    ),
+    "encirclement.spacing_acceleration_max_m_s2": f"its value is always {ACCELERATION_MAX_M_S2:g}",
+    "encirclement.spacing_jerk_max_m_s3": f"its value is always {JERK_MAX_M_S3:g}",
+    "tuning.failsafe.clock_step_s": f"its value is always {STEP_S:g}",
+}
+"""Keys of earlier versions, by their paths without indexes, and where their values are now."""
 _PLAIN_WORDS = {
     "missing": "this key is missing",
     "model_type": "it must be a table",
@@ -95,7 +115,10 @@ def _and_more(path: str, count: int) -> list[KeyFault]:
 
 def unknown_key(parent: str, key: str, known: list[str]) -> KeyFault:
     """Return the fault of an unknown key."""
+    name = shown(key).strip("'\"")
+    place = f"{parent}.{name}" if parent else name
+    if former := FORMER_KEYS.get(re.sub(r"\[\d+\]", "", place)):
+        return KeyFault(place, f"no longer a key: {former}")
     near = difflib.get_close_matches(key, known, n=1) if len(key) <= KEY_LENGTH_MAX else []
-    key = shown(key).strip("'\"")
     hint = f"; did you mean '{near[0]}'?" if near else f"; known keys: {', '.join(sorted(known))}"
-    return KeyFault(f"{parent}{'.' if parent else ''}{key}", f"unknown key{hint}")
+    return KeyFault(place, f"unknown key{hint}")

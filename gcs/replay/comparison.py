@@ -19,7 +19,6 @@ COVARIANCE_TOLERANCE = 1e-6
 
 Same = Callable[[str, Any, Any], bool]
 """Return whether a field, given by its path, has the same value in two decisions."""
-_OF_COMMANDS = ("verb", "origin")
 _VALUES = ("tactic", "alert", "command")
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
@@ -46,17 +45,12 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
 def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:
     """Return every field that differs between two decisions."""
     one, other = _readable(recorded), _readable(replayed)
-    if recorded.drops is None:  # earlier versions recorded no reasons
-        for fields in (one, other):
-            _remove_reasons(fields)
+    # Logs of 0.2.0 have neither the outcome of an answer nor the values of a note.
     for sent, again in zip(one["sent"], other["sent"], strict=False):
-        if isinstance(sent["message"], dict) and sent["message"].get("verb", "") is None:
-            for answer in (sent, again):  # earlier versions' answers did not name the command
-                _remove_command(answer)
         if isinstance(sent["message"], dict) and sent["message"].get("outcome", "") is None and sent != again:
-            again["message"]["outcome"] = None  # nor its outcome
+            again["message"]["outcome"] = None
     for note, again in zip(one["notes"], other["notes"], strict=False):
-        if all(note[name] is None for name in _VALUES):  # earlier versions recorded the text of a note only
+        if all(note[name] is None for name in _VALUES):
             again.update(dict.fromkeys(_VALUES))
     return list(_compared("", one, other, same))
 
@@ -96,18 +90,6 @@ def _readable(decision: Decision) -> dict[str, Any]:
     fields["sent"] = [{"topic": sent.topic, "message": _decoded(sent.payload)} for sent in decision.sent]
     fields["answers"] = [_decoded(payload) for payload in decision.answers]
     return fields
-
-
-def _remove_reasons(decision: dict[str, Any]) -> None:
-    del decision["drops"]
-    for sent in decision["sent"]:
-        if isinstance(sent["message"], dict):
-            sent["message"].pop("drops", None)
-
-
-def _remove_command(answer: dict[str, Any]) -> None:
-    if isinstance(answer["message"], dict):
-        answer["message"] = {name: value for name, value in answer["message"].items() if name not in _OF_COMMANDS}
 
 
 def _decoded(payload: bytes) -> Any:

@@ -8,7 +8,7 @@ from agents.control.lmpc import QpStatus
 from agents.inputs import AutopilotStatus, Bus, Message, TacticEvent
 from agents.ports import VehicleStatus
 from agents.safety.guard import QUIET_S, GuardStatus
-from agents.team.messages import sightings_of
+from agents.team.messages import MemberState
 from estimation.state import Sighting, Telemetry, place_text
 from gcs.flightlog.records import Decision
 from gcs.replay.playback import Turn
@@ -326,7 +326,7 @@ def _sighted_by(turn: Turn) -> str:
     if any(isinstance(item, Sighting) for item in turn.inputs):
         return "own sensor"
     messages = (item.message for item in turn.inputs if isinstance(item, Message))
-    senders = {package.sender for message in messages for package in sightings_of(message)}
+    senders = {each.sender for each in messages if isinstance(each, MemberState) and each.sightings}
     return f"sighted by {_vehicles(sorted(senders))}" if senders else "earlier sightings"
 
 

@@ -11,10 +11,10 @@ from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Decision, FormerMessage, LocalCommand, Taken
+from gcs.flightlog.records import Decision, LocalCommand, Taken
 from gcs.mission.mission import Mission
 
-_CORE_RECORDS = {*get_args(CoreInput), Taken, FormerMessage, LocalCommand, Decision}
+_CORE_RECORDS = {*get_args(CoreInput), Taken, LocalCommand, Decision}
 
 
 class MissingRecords(NamedTuple):
@@ -111,7 +111,7 @@ def _core_records(log: FlightLog, vehicle_id: int) -> Iterator[_ReplayRecord | M
 
 def _items(log: FlightLog, record: LogRecord, fields: dict[str, Any]) -> Sequence[CoreInput | Decision]:
     """Return the items of a record: consecutive messages share one record, every other item has its own."""
-    if record.kind in (Taken, FormerMessage):
+    if record.kind is Taken:
         return log.messages(record)
     if record.kind is not LocalCommand:
         return (msgspec.convert(fields, record.kind),)

@@ -19,7 +19,7 @@ from agents.situation.team_frame import TeamFrame
 from agents.tactics import Tactic
 from agents.team.clock_watch import ClockWatch
 from agents.team.inbox import Inbox
-from agents.team.messages import OperatorCommand, sightings_of
+from agents.team.messages import MemberState, OperatorCommand
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
@@ -173,7 +173,7 @@ class Feed:
             return
         if isinstance(message, OperatorCommand):
             yield message
-        for package in sightings_of(message):
+        for package in message.sightings if isinstance(message, MemberState) else ():
             if self._vehicle_id in package.recipients:
                 with suppress(ValueError):  # the core refused it in flight, too
                     yield received_sighting(package)

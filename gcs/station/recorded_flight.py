@@ -139,13 +139,13 @@ def _events(clock: _Clock, vehicles: Iterable[RecordedVehicle]) -> Iterator[Even
 
 
 def _ending(logs: Sequence[FlightLog]) -> str:
-    """Return how the flight ended, in one line; older logs do not record it."""
+    """Return how the flight ended, in one line."""
     endings = []
     for log, vehicle_id in _recorded(logs):
         end = next(log.of_kind(vehicle_id, VehicleEnd), None)
         if end is None:
             endings.append(VehicleEnding(vehicle_id, FlightEnd.IN_FLIGHT, "the log ends in flight"))
-        elif end.how:
+        else:
             endings.append(VehicleEnding(vehicle_id, FlightEnd(end.how), end.reason))
     ending = TeamEnding.of(endings)
     return "The log does not record how the flight ended" if ending is None else ending.headline

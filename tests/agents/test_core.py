@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from math import hypot, tau
+from math import cos, hypot, sin, tau
 
 import msgspec
 import numpy as np
@@ -26,8 +26,6 @@ from agents.team.messages import (
     PeerMessage,
     StartProposal,
     TargetPackage,
-    angle_of,
-    sightings_of,
 )
 from estimation.plant.model import Plant, exact_step
 from estimation.state import Sighting, Telemetry, Vector
@@ -51,8 +49,22 @@ def member(sender: int, time_s: float, x: float, y: float, tactic: str = "format
     return MemberState(sender, time_s, tactic, (x, y), (0.2, 0.0), (x + 0.2175, y), (0.2, 0.0))
 
 
-def package(time_s: float, importance: float = 0.8, recipients: tuple[int, ...] = (2,)) -> TargetPackage:
-    return TargetPackage(1, time_s, (5.0, 0.0), (0.01, 0.0, 0.01), importance, 0.2, recipients)
+def seeing(
+    time_s: float,
+    importance: float = 0.8,
+    recipients: tuple[int, ...] = (2,),
+    covariance_m2: tuple[float, float, float] = (0.01, 0.0, 0.01),
+) -> MemberState:
+    """A peer's state with a sighting."""
+    seen = TargetPackage(1, time_s, (5.0, 0.0), covariance_m2, importance, 0.2, recipients)
+    return msgspec.structs.replace(member(1, time_s, 0.0, 4.0), sightings=(seen,))
+
+
+def on_ring(sender: int, time_s: float, target_m: tuple[float, float], bearing: float, rate: float) -> MemberState:
+    """The state of a peer on a ring of 10 m."""
+    x, y = target_m[0] + 10.0 * cos(bearing), target_m[1] + 10.0 * sin(bearing)
+    angle = NeighbourAngle(sender, time_s, bearing, rate, 10.0)
+    return msgspec.structs.replace(member(sender, time_s, x, y, "encircle"), angle=angle)
 
 
 def setpoint_of(output: TickOutput) -> tuple[float, float]:
@@ -65,6 +77,10 @@ def sent_by(output: TickOutput) -> list[BusMessage]:
     messages = [decode(outgoing.payload) for outgoing in output.messages]
     assert [outgoing.topic for outgoing in output.messages] == [TOPICS[type(message)].name for message in messages]
     return messages
+
+
+def states_of(output: TickOutput) -> list[MemberState]:
+    return [message for message in sent_by(output) if isinstance(message, MemberState)]
 
 
 class Pilot:
@@ -137,7 +153,7 @@ def test_a_follower_follows_and_leads_on_from_its_own_slot_once_the_leader_has_l
         (member(9, 5.0, 0.0, 0.0), "not_a_member"),
         (member(1, 6.2, 0.0, 0.0), "from_future"),
         (member(1, 3.9, 0.0, 0.0), "too_old"),
-        (TargetPackage(1, 5.0, (5.0, 0.0), (1.0, 2.0, 1.0), 0.8, 0.2, (2,)), "malformed"),
+        (seeing(5.0, covariance_m2=(1.0, 2.0, 1.0)), "malformed"),
     ],
 )
 def test_what_cannot_be_trusted_is_counted_and_dropped(message: BusMessage, reason: str, make_config: Maker) -> None:
@@ -146,13 +162,13 @@ def test_what_cannot_be_trusted_is_counted_and_dropped(message: BusMessage, reas
     core.take(Message(5.0, message))
     status = core.tick(5.0).status
     assert status.drops == Drops(**{reason: 1})
-    assert status.peers == ()
+    assert [each.sender for each in status.peers] == ([1] if reason == "malformed" else [])
     assert status.target is None
 
 
 @pytest.mark.parametrize(
     "message",
-    [member(1, 5.5, 0.0, 0.0), NeighbourAngle(3, 4.1, 0.0, 0.0, 1.0), package(5.0), StartProposal(1, 5.0, None)],
+    [member(1, 5.5, 0.0, 0.0), seeing(5.0), StartProposal(1, 5.0, None)],
 )
 def test_what_can_be_trusted_is_not_counted(message: PeerMessage, make_config: Maker) -> None:
     core = VehicleCore(make_config())
@@ -166,20 +182,21 @@ pairs = st.tuples(near, near)
 rates = st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
 peers, moments = st.sampled_from([1, 3]), st.floats(9.0, 10.9)
 variances = st.floats(1e-6, 1e8) | st.floats(0.01, 1.0)
-plausible = st.one_of(
-    st.builds(MemberState, peers, moments, st.sampled_from(["formation", "land"]), pairs, rates, pairs, rates),
-    st.builds(NeighbourAngle, peers, moments, st.floats(-7.0, 7.0), st.floats(-1e3, 1e3), st.floats(0.0, 1e6)),
-    st.builds(
-        TargetPackage,
-        peers,
-        moments,
-        pairs,
-        st.tuples(variances, st.floats(-0.1, 0.1), variances),
-        st.floats(0.0, 1.0),
-        st.floats(0.0, 1.0),
-        st.just((2,)),
-    ),
-).map(encode)
+angles = st.builds(NeighbourAngle, peers, moments, st.floats(-7.0, 7.0), st.floats(-1e3, 1e3), st.floats(0.0, 1e6))
+packages = st.builds(
+    TargetPackage,
+    peers,
+    moments,
+    pairs,
+    st.tuples(variances, st.floats(-0.1, 0.1), variances),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 1.0),
+    st.just((2,)),
+)
+plausible = st.builds(
+    MemberState, peers, moments, st.sampled_from(["formation", "encircle", "land"]), pairs, rates, pairs, rates,
+    angle=st.none() | angles, sightings=st.lists(packages, max_size=3).map(tuple),
+).map(encode)  # fmt: skip
 
 
 def found(config: AgentConfig, motion: Vector) -> Vector:
@@ -234,13 +251,13 @@ def test_the_setpoint_never_leads_by_more_than_allowed_whatever_the_estimate(
 @pytest.mark.parametrize(
     ("message", "tactic"),
     [
-        (package(0.0), Tactic.ENCIRCLE),
-        (package(0.0, importance=0.5), Tactic.FORMATION),
-        (package(0.0, recipients=(1, 3)), Tactic.FORMATION),
+        (seeing(0.0), Tactic.ENCIRCLE),
+        (seeing(0.0, importance=0.5), Tactic.FORMATION),
+        (seeing(0.0, recipients=(1, 3)), Tactic.FORMATION),
     ],
 )
 def test_a_peers_sighting_is_decided_on_if_it_is_meant_for_the_vehicle(
-    message: TargetPackage, tactic: Tactic, make_config: Maker
+    message: MemberState, tactic: Tactic, make_config: Maker
 ) -> None:
     pilot = Pilot(make_config())
     pilot.core.take(Message(0.0, message))
@@ -271,7 +288,7 @@ def test_neighbours_on_the_ring_are_taken_to_where_they_are_when_the_setpoint_ac
     pilot.core.take(sighting(0.0, x=10.0))
     pilot.fly(0.55)
     for sender, bearing in ((1, -2.5), (3, 1.5)):
-        pilot.core.take(Message(pilot.now_s, NeighbourAngle(sender, 0.1, bearing, 0.4, 10.0)))
+        pilot.core.take(Message(pilot.now_s, on_ring(sender, 0.1, (10.0, 0.0), bearing, 0.4)))
     output = pilot.fly(0.65)[-1]
     place, polar, drift = output.status.place, output.status.polar, 0.4 * (0.6 + PERIOD_S / 2.0 - 0.1)
     assert place is not None
@@ -412,12 +429,12 @@ def test_without_a_gap_ahead_it_stays_off_the_ring_and_does_not_publish_its_bear
             now_s = pilot.now_s
             pilot.core.take(sighting(now_s, 0.0, 0.0))
             for sender, bearing in ((1, bearing_off), (3, bearing_off + 2.0)):
-                pilot.core.take(Message(now_s, NeighbourAngle(sender, now_s, bearing + 0.05 * now_s, 0.05, 10.0)))
+                pilot.core.take(Message(now_s, on_ring(sender, now_s, (0.0, 0.0), bearing + 0.05 * now_s, 0.05)))
             outputs += pilot.fly((tick + 1) * PERIOD_S)
         return outputs
 
     def told(outputs: list[TickOutput]) -> int:
-        return sum(angle_of(message) is not None for output in outputs for message in sent_by(output))
+        return sum(state.angle is not None for output in outputs for state in states_of(output))
 
     hidden, free = flight(0.1), flight(-3.1)
     assert told(hidden) < 5
@@ -432,7 +449,7 @@ def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> No
     pilot.core.take(msgspec.structs.replace(sighting(0.0), sensor_id=1007))
     output = pilot.fly(0.05)[-1]
     assert output.status.target is not None
-    assert not any(map(sightings_of, sent_by(output)))
+    assert not any(state.sightings for state in states_of(output))
 
 
 def test_a_target_too_fast_for_the_ring_slows_it_and_this_is_published(make_config: Maker) -> None:
@@ -448,7 +465,7 @@ def test_a_target_too_fast_for_the_ring_slows_it_and_this_is_published(make_conf
     assert [note.text for output in outputs for note in output.status.notes if note.kind == "ring"][-1] == (
         last.status.slowed
     )
-    (angle,) = map(angle_of, sent_by(last))
+    (angle,) = [state.angle for state in states_of(last)]
     assert angle is not None
     assert (angle.rate_share, angle.radius_share) == (0.5, 1.0)
     rates = [output.status.ring_rate_rad_s for output in outputs]

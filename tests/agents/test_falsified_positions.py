@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from math import cos, inf, sin
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -22,7 +21,7 @@ from agents.settings.config import AgentConfig
 from agents.settings.sections import FailsafeSettings
 from agents.tactics import Event
 from agents.team.codec import encode
-from agents.team.messages import BusMessage, MemberState, NeighbourAngle, TargetPackage
+from agents.team.messages import BusMessage, MemberState, TargetPackage
 from estimation.state import POSITION
 from gcs.flight.simulated import simulated_vehicles
 from tests.support.mission_text import CASE2, Content, content, parsed
@@ -34,9 +33,8 @@ pytestmark = pytest.mark.slow
 LIAR = 3
 CROSSING = (MISSIONS / "crossing.toml").read_text(encoding="utf-8")
 
-Peer = MemberState | NeighbourAngle | TargetPackage
-Lie = Callable[[float, Peer], list[Peer]]
-"""What a liar sends instead of a message, so long after its first lie."""
+Lie = Callable[[float, MemberState], list[MemberState]]
+"""What a liar sends instead of a state, so long after its first lie."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +80,9 @@ class Liar(VehicleCore):
         ]
         return msgspec.structs.replace(output, messages=tuple(sent))
 
-    def _told(self, state: BusMessage, since_s: float) -> list[Peer]:
-        """Return what goes out instead of a state: it and each of its parts are lied about by themselves."""
+    def _told(self, state: BusMessage, since_s: float) -> list[MemberState]:
         assert isinstance(state, MemberState)
-        angles = [] if state.angle is None else self._lie(since_s, state.angle)
-        sightings = [lie for package in state.sightings for lie in self._lie(since_s, package)]
-        parts: dict[str, Any] = {"angle": (*angles, None)[0], "sightings": tuple(sightings)}
-        return self._lie(since_s, msgspec.structs.replace(state, **parts))
+        return self._lie(since_s, state)
 
 
 @dataclass(frozen=True)
@@ -140,10 +134,6 @@ def shifted(state: MemberState, x_m: float, y_m: float) -> MemberState:
     return msgspec.structs.replace(state, position_m=(x + x_m, y + y_m), aim_m=(aim_x + x_m, aim_y + y_m))
 
 
-def about_state(change: Callable[[float, MemberState], list[MemberState]]) -> Lie:
-    return lambda since_s, message: [*change(since_s, message)] if isinstance(message, MemberState) else [message]
-
-
 def drifts(speed_m_s: float, *, admits_it: bool) -> Lie:
     """Drift sideways; the published velocity is that of the drift if it `admits_it`."""
 
@@ -153,32 +143,33 @@ def drifts(speed_m_s: float, *, admits_it: bool) -> Lie:
         reported_m_s = (x_rate, y_rate + speed_m_s) if admits_it else (x_rate, y_rate)
         return [msgspec.structs.replace(drifted, velocity_m_s=reported_m_s)]
 
-    return about_state(lie)
+    return lie
 
 
 def is_two(_since_s: float, state: MemberState) -> list[MemberState]:
     return [state, msgspec.structs.replace(shifted(state, 4.0, 3.0), time_s=state.time_s + 0.02)]
 
 
-def is_elsewhere(_since_s: float, message: Peer) -> list[Peer]:
+def is_elsewhere(since_s: float, state: MemberState) -> list[MemberState]:
     """Claim to be far away, and on a bearing that is another vehicle's."""
-    if isinstance(message, NeighbourAngle):
-        return [msgspec.structs.replace(message, bearing_rad=message.bearing_rad - 2.0)]
-    return [shifted(message, 500.0, 0.0)] if isinstance(message, MemberState) else [message]
+    return [shifted(each, 500.0, 0.0) for each in is_on_another_bearing(since_s, state)]
 
 
-def is_on_another_bearing(since_s: float, message: Peer) -> list[Peer]:
-    return is_elsewhere(since_s, message) if isinstance(message, NeighbourAngle) else [message]
+def is_on_another_bearing(_since_s: float, state: MemberState) -> list[MemberState]:
+    if state.angle is None:
+        return [state]
+    angle = msgspec.structs.replace(state.angle, bearing_rad=state.angle.bearing_rad - 2.0)
+    return [msgspec.structs.replace(state, angle=angle)]
 
 
 FOUND = {
-    "jumps once by 5 m": about_state(lambda _, state: [shifted(state, 5.0, 0.0)]),
-    "jumps about": about_state(lambda at_s, state: [shifted(state, 8.0 * cos(17.0 * at_s), 8.0 * sin(31.0 * at_s))]),
+    "jumps once by 5 m": lambda _, state: [shifted(state, 5.0, 0.0)],
+    "jumps about": lambda at_s, state: [shifted(state, 8.0 * cos(17.0 * at_s), 8.0 * sin(31.0 * at_s))],
     "drifts at 0.6 m/s, and reports a velocity without it": drifts(0.6, admits_it=False),
-    "flies 15 m/s": about_state(lambda _, state: [msgspec.structs.replace(state, velocity_m_s=(15.0, 0.0))]),
-    "is in two places": about_state(is_two),
+    "flies 15 m/s": lambda _, state: [msgspec.structs.replace(state, velocity_m_s=(15.0, 0.0))],
+    "is in two places": is_two,
     "is far away, and on another's bearing": is_elsewhere,
-    "rises by 20 m": about_state(lambda _, state: [msgspec.structs.replace(state, altitude_m=state.altitude_m + 20.0)]),
+    "rises by 20 m": lambda _, state: [msgspec.structs.replace(state, altitude_m=state.altitude_m + 20.0)],
 }
 SLOW = ("drifts at 0.6 m/s, and reports a velocity without it",)
 NOT_FOUND = {
@@ -216,8 +207,7 @@ def test_false_states_that_a_vehicle_could_fly_are_not_detected_and_the_others_k
 
 @pytest.mark.parametrize("scene", [on_the_ring, crossing])
 def test_a_constant_offset_from_the_start_is_not_detected_and_the_others_keep_apart(scene: Callable[[], Scene]) -> None:
-    lie = about_state(lambda _, state: [shifted(state, -5.0, 0.0)])
-    outcome = flown(lie, replace(scene(), from_s=0.0))
+    outcome = flown(lambda _, state: [shifted(state, -5.0, 0.0)], replace(scene(), from_s=0.0))
     print("MEASURED", scene.__name__, outcome)
     assert DOUBTFUL not in outcome.since_s
     assert outcome.honest_m >= outcome.separation_m
@@ -236,14 +226,13 @@ def test_where_a_liar_was_last_is_kept_clear_of_and_where_it_could_have_flown_is
 
 
 def test_a_lie_about_the_target_does_not_move_the_estimates_of_those_who_see_it() -> None:
-    def lie(since_s: float, message: Peer) -> list[Peer]:
-        if not isinstance(message, TargetPackage):
-            return [message]
-        x, y = message.position_m
+    def moved(since_s: float, package: TargetPackage) -> TargetPackage:
+        x, y = package.position_m
         # At first within what a target could do, and surer of it than the others.
-        return [
-            msgspec.structs.replace(message, position_m=(x, y - min(since_s, 15.0)), covariance_m2=(1e-4, 0.0, 1e-4))
-        ]
+        return msgspec.structs.replace(package, position_m=(x, y - min(since_s, 15.0)), covariance_m2=(1e-4, 0.0, 1e-4))
+
+    def lie(since_s: float, state: MemberState) -> list[MemberState]:
+        return [msgspec.structs.replace(state, sightings=tuple(moved(since_s, each) for each in state.sightings))]
 
     scene = on_the_ring()
     scene.mission["target"]["sensor"]["noise_m"] = 0.3

@@ -17,20 +17,24 @@ from gcs.flightlog.schema import Codec
 from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.metrics.record import FlightRecord
+from gcs.mission.file import parse_mission
 from gcs.mission.mission import Mission
-from tests.support.mission_text import Place, content, parsed, put
+from tests.support.mission_text import Place, content, parsed, put, text_of
 from tests.support.paths import MISSIONS
 
 
 def engaging(name: str = "case2-field", *changes: tuple[Place, object]) -> Mission:
     """Return a mission with its target near, so that all engage within seconds, and other changes.
 
-    case2-field has noise and lost messages.
+    case2-field has noise and lost messages. Changes of `own_filter` are those of every profile.
     """
     mission = content((MISSIONS / f"{name}.toml").read_text(encoding="utf-8"))
     for place, value in ((("target", "start_m"), [8.0, -5.0]), *changes):
         mission = put(mission, place, value)
-    return parsed(mission)
+    own_filter = mission.pop("own_filter", {})
+    profiles = {name: content(text) for name, text in parsed(mission).profile_texts.items()}
+    changed = {name: each | {"own_filter": each.get("own_filter", {}) | own_filter} for name, each in profiles.items()}
+    return parse_mission(text_of(mission), MISSIONS, {name: text_of(each) for name, each in changed.items()})
 
 
 def record_simulation(

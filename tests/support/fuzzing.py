@@ -242,10 +242,11 @@ _MUTATIONS = (_flip, _flip, _overwrite, _insert, _cut, _leave_out, _repeat, _num
 
 def _messages() -> list[bytes]:
     two = (1.0, -2.0)
+    angle = NeighbourAngle(2, 1e9, 1.0, 0.05, 10.0)
+    package = TargetPackage(2, 1e9, two, (1.0, 0.0, 1.0), 0.8, 0.2, (1, 2))
     messages = (
         MemberState(1, 1e9, "formation", two, two, two, two, 8.0, 0.1, "battery low", "wedge", 1e9),
-        NeighbourAngle(2, 1e9, 1.0, 0.05, 10.0),
-        TargetPackage(3, 1e9, two, (1.0, 0.0, 1.0), 0.8, 0.2, (1, 2)),
+        MemberState(2, 1e9, "encircle", two, two, two, two, angle=angle, sightings=(package,)),
         StartProposal(1, 1e9, 1e9 + 2.0, mission=MissionIdentity("case2", "0123456789abcdef")),
         OperatorCommand(1e9, "formation", None, "somebody@somewhere", 7, "line"),
         CommandAnswer(2, 1e9, 7, "holds"),

@@ -12,11 +12,11 @@ import numpy as np
 from agents.drops import Drops
 from agents.flight_end import FlightEnd
 from agents.inputs import AutopilotStatus, LateTicks, Start
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, angle_of
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Cost, Decision, FormerMessage, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
+from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
@@ -58,7 +58,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         max(_wall_time_s(log) for log in logs),
         tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
-        tuple(ending for each in vehicles if (ending := each.ending(start_s)) is not None),
+        tuple(each.ending(start_s) for each in vehicles),
         injected_faults(logs[0].run.faults),
         _kinds(logs),
     )
@@ -172,7 +172,6 @@ class _VehicleReader:
             Decision: self._decision,
             Telemetry: self._sample,
             Taken: self._message,
-            FormerMessage: self._message,
             Truth: self._position,
             AutopilotStatus: self._autopilot,
         }
@@ -196,12 +195,12 @@ class _VehicleReader:
         """Number of missed ticks."""
         return sum(self._rows.skipped) if self._end is None else self._end.missed
 
-    def ending(self, start_s: float) -> VehicleEnding | None:
-        """Return how its flight ended: where the log does not say so it ends before that; None in older logs."""
+    def ending(self, start_s: float) -> VehicleEnding:
+        """Return how its flight ended: where the log does not say so it ends before that."""
         if self._end is None:
             ends = f"the log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
             return VehicleEnding(self.vehicle_id, FlightEnd.IN_FLIGHT, ends)
-        return VehicleEnding(self.vehicle_id, FlightEnd(self._end.how), self._end.reason) if self._end.how else None
+        return VehicleEnding(self.vehicle_id, FlightEnd(self._end.how), self._end.reason)
 
     def truth(self, mission: Mission) -> TruthTrack | None:
         """Return the true motion of the vehicle, known afterwards or else received in flight; None if not known."""
@@ -269,7 +268,7 @@ class _VehicleReader:
         rows.setpoint_m.append(tuple(decision.setpoint.position_m) if sent else (np.nan, np.nan, np.nan))
         rows.yaw_rad.append(decision.setpoint.yaw_rad if sent else np.nan)
         # Older logs have no velocity in the setpoint.
-        rows.velocity_m_s.append(tuple(getattr(decision.setpoint, "velocity_m_s", ())) or (0.0, 0.0, 0.0))
+        rows.velocity_m_s.append(tuple(decision.setpoint.velocity_m_s) or (0.0, 0.0, 0.0))
         if decision.HasField("own"):
             mean = list(decision.own.mean)
             rows.own_s.append(decision.time_s)
@@ -298,25 +297,20 @@ class _VehicleReader:
             newest = self._peers.get(message.sender)
             if newest is None or message.time_s > newest.time_s:
                 self._peers[message.sender] = message
-        angle = angle_of(message)
-        if angle is not None:
-            before = self._angles.get(angle.sender)
-            if before is None or angle.time_s > before.time_s:
-                self._angles[angle.sender] = angle
+                if message.angle is not None:
+                    self._angles[message.sender] = message.angle
         if isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
             self._journal.event_log.add_answer(message)
 
     def _position(self, record: LogRecord) -> None:
         truth = record.message()
-        # Older logs do not say: theirs is known afterwards.
-        rows = self._truth[getattr(truth, "received", False)]
-        rows.append((truth.time_s, *truth.position_m, *truth.velocity_m_s))
+        self._truth[truth.received].append((truth.time_s, *truth.position_m, *truth.velocity_m_s))
 
     def _autopilot(self, record: LogRecord) -> None:
         status = record.message().status
         if status.HasField("battery"):
             self._battery.append((record.time_ns * 1e-9 * self._log.run.speed, status.battery))
-        if "round_trip_s" in status.DESCRIPTOR.fields_by_name and status.HasField("round_trip_s"):  # not in older logs
+        if status.HasField("round_trip_s"):
             self._round_trip_s.append(status.round_trip_s)
 
 
@@ -330,13 +324,8 @@ def _estimates(time_s: Vector, motion: list[list[float]], sigma: list[Vector]) -
 
 
 def _drops_text(decision: Any) -> str:
-    """Return how many messages were dropped so far, by reason where the log has that; empty if none."""
-    if not decision.messages_dropped:
-        return ""
-    drops = getattr(decision, "drops", None)  # older logs have none
-    if drops is None:
-        return str(decision.messages_dropped)
-    return Drops(**{field.name: value for field, value in drops.ListFields()}).text()
+    """Return how many messages were dropped so far, by reason; empty if none."""
+    return Drops(**{field.name: value for field, value in decision.drops.ListFields()}).text()
 
 
 def _sigma(covariance: Sequence[float], size: int) -> Vector:

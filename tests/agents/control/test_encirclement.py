@@ -75,6 +75,7 @@ class PaperProblem:
     place: RingPlace
     reference: RingPoint
     previous: Vector
+    weights: tuple[float, float]
 
     def rollout(self, decision: Vector) -> Vector:
         """Radius, angle turned, and their rates (horizon, 4)."""
@@ -120,8 +121,9 @@ class PaperProblem:
         own = angle + self.polar.bearing_rad
         times_s = ring.prediction_step_s * np.arange(1, ring.horizon + 1)
         lead, lag = bearing_rad + 2.1 - 0.3 * times_s, bearing_rad - 1.7 + 0.02 * times_s**2
-        total += ring.lag_weight * np.sum(((own - lag) - (bearing_rad - lag)) ** 2)
-        total += ring.lead_weight * np.sum(((lead - own) - (lead - bearing_rad)) ** 2)
+        rho, zeta = self.weights
+        total += rho * np.sum(((own - lag) - (bearing_rad - lag)) ** 2)
+        total += zeta * np.sum(((lead - own) - (lead - bearing_rad)) ** 2)
         increments = np.diff(np.vstack([self.previous, decision.reshape(-1, 2)]), axis=0)
         return float(total + np.sum(increments**2 @ [ring.radial_increment_weight, ring.angular_increment_weight]))
 
@@ -178,8 +180,7 @@ def test_the_plan_minimises_the_papers_cost(
     make_config: Maker, polar: Polar, place: RingPlace, weights: tuple[float, float]
 ) -> None:
     """Near the ring no bound is active, far out one is."""
-    encirclement = dict(zip(("lag_weight", "lead_weight"), weights, strict=True))
-    config = make_config(encirclement=encirclement, safety={"separation_m": 3.0})
+    config = make_config(encirclement={"spacing_weight": sum(weights)}, safety={"separation_m": 3.0})
     planner, motion, previous = EncirclementPlanner(config), motion_from_polar(polar, TARGET), np.zeros(2)
     radius = ShapedCoordinate(10.1, -0.05, 0.1)
     reference, turned = (
@@ -191,7 +192,7 @@ def test_the_plan_minimises_the_papers_cost(
     for _ in range(2):  # the second plan continues the first: it pays for the change of acceleration
         plan = planner.plan(ring_task(config, motion, TARGET, WIND, place, reference=turned))
         acceleration = polar_acceleration(config, motion, plan, WIND)
-        problem = PaperProblem(config, polar, place, reference, previous)
+        problem = PaperProblem(config, polar, place, reference, previous, weights)
         assert acceleration == pytest.approx(problem.optimum(), abs=3e-3)
         previous = acceleration
     if min(place.lead_rad or pi, place.lag_rad or pi) > 1.0:  # nearer, the clearance may bind as well

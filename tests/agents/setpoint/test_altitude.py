@@ -15,7 +15,7 @@ from agents.setpoint.altitude import Altitude
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from agents.team.codec import decode, encode
-from agents.team.messages import MemberState, sightings_of
+from agents.team.messages import MemberState
 from estimation.filters.target_altitude import RANDOM_WALK_M, TargetAltitude
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting
@@ -105,7 +105,9 @@ def test_peers_receive_it(altitude_m: float | None) -> None:
     sighting, here = told(altitude_m), (0.0, 0.0)
     package = target_package(1, sighting, (2, 3))
     state = MemberState(1, sighting.time_s, "encircle", here, here, here, here, sightings=(package,))
-    (received,) = sightings_of(decode(encode(state)))
+    again = decode(encode(state))
+    assert isinstance(again, MemberState)
+    (received,) = again.sightings
     known_sigma = sighting.altitude_sigma_m if altitude_m is not None else 1.0
     assert received_sighting(received) == replace(sighting, altitude_sigma_m=known_sigma)
 

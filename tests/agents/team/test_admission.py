@@ -20,8 +20,6 @@ from agents.team.participant import Participant, name_from, vehicle
 
 KEYS: dict[str, BusMessage] = {
     "member/3": MemberState(3, 5.0, "formation", (9.0, 0.0), (0.0, 0.0), (9.0, 0.0), (0.0, 0.0)),
-    "angle/3": NeighbourAngle(3, 5.0, 0.5, 0.05, 10.0),
-    "target/3": TargetPackage(3, 5.0, (8.0, -5.0), (0.1, 0.0, 0.1), 0.8, 0.2, (2,)),
     "start/3": StartProposal(3, 5.0, 7.0),
     "answer/3": CommandAnswer(3, 5.0, 7, "motors cut"),
     "@report/3": VehicleReport(3, 5.0, "offboard"),
@@ -49,7 +47,7 @@ def test_each_type_has_one_key() -> None:
         for other in (*KEYS, *OTHERS):
             if other != key:
                 assert refusal(other, message) in (Reason.WRONG_TOPIC, Reason.WRONG_SENDER)
-    assert {key.split("/")[0] for key in KEYS} == PEER_TOPICS | {"command", "angle", "target"}
+    assert {key.split("/")[0] for key in KEYS} == PEER_TOPICS | {"command"}
 
 
 @pytest.mark.parametrize("message", KEYS.values(), ids=lambda message: type(message).__name__)

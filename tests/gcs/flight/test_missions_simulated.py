@@ -415,7 +415,7 @@ def test_a_formation_off_nominal_keeps_its_line(name: str) -> None:
 
 
 def test_without_spacing_terms_nobody_keeps_distance_on_the_ring() -> None:
-    free = section("encirclement", spacing_gain_per_s=0.0, lag_weight=0.0, lead_weight=0.0)
+    free = section("encirclement", spacing_gain_per_s=0.0, spacing_weight=0.0)
     result = flown(manoeuvre(free), duration_s=DURATION_S).result
     assert result.verdicts.c1 is True
     assert result.verdicts.c3 is False
@@ -424,7 +424,7 @@ def test_without_spacing_terms_nobody_keeps_distance_on_the_ring() -> None:
 
 
 def test_the_law_spaces_the_ring_also_where_the_lmpc_weighs_rates_only() -> None:
-    off = section("encirclement", lag_weight=0.0, lead_weight=0.0)
+    off = section("encirclement", spacing_weight=0.0)
     result = flown(manoeuvre(off), duration_s=DURATION_S).result
     assert known(result.ring.settling_time_s) <= 30.0
     assert result.verdicts.c3 is True

@@ -1,17 +1,13 @@
-"""Messages of the bus in a log: each once for all vehicles that took it, and what earlier versions wrote of them."""
+"""Messages of the bus in a log: each once for all vehicles that took it."""
 
 from pathlib import Path
 
 import pytest
-from foxglove import Context
 
 from agents.inputs import Tick
-from agents.team.codec import encode
-from agents.team.messages import CommandAnswer, StartProposal
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import Carried, FormerMessage, Run, Taken
-from gcs.flightlog.writer import LogWriter
+from gcs.flightlog.records import Carried, Taken
 from gcs.replay.cores import replay
 from gcs.replay.playback import MissingRecords, turns
 from tests.support.flight_logs import engaging, record_simulation, rewrite
@@ -58,20 +54,6 @@ def test_a_lost_message_is_reported_and_ends_the_comparison_of_those_that_took_i
     for vehicle_id in VEHICLES:
         gap = any(isinstance(turn, MissingRecords) for turn in turns(log, vehicle_id))
         assert gap is any(lost in each.places for each in log.of_kind(vehicle_id, Taken))
-
-
-def test_records_of_earlier_versions_are_read(flown: FlightLog, tmp_path: Path) -> None:
-    """They hold the messages themselves, also those that cannot be decoded."""
-    answer, start = CommandAnswer(3, 1.0, 7, "holds"), StartProposal(3, 1.0, None)
-    records = (FormerMessage(1.0, encode(answer)), FormerMessage(1.2, b"\xff"), FormerMessage(1.3, encode(start)))
-    writer = LogWriter(tmp_path / "former.mcap", Context())
-    writer.write(0, 0, 0, next(each.read(Run) for each in flown.run_records if each.kind is Run))
-    for number, record in enumerate(records, start=1):
-        writer.write(2, number, 10**9, record)
-    writer.close()
-    log = read_log(tmp_path / "former.mcap")
-    received = [message for record in log.vehicles[2] for message in log.messages(record)]
-    assert [(each.now_s, each.message) for each in received] == [(1.0, answer), (1.3, start)]
 
 
 def test_a_record_of_a_message_that_is_not_there_is_an_error(flown: FlightLog) -> None:

@@ -403,6 +403,12 @@ def test_a_newer_version_s_log_says_so_and_is_read_as_far_as_it_is_known(sample:
     assert list(log.of_kind(1, Start)) == [Start(1.0)]
 
 
+def test_a_log_of_a_former_format_is_an_error_that_names_its_version(sample: Sample) -> None:
+    former = msgspec.structs.replace(sample.log.run, format=FORMAT - 1)
+    with pytest.raises(LogError, match=f"format {FORMAT - 1}.*cordon 0.1.*reads {FORMAT}"):
+        read_log(made_up(sample, entry("/vehicle/1/start", Start(1.0), 1), run=former))
+
+
 def with_unknown_word() -> tuple[str, str, bytes, bytes]:
     """What an autopilot says of itself, in a mode that no version knows."""
     topic, name, schema, payload = entry(
@@ -603,7 +609,7 @@ def test_a_run_that_ended_before_it_was_known_says_so(sample: Sample) -> None:
     stream = BytesIO()
     writer = Writer(stream)
     writer.start()
-    topic, name, schema, payload = entry("/vehicle/1/end", VehicleEnd(1, 0, None), 1)
+    topic, name, schema, payload = entry("/vehicle/1/end", VehicleEnd(1, 0, None, "landed", ""), 1)
     channel = writer.register_channel(topic, "protobuf", writer.register_schema(name, "protobuf", schema))
     writer.add_message(channel, 1, payload, 1)
     writer.finish()  # type: ignore[no-untyped-call]  # it takes and returns nothing

@@ -16,7 +16,7 @@ from agents.inputs import AutopilotStatus, Command, CoreInput, Message
 from agents.ports import FlightMode, Setpoint, VehicleStatus
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
-from gcs.flightlog.records import VEHICLE_TOPICS, Decision, FormerMessage, Place
+from gcs.flightlog.records import VEHICLE_TOPICS, Decision, LocalCommand, Place
 from gcs.flightlog.schema import Codec, Decoder
 from tests.support.flight_logs import engaging, record_simulation
 
@@ -46,7 +46,7 @@ def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> 
 
 @given(st.binary(max_size=300), NUMBERS)
 def test_payloads_keep_every_byte(payload: bytes, now_s: float) -> None:
-    assert back(FormerMessage(now_s, payload)) == FormerMessage(now_s, payload)
+    assert back(LocalCommand(now_s, payload)) == LocalCommand(now_s, payload)
 
 
 def test_every_input_of_a_core_has_a_channel() -> None:

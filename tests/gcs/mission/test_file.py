@@ -18,11 +18,9 @@ from agents.settings.sections import DecisionSettings
 from estimation.frames import Geodetic
 from estimation.plant.model import PlantAxis
 from estimation.profile.library import ProfileLibrary
-from estimation.settings import OwnFilterSettings
 from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
 from gcs.mission.mission import Mission, VehicleSection
-from gcs.mission.sections import OLD_OWN_FILTER, TUNING
-from gcs.mission.sections import SECTIONS as FILE_SECTIONS
+from gcs.mission.sections import SECTIONS, TUNING
 from tests.support.mission_text import CASE2, Content, Place, content, drop, faults, parsed, places, put, shown, text_of
 from tests.support.paths import MISSIONS
 
@@ -64,7 +62,6 @@ def _keys(path: Place, annotation: Any) -> Iterator[tuple[Place, object]]:
         yield path, get_args(annotation)[0] if hasattr(annotation, "__metadata__") else annotation
 
 
-SECTIONS: dict[str, type[BaseModel]] = {**FILE_SECTIONS, OLD_OWN_FILTER: OwnFilterSettings}
 KEYS = [
     *(key for name, model in SECTIONS.items() for key in keys(model, (name,))),
     *(key for name, model in TUNING.items() for key in keys(model, ("tuning", name))),
@@ -84,8 +81,7 @@ def test_every_key_is_found() -> None:
         ("target", "sensor", "noise_m"),
         ("simulation", "wind_m_s2", 1),
         ("decision", "threat_max"),
-        ("own_filter", "gate_sigma"),
-        ("tuning", "encirclement", "lag_weight"),
+        ("tuning", "encirclement", "spacing_weight"),
         ("target", "coast_s"),
         ("vehicles", 1, "start_m", 1),
         ("vehicles", 1, "true_scale", "a0"),
@@ -478,7 +474,6 @@ def test_all_faults_are_told_at_once() -> None:
             (("encirclement", "radius_mm"), 1.0),
             (("decision", "importance_min"), 2.0),
             (("safety", "separation_m"), 4.5),
-            (("own_filter", "gate_sigma"), inf),
             (("tuning", "target_filter", "gate_sigma"), 0.5),
             (("target", "sensor", "noise_m"), -1.0),
             (("network", "loss"), 1.0),
@@ -497,7 +492,6 @@ def test_all_faults_are_told_at_once() -> None:
             "frame.latitude_deg",
             "encirclement.radius_mm",
             "decision.importance_min",
-            "own_filter.gate_sigma",
             "tuning.target_filter.gate_sigma",
             "target.sensor.noise_m",
             "network.loss",
@@ -663,7 +657,7 @@ def sound(mission: Mission) -> None:
     assert len(set(mission.ids)) == len(mission.ids) > 0
     assert len({vehicle.system_id for vehicle in mission.vehicles}) == len(mission.vehicles)
     assert mission.formation.leader in mission.ids
-    for name in SECTIONS.keys() - {"decision", OLD_OWN_FILTER}:
+    for name in SECTIONS.keys() - {"decision"}:
         assert all(map(isfinite, numbers(getattr(mission, name).model_dump())))
     for vehicle in mission.vehicles:
         assert all(map(isfinite, numbers(vehicle.section.model_dump())))

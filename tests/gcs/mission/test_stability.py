@@ -86,7 +86,7 @@ def test_the_references_are_spaced_as_the_spacing_law_says(
 def test_a_ring_that_is_not_spaced_is_neutral_and_one_vehicle_has_no_spacing(
     make_config: Callable[..., AgentConfig],
 ) -> None:
-    config = make_config(encirclement={"lag_weight": 0.0, "lead_weight": 0.0, "spacing_gain_per_s": 0.0})
+    config = make_config(encirclement={"spacing_weight": 0.0, "spacing_gain_per_s": 0.0})
     assert named(config, "mode 1 of the spacing").margin == pytest.approx(0.0, abs=1e-9)
     assert named(config, "keeping the bearing along y").margin == pytest.approx(0.0, abs=1e-9)
     alone = replace(make_config(), slots=(2,))
@@ -112,7 +112,7 @@ def test_gains_that_make_a_loop_unstable_are_refused_with_the_margin() -> None:
     hard = put(slow, ("tuning", "formation"), {"position_weight": 1e6, "increment_weight": 1e-6})
     (fault,) = faults(hard)
     assert fault.startswith("formation: keeping its place along x is unstable")
-    hard = put(slow, ("tuning", "encirclement"), {"lag_weight": 1e6, "angular_increment_weight": 1e-6})
+    hard = put(slow, ("tuning", "encirclement"), {"spacing_weight": 1e6, "angular_increment_weight": 1e-6})
     (fault,) = faults(hard)
     assert fault.startswith("encirclement: keeping the bearing along x is unstable")
 

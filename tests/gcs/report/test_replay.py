@@ -13,7 +13,6 @@ from gcs.cli.report import ReportOptions, report
 from gcs.flightlog.reader import read_log
 from gcs.report import flight_page
 from gcs.report.flight_page import replay_flight
-from gcs.station.picture import FlightPicture
 from gcs.station.recorded_flight import recorded_flight
 from tests.support.flight_logs import engaging, part, record_simulation
 from tests.support.page.report_replay import held_files
@@ -87,13 +86,6 @@ def test_a_long_flight_is_shown_at_a_lower_but_even_rate(path: Path, monkeypatch
     assert steps_s == pytest.approx([DURATION_S / 40.0] * len(steps_s), rel=0.01)
     assert shown.events == whole.events
     assert shown.teams[-1].ending == whole.teams[-1].ending != ""
-
-
-def test_a_log_of_the_first_format_has_a_replay(tmp_path: Path) -> None:
-    written = tmp_path / "former.html"
-    report([DATA / "stub-excitation.mcap"], options=ReportOptions(html=written))
-    shown = msgspec.json.decode(held_files(written.read_text(encoding="utf-8"))["flight.json"], type=FlightPicture)
-    assert {each.tactic for team in shown.teams for each in team.vehicles} >= {"excite", "return and land"}
 
 
 def test_without_a_page_nothing_of_the_station_is_loaded(path: Path) -> None:
