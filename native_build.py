@@ -25,7 +25,7 @@ COMPILED = (
     "agents/core.py",
     "agents/ring",
     "agents/safety",
-    "agents/setpoint",
+    "agents/setpoint.py",
     "agents/situation",
     "agents/team/clock_watch.py",
     "agents/team/consistency_check.py",

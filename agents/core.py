@@ -42,10 +42,7 @@ from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.landing_cause import LandingCause
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
-from agents.setpoint.altitude import Altitude
-from agents.setpoint.feedforward import FeedForward
-from agents.setpoint.slew_limit import SlewLimit
-from agents.setpoint.yaw import Yaw
+from agents.setpoint import Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
 from agents.situation.own_sensor import OwnSensor

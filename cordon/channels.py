@@ -9,7 +9,7 @@ import numpy as np
 from cordon.decisions import Decisions
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import ring_motion
 
 _UNIT = re.compile(r"_(m_s|m)$")
 

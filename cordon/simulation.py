@@ -36,7 +36,7 @@ from gcs.mission.mission import PARTS_MAX, TARGET_SPEED_MAX_M_S, Mission
 from sitl.vehicle.plant_step import Motion, Pair, StepFunction
 
 if TYPE_CHECKING:
-    from gcs.flightlog.simulation import SimulationRecording
+    from gcs.flightlog.recorder import SimulationRecording
 
 
 def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
@@ -201,6 +201,6 @@ def _require_flyable(duration_s: float, seed: int, log: str | Path | None, plann
 
 
 def _recording(mission: Mission, log: Path, seed: int, duration_s: float) -> "SimulationRecording":
-    from gcs.flight.simulation_log import simulation_recording  # noqa: PLC0415 - what writes logs is slow to import
+    from gcs.flight.recording import simulation_recording  # noqa: PLC0415 - what writes logs is slow to import
 
     return simulation_recording(mission, log, seed, duration_s)

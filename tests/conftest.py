@@ -21,7 +21,7 @@ from agents.settings.sections import EncirclementSettings, FormationSettings
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from gcs.cli import main
-from gcs.flightlog.place import FOLDER_VARIABLE
+from gcs.flight.recording import FOLDER_VARIABLE
 from tests.support import installation
 from tests.support.paths import MISSIONS
 from tests.support.wire import free_ports

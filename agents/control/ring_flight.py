@@ -6,9 +6,8 @@ from math import atan2, copysign, cos, hypot, sin, tau
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
-from agents.ring.detour import Obstacle, bend_m
+from agents.ring.detour import Obstacle, bend_m, headway_rate_rad_s, leads
 from agents.ring.feasibility import Orbit, RingFeasibility
-from agents.ring.headway import headway_rate_rad_s, leads
 from agents.ring.joining import Joining
 from agents.ring.place import ring_place, spacing_errors_rad
 from agents.ring.reference import RingReference, RingWay

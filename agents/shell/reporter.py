@@ -7,8 +7,8 @@ from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
+from agents.shell.control_loop import AgentParts
 from agents.shell.outcome import Outcome
-from agents.shell.parts import AgentParts
 from agents.team.codec import encode
 from agents.team.messages import ENDED_LIMIT, LINK_SILENT_S, REPORT_TOPIC, TOPICS, TargetReport, VehicleReport
 from agents.team.text import printable

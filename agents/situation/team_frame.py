@@ -12,8 +12,7 @@ from math import exp
 from msgspec.structs import replace
 
 from agents.settings.config import AgentConfig
-from estimation.filters.frame_offsets import FrameOffsets
-from estimation.filters.position_wander import PositionWander
+from estimation.filters.position_wander import FrameOffsets, PositionWander
 from estimation.state import Sighting, TargetEstimate, Telemetry
 from estimation.vectors import Pair
 

@@ -7,8 +7,7 @@ import numpy as np
 from estimation.identification.excerpts import Excerpt, MotionRecording
 from estimation.identification.identified import Identified, ParameterEstimate
 from estimation.identification.output_error import DELAY_MAX_S
-from estimation.plant.model import FEEDFORWARD_MAX
-from estimation.plant.provenance import PlantGrade
+from estimation.plant.model import FEEDFORWARD_MAX, PlantGrade
 from estimation.state import Vector
 
 DURATION_MIN_S = 30.0

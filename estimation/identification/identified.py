@@ -8,8 +8,7 @@ from estimation.identification.filter_noise import FilterNoise
 from estimation.identification.output_error import Fit
 from estimation.identification.response import InputHold
 from estimation.identification.shaping import Shaping
-from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
-from estimation.plant.provenance import PlantGrade
+from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis, PlantGrade
 from estimation.state import Vector
 
 METHOD = "output error 2"

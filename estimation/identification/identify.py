@@ -17,7 +17,6 @@ from types import MappingProxyType
 import numpy as np
 from scipy.stats import chi2
 
-from estimation.identification.coloured_noise import whiteness
 from estimation.identification.excerpts import GRID_S, Excerpt, MotionRecording, excerpts_of
 from estimation.identification.filter_noise import filter_noise_of
 from estimation.identification.grading import graded, refused
@@ -29,7 +28,7 @@ from estimation.identification.identified import (
     ParameterEstimate,
     Validation,
 )
-from estimation.identification.output_error import Fit, Model, delay_spread_s, fit, parameters_of, start_of
+from estimation.identification.output_error import Fit, Model, delay_spread_s, fit, parameters_of, start_of, whiteness
 from estimation.identification.response import InputHold
 from estimation.identification.shaping import UNSHAPED, Shaping, shaping_of
 from estimation.identification.simulated import PREDICTION_HORIZON_S, fit_percent, simulated

@@ -9,13 +9,15 @@ from gcs.autopilots.autopilot import (
     POS_HORIZ_REL,
     PRED_POS_HORIZ_ABS,
     PRED_POS_HORIZ_REL,
+    STUB_UID,
     Autopilot,
     EstimatorDialect,
+    Evidence,
     FenceLimits,
     Judgement,
     TruthMessage,
+    VehicleKind,
 )
-from gcs.autopilots.kind import STUB_UID, Evidence, VehicleKind
 
 SIMULATES = "SIM_OPOS_LAT"
 """A parameter that only firmware with simulation has."""

@@ -7,13 +7,15 @@ from gcs.autopilots.autopilot import (
     MOTORS_STOP,
     POS_HORIZ_ABS,
     POS_HORIZ_REL,
+    STUB_UID,
     Autopilot,
     EstimatorDialect,
+    Evidence,
     FenceLimits,
     Judgement,
     TruthMessage,
+    VehicleKind,
 )
-from gcs.autopilots.kind import STUB_UID, Evidence, VehicleKind
 
 SIMULATES = "SYS_HITL"
 """The parameter for hardware in the loop."""

@@ -5,8 +5,7 @@ from importlib import import_module
 from typing import get_args
 
 from estimation.profile.autopilots import DEFAULT, AutopilotName
-from gcs.autopilots.autopilot import Autopilot, Topic
-from gcs.autopilots.kind import VehicleKind
+from gcs.autopilots.autopilot import Autopilot, Topic, VehicleKind
 
 AUTOPILOTS: tuple[Autopilot, ...] = tuple(
     import_module(f"gcs.autopilots.{name}").AUTOPILOT for name in get_args(AutopilotName)

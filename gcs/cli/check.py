@@ -42,8 +42,7 @@ def check(options: CheckOptions) -> Exit:
     from gcs.cli.output import print_result
     from gcs.console.terminal import STDERR
     from gcs.keys.team_keys import leaves_this_computer
-    from gcs.preflight.findings_view import exit_code, findings_json, findings_view
-    from gcs.preflight.preflight import preflight
+    from gcs.preflight.preflight import exit_code, findings_json, findings_view, preflight
 
     mission = bus_mission(options.mission, options.changes)
     clock = computer_clock() if leaves_this_computer(mission) else None

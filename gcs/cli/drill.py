@@ -42,9 +42,8 @@ def drill(options: DrillOptions) -> Exit:
     from gcs.cli.output import check_folder, print_result
     from gcs.console.terminal import STDERR, print_problem
     from gcs.drill.faults import chosen
-    from gcs.drill.run import DrillRun
+    from gcs.drill.run import DrillProgress, DrillRun, drill_table, drills_json
     from gcs.drill.stubs import StubFlight
-    from gcs.drill.view import DrillProgress, drill_table, drills_json
 
     drills, mission = chosen(options.fault), loaded_mission(options.mission)
     if options.log is not None:

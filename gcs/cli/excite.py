@@ -52,7 +52,7 @@ def excite(options: ExciteOptions) -> int:
     Example: cordon excite shaped-trio --vehicle 1 --preview
     """
     hold_back()
-    from gcs.flight.supervision.supervisor import is_supervised, supervise
+    from gcs.flight.supervisor import is_supervised, supervise
 
     return _excite(options) if options.preview or is_supervised() else supervise()
 

@@ -126,7 +126,7 @@ def fly(options: FlyOptions) -> int:
 
     Example: cordon fly px4-trio --wait 120
     """
-    from gcs.flight.supervision.supervisor import is_supervised, supervise
+    from gcs.flight.supervisor import is_supervised, supervise
 
     if options.bench and not is_supervised() and not _ask_for_propellers():
         return Exit.REFUSED
@@ -143,7 +143,7 @@ def fly(options: FlyOptions) -> int:
 def _supervise_with_station(options: FlyOptions) -> int:
     """Fly with the operator's page in a separate process; without the page no vehicle flies."""
     from gcs.console.terminal import print_line
-    from gcs.flight.supervision.supervisor import supervise
+    from gcs.flight.supervisor import supervise
     from gcs.station.station_process import run_station
 
     address = () if options.station_address is None else ("--address", options.station_address)

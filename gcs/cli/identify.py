@@ -50,7 +50,7 @@ def identify(
     Example: cordon identify flight.ulg -o my-vehicle.toml --html my-vehicle.html
     """
     from estimation.identification.identify import identify as identified_from
-    from estimation.plant.provenance import PlantGrade
+    from estimation.plant.model import PlantGrade
     from gcs.cli.output import IdentifyProgress, print_result
     from gcs.console.terminal import STDERR
     from gcs.identify.reading import recordings_of
@@ -81,8 +81,7 @@ def _read(paths: Sequence[Path], vehicle: int | None) -> "list[VehicleLog]":
 
 
 def _plant(name: str) -> "Plant":
-    from estimation.profile.library import ProfileLibrary
-    from estimation.profile.profile import ProfileError
+    from estimation.profile.profile import ProfileError, ProfileLibrary
 
     path = Path(name)
     try:

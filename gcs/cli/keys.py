@@ -15,7 +15,7 @@ from gcs.errors import Exit, InputError
 if TYPE_CHECKING:
     from agents.team.participant import Role
     from agents.team.verbs import Verb
-    from gcs.keys.holder import Holder
+    from gcs.keys.roster import Holder
 
 Folder = Annotated[Path, Parameter(name="--keys", help="The folder of the keys.")]
 Days = Annotated[float, Parameter(help="Validity in days.", validator=Number(gt=0.0, lte=36500.0))]

@@ -74,8 +74,7 @@ def replay(options: ReplayOptions) -> Exit:
 def _what_if(log: "FlightLog", changes: tuple[str, ...]) -> dict[str, Any]:
     from gcs.console.terminal import STDERR
     from gcs.flightlog.run import mission_of
-    from gcs.replay.what_if import changed_filters, what_if
-    from gcs.replay.what_if_view import what_if_dict, what_if_view
+    from gcs.replay.what_if import changed_filters, what_if, what_if_dict, what_if_view
 
     mission = mission_of(log)
     changed = changed_filters(mission, changes)
@@ -87,8 +86,7 @@ def _what_if(log: "FlightLog", changes: tuple[str, ...]) -> dict[str, Any]:
 
 def _timeline(log: "FlightLog", vehicle_id: int) -> dict[str, Any]:
     from gcs.console.terminal import STDERR
-    from gcs.replay.timeline import timeline_of
-    from gcs.replay.timeline_view import timeline_dict, timeline_view
+    from gcs.replay.timeline import timeline_dict, timeline_of, timeline_view
 
     timeline = timeline_of(log, vehicle_id)
     STDERR.print(timeline_view(timeline))

@@ -14,7 +14,7 @@ from gcs.metrics.json_output import json_output
 if TYPE_CHECKING:
     from gcs.flightlog.reader import FlightLog
     from gcs.metrics.result import FlightResult
-    from gcs.report.charts.compared import ComparedFlight
+    from gcs.report.compare import ComparedFlight
     from gcs.report.evidence.reading import LoggedFlight
 
 
@@ -68,8 +68,7 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     """Show a flight from the logs of its processes; raises InputError."""
     from gcs.cli.output import present
     from gcs.console.terminal import print_line
-    from gcs.report.evidence.criteria import criteria_of
-    from gcs.report.evidence.plants import plant_notes
+    from gcs.report.evidence.criteria import criteria_of, plant_notes
     from gcs.report.evidence.reading import read_flight
 
     read = _logs(logs)
@@ -97,7 +96,7 @@ def _animate(flight: "LoggedFlight", path: Path) -> None:
     from gcs.cli.output import AnimationProgress, writing
     from gcs.console.terminal import print_line
     from gcs.metrics.references import ring_reference
-    from gcs.metrics.ring_motion import ring_motion
+    from gcs.metrics.ring import ring_motion
     from gcs.report.animation import save_animation
     from gcs.report.charts.panels import Sheet
 
@@ -157,9 +156,9 @@ def _check_compared(paths: Sequence[Path], options: ReportOptions) -> None:
 
 def _compared(name: str, flight: "LoggedFlight") -> "ComparedFlight":
     from gcs.metrics.references import ring_reference
-    from gcs.metrics.ring_motion import ring_motion
-    from gcs.report.charts.compared import POINTS_MAX, ComparedFlight
+    from gcs.metrics.ring import ring_motion
     from gcs.report.charts.panels import Sheet
+    from gcs.report.compare import POINTS_MAX, ComparedFlight
 
     record, ring = flight.evidence.record, ring_reference(flight.mission)
     sheet = Sheet(record, _result(flight), ring, None, ring_motion(record), POINTS_MAX)

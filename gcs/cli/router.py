@@ -29,7 +29,7 @@ def router(options: RouterOptions) -> Exit:
     """
     hold_back()
     from agents.ports import VehicleRefusedError
-    from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
+    from agents.shell.zenoh_session import BusTeam, ZenohSession
     from gcs.console.terminal import print_line, print_problem
     from gcs.keys.team_keys import team_keys
 

@@ -11,7 +11,7 @@ def schema() -> Exit:
     from json import dumps
 
     from gcs.cli.output import print_result
-    from gcs.mission.schema import mission_schema
+    from gcs.mission.sections import mission_schema
 
     print_result(dumps(mission_schema(), indent=2))
     return Exit.HOLDS

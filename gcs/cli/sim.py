@@ -97,8 +97,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     seed = mission.mission.seed if options.seed is None else options.seed
     recording, log = None, _log_path(options, mission.mission.name)
     if log is not None:
-        from gcs.flight.recording import report_log
-        from gcs.flight.simulation_log import simulation_recording
+        from gcs.flight.recording import report_log, simulation_recording
 
         recording = simulation_recording(mission, log, seed, flown_s)
 
@@ -121,7 +120,7 @@ def _log_path(options: SimOptions, mission: str) -> Path | None:
     """Return where to record: the page needs a log. Raises InputError if no log can be written."""
     if options.log is not None or not options.station:
         return options.log
-    from gcs.flightlog.place import default_path
+    from gcs.flight.recording import default_path
 
     try:
         return default_path(mission, None, datetime.now())

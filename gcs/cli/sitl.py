@@ -51,7 +51,7 @@ def sitl(options: SitlOptions) -> Exit:
     from agents.ports import VehicleRefusedError
     from gcs.console.terminal import print_problem
     from gcs.flight.stubs import serve_until_ctrl_c, served_clock, stub_configs
-    from gcs.link.ports.claims import stub_claims
+    from gcs.link.ports import stub_claims
     from gcs.radio.serving import free_ports, mission_radio, radio_spec, running_beside
 
     mission, speed = loaded_mission(options.mission, options.changes), options.speed or 1.0

@@ -12,7 +12,7 @@ from gcs.errors import Exit
 from gcs.metrics.json_output import json_output
 
 if TYPE_CHECKING:
-    from gcs.console.team_start import StartResult
+    from gcs.console.command_client import StartResult
     from gcs.mission.mission import Mission
 
 
@@ -41,7 +41,7 @@ def start(options: StartOptions) -> Exit:
     from agents.ports import VehicleRefusedError
     from gcs.cli.command import granted_operator
     from gcs.cli.output import print_result
-    from gcs.console.team_start import start_team
+    from gcs.console.command_client import start_team
     from gcs.console.terminal import print_problem
 
     mission = bus_mission(options.mission, options.changes)

@@ -71,7 +71,7 @@ def _access(options: StationOptions) -> "Access":
     """Return the access rules of the page; raises InputError."""
     from gcs.keys.run_keys import runtime_folder
     from gcs.station.access import checked_access, kept_token, read_token
-    from gcs.viewer.address import Address
+    from gcs.viewer.origin_gate import Address
 
     address, file = Address.parsed(options.address, "--address"), options.token_file
     token = kept_token(runtime_folder() / ".station-token") if file is None else read_token(file)

@@ -20,7 +20,7 @@ from gcs.signals import hold_back, pending
 
 if TYPE_CHECKING:
     from gcs.sweep.columns import Column, Row
-    from gcs.sweep.journal import SweepJournal
+    from gcs.sweep.folder import SweepJournal
     from gcs.sweep.plan import SweepPlan
     from gcs.sweep.summary import SweepSummary
     from gcs.sweep.workers import Workers
@@ -76,9 +76,9 @@ def fly_sweep(options: SweepOptions) -> Exit:
         from gcs.sweep.forkserver import start_forkserver
 
         start_forkserver()
+    from gcs.sweep.columns import require_pyarrow, table_bytes
     from gcs.sweep.folder import SweepFolder, write_whole
     from gcs.sweep.summary import SweepSummary
-    from gcs.sweep.table import require_pyarrow, table_bytes
 
     require_pyarrow()
     plan, faults = _planned(options)
@@ -135,9 +135,8 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
 def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "SweepJournal", options: SweepOptions) -> None:
     """Fly the runs that the journal does not hold; raises _EndedError, and InputError without workers."""
     from gcs.console.terminal import print_line
-    from gcs.sweep.progress import SweepProgress
-    from gcs.sweep.run import failure
-    from gcs.sweep.sweep import WorkersError, fly_missing
+    from gcs.sweep.sweep import SweepProgress, WorkersError, fly_missing
+    from gcs.sweep.workers import failure
 
     for index, reason in faults.items():
         if index not in journal.rows:
@@ -175,7 +174,7 @@ def _workers(options: SweepOptions, runs: int) -> "Workers":
         from gcs.sweep.workers import LocalWorkers
 
         return LocalWorkers(min(options.workers or os.cpu_count() or 1, runs))
-    from gcs.sweep.cluster import ClusterWorkers
+    from gcs.sweep.workers import ClusterWorkers
 
     cluster = ClusterWorkers(options.scheduler)
     print_line(
@@ -219,11 +218,10 @@ def plot(options: PlotOptions) -> Exit:
     from gcs.cli.output import check_file, print_result, writing
     from gcs.console.terminal import print_line
     from gcs.report.figure import METADATA
+    from gcs.sweep.columns import full_rows, table_columns
     from gcs.sweep.figure import Picture, save_sweep_figure
     from gcs.sweep.folder import SweepFolder
-    from gcs.sweep.summary import SweepSummary
-    from gcs.sweep.table import full_rows, table_columns
-    from gcs.sweep.worst import worst_cases
+    from gcs.sweep.summary import SweepSummary, worst_cases
 
     path = options.out or options.folder / "sweep.png"
     folder = SweepFolder(options.folder)

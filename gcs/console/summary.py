@@ -9,7 +9,7 @@ from rich.text import Text
 from gcs.console.table_view import TACTIC_STYLES
 from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Criterion, Metric, evidence
 from gcs.metrics.ending import TeamEnding
-from gcs.metrics.engagement import engaged_line
+from gcs.metrics.references import engaged_line
 from gcs.metrics.result import EstimateResult, FlightResult, reference_line, window_line
 from gcs.metrics.reynolds import ReynoldsResult, phases
 

@@ -2,17 +2,21 @@
 team's router.
 """
 
+from collections.abc import Callable
 from contextlib import suppress
+from time import monotonic
+from types import TracebackType
+from typing import Self
 
-from agents.ports import PeerBus
-from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
+from agents.shell.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import OperatorCommand, topic_of
+from agents.team.messages import BusMessage, OperatorCommand, topic_of
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
-from gcs.keys.team_keys import TeamKeys
+from gcs.keys.team_keys import TeamKeys, team_keys
 from gcs.mission.mission import Mission
 
 
@@ -36,3 +40,56 @@ def observer(keys: TeamKeys) -> Identity:
 def send_command(bus: PeerBus, command: OperatorCommand) -> None:
     """Send a command once."""
     bus.publish(topic_of(command), encode(command))
+
+
+_LOOKED_UP_EVERY_S = 1.0
+
+
+class WatchedBus:
+    """Receives the present flight of a team; use it as a context manager, and call `follow` periodically."""
+
+    def __init__(self, mission: Mission, on_message: Callable[[BusMessage], None]) -> None:
+        """Take the mission; raises InputError if its team needs keys and has none."""
+        self._mission = mission
+        self._keys = team_keys(mission)
+        self._on_message = on_message
+        self._identity: Identity | None = None
+        self._bus: PeerBus | None = None
+        self._look_up_s = 0.0
+        self.refusal = ""
+        """Why no flight is watched at present, empty if one is."""
+
+    async def __aenter__(self) -> Self:
+        """Return self."""
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the bus."""
+        await self._leave()
+
+    async def follow(self) -> None:
+        """Join the bus of a flight that has begun; raises InputError if this computer has no keys for it."""
+        if monotonic() < self._look_up_s:
+            return
+        self._look_up_s = monotonic() + _LOOKED_UP_EVERY_S
+        try:
+            identity = observer(self._keys)
+        except VehicleRefusedError as refusal:
+            self.refusal = f"waiting for team {self._mission.network.team}: {refusal.reason}"
+            return
+        except InputError:
+            if self._bus is None:
+                raise
+            return  # the keys were removed: an open bus stays open
+        self.refusal = ""
+        if identity != self._identity:
+            await self._leave()
+            self._identity, self._bus = identity, guest_bus(self._mission, identity)
+            await self._bus.open(self._on_message, lambda *_: None, lambda _vehicle, _present: None)
+
+    async def _leave(self) -> None:
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            await bus.close()

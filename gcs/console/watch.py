@@ -26,10 +26,9 @@ from gcs.console.table_view import (
     tactic_cell,
     vehicle_cell,
 )
-from gcs.console.team_missions import TeamMissions
-from gcs.console.team_state import TeamState
+from gcs.console.team_bus import WatchedBus
+from gcs.console.team_state import TeamMissions, TeamState
 from gcs.console.vehicle_view import TeamRow
-from gcs.console.watched_bus import WatchedBus
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
 from gcs.signals import relay

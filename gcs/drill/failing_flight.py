@@ -11,9 +11,8 @@ from gcs.errors import Exit
 from gcs.flight.faults.failing_equipment import FailingEquipment
 from gcs.flight.faults.team_faults import PresentFaults, TeamFaults
 from gcs.flight.plan import FlightPlan
-from gcs.flight.recording import RecordingOptions
+from gcs.flight.recording import FOLDER_VARIABLE, RecordingOptions
 from gcs.flight.run import run_flight
-from gcs.flightlog.place import FOLDER_VARIABLE
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
 from sitl.server.shared_clock import ClockName

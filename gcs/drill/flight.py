@@ -18,16 +18,14 @@ from agents.shell.clock import MissionClock, WallClock
 from agents.tactics import Tactic
 from agents.team.messages import BusMessage, MemberState
 from estimation.frames import Triple
-from estimation.profile.library import bundled_profiles
+from estimation.profile.profile import bundled_profiles
 from gcs.console.command_client import CommandClient
 from gcs.console.team_bus import guest_bus
+from gcs.drill.faults import Roles
 from gcs.drill.judge import OFFBOARD, TeamLog
 from gcs.drill.process_under_test import LOGS, SOCKET
-from gcs.drill.roles import Roles
 from gcs.flight.faults.catalogue import required_fault
-from gcs.flight.faults.injection import Injection, TeamInFlight
-from gcs.flight.faults.team_faults import TeamFaults
-from gcs.flight.faults.unauthorised_client import UnauthorisedClient
+from gcs.flight.faults.team_faults import Injection, TeamFaults, TeamInFlight, UnauthorisedClient
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
 

@@ -8,7 +8,7 @@ normal flight with a supervisor: no heavy import before signals are blocked.
 import os
 import sys
 
-from gcs.flight.supervision.supervisor import is_supervised, supervise
+from gcs.flight.supervisor import is_supervised, supervise
 from gcs.signals import hold_back
 from sitl.server.shared_clock import ClockName
 

@@ -1,18 +1,95 @@
 """A drill: injects faults into a flying team one after another, and judges its reactions."""
 
-from collections.abc import Callable, Sequence
+import os
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from math import inf
-from typing import Protocol
+from math import inf, sqrt
+from typing import Any, Protocol
+
+import tomli_w
+from rich.console import Console, JustifyMethod
+from rich.table import Table
+from rich.text import Text
 
 from agents.ports import VehicleRefusedError
-from gcs.drill.faults import RESPACED_S, Drill
+from estimation.input_file import toml_content
+from gcs.drill.faults import RESPACED_S, Drill, Roles
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD, ON_MISSION, Expectation, failures, reacted_s, respaced
-from gcs.drill.mission import drill_mission, profiles_of
-from gcs.drill.roles import Roles
-from gcs.mission.file import parse_mission
+from gcs.errors import InputError
+from gcs.metrics.json_output import json_output
+from gcs.mission.file import load_mission, parse_mission
 from gcs.mission.mission import Mission
+
+_LOOPBACK = "127.0.0.1"
+_Content = dict[str, Any]
+
+
+def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) -> str:
+    """Return the text of the mission to fly; raises MissionError.
+
+    `changes` are (section, key, value). The target starts near enough for vehicles to encircle it at once, which saves
+    the wait for the ring; if the mission forbids that, its start is not changed.
+    """
+    mission = load_mission(name)
+    content = toml_content(mission.text)
+    _move_apart(content)
+    for section, key, value in changes:
+        content.setdefault(section, {})[key] = value
+    near = {**content, "target": {**content["target"], "start_m": _near_m(mission)}}
+    try:
+        parse_mission(tomli_w.dumps(near), None, mission.profile_texts)
+    except InputError:
+        return tomli_w.dumps(content)
+    return tomli_w.dumps(near)
+
+
+def _near_m(mission: Mission) -> list[float]:
+    """Return the farthest position straight ahead at which the whole line engages."""
+    leader = mission.vehicle(mission.formation.leader)
+    config = mission.agent_config(leader)
+    reach_m = min(mission.target.sensor.range_m, *(each.decision.distance_max_m for each in mission.vehicles))
+    width_m = max(abs(config.slot_offset_m(each, leader.id)[1]) for each in mission.ids)
+    if reach_m <= width_m:
+        return list(mission.target.start_m)
+    x, y = config.line_start_m
+    return [x + sqrt(reach_m**2 - width_m**2), y]
+
+
+def profiles_of(name: str) -> Mapping[str, str]:
+    """Return the texts of a mission's profiles by name; raises MissionError."""
+    return load_mission(name).profile_texts
+
+
+def _move_apart(content: _Content) -> None:
+    """Set free ports for every vehicle, and a unique team name."""
+    vehicles = content["vehicles"]
+    ports = iter(_free_ports(2 * len(vehicles)))
+    for vehicle in vehicles:
+        vehicle["url"] = f"udpin://{_LOOPBACK}:{next(ports)}"
+        vehicle["endpoint"] = f"tcp/{_LOOPBACK}:{next(ports)}"
+    network = content.setdefault("network", {})
+    network.pop("security", None)  # cordon creates the keys of flights on one computer
+    network["team"] = f"drill-{os.getpid()}"
+
+
+def _free_ports(count: int) -> list[int]:
+    """Return ports that are free for both UDP and TCP."""
+    ports: list[int] = []
+    with ExitStack() as taken:
+        while len(ports) < count:
+            tcp = taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+            udp = taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            tcp.bind((_LOOPBACK, 0))
+            try:
+                udp.bind(tcp.getsockname())
+            except OSError:
+                continue
+            ports.append(tcp.getsockname()[1])
+    return ports
+
 
 SPEED = inf
 """As fast as the computer can: the stubs' clock waits for the team, and for the messages of both."""
@@ -193,3 +270,53 @@ class DrillRun:
             not failed,
             "; ".join(failed),
         )
+
+
+_VERDICTS = {True: Text("holds", style="green"), False: Text("FAILS", style="bold red"), None: Text("-", style="dim")}
+
+_COLUMNS: tuple[tuple[str, JustifyMethod], ...] = (
+    ("fault", "left"),
+    ("expected", "left"),
+    ("within [s]", "right"),
+    ("after [s]", "right"),
+    ("verdict", "left"),
+    ("", "left"),
+)
+
+
+class DrillProgress:
+    """Prints a line when a drill begins and one when it ends."""
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._console = console
+        self._total = total
+        self._done = 0
+
+    def begin(self, step: str) -> None:
+        """Show the step that begins now."""
+        self._console.print(f"{self._done + 1} of {self._total}: {step} ...", style="dim", highlight=False)
+
+    def add(self, row: DrillRow) -> None:
+        """Show a result."""
+        self._done += 1
+        verdict = _VERDICTS[row.holds].plain
+        took = "" if row.measured_s is None else f" after {row.measured_s:.2f} s"
+        why = f": {row.detail}" if row.detail else ""
+        self._console.print(f"    {row.expected}: {verdict}{took}{why}", markup=False, highlight=False, soft_wrap=True)
+
+
+def drill_table(mission: str, rows: Sequence[DrillRow]) -> Table:
+    """Return all results as a table."""
+    table = Table(title=f"drills of {mission}", title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for name, justify in _COLUMNS:
+        table.add_column(name, justify=justify)
+    for row in rows:
+        numbers = ("-" if value is None else f"{value:.2f}" for value in (row.limit_s, row.measured_s))
+        table.add_row(row.fault, row.expected, *numbers, _VERDICTS[row.holds], Text(row.detail))
+    return table
+
+
+def drills_json(mission: str, rows: Sequence[DrillRow]) -> str:
+    """Return all results as one JSON object."""
+    holds = all(row.holds is not False for row in rows)
+    return json_output({"mission": mission, "holds": holds, "drills": [row.to_dict() for row in rows]})

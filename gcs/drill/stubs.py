@@ -8,7 +8,7 @@ from pathlib import Path
 from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
-from gcs.flight.faults.injection import Injection
+from gcs.flight.faults.team_faults import Injection
 from gcs.flight.flight import PREPARING_SPEED
 from gcs.flight.stubs import clock_refusal, prepared_configs
 from sitl.server.governed_clock import GovernedClock

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 from agents.ports import PeerBus, TargetSensor
-from agents.shell.bus.zenoh_bus import Station, ZenohBus
-from agents.shell.bus.zenoh_session import BusTeam
 from agents.shell.clock import MissionClock
+from agents.shell.zenoh_bus import Station, ZenohBus
+from agents.shell.zenoh_session import BusTeam
 from agents.team import participant
 from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission, MissionVehicle

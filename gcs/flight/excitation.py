@@ -13,7 +13,7 @@ from agents.control.excitation import Part, Preview, programme
 from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.ring_motion import measured
+from gcs.metrics.ring import measured
 from gcs.mission.excitation import box_m
 from gcs.mission.mission import Mission
 

@@ -2,36 +2,154 @@
 
 import asyncio
 import gc
+import os
 import traceback
-from collections.abc import Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import AsyncExitStack, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 
+from rich.text import Text
+
 from agents.flight_end import FlightEnd
-from agents.ports import VehicleRefusedError
+from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
 from agents.shell.outcome import BY_OPERATOR, Outcome, Stop
+from agents.tactics import Tactic
+from agents.team.participant import Participant
+from estimation.frames import Triple
+from gcs.console.keyboard import KeyBindings, Keyboard, KeyCommands
 from gcs.console.live import LiveView
-from gcs.flight.fault_injector import FaultInjector
-from gcs.flight.keyboard import command_by_keyboard
+from gcs.console.team_bus import guest_bus
+from gcs.errors import InputError
+from gcs.flight.faults.failing_equipment import FailingEquipment
+from gcs.flight.faults.schedule import ScheduledFault
+from gcs.flight.faults.team_faults import Injection, PresentFaults, TeamInFlight, UnauthorisedClient, last_in_line
+from gcs.flight.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.plan import FlightPlan
 from gcs.flight.preparation import Readiness, StartWait
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
-from gcs.flight.supervision.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import FlightTeam, Member
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
+from gcs.keys.identity import Identity, user_name
 from gcs.keys.team_keys import flight_keys
 from gcs.link.hub import MavsdkHub
-from gcs.link.ports.claims import fed_ports, flight_claims
+from gcs.link.ports import fed_ports, flight_claims
 from gcs.link.signing_keys import signing_keys
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import ClockError, Rank, new_clock
+
+_PERIOD_S = 0.1
+_SHOWN_S = 0.3
+"""Time to show the line that names a fault before the fault ends the process [wall s]."""
+
+
+class FaultInjector:
+    """The faults of one flight: those scheduled, and those present in its equipment."""
+
+    def __init__(self, faults: Sequence[ScheduledFault]) -> None:
+        """Take the faults in order of time."""
+        self.faults = tuple(faults)
+        self._present = PresentFaults()
+        self._unauthorised_clients: list[asyncio.Task[None]] = []
+
+    def equipment(self) -> FailingEquipment:
+        """Return the equipment that the faults act on."""
+        return FailingEquipment(self._present)
+
+    async def run(self, team: FlightTeam, stubs: FlightStubs) -> None:
+        """Inject each fault at its time of the mission, until cancelled."""
+        try:
+            for each in self.faults:
+                while team.start_s is None:
+                    await team.clock.sleep(_PERIOD_S)
+                await team.clock.sleep_until(team.start_s + each.injected.at_s)
+                await self._begin(each, team, stubs)
+            await asyncio.Event().wait()
+        finally:
+            for client in self._unauthorised_clients:
+                client.cancel()
+
+    async def _begin(self, scheduled: ScheduledFault, team: FlightTeam, stubs: FlightStubs) -> None:
+        """Print a fault, and inject it if the vehicles that it needs are airborne."""
+        fault, airborne = scheduled.fault, _airborne(team)
+        subject = scheduled.injected.vehicle or (last_in_line(team.plan.mission, tuple(airborne)) if airborne else 0)
+        time, named = f"{scheduled.injected.at_s:.1f} s", fault.name + ("" if fault.of_team else f", vehicle {subject}")
+        if subject not in airborne or len(airborne) < fault.vehicles_min:
+            team.view.print_line(f"{time}: not injected: {named}: too few vehicles are airborne", "warning")
+            return
+        team.view.print_line(f"{time}: injected: {named}")
+        scene = TeamInFlight(team.plan.mission, subject, tuple(airborne), airborne)
+        injection = fault.inject(scene)
+        if injection.ends_flight:
+            await asyncio.sleep(_SHOWN_S)
+        self._inject(injection, team, stubs)
+
+    def _inject(self, injection: Injection, team: FlightTeam, stubs: FlightStubs) -> None:
+        for vehicle_id, each in injection.vehicles.items():
+            stubs.inject(team.plan.mission.vehicle(vehicle_id).system_id, each)
+        if injection.unauthorised_client:
+            self._unauthorised_clients.append(
+                asyncio.create_task(UnauthorisedClient(team.plan.mission, team.clock).run())
+            )
+        self._present.set(self._present.now.with_more(injection.team))
+        if injection.signal is not None:
+            os.kill(os.getpid(), injection.signal)
+
+
+def _airborne(team: FlightTeam) -> dict[int, Triple]:
+    """Return the positions [m] of the armed vehicles, from their own estimates."""
+    return {
+        member.vehicle.id: member.link.motion.position_m
+        for member in team.members
+        if member.link.status.armed and member.link.motion is not None
+    }
+
+
+_HERE_ONLY = "the keyboard commands the vehicles of this process only: there is no operator key for the others"
+
+
+async def command_by_keyboard(team: FlightTeam, stack: AsyncExitStack) -> Callable[[], Text]:
+    """Let the keyboard command the team until the stack ends; return the text below the table about it.
+
+    Without a terminal no key is read. Raises VehicleRefusedError when the bus to other vehicles cannot be opened.
+    """
+    if not team.view.is_live:
+        return Text
+    identity, bus = Identity(Participant("operator", user_name())), None
+    if len(team.members) < len(team.plan.mission.vehicles):
+        try:
+            identity = team.keys.identity("operator")
+        except InputError as error:
+            team.view.print_line(f"{_HERE_ONLY}: {error}")
+        else:
+            bus = await _opened(team, identity, stack)
+    here = [member.vehicle.id for member in team.members]
+    bindings = KeyBindings(here if bus is None else team.plan.mission.ids)
+    commands = KeyCommands(team.agents, team.clock, identity.participant.name, bus, bindings, lambda: _piloted(team))
+    keyboard = stack.enter_context(Keyboard(commands.press, commands.ignore_paste))
+    return (lambda: commands.hint) if keyboard.active else Text
+
+
+def _piloted(team: FlightTeam) -> set[int]:
+    """Return the vehicles that pilots fly, of this process and of others."""
+    newest, pilot = team.newest.values(), Tactic.PILOT_OVERRIDE
+    here = {status.vehicle_id for status in newest if status.tactic is pilot}
+    return here | {peer.sender for status in newest for peer in status.peers if peer.tactic == pilot.value}
+
+
+async def _opened(team: FlightTeam, identity: Identity, stack: AsyncExitStack) -> PeerBus:
+    """Return the bus to vehicles of other processes, which accept no commands from a vehicle's own bus."""
+    bus = guest_bus(team.plan.mission, identity)
+    stack.push_async_callback(bus.close)
+    await bus.open(lambda _message: None, lambda *_: None, lambda _vehicle, _present: None)
+    return bus
+
 
 PREPARING_SPEED = 10.0
 """The highest speed of stubs before take-off: connecting to them takes wall time, in which the flight would go on."""

@@ -8,7 +8,7 @@ from time import time
 from agents.shell.computer import computer_clock
 from gcs.flight.equipment import Equipment
 from gcs.flight.faults.schedule import ScheduledFault
-from gcs.flight.log_process.handle import LogProcess
+from gcs.flight.log_process import LogProcess
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.keys.team_keys import leaves_this_computer

@@ -9,13 +9,53 @@ from typing import TYPE_CHECKING
 
 from gcs.console.terminal import STDERR, print_line
 from gcs.errors import InputError
-from gcs.flight.log_process.handle import LogProcess, LogRequest
-from gcs.flightlog.place import default_path
+from gcs.flight.log_process import LogProcess, LogRequest
 from gcs.mission.mission import Mission
-from gcs.viewer.address import Address
+from gcs.viewer.origin_gate import Address
 
 if TYPE_CHECKING:
     from gcs.flightlog.writer import LogWriter
+import os
+from time import time
+
+from foxglove import Context
+
+from gcs.flightlog.recorder import SimulationRecording
+from gcs.flightlog.run import run_of
+from gcs.flightlog.writer import LogWriter
+from gcs.viewer.scene import Scene
+
+FOLDER_VARIABLE = "CORDON_LOGS"
+"""The environment variable that names the folder of logs, in place of the default."""
+
+
+def log_folder() -> Path:
+    """Return the default folder of logs; raises OSError without a home folder."""
+    folder = os.environ.get(FOLDER_VARIABLE)
+    if folder:
+        return Path(folder)
+    shared = os.environ.get("XDG_DATA_HOME")
+    try:
+        return Path(shared or Path.home() / ".local" / "share") / "cordon" / "logs"
+    except RuntimeError as error:
+        raise OSError(f"there is no home folder; set {FOLDER_VARIABLE} to a folder for logs") from error
+
+
+def default_path(mission: str, only: int | None, now: datetime) -> Path:
+    """Return the path of a log that begins now, by date and mission; raises OSError without a home folder."""
+    folder = log_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    name = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in mission)
+    vehicle = "" if only is None else f"-vehicle{only}"
+    return next(path for path in _numbered(folder, f"{now:%Y-%m-%d_%H-%M-%S}-{name}{vehicle}") if not path.exists())
+
+
+def _numbered(folder: Path, stem: str) -> Iterator[Path]:
+    yield folder / f"{stem}.mcap"
+    number = 2
+    while True:
+        yield folder / f"{stem}-{number}.mcap"
+        number += 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,3 +126,11 @@ def log_input_errors(path: Path) -> Iterator[None]:
         raise InputError([f"--log: {str(path)!r} exists already, and is not overwritten; name another"]) from error
     except OSError as error:
         raise InputError([f"--log: {str(path)!r}: {error.strerror or error}"]) from error
+
+
+def simulation_recording(mission: Mission, path: Path, seed: int, duration_s: float) -> SimulationRecording:
+    """Return the recording of a simulated flight; raises InputError."""
+    run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=time(), duration_s=duration_s)
+    context = Context()
+    with log_input_errors(path):
+        return SimulationRecording(LogWriter(path, context, Scene(context, mission)), run)

@@ -16,14 +16,14 @@ from gcs.console.live import LiveView
 from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
 from gcs.flight.flight import FlightOutcome, fly
+from gcs.flight.heartbeat import SupervisorHeartbeat
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
-from gcs.flight.supervision.heartbeat import SupervisorHeartbeat
 from gcs.metrics.ending import HEADLINES
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
-from gcs.preflight.findings_view import findings_view
+from gcs.preflight.preflight import findings_view
 
 _SPEED_REACHED_SHARE = 0.97
 FULL_COLLECTION_NEVER = 1_000_000

@@ -20,13 +20,21 @@ from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import simulated_imperfections, target_sensor
-from sitl.simulation.simulation import Inputs, NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
-from sitl.simulation.vehicle_model import Absence, TelemetryNoise, VehicleModel
+from sitl.simulation.simulation import (
+    Absence,
+    Inputs,
+    NetworkModel,
+    SimulatedFlight,
+    SimulatedVehicle,
+    TelemetryNoise,
+    VehicleModel,
+    simulate,
+)
 from sitl.vehicle.imperfections import Imperfections
 from sitl.vehicle.plant_step import StepFunction
 
 if TYPE_CHECKING:
-    from gcs.flightlog.simulation import SimulationRecording
+    from gcs.flightlog.recorder import SimulationRecording
 
 
 INPUTS = Inputs(Message, Presence)

@@ -9,7 +9,7 @@ from estimation.state import Sighting, Telemetry
 from gcs.link.config import LinkConfig, full_rates
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates.rate_controller import RateController
+from gcs.link.rates import RateController
 from gcs.mission.mission import Mission, TargetSection
 
 TARGET_VEHICLE = 20000

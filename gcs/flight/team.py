@@ -12,8 +12,8 @@ from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock, WallClock
+from agents.shell.control_loop import AgentParts
 from agents.shell.outcome import Outcome, Stop
-from agents.shell.parts import AgentParts
 from agents.team.external_positions import ExternalPositions
 from agents.team.perception import Perception
 from estimation.state import Sighting
@@ -26,7 +26,7 @@ from gcs.keys.team_keys import TeamKeys
 from gcs.link.config import LinkConfig, link_paces
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
-from gcs.link.rates.rate_controller import RateController
+from gcs.link.rates import RateController
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord

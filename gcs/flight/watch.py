@@ -17,7 +17,7 @@ from gcs.console.live import flight_title
 from gcs.console.table_view import NO_HINT
 from gcs.console.vehicle_view import TeamRow, with_alert, with_surroundings
 from gcs.flight.team import FlightTeam, Member
-from gcs.metrics.event_log import event_line
+from gcs.metrics.journal import event_line
 from gcs.metrics.record import FlightEvent
 from gcs.mission.geometry import Place, fences
 from gcs.preflight.findings import Finding, Grade

@@ -70,7 +70,7 @@ class Parameter(msgspec.Struct, frozen=True):
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """The facts that a vehicle's autopilot reported before take-off; `kind` is its kind (gcs/autopilots/kind.py)."""
+    """The facts that a vehicle's autopilot reported before take-off, and its `kind` (gcs/autopilots/autopilot.py)."""
 
     autopilot: str
     firmware: str

@@ -11,8 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from gcs.errors import InputError
 from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError
-from gcs.flightlog.reader import faults_of, open_container, topic_of
-from gcs.flightlog.record_counter import RecordCounter
+from gcs.flightlog.reader import RecordCounter, faults_of, open_container, topic_of
 from gcs.flightlog.records import PROFILE
 
 _CHUNK_BYTES = 1 << 20

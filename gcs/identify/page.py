@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.identification.coloured_noise import autocorrelation, whiteness
 from estimation.identification.excerpts import GRID_S, grid_s
 from estimation.identification.identified import Identified, ParameterEstimate
 from estimation.identification.identify import TRAINED_SHARE
+from estimation.identification.output_error import autocorrelation, whiteness
 from estimation.identification.response import response_of
 from estimation.identification.simulated import PREDICTION_HORIZON_S, SimulatedAxis, simulated
 from estimation.state import Vector
 from gcs.identify.view import bounds_words, fit_rows, parameter_rows, remarks
 from gcs.report.charts.chart import chart, levels, over_time
 from gcs.report.charts.panels import thinned, title
-from gcs.report.page import KeyLine, render
-from gcs.report.page_parts import Section, Table
+from gcs.report.page_parts import KeyLine, Section, Table, render
 from gcs.style import COLOURS, DESIRED, FAINT, INK, WINDOW
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 

@@ -14,9 +14,8 @@ from rich.text import Text
 
 from estimation.identification.filter_noise import AHEAD_S
 from estimation.identification.identified import METHOD, Identified, Interval, ParameterEstimate
-from estimation.plant.provenance import Identification, IdentifiedLog, PlantGrade, covariance_of
-from estimation.profile.library import ProfileLibrary
-from estimation.profile.profile import LimitsSection
+from estimation.plant.model import Identification, IdentifiedLog, PlantGrade, covariance_of
+from estimation.profile.profile import LimitsSection, ProfileLibrary
 from gcs.autopilots.autopilot import Autopilot
 from gcs.autopilots.registry import autopilot_of
 from gcs.vehicle_logs.vehicle_log import VehicleLog

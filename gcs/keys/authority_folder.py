@@ -10,10 +10,9 @@ from agents.team.participant import Role, is_name
 from agents.team.verbs import VERBS, Verb
 from gcs.errors import InputError
 from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
-from gcs.keys.holder import Holder
 from gcs.keys.key_folder import CERTIFICATE_FILE, PRIVATE_KEY_FILE, KeyFolder
 from gcs.keys.private_files import make_folder, read, read_private, write
-from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
+from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
 
 AUTHORITY = "authority"
 

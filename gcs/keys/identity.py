@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from getpass import getuser
 from socket import gethostname
 
-from agents.shell.bus.bus_security import BusSecurity
+from agents.shell.bus_security import BusSecurity
 from agents.team.participant import Participant, name_from
 from agents.team.verbs import VERBS, Verb
 

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import time
 
-from agents.shell.bus.bus_security import BusSecurity
+from agents.shell.bus_security import BusSecurity
 from agents.team.participant import Role
 from gcs.errors import InputError
-from gcs.keys.holder import Holder
 from gcs.keys.identity import FlyingIdentity, Identity
 from gcs.keys.private_files import check_folder, make_folder, read, read_private, write
-from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
+from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
 
 AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE = "authority.pem", "certificate.pem", "private-key.pem"
 

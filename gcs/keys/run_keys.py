@@ -15,11 +15,10 @@ from time import time
 from agents.ports import VehicleRefusedError
 from agents.team.participant import Role
 from agents.team.verbs import VERBS
-from gcs.keys.holder import Holder
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.private_files import make_folder
-from gcs.keys.roster import ROSTER_FILE, Roster, digest, read_roster
+from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
 
 _VALID_DAYS = 7.0
 """Longer than any flight: the keys are removed when its last process ends."""

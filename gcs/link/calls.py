@@ -18,7 +18,7 @@ from agents.shell.clock import MissionClock
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
-from gcs.link.rates.rates import Rates
+from gcs.link.rates import Rates
 from gcs.link.status_texts import quoted
 
 Result = TypeVar("Result")

@@ -5,11 +5,8 @@ from dataclasses import dataclass, field, replace
 from estimation.frames import MissionFrame, Triple
 from gcs.autopilots.registry import autopilot_of
 from gcs.link.ground_truth import RATE_HZ as TRUTH_HZ
-from gcs.link.rates.budget import EXTERNAL_HZ
-from gcs.link.rates.rate_controller import RateController
-from gcs.link.rates.rates import Rates
-from gcs.mission.links import LinkSection, SharedLinkSection, capacity_bytes_s
-from gcs.mission.mission import Mission
+from gcs.link.rates import EXTERNAL_HZ, RateController, Rates
+from gcs.mission.mission import LinkSection, Mission, SharedLinkSection, capacity_bytes_s
 
 
 @dataclass(frozen=True, slots=True)

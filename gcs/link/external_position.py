@@ -10,7 +10,7 @@ from mavsdk.plugins.mocap import AngleBody, Covariance, Mocap, PositionBody, Vis
 
 from agents.team.external_positions import OLD_S, ExternalPosition
 from estimation.frames import MissionFrame, Triple, wrap_signed_rad
-from gcs.link.rates.budget import EXTERNAL_HZ
+from gcs.link.rates import EXTERNAL_HZ
 
 NO_EXTERNAL_POSITION = "no position from outside"
 EARLY_SHARE = 0.1

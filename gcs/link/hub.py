@@ -18,9 +18,8 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from gcs.autopilots.registry import AUTOPILOTS, advice
 from gcs.link.feed import PostedCalls
-from gcs.link.ports.urls import require_usable
-from gcs.link.rates.rate_controller import RateController
-from gcs.link.rates.rates import Traffic
+from gcs.link.ports import require_usable
+from gcs.link.rates import RateController, Traffic
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread

@@ -6,12 +6,13 @@ import numpy as np
 
 from gcs.metrics.catalogue import Verdicts, judge
 from gcs.metrics.ending import TeamEnding
-from gcs.metrics.engagement import EngagementReference, engagement
 from gcs.metrics.record import FlightRecord, Mask, grid_time
 from gcs.metrics.references import (
     DesiredRing,
+    EngagementReference,
     FormationReference,
     VerdictTolerances,
+    engagement,
     engagement_reference,
     formation_reference,
     ring_reference,
@@ -19,8 +20,7 @@ from gcs.metrics.references import (
 )
 from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import ReynoldsResult, condensed, flocking
-from gcs.metrics.ring import estimated_ring, judged_ring, within
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import estimated_ring, judged_ring, ring_motion, within
 from gcs.metrics.transitions import transitions
 from gcs.metrics.vehicles import engagement_times_s, estimated_vehicles, formation_span, vehicle_results
 from gcs.mission.mission import Mission

@@ -128,7 +128,7 @@ class FlightRecord:
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
     which it is known. `faults` are those injected into stub vehicles.
-    `kinds` are what vehicles are (gcs/autopilots/kind.py), by their ids; empty in simulations.
+    `kinds` are what vehicles are (gcs/autopilots/autopilot.py), by their ids; empty in simulations.
     """
 
     mission: str

@@ -1,13 +1,97 @@
 """The references of a mission, from which its flights may deviate by the tolerances of the verdicts."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import isfinite
 
+import numpy as np
 from pydantic import Field
 
-from gcs.metrics.engagement import EngagementReference
+from agents.tactics import Tactic
+from gcs.metrics.ending import named
+from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.mission.mission import Mission, VerdictSection
+
+GRACE_S = 30.0
+"""A vehicle that did not engage counts as missing if it had at least this time to decide."""
+_MAY_ENGAGE = [each.value for each in (Tactic.FORMATION, Tactic.ASIDE, Tactic.HOLD)]
+
+
+@dataclass(frozen=True, slots=True)
+class EngagementReference:
+    """The vehicles for which the mission's target is important enough and not too dangerous, by id.
+
+    `distance_max_m` is the distance from the target within which each decides to engage.
+    """
+
+    distance_max_m: Mapping[int, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class EngagementResult:
+    """The vehicles that were to engage, and those that did."""
+
+    to_engage: tuple[int, ...] = ()
+    engaged: tuple[int, ...] = ()
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """The vehicles that were to engage and did not."""
+        return tuple(each for each in self.to_engage if each not in self.engaged)
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether all that were to engage did, None if none was to engage."""
+        return not self.missing if self.to_engage else None
+
+
+def engagement(
+    record: FlightRecord, reference: EngagementReference, engaged_s: Sequence[float | None]
+) -> EngagementResult:
+    """Return who was to engage and who did; `engaged_s` are the times of engagement in the record's order.
+
+    If the team never came near the target, none was to engage. Otherwise each vehicle of the reference that had enough
+    time was to engage, also one that passed too far away, unless its own distance is smaller than the team's.
+    """
+    rows = list(zip(record.vehicles, engaged_s, strict=True))
+    engaged = tuple(track.vehicle_id for track, time_s in rows if time_s is not None)
+    allowed_m = reference.distance_max_m
+    if not allowed_m:
+        return EngagementResult((), engaged)
+    passes = {track.vehicle_id: _passed(record, track, allowed_m.get(track.vehicle_id, 0.0)) for track, _ in rows}
+    if not engaged and not any(within for within, _ in passes.values()):
+        return EngagementResult()
+    widest_m = max(allowed_m.values())
+    missing = {
+        vehicle_id
+        for vehicle_id, (within, had_time) in passes.items()
+        if vehicle_id in allowed_m and had_time and (within or allowed_m[vehicle_id] == widest_m)
+    }
+    to_engage = tuple(track.vehicle_id for track, _ in rows if track.vehicle_id in {*engaged, *missing})
+    return EngagementResult(to_engage, engaged)
+
+
+def engaged_line(result: EngagementResult) -> str:
+    """Return how many vehicles engaged of those that were to, and which did not; empty if none was to engage."""
+    if not result.to_engage:
+        return ""
+    missing = f"; {named(result.missing)} did not" if result.missing else ""
+    count = len(result.to_engage)
+    return f"{count - len(result.missing)} of {count} vehicles engaged the target{missing}"
+
+
+def _passed(record: FlightRecord, track: VehicleTrack, allowed_m: float) -> tuple[bool, bool]:
+    """Return whether a vehicle came within a distance of the target while it could engage, and had time for it.
+
+    It had time if it was within that distance, or else nearest, at least `GRACE_S` before it could last engage.
+    """
+    distance_m = np.hypot(*(track.position_m - record.target_path_m).T)
+    free = np.flatnonzero(np.isin(track.tactic, _MAY_ENGAGE) & np.isfinite(distance_m))
+    if not free.size:
+        return False, False
+    near = free[distance_m[free] < allowed_m]
+    due = near[0] if near.size else free[np.argmin(distance_m[free])]
+    return bool(near.size), bool(record.time_s[free[-1]] - record.time_s[due] >= GRACE_S)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,9 @@ import numpy as np
 
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import TeamEnding
-from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.json_output import json_output
 from gcs.metrics.record import FlightEvent, LoopStatistics
+from gcs.metrics.references import EngagementResult
 from gcs.metrics.reynolds import ReynoldsResult
 from gcs.metrics.ring import RingResult
 from gcs.metrics.transitions import TransitionResult

@@ -1,16 +1,140 @@
 """The metrics of the ring as a whole: when it settled, and the spacings between neighbours.
 
 Arrays over time have shape (T,): the record's samples.
+
+The team's motion about the target: radius, bearing and rate of every vehicle, and the spacings on the ring.
+
+Arrays over the whole team have shape (V, T): vehicles in the record's order, samples in time. NaN marks samples
+without a measurement.
 """
 
 from dataclasses import dataclass
+from math import tau
 
 import numpy as np
 
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
-from gcs.metrics.record import TIME_GRAIN_S, Mask, grid_time, largest, rms
+from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
 from gcs.metrics.references import DesiredRing
-from gcs.metrics.ring_motion import RingMotion, off_ring
+
+SETTLED_RADIUS_FRACTION = 0.05
+SETTLED_SPACING_RAD = np.radians(5.0)
+LOST_AFTER_S = 5.0
+"""A vehicle without data for longer than this at the end of the record has left the ring."""
+
+
+@dataclass(frozen=True, slots=True)
+class RingMotion:
+    """The team's motion about the target, shape (V, T) each; NaN where a vehicle does not encircle or has no data.
+
+    `member` marks the vehicles on the ring, including one without data that encircled before and after.
+    `lead_rad` is the angle counter-clockwise from a vehicle to the next one: NaN where there is none, or where a
+    member has no data, so that the neighbours are not known.
+    """
+
+    member: Mask
+    radius_m: Vector
+    bearing_rad: Vector
+    rate_rad_s: Vector
+    lead_rad: Vector
+
+    @property
+    def desired_spacing_rad(self) -> Vector:
+        """The spacing 2 pi / n that n members should keep, shape (T,); NaN where there are fewer than two."""
+        count = self.member.sum(axis=0)
+        return np.where(count > 1, tau / np.maximum(count, 1), np.nan)
+
+    @property
+    def measured(self) -> Mask:
+        """The samples (T,) with a ring of which every member was measured."""
+        return np.asarray(self.member.any(axis=0) & ~(self.member & np.isnan(self.bearing_rad)).any(axis=0))
+
+
+def ring_motion(record: FlightRecord) -> RingMotion:
+    """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate.
+
+    Estimated motion is relative to the vehicle's own estimate of the target, so that frame errors are no ring errors.
+    """
+    shape = (len(record.vehicles), record.time_s.size)
+    offset_m, drift_m_s = np.empty((2, *shape, 2))
+    for index, track in enumerate(record.vehicles):
+        offset_m[index], drift_m_s[index] = record.relative(track)
+    encircling = measured(record) & flies(record, Tactic.ENCIRCLE)
+    radius_m = np.where(encircling, np.hypot(offset_m[..., 0], offset_m[..., 1]), np.nan)
+    # On top of the target there is neither a bearing nor an angular rate.
+    defined_m = np.where(radius_m > 0.0, radius_m, np.nan)
+    swept_m2_s = offset_m[..., 0] * drift_m_s[..., 1] - offset_m[..., 1] * drift_m_s[..., 0]
+    bearing_rad = np.where(np.isnan(defined_m), np.nan, np.arctan2(offset_m[..., 1], offset_m[..., 0]))
+    member = _members(record)
+    return RingMotion(
+        member=member,
+        radius_m=radius_m,
+        bearing_rad=bearing_rad,
+        rate_rad_s=swept_m2_s / defined_m**2,
+        lead_rad=_lead_rad(bearing_rad, member),
+    )
+
+
+def off_ring(motion: RingMotion, ring: DesiredRing) -> Mask:
+    """Return the samples (T,) with a radius or a spacing outside of what counts as settled."""
+    radius_error_m = np.abs(motion.radius_m - ring.radius_m)
+    spacing_error_rad = np.abs(motion.lead_rad - motion.desired_spacing_rad)
+    off_radius = (radius_error_m > SETTLED_RADIUS_FRACTION * ring.radius_m).any(axis=0)
+    return np.asarray(off_radius | (spacing_error_rad > SETTLED_SPACING_RAD).any(axis=0))
+
+
+def measured(record: FlightRecord) -> Mask:
+    """Return the samples (V, T) that hold a vehicle's position, velocity and tactic."""
+    mask = ~_samples(record, NO_TACTIC)
+    for row, track in zip(mask, record.vehicles, strict=True):
+        motion = np.concatenate((track.position_m, track.velocity_m_s), axis=1)
+        row[:] &= np.isfinite(motion).all(axis=1)
+    return mask
+
+
+def flies(record: FlightRecord, tactic: Tactic) -> Mask:
+    """Return the samples (V, T) at which a vehicle flies a tactic."""
+    return _samples(record, tactic.value)
+
+
+def _samples(record: FlightRecord, tactic: str) -> Mask:
+    mask = np.zeros((len(record.vehicles), record.time_s.size), dtype=np.bool_)
+    for row, track in zip(mask, record.vehicles, strict=True):
+        row[:] = track.tactic == tactic
+    return mask
+
+
+def _members(record: FlightRecord) -> Mask:
+    """Return the members of the ring; a gap in the data is bridged if the vehicle encircled before and after it."""
+    known, encircle = measured(record), flies(record, Tactic.ENCIRCLE)
+    samples = record.time_s.size
+    index = np.arange(samples)
+    before = np.maximum.accumulate(np.where(known, index, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, index, samples)[:, ::-1], axis=1)[:, ::-1]
+    encircled = np.take_along_axis(encircle, np.maximum(before, 0), axis=1) & (before >= 0)
+    if not samples:
+        return encircled
+    encircles_again = np.take_along_axis(encircle, np.minimum(after, samples - 1), axis=1) & (after < samples)
+    gap_s = record.time_s[-1] - record.time_s[np.maximum(before, 0)]
+    return np.asarray(encircled & (encircles_again | ((after == samples) & (gap_s <= LOST_AFTER_S))))
+
+
+def _lead_rad(bearing_rad: Vector, member: Mask) -> Vector:
+    """Sort the bearings (NaN last); take the angle from each to the next, the last's around to the first."""
+    count = member.sum(axis=0)
+    lead_rad = np.full(bearing_rad.shape, np.nan)
+    complete = (count > 1) & ~(member & np.isnan(bearing_rad)).any(axis=0)
+    if not complete.any():
+        return lead_rad
+    order = np.argsort(bearing_rad, axis=0)
+    ranked = np.take_along_axis(bearing_rad, order, axis=0)
+    following = np.roll(ranked, -1, axis=0)
+    closing = np.arange(len(ranked))[:, None] == count - 1
+    following = np.where(closing, ranked[0] + tau, following)
+    np.put_along_axis(lead_rad, order, np.where(complete, following - ranked, np.nan), axis=0)
+    return lead_rad
+
 
 SETTLED_FOR_S = 10.0
 """A ring that stays within its limits for this time has settled, even if it leaves them later."""

@@ -8,7 +8,7 @@ import numpy as np
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import DesiredRing
-from gcs.metrics.ring_motion import RingMotion, off_ring
+from gcs.metrics.ring import RingMotion, off_ring
 
 _TOGETHER_S = 3.0
 """Vehicles that engage within this time of each other begin one transition."""

@@ -12,7 +12,7 @@ from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
 from gcs.metrics.references import DesiredRing, FormationReference
-from gcs.metrics.ring_motion import RingMotion, flies, measured
+from gcs.metrics.ring import RingMotion, flies, measured
 
 FORMATION_START_S = 30.0
 

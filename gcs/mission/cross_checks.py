@@ -1,25 +1,95 @@
 """Checks across the sections of a mission: ids, positions, limits and orders."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 from math import ceil, hypot
 
 from agents.ring.place import chord_m
 from agents.settings.sections import (
     ChoreographySettings,
+    DecisionSettings,
     EncirclementSettings,
     FailsafeSettings,
     FormationSettings,
     SafetySettings,
 )
+from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
+from estimation.profile.autopilots import DEFAULT
+from estimation.profile.profile import Profile
 from estimation.settings import Settings
 from gcs.errors import KeyFault
-from gcs.mission.control_loops import kept_up
 from gcs.mission.excitation import limits_rise
 from gcs.mission.geometry import IndexedVehicles, altitudes_fit, fence_fits, follows_fit, limits_agree, slots_fit
-from gcs.mission.links import LinkSection
-from gcs.mission.mission import FrameSection, MissionSection, TargetSection, VehicleSection
-from gcs.mission.profiles import LoadedVehicle, beyond_limits, of_another_kind
+from gcs.mission.mission import FrameSection, LinkSection, MissionSection, MissionVehicle, TargetSection, VehicleSection
+from gcs.mission.stability import kept_up
+
+LoadedVehicle = tuple[VehicleSection, Profile]
+
+
+def resolved(section: VehicleSection, profile: Profile) -> MissionVehicle:
+    """Return a vehicle with its profile, and the true plant of a simulation: the profile's, scaled by `true_scale`."""
+    return MissionVehicle(
+        section,
+        profile.plant,
+        true_plant(section, profile.plant),
+        section.decision or DecisionSettings(),
+        profile.own_filter,
+        section.autopilot or profile.autopilot or DEFAULT,
+        profile,
+    )
+
+
+def true_plant(section: VehicleSection, plant: Plant) -> Plant:
+    """Return a plant scaled by the `true_scale` of a vehicle."""
+    scale = section.true_scale
+
+    def true(axis: PlantAxis) -> PlantAxis:
+        return PlantAxis(axis.a0_per_s2 * scale.a0, axis.a1_per_s * scale.a1)
+
+    gain = min(plant.feedforward * scale.feedforward, FEEDFORWARD_MAX)
+    return replace(plant, x=true(plant.x), y=true(plant.y), feedforward=gain)
+
+
+def of_another_kind(link: LinkSection, vehicles: Sequence[LoadedVehicle | None]) -> Iterator[KeyFault]:
+    """Return the faults of profiles that do not match `link.feedforward`."""
+    if link.feedforward is None:
+        return
+    for index, vehicle in enumerate(vehicles):
+        if vehicle is None:
+            continue
+        section, gain = vehicle[0], vehicle[1].plant.feedforward
+        if (gain > 0.0) is link.feedforward:
+            continue
+        kind = f"takes velocities beside its setpoints (feedforward = {gain:g})" if gain else "takes no velocities"
+        stated, wanted = ("true", "with velocities") if link.feedforward else ("false", "without")
+        yield KeyFault(
+            f"vehicles[{index}].profile",
+            f"'{section.profile}' {kind}, and link.feedforward = {stated}: "
+            f"use one identified {wanted}, or leave link.feedforward out: then each profile decides",
+        )
+
+
+def beyond_limits(
+    vehicles: Sequence[LoadedVehicle | None], speed_m_s: float, acceleration_m_s2: float
+) -> Iterator[KeyFault]:
+    """Return the faults of vehicles whose profile's limits are below the mission's speed or acceleration."""
+    for index, vehicle in enumerate(vehicles):
+        if vehicle is None:
+            continue
+        section, limits = vehicle[0], vehicle[1].limits
+        for key, needed, unit in (
+            ("speed_max_m_s", speed_m_s, "m/s"),
+            ("acceleration_max_m_s2", acceleration_m_s2, "m/s²"),
+        ):
+            limit = getattr(limits, key)
+            if limit is not None and needed > limit:
+                yield KeyFault(
+                    f"vehicles[{index}].profile",
+                    f"the mission takes {needed:.2f} {unit}, more than limits.{key} = "
+                    f"{limit:g} {unit} of '{section.profile}'",
+                )
+
 
 LAYER_LEAST_M = 1.0
 

@@ -1,5 +1,9 @@
 """The names of a mission file's sections and of the tables of `[tuning]`, with their models."""
 
+from typing import Any
+
+from pydantic import Field, create_model
+
 from agents.settings.sections import (
     ChoreographySettings,
     DecisionSettings,
@@ -15,13 +19,15 @@ from agents.settings.sections import (
 )
 from agents.settings.tuning import EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
 from estimation.settings import Settings, TargetFilterSettings, TargetFilterTuning
-from gcs.mission.links import LinkSection
 from gcs.mission.mission import (
     FrameSection,
+    LinkSection,
     MissionSection,
     NetworkSection,
+    SharedLinkSection,
     SimulationSection,
     TargetSection,
+    VehicleSection,
     VerdictSection,
 )
 
@@ -63,3 +69,22 @@ TUNED: dict[str, tuple[str, type[Settings]]] = {
 VEHICLES_MAX = 254
 """The number of MAVLink system ids."""
 REQUIRED = ("mission", "frame", "formation", "encirclement", "target")
+
+
+def mission_schema() -> dict[str, Any]:
+    """Return the schema of present mission files; only `cordon check` checks keys against each other."""
+    tables: dict[str, Any] = {name: (model, Field(default_factory=model)) for name, model in TUNING.items()}
+    tuning: Any = create_model("Tuning", __base__=Settings, __doc__="Tuning of the controllers.", **tables)
+    sections: dict[str, Any] = {
+        name: (model, ... if name in REQUIRED else Field(default_factory=model)) for name, model in SECTIONS.items()
+    }
+    mission = create_model(
+        "Mission",
+        __base__=Settings,
+        __doc__="A mission of cordon.",
+        **sections,
+        tuning=(tuning, Field(default_factory=tuning)),
+        links=(dict[str, SharedLinkSection], Field(default_factory=dict)),
+        vehicles=(list[VehicleSection], Field(min_length=1, max_length=VEHICLES_MAX)),
+    )
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **mission.model_json_schema()}

@@ -3,10 +3,8 @@
 from math import inf
 
 from gcs.mission.mission import Mission
-from sitl.vehicle.estimator_drift import EstimatorDriftModel
-from sitl.vehicle.imperfections import Imperfections
+from sitl.vehicle.imperfections import EstimatorDriftModel, Imperfections, TelemetryTiming
 from sitl.vehicle.shaping import ShapeLimits
-from sitl.vehicle.telemetry_schedule import TelemetryTiming
 from sitl.world import SensorModel, SimulatedSensor
 
 _SEES_NOTHING_M = -1.0

@@ -7,11 +7,10 @@ from math import isfinite
 
 from agents.ports import VehicleStatus
 from estimation.frames import Triple
-from gcs.autopilots.autopilot import Autopilot
-from gcs.autopilots.kind import Evidence, VehicleKind
+from gcs.autopilots.autopilot import Autopilot, Evidence, VehicleKind
 from gcs.autopilots.registry import UNKNOWN
-from gcs.link.estimator_report import EstimatorReport
 from gcs.link.relay.gate import LinkReport
+from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
 
 

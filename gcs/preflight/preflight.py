@@ -1,19 +1,22 @@
 """The preflight: from a mission and what its vehicles report to graded findings."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, replace
 from datetime import date
 
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
 from agents.shell.computer import ComputerClock
+from gcs.errors import Exit
+from gcs.metrics.json_output import json_output
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer import ComputerFacts, judge_computer
-from gcs.preflight.estimator import estimator
-from gcs.preflight.fence import fence_areas
-from gcs.preflight.findings import Finding, Grade, VehicleFacts
-from gcs.preflight.kinds import kinds
-from gcs.preflight.link_budget import link_budget
-from gcs.preflight.mission import autopilot_limits, feasibility
-from gcs.preflight.parameters import failsafes, fence, station
-from gcs.preflight.profile import profile
+from gcs.preflight.findings import MISSION, Finding, Grade, Subject, VehicleFacts, subjects_text
+from gcs.preflight.mission import autopilot_limits, feasibility, link_budget
+from gcs.preflight.parameters import estimator, failsafes, fence, fence_areas, kinds, profile, station
 from gcs.preflight.senders import senders
 from gcs.preflight.vehicle import (
     at_rest,
@@ -104,3 +107,52 @@ def _of_vehicle(
     for check in VEHICLE_CHECKS + (AUTOPILOT_CHECKS if facts.autopilot.is_known else ()):
         yield from check(facts, mission, vehicle)
     yield from profile(facts, mission, vehicle, today)
+
+
+STYLES = {Grade.REFUSE: "bold red", Grade.WARNING: "yellow", Grade.PASS: "green"}
+SUBJECT_WIDTH = 20
+HEADLINES = {
+    Grade.REFUSE: "not fit to fly",
+    Grade.WARNING: "fit to fly, with warnings",
+    Grade.PASS: "fit to fly",
+}
+
+
+def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = False) -> RenderableType:
+    """Return the findings as a table, refusals last; a finding of several vehicles is one row with all their ids.
+
+    Without `passes` the passed checks are only counted.
+    """
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=SUBJECT_WIDTH)
+    table.add_column()
+    alike: dict[Finding, list[Subject]] = {}
+    by_grade = [each for grade in reversed(Grade) for each in findings if each.grade is grade]
+    for finding in (each for each in by_grade if passes or each.grade is not Grade.PASS):
+        alike.setdefault(replace(finding, about=MISSION), []).append(finding.about)
+    for finding, subjects in alike.items():
+        cell = Text(finding.found)
+        if finding.grade is not Grade.PASS:
+            cell.append(f"\nwhy: {finding.why}\nnext: {finding.next_step}", style="dim")
+        table.add_row(Text(finding.grade.value, style=STYLES[finding.grade]), Text(subjects_text(subjects)), cell)
+    grade = worst(findings)
+    count = Counter(finding.grade for finding in findings)
+    counted = ", ".join(f"{count[each]} {each.value}" for each in Grade)
+    return Group(table, Text(f"{mission}: {HEADLINES[grade]} ({counted})", style=STYLES[grade]))
+
+
+def findings_json(mission: str, findings: Sequence[Finding]) -> str:
+    """Return the findings as one JSON object on one line; `grade` at the top is the most severe."""
+    listed = [_plain(finding) for finding in findings]
+    return json_output({"mission": mission, "grade": worst(findings).value, "findings": listed})
+
+
+def _plain(finding: Finding) -> dict[str, object]:
+    said = {"grade": finding.grade.value, "subject": finding.subject}
+    return said | {name: value for name, value in asdict(finding).items() if name not in ("grade", "about")}
+
+
+def exit_code(findings: Sequence[Finding]) -> Exit:
+    """Return the exit code: only a refusal is a failure."""
+    return Exit.REFUSED if worst(findings) is Grade.REFUSE else Exit.HOLDS

@@ -7,10 +7,13 @@ setpoints that were sent. No decision is recomputed.
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from agents.broadcast import received_sighting
 from agents.inputs import Command, Message, Start, TacticEvent, TimeScale
@@ -24,13 +27,84 @@ from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from estimation.state import MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
+from gcs.console.table_view import number
 from gcs.errors import InputError, KeyFault
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
 from gcs.mission.mission import Mission
 from gcs.mission.validation import unknown_key, validated
-from gcs.replay.estimates import EstimateTrack, FilterFigures, rms_difference
 from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, turns
+
+Innovation = tuple[Vector, Vector]
+"""A measurement minus its prediction (m,), and the innovation covariance (m, m) of the filter."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterFigures:
+    """The figures of one filter; None where a figure is unknown.
+
+    `nis` is the mean normalised innovation squared over its dimension: 1 for a consistent filter. `refused` is the
+    share of rejected measurements, `prediction_m` the distance of the accepted ones from their prediction, `error_m`
+    the distance of the estimate from the truth (both rms).
+    """
+
+    measurements: int
+    nis: float | None
+    refused: float | None
+    prediction_m: float | None
+    error_m: float | None
+
+
+class EstimateTrack:
+    """The estimates of one filter over time, and the innovations of its measurements."""
+
+    def __init__(self) -> None:
+        self._motion: dict[float, Vector] = {}
+        self._nis: list[float] = []
+        self._prediction_error_m2: list[float] = []
+        self._taken = self._refused = 0
+
+    def add(self, time_s: float, motion: Vector) -> None:
+        """Add the estimate (4,) = [x y x' y'] at a tick."""
+        self._motion[time_s] = motion
+
+    def add_measurement(self, accepted: bool, innovation: Innovation | None) -> None:
+        """Add whether a measurement was accepted, and its innovation, None without a prediction."""
+        self._taken += 1
+        self._refused += not accepted
+        if accepted and innovation is not None:
+            off, spread = innovation
+            self._nis.append(float(off @ np.linalg.solve(spread, off)) / off.size)
+            self._prediction_error_m2.append(float(off[POSITION] @ off[POSITION]))
+
+    def figures(self, truth_m: Callable[[Vector], Vector] | None) -> FilterFigures:
+        """Return the figures; `truth_m` returns true positions (T, 2) at times (T,), NaN where they are not known."""
+        return FilterFigures(
+            self._taken,
+            float(np.mean(self._nis)) if self._nis else None,
+            self._refused / self._taken if self._taken else None,
+            float(np.sqrt(np.mean(self._prediction_error_m2))) if self._prediction_error_m2 else None,
+            None if truth_m is None or not self._motion else self._error_m(truth_m),
+        )
+
+    def _error_m(self, truth_m: Callable[[Vector], Vector]) -> float | None:
+        time_s = np.array(list(self._motion))
+        off = np.array(list(self._motion.values()))[:, POSITION] - truth_m(time_s)
+        squared = np.sum(off**2, axis=1)
+        known = squared[np.isfinite(squared)]
+        return float(np.sqrt(known.mean())) if known.size else None
+
+    def difference(self, other: "EstimateTrack", part: slice) -> Vector:
+        """Return the difference (T, 2) of two tracks at the times at which both have an estimate."""
+        times = [time_s for time_s in self._motion if time_s in other._motion]
+        return np.array([self._motion[time_s][part] - other._motion[time_s][part] for time_s in times])
+
+
+def rms_difference(one: EstimateTrack, other: EstimateTrack, part: slice) -> float | None:
+    """Return the rms difference of two tracks in position or velocity, None without common times."""
+    apart = one.difference(other, part)
+    return float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) if apart.size else None
+
 
 FILTERS = ("own_filter", "target_filter")
 _S = TypeVar("_S", bound=Settings)
@@ -301,3 +375,49 @@ def _changes(recorded: Mapping[int, FilterSettings], tried: Mapping[int, FilterS
                 values = list(before.values())
                 same = all(value == values[0] for value in values)
                 yield Change(f"{section}.{name}", values[0] if same else before, next(iter(after.values())))
+
+
+_COLUMNS = (
+    "NIS/dof\n",
+    "refused\n",
+    "prediction\nrms [m]",
+    "error\nrms [m]",
+    "difference\nrms [m]",
+    "difference\n[m/s]",
+)
+
+
+def what_if_view(what: WhatIf) -> RenderableType:
+    """Return the filters side by side for a terminal."""
+    lines = [Text(f"{change.key}: {change.recorded} -> {change.tried}", style="bold") for change in what.changes]
+    if not lines:
+        return Text("no parameter changed: the values are those of the flight", style="yellow")
+    gaps = [Text(f"{gap}: the filters continue without them", style="yellow") for gap in what.gaps]
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
+    for name in ("", "filter", ""):
+        table.add_column(name, no_wrap=True)
+    for name in _COLUMNS:
+        table.add_column(Text(name, justify="right"), justify="right", no_wrap=True)
+    for each in what.outcomes:
+        table.add_row(str(each.vehicle_id), each.filter, "recorded", *_cells(each.recorded))
+        difference = number(each.difference_m, ".4f"), number(each.difference_m_s, ".4f")
+        table.add_row("", "", "tried", *_cells(each.tried), *difference, style="cyan")
+    return Group(*lines, *gaps, table)
+
+
+def what_if_dict(what: WhatIf) -> dict[str, Any]:
+    """Return the same as plain data."""
+    return {
+        "changes": {change.key: {"recorded": change.recorded, "tried": change.tried} for change in what.changes},
+        "filters": [asdict(each) for each in what.outcomes],
+        "gaps": list(what.gaps),
+    }
+
+
+def _cells(figures: FilterFigures) -> tuple[str, ...]:
+    return (
+        number(figures.nis, ".3f"),
+        number(figures.refused, ".2%"),
+        number(figures.prediction_m, ".4f"),
+        number(figures.error_m, ".4f"),
+    )

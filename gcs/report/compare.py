@@ -1,29 +1,124 @@
 """Comparison of flights: what differed in their missions, every metric with its spread, the verdicts, and charts."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from json import dumps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from estimation.input_file import toml_content
+from estimation.state import Vector
 from gcs.console.summary import VERDICT_SIGNS
 from gcs.metrics.catalogue import FLIGHT, FLOCKING, PHASES, VEHICLE, Metric
 from gcs.metrics.result import FlightResult
 from gcs.metrics.vehicles import VehicleResult
 from gcs.mission.mission import Mission
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
-from gcs.report.charts.chart import WIDTH_IN, Chart, chart
-from gcs.report.charts.compared import ERRORS, ComparedFlight, draw_compared_error, draw_compared_paths
-from gcs.report.charts.panels import landmarks_m, map_height_in
-from gcs.report.page import key_line, render
-from gcs.report.page_parts import Section, Table, VerdictEntry
-from gcs.style import flight_style
+from gcs.report.charts.chart import WIDTH_IN, Chart, chart, logarithmic, over_time
+from gcs.report.charts.panels import Sheet, landmarks_m, map_height_in, mark_empty, mark_vehicle, title
+from gcs.report.evidence.lyapunov import lyapunov_rad2
+from gcs.report.page_parts import Section, Table, VerdictEntry, key_line, render
+from gcs.style import ENGAGED, flight_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+POINTS_MAX = 1200
+"""Of a line of one flight."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedFlight:
+    """One of several flights: its name (unique), its mission, and the data of its charts with its result."""
+
+    name: str
+    mission: Mission
+    sheet: Sheet
+
+    @property
+    def result(self) -> FlightResult:
+        """The metrics and verdicts of the flight."""
+        return self.sheet.result
+
+    @property
+    def engaged_at_s(self) -> float | None:
+        """The first tick in which a vehicle's tactic is encircle, None without one: the zero of compared times."""
+        times_s = (vehicle.engaged_at_s for vehicle in self.result.vehicles)
+        return min((time_s for time_s in times_s if time_s is not None), default=None)
+
+
+def draw_compared_paths(axes: "Axes", flights: Sequence[ComparedFlight]) -> None:
+    """Draw the paths of all flights over each other, a colour for each flight; targets are thin lines."""
+    title(axes, "Paths", "")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+    for index, flight in enumerate(flights):
+        sheet, style = flight.sheet, flight_style(index)
+        axes.plot(*sheet.path(sheet.record.target_path_m).T, **style | {"linewidth": 0.7})
+        for row, track in enumerate(sheet.record.vehicles):
+            axes.plot(*sheet.path(track.position_m).T, alpha=0.8, **style)
+            engaged_s = flight.result.vehicles[row].engaged_at_s
+            if engaged_s is not None:
+                sample = int(np.argmin(np.abs(sheet.record.time_s - engaged_s)))
+                axes.plot(*track.position_m[sample], color=style["color"], zorder=6, **ENGAGED)
+            mark_vehicle(axes, track, style["color"])
+
+
+def draw_compared_error(axes: "Axes", flights: Sequence[ComparedFlight], name: str) -> None:
+    """Draw one of `ERRORS` of every flight that engaged over the time since it did, on a logarithmic scale."""
+    error = ERRORS[name]
+    title(axes, error.heading, "")
+    lines = [
+        (index, flight.sheet.record.time_s - flight.engaged_at_s, error.of(flight.sheet))
+        for index, flight in enumerate(flights)
+        if flight.engaged_at_s is not None
+    ]
+    known = [np.isfinite(values) for _, _, values in lines]
+    if not any(mask.any() for mask in known):
+        mark_empty(axes, "not measured in any flight" if lines else "no vehicle engaged in any flight")
+        return
+    times_s = [time_s[mask] for (_, time_s, _), mask in zip(lines, known, strict=True)]
+    over_time(axes, error.label, np.sort(np.concatenate(times_s)))
+    axes.set_xlabel("time since the first engagement [s]")
+    logarithmic(axes, np.concatenate([values for _, _, values in lines]), error.floor)
+    for index, time_s, values in lines:
+        axes.plot(*flights[index].sheet.line(time_s, np.maximum(values, 0.1 * error.floor)), **flight_style(index))
+
+
+def _largest(error: Vector) -> Vector:
+    """Return the largest of the errors (V, T) at each time, NaN where there is none."""
+    largest = np.fmax.reduce(np.abs(error), axis=0, initial=-np.inf)
+    return np.where(largest >= 0.0, largest, np.nan)
+
+
+class Error(NamedTuple):
+    """A quantity over time: its heading, its label with the unit, the lowest value drawn, and its values (T,)."""
+
+    heading: str
+    label: str
+    floor: float
+    of: Callable[[Sheet], Vector]
+
+
+ERRORS = {
+    "radius": Error(
+        "Largest radius error", "error [m]", 1e-4, lambda sheet: _largest(sheet.motion.radius_m - sheet.ring.radius_m)
+    ),
+    "spacing": Error(
+        "Largest spacing error",
+        "error [°]",
+        1e-3,
+        lambda sheet: _largest(np.degrees(sheet.motion.lead_rad - sheet.motion.desired_spacing_rad)),
+    ),
+    "lyapunov": Error("Lyapunov function", "V [rad²]", 1e-7, lambda sheet: lyapunov_rad2(sheet.motion)),
+}
+"""The quantities over time by their names."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import ring_motion
 from gcs.report.charts.panels import (
     Sheet,
     draw_paths,

@@ -10,7 +10,7 @@ import numpy as np
 from gcs.metrics.ending import named
 from gcs.metrics.result import FlightResult
 from gcs.metrics.reynolds import Flocking, flocking
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import ring_motion
 from gcs.report import tables
 from gcs.report.charts import metrics as panels_metrics
 from gcs.report.charts import onboard as panels_onboard

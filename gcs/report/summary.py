@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from agents.notes import Kind
 from gcs.metrics.catalogue import VERDICTS, evidence
 from gcs.metrics.ending import named
-from gcs.metrics.engagement import engaged_line
+from gcs.metrics.references import engaged_line
 from gcs.metrics.result import FlightResult, reference_line, window_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry

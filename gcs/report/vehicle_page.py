@@ -10,8 +10,7 @@ import numpy as np
 from estimation.state import Vector
 from gcs.report.charts.chart import chart, over_time
 from gcs.report.charts.panels import mark_empty, thinned, thinned_path, title
-from gcs.report.page import KeyLine, render
-from gcs.report.page_parts import Section, Table
+from gcs.report.page_parts import KeyLine, Section, Table, render
 from gcs.style import COLOURS, DESIRED, FAINT, INK
 from gcs.vehicle_logs.vehicle_log import Series, VehicleLog, describe
 

@@ -24,8 +24,7 @@ from starlette.websockets import WebSocketClose
 
 from gcs.errors import InputError
 from gcs.keys import private_files
-from gcs.viewer.address import Address
-from gcs.viewer.origin_gate import is_permitted
+from gcs.viewer.origin_gate import Address, is_permitted
 
 TOKEN_CHARACTERS_MIN = 16
 _TOKEN_MAX_BYTES = 1024

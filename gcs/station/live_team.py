@@ -5,8 +5,8 @@ import time
 
 from agents.ports import VehicleRefusedError
 from agents.team.messages import BusMessage
-from gcs.console.team_missions import TeamMissions
-from gcs.console.watched_bus import WatchedBus
+from gcs.console.team_bus import WatchedBus
+from gcs.console.team_state import TeamMissions
 from gcs.errors import InputError
 from gcs.metrics.ending import LostFlight
 from gcs.mission.mission import Mission

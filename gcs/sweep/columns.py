@@ -4,12 +4,21 @@ Metrics of vehicles and of transitions also have `.mean` and `.worst` over the t
 that does not apply is missing, never 0.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+import io
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
+from gcs.errors import InputError
 from gcs.metrics.catalogue import FLIGHT, FLOCKING, PHASES, TRANSITION, VEHICLE, VERDICTS, Metric, Worst
 from gcs.metrics.result import FlightResult
+from gcs.sweep.plan import SweepPlan
+
+if TYPE_CHECKING:
+    import pyarrow
+
 
 Scalar = bool | int | float | str
 Row = dict[str, Scalar]
@@ -106,3 +115,68 @@ def _condensed(prefix: str, metrics: Iterable[Metric], parts: Sequence[object], 
         if known and each.worst is not None:
             row[f"{prefix}.{each.name}.worst"] = max(known) if each.worst == "max" else min(known)
     return row
+
+
+MISSING = "a sweep's table needs pyarrow; install it by: pip install 'cordon-gcs[sweep]'"
+
+
+def require_pyarrow() -> None:
+    """Raise InputError if pyarrow is not installed."""
+    try:
+        import pyarrow.parquet  # noqa: F401, PLC0415
+    except ImportError as error:
+        raise InputError([MISSING]) from error
+
+
+def full_rows(plan: SweepPlan, rows: Mapping[int, Row]) -> list[Row]:
+    """Return the finished runs in the order of the plan, each with its varied values and its seed."""
+    kinds = {each.place: _kind(each.values) for each in plan.variations}
+    return [
+        {
+            **{place: _shown(value, kinds[place]) for place, value in run.values.items()},
+            "seed": run.seed,
+            **rows[run.index],
+        }
+        for run in plan.runs
+        if run.index in rows
+    ]
+
+
+def table_columns(plan: SweepPlan, rows: Sequence[Row]) -> tuple[Column, ...]:
+    """Return the columns of a sweep's table: first the varied keys, by their paths in the mission."""
+    varied = [Column(each.place, _kind(each.values), "varied value") for each in plan.variations]
+    return (*varied, *columns(rows))
+
+
+def table_bytes(plan: SweepPlan, rows: Mapping[int, Row]) -> bytes:
+    """Return the table of the finished runs as a Parquet file; the bytes depend on the version of pyarrow."""
+    import pyarrow.parquet  # noqa: PLC0415
+
+    full = full_rows(plan, rows)
+    columns = table_columns(plan, full)
+    fields = [pyarrow.field(each.name, _arrow(each.kind), metadata={"meaning": each.meaning}) for each in columns]
+    arrays = [pyarrow.array([row.get(each.name) for row in full], type=_arrow(each.kind)) for each in columns]
+    content = io.BytesIO()
+    table = pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields))
+    pyarrow.parquet.write_table(table, content, version="2.6", compression="snappy", row_group_size=65_536)
+    return content.getvalue()
+
+
+def _kind(values: Sequence[Any]) -> type[Scalar]:
+    """Return the type of a varied key's column: that of its values; float for mixed numbers; otherwise text."""
+    kinds = {type(value) for value in values}
+    if kinds == {int, float}:
+        return float
+    return kinds.pop() if len(kinds) == 1 and kinds <= {bool, int, float, str} else str
+
+
+def _shown(value: Any, kind: type[Scalar]) -> Scalar:
+    """Return a varied value converted to its column's type: arrays, tables and mixed values as JSON."""
+    return value if isinstance(value, kind) else kind(value) if kind is float else json.dumps(value)
+
+
+def _arrow(kind: type[Scalar]) -> "pyarrow.DataType":
+    import pyarrow  # noqa: PLC0415
+
+    types = {bool: pyarrow.bool_(), int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
+    return types[kind]

@@ -8,7 +8,7 @@ from multiprocessing import forkserver
 
 from gcs.signals import as_they_are
 
-_PRELOADED = ["gcs.sweep.run", "osqp", "cyclopts"]
+_PRELOADED = ["gcs.sweep.workers", "osqp", "cyclopts"]
 """The module that flies a run, its lazy imports, and those of the program's main module, which each copy runs."""
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """One thread for linear algebra: the matrices of a flight are small, and workers share the cores."""

@@ -5,16 +5,114 @@ import os
 import signal
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from functools import cache
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Thread
-from typing import Protocol
+from typing import Any, Protocol
 
+from gcs.console.result import verdict_of
+from gcs.errors import Exit, InputError
+from gcs.flight.simulated import fly_simulated
+from gcs.flightlog.run import versions
+from gcs.metrics.metrics import evaluated
+from gcs.mission.file import parse_mission
 from gcs.signals import ENDING, as_they_are
-from gcs.sweep.columns import Row
+from gcs.sweep.columns import Row, result_row
 from gcs.sweep.forkserver import start_forkserver
 from gcs.sweep.plan import SweepTask
-from gcs.sweep.run import flown
+
+
+class UnlikeWorkerError(Exception):
+    """A worker has other versions of packages that results depend on."""
+
+
+def flown(task: SweepTask) -> Row:
+    """Fly a run and return its metrics; a failed run is a row with only `error`.
+
+    Raises UnlikeWorkerError if this computer's versions differ from those of the task.
+    """
+    here = _versions()
+    unlike = [
+        f"{name} {here.get(name)} instead of {wanted}"
+        for name, wanted in task.versions.items()
+        if here.get(name) != wanted
+    ]
+    if unlike:
+        raise UnlikeWorkerError(f"a worker has {', '.join(unlike)}")
+    try:
+        mission = parse_mission(task.mission_text, None, task.profile_texts)
+        record = fly_simulated(mission, task.seed, task.duration_s or mission.mission.duration_s, _ignore)
+        result = evaluated(mission, record)
+        return result_row(result, holds=verdict_of(result) is Exit.HOLDS)
+    except InputError as error:
+        return failure("; ".join(error.faults))
+    except Exception as error:  # no error of one run ends the sweep
+        return failure(f"{type(error).__name__}: {error}")
+
+
+def failure(reason: str) -> Row:
+    """Return the row of a run that failed."""
+    return {"error": reason}
+
+
+def _ignore(_time_s: float) -> None:
+    """Discard the progress of a run."""
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {each.name: each.version for each in versions()}
+
+
+MISSING = "--scheduler needs Dask's distributed; install it by: pip install 'cordon-gcs[cluster]'"
+CONNECT_S = 10.0
+
+
+class ClusterWorkers:
+    """The workers of a cluster; its scheduler repeats the runs of a dead worker on others."""
+
+    at_once = 1000
+    """More than the workers of a cluster; few enough for the missions to fit into the scheduler's memory."""
+
+    def __init__(self, scheduler: str) -> None:
+        """Connect; raises InputError without a scheduler."""
+        self._client = _connected(scheduler)
+        self._executor = self._client.get_executor(pure=False)
+
+    @property
+    def losses(self) -> tuple[type[Exception], ...]:
+        """The error of a run during which several workers died."""
+        from distributed import KilledWorker  # noqa: PLC0415
+
+        return (KilledWorker,)
+
+    @property
+    def count(self) -> int:
+        """The present number of workers."""
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def submit(self, task: SweepTask) -> "Future[Row]":
+        """Submit a run to the scheduler."""
+        return self._executor.submit(flown, task)  # type: ignore[no-any-return]  # distributed has no types
+
+    def close(self) -> None:
+        """Cancel pending runs and disconnect; the cluster keeps running."""
+        self._executor.shutdown(wait=False)
+        self._client.close()
+
+
+def _connected(scheduler: str) -> Any:
+    try:
+        from distributed import Client  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError([MISSING]) from error
+    try:
+        return Client(scheduler, timeout=CONNECT_S)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise InputError(
+            [f"--scheduler {scheduler}: {error}; start one by `dask scheduler`, which prints its address"]
+        ) from error
 
 
 class Workers(Protocol):

@@ -15,8 +15,7 @@ import foxglove
 from foxglove import Context
 
 from agents.ports import VehicleRefusedError
-from gcs.viewer.address import Address
-from gcs.viewer.origin_gate import PERMITTED, OriginGate
+from gcs.viewer.origin_gate import PERMITTED, Address, OriginGate
 
 if TYPE_CHECKING:
     from gcs.keys.certificates import KeyPair

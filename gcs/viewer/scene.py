@@ -38,8 +38,15 @@ from estimation.state import Telemetry
 from gcs.flightlog.records import Decision
 from gcs.mission.mission import Mission
 from gcs.style import COLOURS, FAIL, FAINT
-from gcs.viewer.drawing import MISSION_FRAME, TARGET, Drawing, ground_place, newest_target, position_covariance
-from gcs.viewer.drawn_vehicle import DrawnVehicle
+from gcs.viewer.drawing import (
+    MISSION_FRAME,
+    TARGET,
+    Drawing,
+    DrawnVehicle,
+    ground_place,
+    newest_target,
+    position_covariance,
+)
 from gcs.viewer.shapes import circle, colour, ellipse, pose, rotation, timestamp
 
 LAYOUT = np.dtype([("place", "<f4", 3), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])

@@ -5,6 +5,7 @@ the mission frame, headings clockwise from north, times simulated seconds since 
 """
 
 from collections import deque
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from importlib import import_module
 from math import inf
@@ -17,12 +18,37 @@ from estimation.plant.model import Plant
 from estimation.profile.autopilots import AutopilotName
 from sitl.autopilot.airframe import STEP_S, Airframe
 from sitl.autopilot.dialect import Dialect
-from sitl.autopilot.equipment import FULL_BATTERY, GPS_POSITIONING, Battery, Positioning
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import Guidance, PositionTarget
 from sitl.autopilot.modes import Conditions, ModeEvent, NavMode, SelectedMode, can_run
 from sitl.autopilot.parameters import Parameters, ParameterTable
 from sitl.vehicle.shaping import ShapeLimits
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """The battery at boot: its charge as a fraction, and the time that a full one lasts while armed [s]."""
+
+    fraction: float = 1.0
+    endurance_s: float = 1800.0
+
+
+@dataclass(frozen=True, slots=True)
+class Positioning:
+    """The sources of position.
+
+    Without `gps` the vehicle has a local position only, as indoors with cameras. A vehicle that is not `localised`
+    never has a position; an `external` one has a position while it receives external positions.
+    """
+
+    gps: bool = True
+    localised: bool = True
+    external: bool = False
+
+
+FULL_BATTERY = Battery()
+GPS_POSITIONING = Positioning()
+
 
 ESTIMATOR_READY_S = 2.0
 """The time from boot to a position estimate."""

@@ -1,16 +1,144 @@
-"""MAVLink commands to the stub: their effects and acknowledgements."""
+"""MAVLink commands to the stub: their effects and acknowledgements.
 
-from collections.abc import Callable
+The receiving end of MAVLink's mission protocol: missions (type 0), fences (1) and rally points (2).
+
+The stub stores plans and returns them; only the fence affects its flight.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import IntEnum
-from math import isfinite
+from math import ceil, inf, isfinite
+from typing import Any
 
 from estimation.frames import MissionFrame
 from sitl.autopilot.autopilot import MavResult, StubAutopilot
 from sitl.autopilot.modes import NavMode
-from sitl.mavlink.plans import Sender
 from sitl.mavlink.reports import TelemetryFields
-from sitl.mavlink.schedule import Schedule
-from sitl.mavlink_constants import MessageId, ModeFlag, Outgoing, Result
+from sitl.mavlink_constants import Fields, MessageId, ModeFlag, Outgoing, Result
+
+PLAN_TYPES = frozenset({0, 1, 2})
+FENCE_PLAN, ALL_PLANS = 1, 255
+ITEMS_MAX = 500
+ACCEPTED, ERROR, NO_SPACE, INVALID_SEQUENCE = 0, 1, 4, 13
+"""The MAV_MISSION_RESULT values that are used."""
+
+Sender = tuple[int, int]
+"""System and component id of the sender."""
+
+
+@dataclass(slots=True)
+class _Upload:
+    plan_type: int
+    count: int
+    items: list[Fields] = field(default_factory=list)
+
+
+class Plans:
+    """Stored plans by type, and at most one upload in progress."""
+
+    def __init__(self) -> None:
+        """Start without plans."""
+        self._stored: dict[int, tuple[Fields, ...]] = {}
+        self._upload: _Upload | None = None
+
+    def items(self, plan_type: int) -> tuple[Fields, ...]:
+        """Return a stored plan: (frame, command, current, autocontinue, param1..4, x, y, z) per item."""
+        return self._stored.get(plan_type, ())
+
+    def clear(self, plan_type: int, sender: Sender) -> list[Outgoing]:
+        """Clear one plan, or all."""
+        if plan_type == ALL_PLANS:
+            self._stored.clear()
+        self._stored.pop(plan_type, None)
+        return [_ack(sender, ACCEPTED, plan_type)]
+
+    def begin_upload(self, plan_type: int, count: int, sender: Sender) -> list[Outgoing]:
+        """Request the first of `count` items; a count of 0 clears the plan."""
+        if plan_type not in PLAN_TYPES:
+            return [_ack(sender, ERROR, plan_type)]
+        if count > ITEMS_MAX:
+            return [_ack(sender, NO_SPACE, plan_type)]
+        if count == 0:
+            return self.clear(plan_type, sender)
+        self._upload = _Upload(plan_type, count)
+        return [(MessageId.MISSION_REQUEST_INT, (*sender, 0, plan_type))]
+
+    def receive_item(self, plan_type: int, seq: int, item: Fields, sender: Sender) -> list[Outgoing]:
+        """Take an item, then request the next one, also after a repeated item, or acknowledge the plan."""
+        upload = self._upload
+        if upload is None or upload.plan_type != plan_type or seq > len(upload.items):
+            return [_ack(sender, INVALID_SEQUENCE, plan_type)]
+        if seq == len(upload.items):
+            upload.items.append(item)
+        if len(upload.items) < upload.count:
+            return [(MessageId.MISSION_REQUEST_INT, (*sender, len(upload.items), plan_type))]
+        self._stored[plan_type] = tuple(upload.items)
+        self._upload = None
+        return [_ack(sender, ACCEPTED, plan_type)]
+
+    def count(self, plan_type: int, sender: Sender) -> list[Outgoing]:
+        """Answer with the number of items of a plan."""
+        return [(MessageId.MISSION_COUNT, (*sender, len(self.items(plan_type)), plan_type))]
+
+    def item(self, plan_type: int, seq: int, sender: Sender) -> list[Outgoing]:
+        """Answer with one item."""
+        items: tuple[Any, ...] = self.items(plan_type)
+        if seq >= len(items):
+            return [_ack(sender, INVALID_SEQUENCE, plan_type)]
+        return [(MessageId.MISSION_ITEM_INT, (*sender, seq, *items[seq], plan_type))]
+
+
+def _ack(sender: Sender, result: int, plan_type: int) -> Outgoing:
+    return MessageId.MISSION_ACK, (*sender, result, plan_type)
+
+
+TOLERANCE_S = 1e-6
+"""A message is due up to this long before its time, because the sum of physics steps has rounding errors."""
+
+
+class Schedule:
+    """Message ids with an interval each; ids without a default rate are sent on request only."""
+
+    def __init__(self, rates_hz: Mapping[int, float], known: Iterable[int]) -> None:
+        """Start every message of `rates_hz` at once; `known` are the ids with a settable interval."""
+        self._default_s = {message: 1.0 / rate for message, rate in rates_hz.items()}
+        self._known = frozenset(known)
+        self._interval_s = dict(self._default_s)
+        self._due_s = dict.fromkeys(self._interval_s, 0.0)
+        self._next_s = 0.0
+
+    def interval_s(self, message: int) -> float | None:
+        """Return a message's interval; None if it is not being sent."""
+        return self._interval_s.get(message)
+
+    def set_interval(self, message: int, interval_s: float | None, *, now_s: float) -> bool:
+        """Set an interval (0 restores the default, None stops); return whether the message is known."""
+        if message not in self._known:
+            return False
+        interval = self._default_s.get(message) if interval_s == 0.0 else interval_s
+        self._interval_s.pop(message, None)
+        self._due_s.pop(message, None)
+        if interval is not None:
+            self._interval_s[message] = interval
+            # On a grid from the start: what a client requests a moment later comes at the same times nevertheless.
+            self._due_s[message] = ceil(now_s / interval - TOLERANCE_S) * interval
+        self._next_s = now_s
+        return True
+
+    def due(self, now_s: float) -> list[int]:
+        """Return the messages due at `now_s` and schedule the next ones; missed ones are not made up."""
+        if now_s + TOLERANCE_S < self._next_s:
+            return []
+        latest_s = now_s + TOLERANCE_S
+        due = [message for message, due_s in self._due_s.items() if due_s <= latest_s]
+        for message in due:
+            interval = self._interval_s[message]
+            next_s = self._due_s[message] + interval
+            self._due_s[message] = next_s if next_s > now_s else now_s + interval
+        self._next_s = min(self._due_s.values(), default=inf)
+        return due
+
 
 FORCE = 21196
 ALTITUDE_MAX_M = 10e3

@@ -18,10 +18,8 @@ from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.parameters import Value
 from sitl.faults import VehicleFaults
-from sitl.mavlink.commands import Commander
-from sitl.mavlink.plans import FENCE_PLAN, Plans
+from sitl.mavlink.commands import FENCE_PLAN, Commander, Plans, Schedule
 from sitl.mavlink.reports import MavlinkConfig, TelemetryFields
-from sitl.mavlink.schedule import Schedule
 from sitl.mavlink.signing import REFUSED, SigningState
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
 

@@ -13,8 +13,7 @@ from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.state import Telemetry, Vector
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import autopilot_named
-from sitl.autopilot.equipment import Battery, Positioning
+from sitl.autopilot.autopilot import Battery, Positioning, autopilot_named
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Value
 from sitl.faults import VehicleFaults, VehicleInjection

@@ -8,8 +8,7 @@ import pytest
 
 from estimation.identification.identified import ParameterEstimate
 from estimation.identification.identify import identify
-from estimation.profile.library import ProfileLibrary
-from estimation.profile.profile import Profile
+from estimation.profile.profile import Profile, ProfileLibrary
 from gcs.autopilots.registry import autopilot_of
 from gcs.identify.reading import recording_of
 from gcs.identify.view import limits_in

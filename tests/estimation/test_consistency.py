@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.filters.consistency import AUTHORITY_LEAST, Consistency
+from estimation.filters.own import AUTHORITY_LEAST, Consistency
 
 MOST = 25.0
 

@@ -5,7 +5,7 @@ from math import exp, hypot, sqrt
 import numpy as np
 import pytest
 
-from estimation.filters.frame_offsets import FrameOffsets
+from estimation.filters.position_wander import FrameOffsets
 from estimation.state import Sighting, Vector
 
 PERIOD_S, SIGMA_M, CORRELATION_S, NOISE_M = 0.2, 0.25, 20.0, 0.3

@@ -10,7 +10,7 @@ from estimation.identification.identified import Identified, ParameterEstimate
 from estimation.identification.identify import identify
 from estimation.identification.response import InputHold
 from estimation.identification.simulated import fit_percent, simulated
-from estimation.plant.provenance import PlantGrade
+from estimation.plant.model import PlantGrade
 from estimation.state import Vector
 from tests.experiments.identification_draws import drawn, intervals_of
 from tests.support.synthetic_flights import SENT_S, Cascade, Truth, cascaded, excitation_m, recorded, saturated

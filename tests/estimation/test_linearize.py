@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.control.linearization import aim_for, aim_for_acceleration
+from agents.control.encirclement import aim_for, aim_for_acceleration
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import Vector

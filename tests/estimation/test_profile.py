@@ -4,10 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from estimation.plant.model import Plant, PlantAxis
-from estimation.plant.provenance import IdentifiedLog, PlantGrade
-from estimation.profile.library import ProfileLibrary
-from estimation.profile.profile import LimitsSection, ProfileError
+from estimation.plant.model import IdentifiedLog, Plant, PlantAxis, PlantGrade
+from estimation.profile.profile import LimitsSection, ProfileError, ProfileLibrary
 from estimation.settings import OwnFilterSettings
 
 AXES = "[x]\na0_per_s2 = 0.5\na1_per_s = 1\n[y]\na0_per_s2 = 0.6\na1_per_s = 1.1\n"

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
 
 from agents.ports import VehicleRefusedError
+from gcs.drill.faults import Roles
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD
-from gcs.drill.mission import drill_mission
-from gcs.drill.roles import Roles
+from gcs.drill.run import drill_mission
 from tests.experiments.arguments import parser
 from tests.support.arducopter import OWN_DEFAULTS, ArduCopterMissing, ArduCopterSimulator
 from tests.support.relay import HEARTBEAT, Message, Relay, flight_mode, is_armed

@@ -23,8 +23,8 @@ from agents.core import VehicleCore
 from agents.safety.guard import Guard
 from agents.safety.neighbours import Neighbours
 from gcs.flight.simulated import fly_simulated
+from gcs.flightlog.recorder import SimulationRecording
 from gcs.flightlog.run import run_of
-from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission

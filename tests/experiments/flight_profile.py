@@ -19,7 +19,7 @@ import numpy as np
 import psutil
 
 from agents.inputs import Tick
-from gcs.flight.supervision.supervisor import is_supervised
+from gcs.flight.supervisor import is_supervised
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Cost
 from tests.experiments.arguments import parser

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimation.identification.identified import Interval, ParameterEstimate
 from estimation.identification.identify import identify
-from estimation.plant.provenance import PlantGrade
+from estimation.plant.model import PlantGrade
 from estimation.state import Vector
 from tests.experiments.arguments import parser
 from tests.support.synthetic_flights import Truth, recorded

@@ -16,8 +16,7 @@ from agents.team.messages import OperatorCommand
 from estimation.state import Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import SimulatedFlight
-from sitl.simulation.vehicle_model import Absence
+from sitl.simulation.simulation import Absence, SimulatedFlight
 from tests.support.mission_text import Content, content, drawn_vehicle, parsed
 from tests.support.observed_flight import observed
 from tests.support.paths import MISSIONS

@@ -10,10 +10,8 @@ from math import cos, pi, sin
 import numpy as np
 
 from estimation.plant.model import Plant, PlantAxis
-from sitl.vehicle.estimator_drift import EstimatorDriftModel
-from sitl.vehicle.imperfections import Imperfections
+from sitl.vehicle.imperfections import EstimatorDriftModel, Imperfections, TelemetryTiming
 from sitl.vehicle.shaping import ShapeLimits
-from sitl.vehicle.telemetry_schedule import TelemetryTiming
 
 PARAMETER_SHARE = 0.5
 DELAY_MAX_S = 0.4

@@ -23,10 +23,8 @@ from estimation.state import POSITION, Vector
 from gcs.flight.simulated import simulated_vehicles
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import SimulatedFlight
-from sitl.vehicle.estimator_drift import EstimatorDriftModel
-from sitl.vehicle.imperfections import IDEAL, Imperfections
+from sitl.vehicle.imperfections import IDEAL, EstimatorDriftModel, Imperfections, TelemetryTiming
 from sitl.vehicle.shaping import ShapeLimits
-from sitl.vehicle.telemetry_schedule import TelemetryTiming
 from tests.experiments.arguments import seeded_parser
 from tests.experiments.plant_draws import (
     ACCELERATION_M_S2,

@@ -13,12 +13,10 @@ from agents.ports import VehicleRefusedError
 from agents.safety.failsafe import Condition
 from agents.tactics import Tactic
 from gcs.console.terminal import STDERR
-from gcs.drill.faults import HEARTBEAT_S, Drill, agents_ended, by_table, cut, the_subject
+from gcs.drill.faults import HEARTBEAT_S, Drill, Roles, agents_ended, by_table, cut, the_subject
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD, Expectation
-from gcs.drill.roles import Roles
-from gcs.drill.run import DrillRun
-from gcs.drill.view import DrillProgress, drill_table
+from gcs.drill.run import DrillProgress, DrillRun, drill_table
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import MODES, custom_mode
 from tests.experiments.arguments import parser

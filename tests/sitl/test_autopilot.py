@@ -11,14 +11,13 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import LandedState, MavResult, StubAutopilot
-from sitl.autopilot.equipment import Battery, Positioning
+from sitl.autopilot.autopilot import Battery, LandedState, MavResult, Positioning, StubAutopilot
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.px4 import DEFAULTS, Px4
-from sitl.mavlink.schedule import Schedule
+from sitl.mavlink.commands import Schedule
 
 PLANT = Plant(PlantAxis(1.51, 1.90), PlantAxis(1.87, 2.40), delay_s=0.2)
 

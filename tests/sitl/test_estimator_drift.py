@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
-from sitl.vehicle.estimator_drift import EstimatorDrift, EstimatorDriftModel
+from sitl.vehicle.imperfections import EstimatorDrift, EstimatorDriftModel
 
 
 def drifted(model: EstimatorDriftModel, step_s: float, steps: int, seed: int = 3) -> Vector:

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant, PlantAxis
-from sitl.autopilot.equipment import GPS_POSITIONING, Positioning
+from sitl.autopilot.autopilot import GPS_POSITIONING, Positioning
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.px4 import Px4, custom_mode

@@ -9,10 +9,19 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Sighting, Telemetry, Vector
-from sitl.simulation.simulation import Inputs, NetworkModel, SimulatedFlight, SimulatedVehicle, simulate
-from sitl.simulation.vehicle_model import LANDED_AFTER_S, Absence, TelemetryNoise, VehicleModel, absence_at
-from sitl.vehicle.estimator_drift import EstimatorDriftModel
-from sitl.vehicle.imperfections import Imperfections
+from sitl.simulation.simulation import (
+    LANDED_AFTER_S,
+    Absence,
+    Inputs,
+    NetworkModel,
+    SimulatedFlight,
+    SimulatedVehicle,
+    TelemetryNoise,
+    VehicleModel,
+    absence_at,
+    simulate,
+)
+from sitl.vehicle.imperfections import EstimatorDriftModel, Imperfections
 from sitl.world import SensorModel, SimulatedSensor, TargetMotion
 
 PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))

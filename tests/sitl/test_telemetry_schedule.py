@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
-from sitl.vehicle.telemetry_schedule import TelemetrySchedule, TelemetryTiming
+from sitl.vehicle.imperfections import TelemetrySchedule, TelemetryTiming
 
 
 def times_s(model: TelemetryTiming, until_s: float, seed: int = 5) -> Vector:

@@ -13,7 +13,7 @@ from playwright.sync_api import Page, expect
 
 from agents.team.messages import BusMessage, MemberState, VehicleReport
 from cordon.lockstep import LockstepClient
-from gcs.console.watched_bus import WatchedBus
+from gcs.console.team_bus import WatchedBus
 from gcs.flight.stubs import url_ports
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission

@@ -21,7 +21,7 @@ from gcs.station.picture import FlightPicture
 from gcs.station.server import listen, recorded_app, serve
 from gcs.station.tiles import opened_tiles
 from gcs.style import COLOURS
-from gcs.viewer.address import Address
+from gcs.viewer.origin_gate import Address
 from tests.station.conftest import OpenPage
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.map_tiles import Colour, corner_deg, east_north_m, mbtiles, png

@@ -19,9 +19,9 @@ from agents.settings.config import AgentConfig
 from agents.settings.sections import FormationSettings
 from agents.shell.agent import Agent
 from agents.shell.clock import WallClock
+from agents.shell.control_loop import AgentParts
 from agents.shell.life import Phase
 from agents.shell.outcome import Outcome, Stop
-from agents.shell.parts import AgentParts
 from agents.tactics import Event
 from agents.team.external_positions import ExternalPosition
 from agents.team.messages import BusMessage, OperatorCommand, StartProposal

@@ -12,9 +12,9 @@ from msgspec import structs
 
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
+from gcs.flightlog.recorder import SimulationRecording
 from gcs.flightlog.run import run_of
 from gcs.flightlog.schema import Codec
-from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import parse_mission

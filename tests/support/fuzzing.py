@@ -29,8 +29,7 @@ from agents.team.messages import (
     VehicleReport,
 )
 from agents.team.perception import ExternalSighting, Perception, encode_sighting
-from estimation.profile.library import ProfileLibrary
-from estimation.profile.profile import ProfileError
+from estimation.profile.profile import ProfileError, ProfileLibrary
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import mission_of

@@ -7,11 +7,17 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from estimation.plant.provenance import Identification
+from estimation.plant.model import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
-from gcs.mission.links import SharedLinkSection
-from gcs.mission.mission import LegSection, SecuritySection, SensorChange, SensorSection, VehicleSection
+from gcs.mission.mission import (
+    LegSection,
+    SecuritySection,
+    SensorChange,
+    SensorSection,
+    SharedLinkSection,
+    VehicleSection,
+)
 from gcs.mission.sections import SECTIONS, TUNING
 from tests.support.units import unit
 

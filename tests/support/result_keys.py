@@ -4,7 +4,7 @@ from dataclasses import fields
 
 from gcs.metrics.catalogue import VERDICTS
 from gcs.metrics.ending import TeamEnding
-from gcs.metrics.engagement import EngagementResult
+from gcs.metrics.references import EngagementResult
 from gcs.metrics.result import FlightResult, LoopResult
 from gcs.metrics.reynolds import ReynoldsResult
 from gcs.metrics.ring import RingResult

@@ -16,8 +16,8 @@ from agents.drops import NO_DROPS
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.agent import Agent
+from agents.shell.control_loop import AgentParts
 from agents.shell.outcome import Outcome, Stop
-from agents.shell.parts import AgentParts
 from agents.team.codec import decode
 from agents.team.external_positions import ExternalPosition
 from agents.team.messages import BusMessage, OperatorCommand

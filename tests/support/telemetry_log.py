@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as dialect
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.equipment import Battery
+from sitl.autopilot.autopilot import Battery
 from sitl.autopilot.px4 import Px4
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import MavlinkConfig

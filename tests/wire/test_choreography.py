@@ -11,8 +11,8 @@ import pytest
 
 from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
-from agents.shell.bus.zenoh_bus import single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team import participant
 from agents.team.codec import encode
 from agents.team.messages import TOPICS, StartProposal

@@ -8,8 +8,7 @@ from typing import ClassVar
 
 import pytest
 
-from gcs.drill.faults import DRILLS
-from gcs.drill.roles import Roles
+from gcs.drill.faults import DRILLS, Roles
 from gcs.drill.run import DrillRun
 from gcs.drill.stubs import StubFlight
 from tests.support.drills import Silent

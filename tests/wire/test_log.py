@@ -34,7 +34,7 @@ SPEED = 5.0
 ALOFT_TICKS = 300
 """Of one vehicle, 30 s of the mission's clock: they have taken off."""
 FILE_MAX_BYTES = 200_000
-LOG_PROGRAM = "gcs.flight.log_process.program"
+LOG_PROGRAM = "gcs.flight.log_program"
 LOSS_MAX_S = 4.0
 """Of the wall's clock: what is written is flushed every second, which a busy computer makes late. Not flushed, all of
 the flight would still be lost.

@@ -24,8 +24,8 @@ from cordon.lockstep import LockstepClient
 from gcs.flight.stubs import url_ports
 from gcs.mission.file import load_mission
 from gcs.viewer import origin_gate
-from gcs.viewer.address import Address
 from gcs.viewer.live_server import STOP_TIMEOUT_S, live_server
+from gcs.viewer.origin_gate import Address
 from tests.support.mission_text import LOW
 from tests.support.onlooker import Onlooker
 from tests.support.paths import ROOT, finds_tests

@@ -22,7 +22,7 @@ from gcs.drill.flight import ProcessUnderTest
 from gcs.drill.process_under_test import SOCKET
 from gcs.flight.faults.team_faults import Hang, TeamFaults
 from gcs.flight.stubs import stub_configs
-from gcs.flight.supervision.protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
+from gcs.flight.supervision_protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
 from gcs.mission.file import load_mission
 from sitl.autopilot.modes import NavMode
 from tests.support.wire import PATIENCE_S, Served, served, until

@@ -14,8 +14,8 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from agents.shell.bus.zenoh_bus import single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import MemberState
 from agents.team.participant import vehicle

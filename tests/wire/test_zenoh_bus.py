@@ -13,9 +13,9 @@ import pytest
 
 from agents.drops import NO_DROPS, Drops
 from agents.ports import PeerBus, VehicleRefusedError
-from agents.shell.bus.mailbox import PAYLOAD_LIMIT_BYTES
-from agents.shell.bus.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES
+from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team import codec
 from agents.team.codec import decode, encode
 from agents.team.messages import BusMessage, CommandAnswer, StartProposal
@@ -25,8 +25,8 @@ from tests.support.wire import free_ports, repeated, until
 
 PEER_PROCESS = """
 import asyncio, sys
-from agents.shell.bus.zenoh_bus import single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import decode, encode
 from agents.team.messages import CommandAnswer
 from agents.team.participant import vehicle

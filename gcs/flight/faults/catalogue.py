@@ -7,9 +7,8 @@ from signal import SIGKILL, SIGSTOP
 
 from estimation.frames import Triple
 from gcs.errors import InputError
-from gcs.flight.faults.injection import Injection, TeamInFlight
 from gcs.flight.faults.names import FaultName, as_option
-from gcs.flight.faults.team_faults import TeamFaults
+from gcs.flight.faults.team_faults import Injection, TeamFaults, TeamInFlight
 from gcs.mission.mission import Mission
 from sitl.faults import VehicleFaults, VehicleInjection
 

@@ -13,7 +13,7 @@ from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
-from gcs.metrics.ring_motion import RingMotion
+from gcs.metrics.ring import RingMotion
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
 
 if TYPE_CHECKING:

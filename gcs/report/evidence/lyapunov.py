@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.ring.place import spacing_decay_per_s
 from estimation.state import Vector
-from gcs.metrics.ring_motion import RingMotion
+from gcs.metrics.ring import RingMotion
 
 # V counts as decayed below this share of its initial value: every error to a tenth.
 DECAYED_SHARE = 0.01

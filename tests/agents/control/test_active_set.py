@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from agents.control.active_set import ActiveSet
+from agents.control.lmpc import ActiveSet
 from estimation.state import Vector
 
 FREE = 1e20
@@ -93,7 +93,7 @@ def test_the_search_begins_at_the_active_set_found_last_and_ends_when_it_takes_t
     given = (-20.0 * np.ones(SIZE), lower, upper)
     active_set = ActiveSet(hessian, rows)
     assert assert_optimal(hessian, rows, given, active_set) > 1
-    monkeypatch.setattr("agents.control.active_set._CHANGES_MAX", 1)
+    monkeypatch.setattr("agents.control.lmpc._CHANGES_MAX", 1)
     assert_optimal(hessian, rows, given, active_set)
     assert ActiveSet(hessian, rows).optimum(*given) is None
 

@@ -187,7 +187,7 @@ def test_osqp_begins_at_the_optimum_and_takes_one_step(monkeypatch: pytest.Monke
 def test_osqp_finds_the_plan_also_where_no_active_set_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     given, limits = problem(3, 2), bounds(0.5)
     found = given.lmpc().solve(given.state, given.reference, given.previous, limits)
-    monkeypatch.setattr("agents.control.active_set._CHANGES_MAX", 0)
+    monkeypatch.setattr("agents.control.lmpc._CHANGES_MAX", 0)
     alone = given.lmpc().solve(given.state, given.reference, given.previous, limits)
     assert found.status is alone.status is QpStatus.BOUNDED
     assert alone.first_input == pytest.approx(found.first_input, abs=2e-3)

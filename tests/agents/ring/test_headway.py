@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.ring.headway import headway_rate_rad_s, leads
+from agents.ring.detour import headway_rate_rad_s, leads
 from estimation.polar import Polar
 
 directions = st.sampled_from([1.0, -1.0])

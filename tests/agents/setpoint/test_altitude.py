@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from agents.broadcast import received_sighting, target_package
-from agents.setpoint.altitude import Altitude
+from agents.setpoint import Altitude
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from agents.team.codec import decode, encode

@@ -15,7 +15,7 @@ from agents.inputs import Start, TacticEvent
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.safety.guard import Guarded, GuardStatus
-from agents.setpoint.feedforward import FeedForward
+from agents.setpoint import FeedForward
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Event

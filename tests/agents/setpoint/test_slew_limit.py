@@ -9,7 +9,7 @@ import pytest
 
 from agents.control.plan import Plan
 from agents.inputs import Message, TacticEvent
-from agents.setpoint.slew_limit import SlewLimit
+from agents.setpoint import SlewLimit
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
 from agents.team.messages import MemberState

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.outputs import TickOutput
-from agents.setpoint.yaw import Yaw
+from agents.setpoint import Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic

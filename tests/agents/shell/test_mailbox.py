@@ -3,7 +3,7 @@
 import threading
 
 from agents.drops import Drops
-from agents.shell.bus.mailbox import PAYLOAD_LIMIT_BYTES, Mailbox
+from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES, Mailbox
 
 MEMBERS = (1, 2, 3)
 

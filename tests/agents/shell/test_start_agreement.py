@@ -11,8 +11,14 @@ from hypothesis import strategies as st
 
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
-from agents.shell.start_agreement import StartAgreement
-from agents.shell.start_proposal import LEAD_TIME_S, SAMPLES_MIN, PeerClocks, TeamReadiness, is_possible
+from agents.shell.start_agreement import (
+    LEAD_TIME_S,
+    SAMPLES_MIN,
+    PeerClocks,
+    StartAgreement,
+    TeamReadiness,
+    is_possible,
+)
 from agents.team.codec import decode
 from agents.team.messages import TOPICS, StartProposal
 

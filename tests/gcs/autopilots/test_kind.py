@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.autopilots.ardupilot import AUTOPILOT as ARDUPILOT
-from gcs.autopilots.kind import Evidence, VehicleKind
+from gcs.autopilots.autopilot import Evidence, VehicleKind
 from gcs.autopilots.px4 import AUTOPILOT as PX4
 from gcs.link.relay.frames import is_hil
 

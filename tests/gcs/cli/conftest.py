@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.flight.supervision.protocol import HEARTBEAT_VARIABLE
+from gcs.flight.supervision_protocol import HEARTBEAT_VARIABLE
 from tests.conftest import RunHere
 
 

@@ -20,7 +20,7 @@ from gcs.cli import app
 from gcs.cli.options import with_stubs
 from gcs.flight.faults.catalogue import FAULTS
 from gcs.mission.file import bundled_missions
-from gcs.mission.schema import mission_schema
+from gcs.mission.sections import mission_schema
 from tests.conftest import Ran, RunHere
 from tests.support import installation
 from tests.support.paths import DATA, MISSIONS
@@ -96,7 +96,7 @@ def mission(tmp_path: Path) -> Callable[..., str]:
 
 def test_neither_help_nor_the_supervisor_imports_anything_heavy() -> None:
     program = f"""
-import contextlib, sys, gcs.cli, gcs.flight.supervision.supervisor
+import contextlib, sys, gcs.cli, gcs.flight.supervisor
 for arguments in (["--help"], *([name, "--help"] for name in {COMMANDS})):
     sys.argv = ["cordon", *arguments]
     with contextlib.suppress(SystemExit):

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimation.plant.provenance import COVARIANCE_OF, PlantGrade
-from estimation.profile.library import ProfileLibrary
-from estimation.profile.profile import LimitsSection
+from estimation.plant.model import COVARIANCE_OF, PlantGrade
+from estimation.profile.profile import LimitsSection, ProfileLibrary
 from estimation.settings import OwnFilterSettings
 from estimation.state import Vector
 from gcs.mission.file import excitation_mission

@@ -16,9 +16,15 @@ import pytest
 
 from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
-from gcs.console.keyboard.bindings import ANSWERED_WITHIN_S, DIGITS_WITHIN_S, SELECTED_FOR_S, KeyBindings, KeyedCommand
-from gcs.console.keyboard.commands import KeyCommands
-from gcs.console.keyboard.keyboard import Keyboard
+from gcs.console.keyboard import (
+    ANSWERED_WITHIN_S,
+    DIGITS_WITHIN_S,
+    SELECTED_FOR_S,
+    KeyBindings,
+    Keyboard,
+    KeyCommands,
+    KeyedCommand,
+)
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, until
 
@@ -192,7 +198,7 @@ class Bus:
 
 
 async def test_a_command_is_repeated_until_a_newer_one_to_the_same_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcs.console.keyboard.commands.REPEAT_S", 0.01)
+    monkeypatch.setattr("gcs.console.keyboard.REPEAT_S", 0.01)
     agent, bus = Agent(), Bus()
     agents, clock = cast(Any, [agent]), cast(Any, SimpleNamespace(now_s=lambda: 5.0))
     keys = KeyCommands(agents, clock, "pat", cast(Any, bus), KeyBindings(TEAM), set)
@@ -240,7 +246,7 @@ def test_a_terminal_that_is_another_jobs_is_left_alone(terminal: tuple[int, int]
 
 PROGRAM = """
 import asyncio, fcntl, sys, termios
-from gcs.console.keyboard.keyboard import Keyboard
+from gcs.console.keyboard import Keyboard
 
 async def main():
     done = asyncio.Event()

@@ -3,7 +3,7 @@
 import pytest
 
 from agents.team.messages import BusMessage, MissionIdentity, StartProposal, VehicleReport
-from gcs.console.team_start import StartReports
+from gcs.console.command_client import StartReports
 from gcs.mission.file import load_mission
 
 MISSION = load_mission("case2")

@@ -12,12 +12,10 @@ from typing import Self
 import pytest
 
 from estimation.frames import Triple
-from gcs.drill.faults import DRILLS
+from gcs.drill.faults import DRILLS, Roles
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import failures, reacted_s
-from gcs.drill.mission import drill_mission
-from gcs.drill.roles import Roles
-from gcs.drill.run import DrillRun
+from gcs.drill.run import DrillRun, drill_mission
 from gcs.flight.faults.catalogue import required_fault
 from gcs.flight.faults.team_faults import TeamFaults
 from gcs.mission.file import parse_mission

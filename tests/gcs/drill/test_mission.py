@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs.drill.faults import DRILLS, chosen
-from gcs.drill.mission import drill_mission, profiles_of
-from gcs.drill.roles import Roles
+from gcs.drill.faults import DRILLS, Roles, chosen
+from gcs.drill.run import drill_mission, profiles_of
 from gcs.errors import InputError
 from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
 from gcs.mission.mission import Mission

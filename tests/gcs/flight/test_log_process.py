@@ -10,13 +10,13 @@ import pytest
 
 from agents.inputs import Tick
 from agents.ports import VehicleRefusedError
-from gcs.flight.log_process.handle import LogProcess, LogRequest
+from gcs.flight.log_process import LogProcess, LogRequest
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import RunEnd
 from gcs.flightlog.run import run_of
 from gcs.mission.file import load_mission
-from gcs.viewer.address import Address
+from gcs.viewer.origin_gate import Address
 from tests.support.flight_logs import engaging, files_up_to, record_simulation
 from tests.support.paths import ROOT, finds_tests
 from tests.support.wire import until_now

@@ -10,8 +10,8 @@ from agents.control.aims import resting
 from agents.control.plan import Plan
 from agents.settings.config import AgentConfig
 from agents.situation.task import Task
+from gcs.flight.recording import simulation_recording
 from gcs.flight.simulated import fly_simulated
-from gcs.flight.simulation_log import simulation_recording
 from gcs.mission.file import load_mission
 
 MEETING_M = np.array([6.0, 0.0])

@@ -10,9 +10,9 @@ from math import inf
 
 import pytest
 
-from gcs.flight.supervision import supervisor
-from gcs.flight.supervision.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartbeat
-from gcs.flight.supervision.protocol import (
+from gcs.flight import supervisor
+from gcs.flight.heartbeat import TICK_PERIOD_MIN_S, SupervisorHeartbeat
+from gcs.flight.supervision_protocol import (
     ALIVE,
     HEARTBEAT_VARIABLE,
     JOINED,
@@ -196,7 +196,7 @@ def test_a_wish_is_one_call_each_and_a_lost_supervisor_is_one_wish(pair: tuple[s
 def test_a_supervisor_that_is_dead_or_silent_makes_it_land(
     closed: bool, pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.flight.supervision.heartbeat.POLL_PERIOD_S", 0.001)
+    monkeypatch.setattr("gcs.flight.heartbeat.POLL_PERIOD_S", 0.001)
     ours, theirs = pair
     calls: list[str] = []
     told = threading.Event()

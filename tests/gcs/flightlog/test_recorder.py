@@ -11,9 +11,8 @@ from mcap.reader import make_reader
 
 from agents.inputs import Tick
 from gcs.errors import InputError
-from gcs.flight.recording import RecordingOptions, flight_log, report_log
+from gcs.flight.recording import FOLDER_VARIABLE, RecordingOptions, flight_log, report_log
 from gcs.flightlog import recorder
-from gcs.flightlog.place import FOLDER_VARIABLE
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.recorder import Recorder, RecorderThread
 from gcs.flightlog.records import RunEnd

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.shell.bus.bus_security import BusSecurity
+from agents.shell.bus_security import BusSecurity
 from agents.team.participant import Role
 from agents.team.verbs import VERBS
 from gcs.errors import Exit, InputError

@@ -13,8 +13,7 @@ from mavsdk.plugins.telemetry import FixType
 
 from agents.ports import Connection, GpsThreat
 from gcs.link import self_reports
-from gcs.link.estimator_report import EstimatorReport
-from gcs.link.self_reports import LOST_S, WIND_S, SelfReports, estimator_facts, tilt_deg
+from gcs.link.self_reports import LOST_S, WIND_S, EstimatorReport, SelfReports, estimator_facts, tilt_deg
 from tests.support.simulated_loop import run_simulated
 
 SYSTEM = 4

@@ -6,9 +6,15 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from gcs.metrics.engagement import GRACE_S, EngagementReference, EngagementResult, engaged_line, engagement
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.references import engagement_reference
+from gcs.metrics.references import (
+    GRACE_S,
+    EngagementReference,
+    EngagementResult,
+    engaged_line,
+    engagement,
+    engagement_reference,
+)
 from gcs.metrics.vehicles import engagement_times_s
 from gcs.mission.file import load_mission
 from tests.support.mission_text import content, parsed, put

@@ -8,7 +8,7 @@ from agents.notes import Note
 from agents.outputs import CoreStatus
 from agents.tactics import Tactic
 from agents.team.messages import CommandAnswer, MemberState
-from gcs.metrics.event_log import EventLog, event_line
+from gcs.metrics.journal import EventLog, event_line
 from gcs.metrics.record import FlightEvent, in_order
 
 START_S = 1_700_000_000.0

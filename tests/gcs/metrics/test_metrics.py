@@ -17,8 +17,7 @@ from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, Vehicle
 from gcs.metrics.references import DesiredRing, FormationReference, VerdictTolerances
 from gcs.metrics.result import FlightResult, window_line
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
-from gcs.metrics.ring import SETTLED_FOR_S, RingResult
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import SETTLED_FOR_S, RingResult, ring_motion
 from gcs.metrics.vehicles import engagement_times_s
 from tests.support.report_evidence import TOLERANCES
 from tests.support.result_keys import RESULT_KEYS

@@ -8,7 +8,7 @@ import pytest
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
 from gcs.metrics.references import DesiredRing
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import ring_motion
 from gcs.metrics.transitions import TransitionResult, transitions
 
 TIME_S = np.arange(0.0, 80.0, 0.1)

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from agents.settings.sections import DecisionSettings
 from estimation.frames import Geodetic
 from estimation.plant.model import PlantAxis
-from estimation.profile.library import ProfileLibrary
+from estimation.profile.profile import ProfileLibrary
 from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
 from gcs.mission.mission import Mission, VehicleSection
 from gcs.mission.sections import SECTIONS, TUNING

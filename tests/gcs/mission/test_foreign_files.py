@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from estimation.input_file import toml_content
-from estimation.profile.library import ProfileLibrary
-from estimation.profile.profile import ProfileError
+from estimation.profile.profile import ProfileError, ProfileLibrary
 from gcs.errors import InputError
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log

@@ -3,8 +3,7 @@
 import pytest
 
 from gcs.link.config import link_paces
-from gcs.link.rates.budget import LOAD_SHARE
-from gcs.link.rates.rates import Rates
+from gcs.link.rates import LOAD_SHARE, Rates
 from gcs.mission.mission import Mission
 from tests.support.mission_text import Content, content, drop, faults, parsed, put
 

@@ -3,7 +3,7 @@
 import pytest
 
 from agents.safety.guard import Guard
-from agents.setpoint.altitude import Altitude
+from agents.setpoint import Altitude
 from agents.tactics import Tactic
 from estimation.state import Sighting
 from gcs.flight.simulated import fly_simulated

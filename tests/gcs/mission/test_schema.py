@@ -6,8 +6,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from gcs.mission.file import bundled_missions
-from gcs.mission.schema import mission_schema
-from gcs.mission.sections import SECTIONS, TUNING
+from gcs.mission.sections import SECTIONS, TUNING, mission_schema
 from tests.support.mission_text import Place, content, drop, put
 from tests.support.paths import MISSIONS
 

@@ -14,19 +14,17 @@ from rich.console import Console
 
 from agents.ports import FlightMode, VehicleStatus
 from gcs.autopilots import ardupilot, px4, registry
-from gcs.autopilots.autopilot import Autopilot
-from gcs.autopilots.kind import STUB_UID
+from gcs.autopilots.autopilot import STUB_UID, Autopilot
 from gcs.autopilots.px4 import SITL_UID
 from gcs.errors import Exit
-from gcs.link.estimator_report import EstimatorReport
 from gcs.link.relay.gate import LinkReport
+from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import FenceArea, Finding, GpsFix, Grade, VehicleFacts
-from gcs.preflight.findings_view import exit_code, findings_json, findings_view
 from gcs.preflight.mission import extent_m
-from gcs.preflight.preflight import preflight, worst
+from gcs.preflight.preflight import exit_code, findings_json, findings_view, preflight, worst
 from tests.support.mission_text import content, parsed, put
 from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wording import facts_missing

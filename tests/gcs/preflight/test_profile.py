@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from agents.control.excitation import preview
-from estimation.plant.provenance import COVARIANCE_OF, Identification
+from estimation.plant.model import COVARIANCE_OF, Identification
 from estimation.profile.autopilots import AutopilotName
 from estimation.profile.profile import Profile
 from gcs.autopilots import ardupilot, px4
@@ -15,9 +15,9 @@ from gcs.autopilots.autopilot import Autopilot
 from gcs.autopilots.registry import UNKNOWN
 from gcs.mission.file import excitation_mission, load_mission
 from gcs.mission.mission import Mission
-from gcs.preflight.fence import route
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.mission import extent_m
+from gcs.preflight.parameters import route
 from gcs.preflight.preflight import preflight
 from tests.gcs.preflight.test_preflight import well
 from tests.support.wording import facts_missing

@@ -7,8 +7,8 @@ import pytest
 
 from gcs.autopilots import ardupilot, px4
 from gcs.autopilots.autopilot import Autopilot
-from gcs.link.estimator_report import EstimatorReport, estimator_report
-from gcs.preflight.reader import parameter_value
+from gcs.link.self_reports import EstimatorReport, estimator_report
+from gcs.preflight.link_facts import parameter_value
 
 INT32, REAL32 = 6, 9
 GPS_FLIGHT = 0b11_0011_1111  # attitude, velocities, positions and predicted positions

@@ -27,15 +27,14 @@ from gcs.replay.event_detectors import (
     NoteEvents,
     PeerEvents,
     PlanFailures,
+    ReceivedInputs,
     RingEvents,
     TargetEvents,
     TelemetryGaps,
     TimelineEntry,
 )
 from gcs.replay.playback import Turn
-from gcs.replay.received_inputs import ReceivedInputs
-from gcs.replay.timeline import FOLDED_FROM, KEPT, Timeline, folded, timeline_of
-from gcs.replay.timeline_view import summary_lines
+from gcs.replay.timeline import FOLDED_FROM, KEPT, Timeline, folded, summary_lines, timeline_of
 from tests.conftest import RunHere
 from tests.support.flight_logs import engaging, record_simulation
 

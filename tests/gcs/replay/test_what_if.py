@@ -14,9 +14,17 @@ from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, GuardResult, Truth
 from gcs.mission.mission import Mission
-from gcs.replay.estimates import EstimateTrack, rms_difference
 from gcs.replay.playback import Turn, config_of, turns
-from gcs.replay.what_if import Feed, FilterComparison, FilterRun, FilterSettings, changed_filters, what_if
+from gcs.replay.what_if import (
+    EstimateTrack,
+    Feed,
+    FilterComparison,
+    FilterRun,
+    FilterSettings,
+    changed_filters,
+    rms_difference,
+    what_if,
+)
 from tests.conftest import RunHere
 from tests.support.flight_logs import engaging, record_simulation
 

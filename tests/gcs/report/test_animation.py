@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import ring_motion
 from gcs.report import animation
 from gcs.report.animation import save_animation
 from gcs.report.charts.panels import Sheet

@@ -7,16 +7,17 @@ import pytest
 from rich.console import Console
 
 from gcs.metrics.result import FlightResult
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import ring_motion
 from gcs.mission.file import load_mission
-from gcs.report.charts.compared import ComparedFlight, draw_compared_error
 from gcs.report.charts.panels import Sheet
 from gcs.report.compare import (
+    ComparedFlight,
     Comparison,
     comparison_dict,
     comparison_html,
     comparison_table,
     comparisons,
+    draw_compared_error,
     mission_differences,
     remarks,
 )

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
-from gcs.metrics.ring_motion import ring_motion
+from gcs.metrics.ring import ring_motion
 from gcs.report.evidence.lyapunov import decays, lyapunov_rad2
 
 TIME_S = np.arange(1201) / 10.0

@@ -9,11 +9,11 @@ from agents.notes import AlertChange
 from gcs.console.advice import advice
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import TeamEnding
-from gcs.metrics.engagement import EngagementResult
 from gcs.metrics.record import FlightEvent
+from gcs.metrics.references import EngagementResult
 from gcs.metrics.result import FlightResult
 from gcs.report.evidence.flight import FlightEvidence, PlantNote
-from gcs.report.next_steps import alert_table, next_steps
+from gcs.report.flight_page import alert_table, next_steps
 from tests.support.report_evidence import flown
 
 HELD = Verdicts(True, True, True, True, True, True)

@@ -13,8 +13,8 @@ from estimation.plant.watch import effect_delay_s, others, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.mission.file import load_mission
+from gcs.report.evidence.criteria import plant_notes
 from gcs.report.evidence.flight import FlightEvidence, LoopTiming, PlantNote, VehicleEvidence
-from gcs.report.evidence.plants import plant_notes
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ import pytest
 from gcs.errors import InputError
 from gcs.keys.certificates import CertificateAuthority
 from gcs.station.access import Access, checked_access, kept_token, read_token
-from gcs.viewer.address import Address
+from gcs.viewer.origin_gate import Address
 
 TOKEN = "0123456789abcdef"
 HERE, BEYOND = Address("127.0.0.1", 8766), Address("0.0.0.0", 8766)

@@ -16,7 +16,7 @@ from gcs.mission.file import load_mission
 from gcs.station.access import Access
 from gcs.station.picture import FlightPicture, OperatorRights, TeamPicture
 from gcs.station.server import REQUEST_MAX_BYTES, listen, recorded_app, serve
-from gcs.viewer.address import Address
+from gcs.viewer.origin_gate import Address
 from tests.support.page.station import TOKEN, CannedSource, Station, asked, received, station
 from tests.support.wire import LOOPBACK, PATIENCE_S, free_port
 

@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.sweep.columns import TEAM, Column, Row
+from gcs.sweep.columns import TEAM, Column, Row, full_rows
 from gcs.sweep.figure import Picture, save_sweep_figure
 from gcs.sweep.plan import SweepPlan
-from gcs.sweep.summary import SweepSummary
-from gcs.sweep.table import full_rows
+from gcs.sweep.summary import SweepSummary, worst_cases
 from gcs.sweep.variation import Variation
-from gcs.sweep.worst import worst_cases
 
 pytestmark = pytest.mark.slow
 

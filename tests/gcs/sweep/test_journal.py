@@ -4,8 +4,7 @@ import pytest
 
 from gcs.errors import InputError
 from gcs.sweep.columns import Row
-from gcs.sweep.folder import SweepFolder
-from gcs.sweep.journal import SweepJournal, read_rows
+from gcs.sweep.folder import SweepFolder, SweepJournal, read_rows
 from gcs.sweep.plan import planned
 
 pytestmark = pytest.mark.slow

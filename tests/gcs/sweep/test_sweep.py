@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from gcs.sweep.columns import Row
-from gcs.sweep.journal import SweepJournal
+from gcs.sweep.folder import SweepJournal
 from gcs.sweep.plan import SweepPlan, SweepTask, Tasks, planned
-from gcs.sweep.run import UnlikeWorkerError, flown
 from gcs.sweep.sweep import TRIES, WorkersError, fly_missing
+from gcs.sweep.workers import UnlikeWorkerError, flown
 
 
 class DeathError(Exception):

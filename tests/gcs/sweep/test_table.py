@@ -15,11 +15,10 @@ from gcs.flight.simulated import fly_simulated
 from gcs.metrics.metrics import evaluated
 from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
-from gcs.sweep.columns import TEAM, Row, columns, result_row
+from gcs.sweep.columns import TEAM, Row, columns, require_pyarrow, result_row, table_bytes
 from gcs.sweep.plan import SweepPlan, Tasks, planned
-from gcs.sweep.run import flown
-from gcs.sweep.table import require_pyarrow, table_bytes
 from gcs.sweep.variation import Variation
+from gcs.sweep.workers import flown
 from tests.support.result_keys import RESULT_KEYS
 
 NEAR = {"target.start_m": [9.0, -3.0]}

@@ -24,13 +24,11 @@ from estimation.state import Telemetry
 from gcs.cli import log
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.reader import read_log
-from gcs.flightlog.recorder import Recorder
+from gcs.flightlog.recorder import Recorder, SimulationRecording
 from gcs.flightlog.records import VEHICLE_TOPICS, Decision, TargetState
 from gcs.flightlog.run import run_of
-from gcs.flightlog.simulation import SimulationRecording
 from gcs.flightlog.writer import LogWriter
-from gcs.viewer.drawing import newest_target
-from gcs.viewer.drawn_vehicle import DrawnVehicle
+from gcs.viewer.drawing import DrawnVehicle, newest_target
 from gcs.viewer.scene import PERIOD_S, Scene
 from gcs.viewer.shapes import ellipse
 from tests.conftest import CONFIG

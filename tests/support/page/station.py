@@ -16,8 +16,8 @@ from urllib.parse import unquote
 import websockets
 from websockets.asyncio.client import ClientConnection
 
-from agents.shell.bus.zenoh_bus import single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal
 from agents.team.participant import vehicle
@@ -30,7 +30,7 @@ from gcs.station.commands import Commands
 from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture
 from gcs.station.server import listen, serve_team
 from gcs.station.tiles import MapTiles
-from gcs.viewer.address import Address
+from gcs.viewer.origin_gate import Address
 from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until
 
 TOKEN = "a token of the tests: ümläut"

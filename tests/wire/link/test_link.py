@@ -32,8 +32,7 @@ from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates.rate_controller import RateController
-from gcs.link.rates.rates import Rates
+from gcs.link.rates import RateController, Rates
 from gcs.link.status_texts import StatusTexts
 from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.guidance import PositionTarget

@@ -30,7 +30,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.metrics.event_log import event_line
+from gcs.metrics.journal import event_line
 from gcs.metrics.record import FlightEvent
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission

@@ -23,7 +23,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.ports.urls import require_usable
+from gcs.link.ports import require_usable
 from gcs.mission.file import load_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.px4 import Px4

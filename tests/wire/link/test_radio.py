@@ -22,8 +22,7 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates.rate_controller import RateController
-from gcs.link.rates.rates import Rates
+from gcs.link.rates import RateController, Rates
 from gcs.link.relay.carriers import Carrier, open_carrier
 from gcs.link.relay.frames import FrameStream, station_heartbeat
 from gcs.radio.emulation import Emulation, run

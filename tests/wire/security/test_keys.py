@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from agents.shell.bus.bus_security import BusSecurity
-from agents.shell.bus.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.bus_security import BusSecurity
+from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, key_of
 from agents.team.participant import Role, vehicle

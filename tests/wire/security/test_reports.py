@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import REPORT_TOPIC, BusMessage, MemberState, VehicleReport
 from agents.team.participant import Participant, Role

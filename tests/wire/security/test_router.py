@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from agents.ports import VehicleRefusedError
-from agents.shell.bus import zenoh_session
-from agents.shell.bus.bus_security import BusSecurity
-from agents.shell.bus.zenoh_bus import ParticipantBus, single_bus
-from agents.shell.bus.zenoh_session import BusTeam, ZenohSession
+from agents.shell import zenoh_session
+from agents.shell.bus_security import BusSecurity
+from agents.shell.zenoh_bus import ParticipantBus, single_bus
+from agents.shell.zenoh_session import BusTeam, ZenohSession
 from agents.team.codec import encode
 from agents.team.messages import OPERATORS_TOPIC, BusMessage, MemberState, OperatorCommand, VehicleReport, key_of
 from agents.team.participant import Participant, Role, vehicle

@@ -14,15 +14,15 @@ import pytest
 from rich.console import Console
 
 from agents.ports import VehicleRefusedError
-from agents.shell.bus.zenoh_bus import single_bus
-from agents.shell.bus.zenoh_session import BusTeam
+from agents.shell.zenoh_bus import single_bus
+from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import StartProposal
 from agents.team.participant import vehicle
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.watch import WatchView, watch
-from gcs.link.ports.claims import flight_claims
+from gcs.link.ports import flight_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
 from tests.support.wire import PATIENCE_S, free_ports, running

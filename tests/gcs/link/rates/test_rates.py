@@ -6,9 +6,20 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.autopilots import ardupilot, px4
-from gcs.link.rates.budget import SETPOINT_BYTES, SLOW_STATUS_BYTES, STATUS_BYTES, TELEMETRY_BYTES, fitting, load
-from gcs.link.rates.rate_controller import LOOK_PERIOD_S, UP_AFTER_S, RateController
-from gcs.link.rates.rates import Rates, Traffic, rate_levels
+from gcs.link.rates import (
+    LOOK_PERIOD_S,
+    SETPOINT_BYTES,
+    SLOW_STATUS_BYTES,
+    STATUS_BYTES,
+    TELEMETRY_BYTES,
+    UP_AFTER_S,
+    RateController,
+    Rates,
+    Traffic,
+    fitting,
+    load,
+    rate_levels,
+)
 
 FULL = Rates(telemetry_hz=20.0, status_hz=2.0, setpoint_hz=20.0)
 

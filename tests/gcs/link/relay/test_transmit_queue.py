@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.link.relay.frames import buffer_free, header, target_system
 from gcs.link.relay.gate import Sequences
-from gcs.link.relay.transmit_queue import TransmitQueue
+from gcs.link.relay.relay import TransmitQueue
 
 PLACE = ("line", 57600)
 SENDER = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)

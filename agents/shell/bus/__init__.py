@@ -1,1 +1,0 @@
-"""The bus between peers over Zenoh: sessions, the mailbox, and the participants of a process."""

@@ -1,1 +1,0 @@
-"""The keyboard of a flight: keys read from a terminal, their bindings, and the commands that they send."""

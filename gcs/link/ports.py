@@ -1,0 +1,277 @@
+"""Exclusive use of a team and of ports by one run of cordon on this computer: a second run is refused before its start.
+
+A run claims the team that it flies, and the UDP ports that its vehicles send to. A claim is a Unix socket with an
+abstract name (man 7 unix): the system removes it with its process, however that ends, and keeps one list for all users
+in each network namespace, as it does for ports. Systems other than Linux have no such names: there only
+ports and endpoints are checked.
+"""
+
+import errno
+import ipaddress
+import os
+import socket
+import stat
+import sys
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from os import getpid
+from pathlib import Path
+from secrets import token_hex
+from typing import Any
+from urllib.parse import urlsplit
+
+import psutil
+from serial.tools.list_ports import comports
+
+from agents.ports import VehicleRefusedError
+from agents.team.text import printable
+from gcs.mission.mission import Mission, MissionVehicle
+
+_COMMAND_LENGTH = 160
+
+
+def bind_fault(kind: socket.SocketKind, host: str, port: int) -> OSError | None:
+    """Return why this computer cannot receive at a UDP or TCP port; raises ValueError unless the host is numeric."""
+    family = socket.AF_INET6 if ipaddress.ip_address(host).version == 6 else socket.AF_INET
+    with socket.socket(family, kind) as attempt:
+        if kind is socket.SOCK_STREAM:  # ignore connections in TIME_WAIT
+            attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            attempt.bind((host, port))
+        except OSError as error:
+            return error
+    return None
+
+
+def port_holder(kind: socket.SocketKind, port: int) -> str:
+    """Return " by process 123 (its command)" for the holder of a UDP or TCP port; empty if unknown."""
+    is_udp = kind is socket.SOCK_DGRAM
+    for each in _sockets("udp" if is_udp else "tcp"):
+        if each.laddr and each.laddr.port == port and (is_udp or each.status == psutil.CONN_LISTEN):
+            return described(each.pid)
+    return ""
+
+
+def abstract_sockets(prefix: str) -> dict[str, int | None]:
+    """Return the abstract Unix sockets of all users whose names begin with `prefix`, with their processes if known."""
+    return {
+        each.laddr.removeprefix("@"): each.pid
+        for each in _sockets("unix")
+        if isinstance(each.laddr, str) and each.laddr.startswith(f"@{prefix}")
+    }
+
+
+def described(process_id: int | None) -> str:
+    """Return " by process 123 (its command)", with printable characters only; None is a process of another user."""
+    if process_id is None:
+        return " by a process of another user"
+    try:
+        program, *arguments = psutil.Process(process_id).cmdline()
+    except (psutil.Error, ValueError):  # another user's, it has ended, or it is a thread of the kernel
+        return f" by process {process_id}"
+    command = printable(" ".join((Path(program).name, *arguments)).strip())
+    return f" by process {process_id} ({command[:_COMMAND_LENGTH]})"
+
+
+def _sockets(kind: str) -> list[Any]:
+    try:
+        return psutil.net_connections(kind)
+    except (psutil.Error, OSError, ValueError):  # not reported by this system
+        return []
+
+
+_FLIGHT = "cordon/flight/"
+_FED = "cordon/fed/udp/"
+_LISTENING = ("udpin", "tcpin")
+
+
+class Claims(ExitStack):
+    """The claims of this process, to be used as a context manager: they end with it, or with the process."""
+
+    def take(self, name: str) -> bool:
+        """Claim a name; return whether it was free, always true on systems without abstract names."""
+        if sys.platform != "linux":
+            return True
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            claim.bind(f"\0{name}")
+        except OSError as error:
+            claim.close()
+            if error.errno == errno.EADDRINUSE:
+                return False
+            raise
+        self.callback(claim.close)
+        return True
+
+    def take_team(self, mission: Mission) -> Iterator[str]:
+        """Claim the team for the flight of a mission; return the faults: flights of other missions by that team."""
+        team, digest = f"{_FLIGHT}{mission.network.team}/", "" if mission.identity is None else mission.identity.digest
+        for name in abstract_sockets(team):
+            other, _, process = name.removeprefix(team).partition("/")
+            if other != digest:
+                holder = described(int(process.partition("/")[0]))
+                yield f"team {mission.network.team} flies another mission on this computer,{holder}"
+        self.take(f"{team}{digest}/{getpid()}/{token_hex(4)}")
+
+    def take_fed(self, ports: Sequence[int]) -> Iterator[str]:
+        """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already."""
+        for port in ports:
+            if not self.take(f"{_FED}{port}"):
+                holder = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}")
+                yield f"udp port {port} receives the vehicle of another run,{described(holder)}"
+
+
+@contextmanager
+def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
+    """Claim what a flight needs, while it lasts; stubs with the ids `stubs` are about to be started.
+
+    Raises VehicleRefusedError, with the process if the system reports it, when the team, a port, an endpoint or a
+    stub's port is in use.
+    """
+    with Claims() as claims:
+        faults = list(claims.take_team(mission))
+        # Checked before they start. For other vehicles the links and the bus report it, with their other findings.
+        vehicles = [mission.vehicle(each) for each in stubs]
+        faults += (fault for vehicle in vehicles for fault in _url_faults(vehicle))
+        if mission.network.router is None:
+            faults += (fault for vehicle in vehicles for fault in _endpoint_faults(vehicle))
+        faults += claims.take_fed(fed_ports(vehicles))
+        _require_none(faults, "end the other run, or give this mission other ports and another network.team")
+        yield claims
+
+
+@contextmanager
+def stub_claims(ports: Sequence[int]) -> Iterator[None]:
+    """Claim the ports that stub vehicles send to; raises VehicleRefusedError when another run's vehicles do already."""
+    with Claims() as claims:
+        _require_none(list(claims.take_fed(ports)), "end the other run, or give this mission other ports")
+        yield
+
+
+def fed_ports(vehicles: Sequence[MissionVehicle]) -> list[int]:
+    """Return the UDP ports on which vehicles are received."""
+    urls = [urlsplit(vehicle.section.url) for vehicle in vehicles]
+    return sorted({url.port for url in urls if url.scheme == "udpin" and url.port})
+
+
+def _require_none(faults: Sequence[str], next_step: str) -> None:
+    if faults:
+        raise VehicleRefusedError("; ".join(faults), next_step)
+
+
+def _url_faults(vehicle: MissionVehicle) -> Iterator[str]:
+    """Return whether a vehicle's port is in use."""
+    if urlsplit(vehicle.section.url).scheme in _LISTENING:
+        try:
+            require_usable(vehicle.section.url)
+        except VehicleRefusedError as refusal:
+            yield refusal.reason
+
+
+def _endpoint_faults(vehicle: MissionVehicle) -> Iterator[str]:
+    """Return whether a vehicle's endpoint on the bus is in use."""
+    protocol, _, place = vehicle.section.endpoint.partition("/")
+    host, _, port = place.rpartition(":")
+    kind = socket.SOCK_STREAM if protocol in ("tcp", "tls") else socket.SOCK_DGRAM
+    with suppress(ValueError):  # Zenoh itself checks names and other addresses
+        fault = bind_fault(kind, host.strip("[]"), int(port))
+        if fault is not None and fault.errno == errno.EADDRINUSE:
+            yield f"endpoint {vehicle.section.endpoint} is in use{port_holder(kind, int(port))}"
+
+
+CONNECT_TIMEOUT_S = 3.0
+
+
+def require_usable(url: str) -> None:
+    """Refuse a url whose port is in use, whose host is unknown or does not answer, or whose device does not exist.
+
+    Blocks during a name lookup or a TCP connection attempt. Unknown schemes pass. Raises VehicleRefusedError.
+    """
+    scheme, _, rest = url.partition("://")
+    check = _CHECKS.get(scheme)
+    place, _, number = rest.rpartition(":")
+    if check is not None and place and number.isdecimal():
+        check(url, place, int(number))
+
+
+def _require_free_udp(url: str, host: str, port: int) -> None:
+    """Refuse a UDP port in use: a second MAVSDK on it raises no error, and the first one receives nothing."""
+    _require_free(url, host, port, socket.SOCK_DGRAM)
+
+
+def _require_free_tcp(url: str, host: str, port: int) -> None:
+    _require_free(url, host, port, socket.SOCK_STREAM)
+
+
+def _require_free(url: str, host: str, port: int, kind: socket.SocketKind) -> None:
+    try:
+        fault = bind_fault(kind, host, port)
+    except ValueError as error:
+        raise VehicleRefusedError(
+            f"{url}: {host} is not a numeric address of this machine",
+            "use 0.0.0.0 to listen on all networks, or 127.0.0.1 for this machine only",
+        ) from error
+    if fault is not None:
+        in_use = fault.errno == errno.EADDRINUSE
+        raise VehicleRefusedError(
+            f"{'udp' if kind is socket.SOCK_DGRAM else 'tcp'} port {port} of {url} "
+            + (f"is in use{port_holder(kind, port)}" if in_use else f"is not available: {fault.strerror}"),
+            "end the other ground station or agent on this port" if in_use else "check the url",
+        ) from fault
+
+
+def _require_known_host(url: str, host: str, port: int) -> None:
+    try:
+        socket.getaddrinfo(host, port)
+    except OSError as error:
+        raise VehicleRefusedError(
+            f"{url}: unknown host {host} ({error.strerror})",
+            "check the name and the network of this machine, or use a numeric address",
+        ) from error
+
+
+def _require_answering(url: str, host: str, port: int) -> None:
+    """Refuse a TCP server that does not accept connections: MAVSDK would retry for ever without an error."""
+    _require_known_host(url, host, port)
+    try:
+        socket.create_connection((host, port), CONNECT_TIMEOUT_S).close()
+    except OSError as error:
+        refused = isinstance(error, ConnectionRefusedError)
+        reason = "refuses connections" if refused else f"is not reachable: {error.strerror or error}"
+        raise VehicleRefusedError(
+            f"{url}: tcp port {port} of {host} {reason}",
+            "start the vehicle or the bridge on that port, or check host and port",
+        ) from error
+
+
+def _require_device(url: str, name: str, _baud: int) -> None:
+    if not name.startswith("/"):
+        return  # Windows ports (COM3) cannot be checked without opening them
+    device = Path(name)
+    if not device.exists():
+        there = sorted(port.device for port in comports())
+        known = f"available: {', '.join(there)}" if there else "no serial device is connected"
+        raise VehicleRefusedError(
+            f"{url}: the serial device {name} does not exist; {known}",
+            "connect the autopilot or radio, then use its name under /dev",
+        )
+    if not stat.S_ISCHR(device.stat().st_mode):
+        raise VehicleRefusedError(
+            f"{url}: {name} is not a serial device",
+            "use the device of the autopilot or radio, for example /dev/ttyUSB0",
+        )
+    if not os.access(device, os.R_OK | os.W_OK):
+        raise VehicleRefusedError(
+            f"{url}: no permission to open {name}",
+            "join the group that owns it (`sudo usermod -aG dialout $USER`), then log in again",
+        )
+
+
+_CHECKS: dict[str, Callable[[str, str, int], None]] = {
+    "udp": _require_free_udp,
+    "udpin": _require_free_udp,
+    "udpout": _require_known_host,
+    "tcpin": _require_free_tcp,
+    "tcpout": _require_answering,
+    "serial": _require_device,
+}
