@@ -31,51 +31,56 @@ Time = Callable[[float], str]
 """Formats a time on a core's clock."""
 
 
-class TimeScale(msgspec.Struct, frozen=True):
-    """Mission seconds per wall second: timeouts of links, which take wall time, are multiplied by it."""
-
-    topic: ClassVar = "time_scale"
-    lasts: ClassVar = False
-    factor: float
-
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
-        return f"time scale {self.factor:g} (mission seconds per wall second)"
-
-
-class Start(msgspec.Struct, frozen=True):
-    """The mission begins: the zero of the formation's clock."""
-
-    topic: ClassVar = "start"
-    lasts: ClassVar = False
-    at_s: float
+class _Input(msgspec.Struct, frozen=True):
+    topic: ClassVar[str]
+    lasts: ClassVar[bool] = False
 
     def describe(self, time: Time) -> str:
         """Return it as text."""
+        return self._text(time)
+
+    def _text(self, time: Time) -> str:
+        raise NotImplementedError
+
+
+class TimeScale(_Input, frozen=True):
+    """Mission seconds per wall second: timeouts of links, which take wall time, are multiplied by it."""
+
+    topic: ClassVar = "time_scale"
+    factor: float
+
+    def _text(self, _time: Time) -> str:
+        return f"time scale {self.factor:g} (mission seconds per wall second)"
+
+
+class Start(_Input, frozen=True):
+    """The mission begins: the zero of the formation's clock."""
+
+    topic: ClassVar = "start"
+    at_s: float
+
+    def _text(self, time: Time) -> str:
         return f"the mission starts at {time(self.at_s)}"
 
 
-class TacticEvent(msgspec.Struct, frozen=True):
+class TacticEvent(_Input, frozen=True):
     """An event from the shell or from an operator at this computer."""
 
     topic: ClassVar = "event"
-    lasts: ClassVar = False
     event: Event
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         return f"tactic event: {self.event.value}"
 
 
-class AutopilotStatus(msgspec.Struct, frozen=True):
+class AutopilotStatus(_Input, frozen=True):
     """The autopilot's status."""
 
     topic: ClassVar = "autopilot"
     lasts: ClassVar = True
     status: VehicleStatus
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         status = self.status
         facts = (
             "connected" if status.connected else "not connected",
@@ -87,19 +92,18 @@ class AutopilotStatus(msgspec.Struct, frozen=True):
         return f"autopilot: {', '.join(facts)}"
 
 
-class LateTicks(msgspec.Struct, frozen=True):
+class LateTicks(_Input, frozen=True):
     """The number of ticks that were skipped before the next one."""
 
     topic: ClassVar = "late"
     lasts: ClassVar = True
     count: int
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         return f"{self.count} ticks skipped"
 
 
-class Bus(msgspec.Struct, frozen=True):
+class Bus(_Input, frozen=True):
     """Whether the session of the bus works, and whether an operator is on the bus."""
 
     topic: ClassVar = "bus"
@@ -107,45 +111,39 @@ class Bus(msgspec.Struct, frozen=True):
     alive: bool
     operated: bool = False
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         return f"bus {'connected' if self.alive else 'lost'}, {'operator' if self.operated else 'no operator'} present"
 
 
-class Computer(msgspec.Struct, frozen=True):
+class Computer(_Input, frozen=True):
     """The resource that this computer is short of, empty if none."""
 
     topic: ClassVar = "computer"
     lasts: ClassVar = True
     short_of: str
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         return f"computer short of {self.short_of}" if self.short_of else "computer: no shortage"
 
 
-class Ground(msgspec.Struct, frozen=True):
+class Ground(_Input, frozen=True):
     """The vehicle waits for its start, and what forbids its start, empty if nothing does."""
 
     topic: ClassVar = "ground"
-    lasts: ClassVar = False
     start_blockers: str
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         return f"on the ground: {self.start_blockers or 'ready to start'}"
 
 
-class Message(msgspec.Struct, frozen=True):
+class Message(_Input, frozen=True):
     """A message from the bus, the same object for all cores of a process, and the time of its arrival."""
 
     topic: ClassVar = "message"
-    lasts: ClassVar = False
     now_s: float
     message: BusMessage
 
-    def describe(self, time: Time) -> str:
-        """Return it as text."""
+    def _text(self, time: Time) -> str:
         message = self.message
         if isinstance(message, OperatorCommand):
             text = _command_text(message)
@@ -154,54 +152,46 @@ class Message(msgspec.Struct, frozen=True):
         return f"received at {time(self.now_s)}: {text}"
 
 
-class Command(msgspec.Struct, frozen=True):
+class Command(_Input, frozen=True):
     """A command of an operator at this computer, and its time: it acts at once, and the next tick answers it."""
 
     topic: ClassVar = "command"
-    lasts: ClassVar = False
     now_s: float
     command: OperatorCommand
 
-    def describe(self, time: Time) -> str:
-        """Return it as text."""
+    def _text(self, time: Time) -> str:
         return f"local command at {time(self.now_s)}: {_command_text(self.command)}"
 
 
-class Killed(msgspec.Struct, frozen=True):
+class Killed(_Input, frozen=True):
     """The outcome of cutting the motors, and its time: why it failed, empty if it did not."""
 
     topic: ClassVar = "killed"
-    lasts: ClassVar = False
     now_s: float
     refusal: str
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         return f"motors: {self.refusal}" if self.refusal else "motors: cut"
 
 
-class Presence(msgspec.Struct, frozen=True):
+class Presence(_Input, frozen=True):
     """A peer has joined or left the bus."""
 
     topic: ClassVar = "presence"
-    lasts: ClassVar = False
     vehicle_id: int
     present: bool
 
-    def describe(self, _time: Time) -> str:
-        """Return it as text."""
+    def _text(self, _time: Time) -> str:
         return f"vehicle {self.vehicle_id} {'joined' if self.present else 'left'} the bus"
 
 
-class Tick(msgspec.Struct, frozen=True):
+class Tick(_Input, frozen=True):
     """When a step of the control loop began."""
 
     topic: ClassVar = "tick"
-    lasts: ClassVar = False
     now_s: float
 
-    def describe(self, time: Time) -> str:
-        """Return it as text."""
+    def _text(self, time: Time) -> str:
         return f"tick at {time(self.now_s)}"
 
 

@@ -1,23 +1,18 @@
-"""The yaw of setpoints, counter-clockwise from the mission's x axis.
+"""From a plan to a setpoint: slew limit, velocity feed-forward, yaw and altitude.
 
-It turns at a bounded rate in the shorter direction. If no direction is wanted or known, it stays as it is.
-
-The slew limit: how far an aim may move per tick after a jump of an estimate or a plan.
-
-The guard acts after it, and may move the aim farther.
+The slew limit bounds how far an aim may move per tick after a jump of an estimate or a plan. The guard acts after it,
+and may move the aim farther. The yaw, counter-clockwise from the mission's x axis, turns at a bounded rate in the
+shorter direction; if no direction is wanted or known, it stays as it is.
 
 Velocity feed-forward: the aim is split into a position setpoint and a velocity.
-
 In the plant model all pairs with the same aim have the same effect, so the guard's result holds for any velocity. The
 choice matters where the vehicle differs from its profile. The velocity sent is the one that the plant reaches under the
 aim after half the time constant of its damping. At a steady speed the setpoint then needs no lead, and errors of a0 and
 a1 have no effect; during acceleration they have half their effect. The velocity follows the guarded aim, so a braked
 vehicle is sent less at once. A vehicle that stays is sent none, and comes to rest at the setpoint for any plant.
 
-The altitude of a vehicle's setpoints: its layer, or on the ring an offset above the target's altitude.
-
-All vehicles are raised by the same amount, which keeps the differences of their `altitude_m`, also if the altitude
-limit of one of them is reached.
+The altitude is the vehicle's layer, or on the ring an offset above the target's altitude. All vehicles are raised by
+the same amount, which keeps the differences of their `altitude_m`, also if the altitude limit of one is reached.
 """
 
 from math import atan2, hypot, radians

@@ -1,4 +1,4 @@
-"""Keyboard input of the live view: single keys read from the terminal, separated from pasted text."""
+"""The keyboard of the live view: single keys read from the terminal, their bindings, and their commands."""
 
 import asyncio
 import atexit

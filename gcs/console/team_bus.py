@@ -1,5 +1,6 @@
-"""The bus of a running team for operators, sensors and observers: they connect to the vehicles' endpoints or to the
-team's router.
+"""The bus of a running team for operators, sensors and observers, and of a watched team from flight to flight.
+
+They connect to the vehicles' endpoints or to the team's router.
 """
 
 from collections.abc import Callable

@@ -32,7 +32,7 @@ from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import FlightTeam, Member
 from gcs.flight.watch import FindingsReport, Watch
-from gcs.flightlog.flight import FlightRecording, Recording, Unrecorded
+from gcs.flightlog.flight import FlightRecording, Recording
 from gcs.keys.identity import Identity, user_name
 from gcs.keys.team_keys import flight_keys
 from gcs.link.hub import MavsdkHub
@@ -185,7 +185,7 @@ async def fly(
     with ExitStack() as stack:
         clock = _mission_clock(plan, stack)
         keys = stack.enter_context(flight_keys(plan.mission))
-        recording: Recording = Unrecorded()
+        recording = Recording()
         if plan.log is not None:
             recording = stack.enter_context(FlightRecording(plan.log, clock))
         team = FlightTeam(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))

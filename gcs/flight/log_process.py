@@ -1,4 +1,7 @@
-"""The flying process's handle on the process that writes its log."""
+"""The flying process's handle on the process that writes its log and serves it to viewers (gcs/flight/log_program.py).
+
+Encoding, drawing and compressing hold the interpreter lock: in the flying process they would delay the control loops.
+"""
 
 import subprocess
 import sys

@@ -1,7 +1,7 @@
 """Recording a flight: the inputs and decisions of this process's agents, the facts of their vehicles, the ending."""
 
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from agents.core import VehicleCore
 from agents.recording import RecordedCore
@@ -15,79 +15,41 @@ from gcs.preflight.findings import VehicleFacts
 from sitl.server.server import TruthTrack
 
 
-class Recording(Protocol):
-    """Records a flight."""
+class Recording:
+    """Records nothing of a flight; `FlightRecording` writes a log."""
 
     @property
     def fault(self) -> str:
         """Why the record ends before the flight does, empty if it does not."""
-        ...
+        return ""
 
     def begin(self, run: Run) -> None:
         """Record the run as a whole; a later call replaces an earlier one."""
-        ...
 
     def core(self, config: AgentConfig) -> VehicleCore:
         """Return the core of an agent."""
-        ...
-
-    def begin_vehicle(self, facts: VehicleFacts) -> None:
-        """Record the facts that a vehicle reported before take-off."""
-        ...
-
-    def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
-        """Record the computing time of a tick of a vehicle's control loop."""
-        ...
-
-    def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
-        """Record the totals of a vehicle's control loop, and how its flight ended."""
-        ...
-
-    def end(self, end: RunEnd) -> None:
-        """Record how the run ended."""
-        ...
-
-    def true_track(self, vehicle_id: int, track: TruthTrack) -> None:
-        """Record a vehicle's true track."""
-        ...
-
-    def truth(self, vehicle_id: int, motion: Telemetry) -> None:
-        """Record a true motion that a vehicle's simulator sent."""
-        ...
-
-
-class Unrecorded:
-    """Records nothing."""
-
-    fault = ""
-
-    def begin(self, run: Run) -> None:
-        """Do nothing."""
-
-    def core(self, config: AgentConfig) -> VehicleCore:
-        """Return a plain core."""
         return VehicleCore(config)
 
     def begin_vehicle(self, facts: VehicleFacts) -> None:
-        """Do nothing."""
+        """Record the facts that a vehicle reported before take-off."""
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
-        """Do nothing."""
+        """Record the computing time of a tick of a vehicle's control loop."""
 
     def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
-        """Do nothing."""
+        """Record the totals of a vehicle's control loop, and how its flight ended."""
 
     def end(self, end: RunEnd) -> None:
-        """Do nothing."""
+        """Record how the run ended."""
 
     def true_track(self, vehicle_id: int, track: TruthTrack) -> None:
-        """Do nothing."""
+        """Record a vehicle's true track."""
 
     def truth(self, vehicle_id: int, motion: Telemetry) -> None:
-        """Do nothing."""
+        """Record a true motion that a vehicle's simulator sent."""
 
 
-class FlightRecording:
+class FlightRecording(Recording):
     """Records on a thread of its own; use it as a context manager around everything that flies."""
 
     def __init__(self, writer: RecordWriter, clock: MissionClock) -> None:

@@ -70,7 +70,7 @@ class Parameter(msgspec.Struct, frozen=True):
 
 
 class Vehicle(msgspec.Struct, frozen=True):
-    """The facts that a vehicle's autopilot reported before take-off, and its `kind` (gcs/autopilots/autopilot.py)."""
+    """The facts that a vehicle's autopilot reported before take-off; `kind` is its kind of `gcs.autopilots`."""
 
     autopilot: str
     firmware: str

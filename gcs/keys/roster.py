@@ -1,4 +1,4 @@
-"""The roster file: the holders of a team's keys, what each may do, and what is revoked."""
+"""The holders of keys, and the roster file: the holders of a team, what each may do, and what is revoked."""
 
 import hashlib
 from datetime import datetime

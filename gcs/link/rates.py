@@ -1,4 +1,4 @@
-"""The message rates of a vehicle."""
+"""Message rates: of one vehicle, their load on a connection in bytes, and their choice by its capacity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

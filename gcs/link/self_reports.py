@@ -1,4 +1,4 @@
-"""An autopilot's reports on its estimator, GPS and connections, as fields of `agents.ports.VehicleStatus`."""
+"""An autopilot's reports on its estimator, GPS and connections, as fields of `VehicleStatus` and as a report."""
 
 import asyncio
 import json

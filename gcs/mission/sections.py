@@ -1,4 +1,4 @@
-"""The names of a mission file's sections and of the tables of `[tuning]`, with their models."""
+"""The names of a mission file's sections and of the tables of `[tuning]`, with their models, and the JSON Schema."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Preflight checks of the autopilot's parameters: failsafes, geofence, limits. Parameters are read, never written."""
+"""Preflight checks of the vehicle's autopilot: parameters, which are never written, geofence areas, kind, profile."""
 
 import re
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""The preflight: from a mission and what its vehicles report to graded findings."""
+"""The preflight: from a mission and what its vehicles report to graded findings, as a table and as JSON."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""The parts of a page before they are rendered to HTML: verdicts, tables, and sections of charts and tables."""
+"""Pages as one HTML file without network access, and their parts: verdicts, tables, and sections of charts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The gate in front of the live view: only web pages of permitted origins can read a flight.
+"""The address of the live view, and the gate in front of it: only web pages of permitted origins can read a flight.
 
 Browsers let every page open WebSockets to this computer, and send the page's origin in the header `Origin` (RFC 6455,
 section 10.2). The Foxglove server does not check it. So the gate listens in its place, reads the head of each

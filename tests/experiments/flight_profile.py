@@ -33,7 +33,7 @@ SETTLED_S = 5.0
 """The time from the first tick in control to the measurement of the stages."""
 
 CORDON = ("supervisor", "flying", "log")
-PROGRAMS = {"spawn_main": "stubs", "log_process": "log"}
+PROGRAMS = {"spawn_main": "stubs", "log_program": "log"}
 """Parts of the command lines of the flying process's children."""
 COLUMNS = (
     "vehicles",

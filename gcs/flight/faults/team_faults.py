@@ -1,4 +1,4 @@
-"""The faults of a flying process: of its agents' buses and sensors, and of the process itself."""
+"""The faults of a flying process, of its agents' buses and sensors, and the changes that a fault makes."""
 
 import asyncio
 import ctypes

@@ -1,4 +1,4 @@
-"""The criteria of a flight: references, tolerances, and the gain of the spacing law."""
+"""The criteria of a flight: references, tolerances, the gain of the spacing law, and the validation of plants."""
 
 from dataclasses import dataclass, field, replace
 

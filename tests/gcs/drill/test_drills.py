@@ -12,6 +12,7 @@ from typing import Self
 import pytest
 
 from estimation.frames import Triple
+from estimation.profile.profile import ProfileLibrary
 from gcs.drill.faults import DRILLS, Roles
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import failures, reacted_s
@@ -28,14 +29,10 @@ ON_SOCKETS = ("stranger", "flood", "impostor", "link cut", "killed agent", "froz
 BELOW = [drill for drill in DRILLS if drill.fault not in ON_SOCKETS]
 REACTIONS_OFF = (
     ("safety", "telemetry_timeout_s", 30.0),
-    ("own_filter", "gate_timeout_s", 60.0),
     ("target", "stale_after_s", 600.0),
-    ("failsafe", "battery_s", 60.0),
-    ("failsafe", "estimator_s", 60.0),
-    ("failsafe", "following_s", 60.0),
     ("failsafe", "peers_silent_s", 600.0),
     ("failsafe", "peer_silent_s", 600.0),
-    ("tuning", "failsafe", {"doubt_m": 1000.0}),
+    ("tuning", "failsafe", {"battery_s": 60.0, "estimator_s": 60.0, "following_s": 60.0, "doubt_m": 1000.0}),
 )
 UNDISTURBED_S = 2.0
 AIRBORNE_M = 0.5
@@ -44,8 +41,8 @@ AIRBORNE_M = 0.5
 class FlightBelowTheWire(DrillFlight):
     """A flight of a drill in simulated time."""
 
-    def __init__(self, text: str, speed: float) -> None:
-        super().__init__(text, speed)
+    def __init__(self, text: str, speed: float, profile_texts: Mapping[str, str] | None = None) -> None:
+        super().__init__(text, speed, profile_texts=profile_texts)
         self.clock = SimulatedClock(1.0)
         self.team = SimulatedTeam(self.mission, self._receive, self._observe)
         self._received: dict[int, int] = {}
@@ -107,6 +104,15 @@ class Undisturbed(FlightBelowTheWire):
             assert (reacted_s(expected, self.log, began_s) is None) is expected.is_reaction, drill.fault
 
 
+class Unreacting(Undisturbed):
+    """Its filters do not follow a jump of the position."""
+
+    def __init__(self, text: str, speed: float) -> None:
+        stub = ProfileLibrary(None)
+        stub.load("stub")
+        super().__init__(text, speed, {"stub": f"{stub.texts['stub']}[own_filter]\ngate_timeout_s = 60.0\n"})
+
+
 def test_every_drill_holds(subtests: pytest.Subtests) -> None:
     rows = run_simulated(DrillRun("case2", FlightBelowTheWire, BELOW, Silent(), speed=1.0).run())
     assert [row.fault for row in rows] == [drill.fault for drill in BELOW]
@@ -118,7 +124,7 @@ def test_every_drill_holds(subtests: pytest.Subtests) -> None:
 def test_control_with_the_reactions_switched_off_every_drill_fails(subtests: pytest.Subtests) -> None:
     uncontrolled = ("half of all messages lost", "latency", "foreign mode")
     drills = [drill for drill in BELOW if drill.fault not in uncontrolled]
-    run = DrillRun("case2", Undisturbed, drills, Silent(), speed=1.0, changes=REACTIONS_OFF)
+    run = DrillRun("case2", Unreacting, drills, Silent(), speed=1.0, changes=REACTIONS_OFF)
     rows = run_simulated(run.run())
     assert [row.fault for row in rows] == [drill.fault for drill in drills]
     for row in rows:

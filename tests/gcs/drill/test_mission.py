@@ -82,7 +82,13 @@ def test_who_things_happen_to_is_the_last_in_line_and_the_leader_at_the_end() ->
 
 def test_grace_times_are_the_missions() -> None:
     usual, receiver = (
-        Roles(drilled("case2", ("failsafe", "battery_s", battery_s), ("safety", "telemetry_timeout_s", telemetry_s)))
+        Roles(
+            drilled(
+                "case2",
+                ("tuning", "failsafe", {"battery_s": battery_s}),
+                ("safety", "telemetry_timeout_s", telemetry_s),
+            )
+        )
         for battery_s, telemetry_s in ((5.0, 1.0), (25.0, 11.0))
     )
     by_name = {drill.fault: drill for drill in DRILLS}

@@ -13,7 +13,8 @@ from tests.support.simulated_loop import run_simulated
 from tests.support.simulated_team import SimulatedTeam
 
 FORMATION = ["formation"] * 3
-QUICK: dict[str, object] = {"battery_s": 2.0, "bus_lost_s": 0.5, "peer_silent_s": 1.0}
+QUICK: dict[str, object] = {"bus_lost_s": 0.5, "peer_silent_s": 1.0}
+QUICK_TUNING: dict[str, object] = {"failsafe": {"battery_s": 2.0}}
 
 
 def low_flight(**changes: dict[str, object]) -> Mission:
@@ -93,7 +94,7 @@ def test_who_takes_a_vehicle_keeps_it_until_a_command_and_it_is_not_landed_at_th
 
 def test_a_low_battery_comes_home_and_a_lost_bus_steps_aside() -> None:
     async def fly() -> None:
-        async with SimulatedTeam(low_flight(failsafe=QUICK)) as team:
+        async with SimulatedTeam(low_flight(failsafe=QUICK, tuning=QUICK_TUNING)) as team:
             await team.begin(40.0)
             await team.until(lambda: team.tactics() == FORMATION)
             team.links[3].autopilot.battery_fraction = 0.15
