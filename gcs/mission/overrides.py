@@ -14,7 +14,7 @@ import tomli_w
 
 from estimation.input_file import KEY_PARTS_MAX, toml_content
 from gcs.errors import InputError, KeyFault
-from gcs.mission.file import syntax_fault
+from gcs.mission.fault_lines import syntax_fault
 
 _STEP = re.compile(r"([A-Za-z0-9_-]+)((?:\[\d+\])*)")
 """One part of a path: a name, and the indexes behind it."""
