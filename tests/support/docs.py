@@ -137,7 +137,7 @@ def _floors(package: str) -> Iterator[str]:
     contracts = project["tool"]["importlinter"]["contracts"]
     layers = (each["layers"] for each in contracts if each.get("containers") == [package])
     names = (name.strip() for floors in layers for floor in floors for name in floor.split("|"))
-    return (name for name in names if (ROOT / package / name).is_dir())
+    return (name for name in names if (ROOT / package / name / "__init__.py").exists())
 
 
 def _folder(path: str) -> str:

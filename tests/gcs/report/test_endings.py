@@ -15,7 +15,7 @@ from gcs.console.result import verdict_of
 from gcs.console.summary import summary as terminal_summary
 from gcs.errors import Exit
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import RunEnd, VehicleEnd
+from gcs.flightlog.records import VehicleEnd
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.result import FlightResult
@@ -74,17 +74,6 @@ def test_a_log_that_does_not_say_how_a_vehicle_ended_ends_in_flight(log: FlightL
     assert cut.headline == "The log ends in flight: vehicle 3"
     assert "40.0 s after the mission's start" in cut.reason
     assert report([tmp_path / "cut.mcap"], options=ReportOptions()) is Exit.ENDED_IN_FLIGHT
-
-
-def test_an_older_log_ends_as_it_did(log: FlightLog, tmp_path: Path) -> None:
-    """Its ends have no words."""
-    older = log
-    for vehicle_id in (1, 2, 3):
-        older = rewrite(older, tmp_path / f"older-{vehicle_id}.mcap", vehicle_id, replaced("", ""))
-    assert ended(older) is None
-    assert read_log(older.path).end is not None
-    assert ended(rewrite(older, tmp_path / "no-run-end.mcap", 0, without(RunEnd))) is None
-    assert report([older.path], options=ReportOptions()) in (Exit.HOLDS, Exit.VERDICT_FAILED)
 
 
 def all_held(ending: TeamEnding | None) -> FlightResult:
