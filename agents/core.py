@@ -13,10 +13,10 @@ from mypy_extensions import mypyc_attr
 from agents.broadcast import StateBroadcast, command_answer, received_sighting
 from agents.command_handler import CommandHandler, Reshaping
 from agents.control.aims import shifted
-from agents.control.homing import assembled
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, PlannerFactory
 from agents.control.planner import planner_of
+from agents.control.return_and_land import assembled
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.inputs import (
     AutopilotStatus,

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus, Solver
-from agents.control.programme import RING_CONSTRAINED, ring_programme
+from agents.control.lmpc_cost import RING_CONSTRAINED, ring_programme
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
 from agents.ring.place import RingPlace

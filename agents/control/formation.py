@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
-from agents.control.programme import formation_programme
+from agents.control.lmpc_cost import formation_programme
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant
 from estimation.state import POSITION, VELOCITY, Vector

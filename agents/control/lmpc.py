@@ -1,4 +1,4 @@
-"""Linear model predictive control: solves the quadratic programmes of agents/control/programme.py under bounds.
+"""Linear model predictive control: solves the quadratic programmes of agents/control/lmpc_cost.py under bounds.
 
 Inputs and selected states are bounded. Bounds on inputs are hard, bounds on states soft: a vehicle outside them still
 has a plan, which leads back inside.
@@ -23,7 +23,7 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from agents.control.programme import QuadraticProgram
+from agents.control.lmpc_cost import QuadraticProgram
 from estimation.state import Vector
 
 _EXCESS_MAX = 1e-9

@@ -6,10 +6,10 @@ import numpy as np
 
 from agents.control.aims import mixed, resting
 from agents.control.excitation import Exciter
-from agents.control.homing import Homing
 from agents.control.plan import Plan, PlannerFactory, RingReport, TaskPlanner
+from agents.control.return_and_land import Homing
 from agents.control.ring_flight import RingFlight
-from agents.control.station import StationKeeping
+from agents.control.station_keeping import StationKeeping
 from agents.ring.place import ring_place
 from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig

@@ -12,7 +12,7 @@ from math import cos, floor, inf, log, tau
 
 import numpy as np
 
-from agents.control.programme import formation_programme, ring_programme
+from agents.control.lmpc_cost import formation_programme, ring_programme
 from agents.ring.place import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant, PlantAxis, exact_step

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
-from sitl.vehicle.body import Turbulence, Wind, low_altitude
+from sitl.vehicle.wind import Turbulence, Wind, low_altitude
 
 STEP_S = 0.5
 TURBULENCE = Turbulence(length_m=40.0, intensity_m_s=1.5, speed_m_s=8.0)

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
-from agents.control.programme import condensed
+from agents.control.lmpc_cost import condensed
 from estimation.state import Vector
 from tests.support.solver import UNSOLVED
 

@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from agents.safety.vehicle_watch import Endurance, return_duration_s
+from agents.safety.endurance import Endurance, return_duration_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings
 from estimation.plant.model import exact_step

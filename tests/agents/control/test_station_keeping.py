@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.control.station import way_point
+from agents.control.station_keeping import way_point
 from agents.settings.shapes import SPACED_SHAPES, SpacedShape, offset_m
 
 SEPARATION_M = 3.0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.control.homing import assembled
+from agents.control.return_and_land import assembled
 from agents.core import VehicleCore
 from agents.inputs import Message, Start, TacticEvent
 from agents.settings.config import AgentConfig
