@@ -15,13 +15,17 @@ from typing import Protocol, Self
 from weakref import WeakKeyDictionary
 
 from sitl.server.clock_memory import MOTION, NEVER_US, SETPOINT, VEHICLES
-from sitl.server.shared_clock import LOOK_S, US_PER_S, ClockName, Rank, Seat
+from sitl.server.shared_clock import HUNG_S, LOOK_S, US_PER_S, ClockName, Rank, Seat
 from sitl.server.wall_limit import WallLimit
 
 HELD_MAX_S = 1.0
-"""Wall time for which work on this computer holds the time, without that for which it lacks the processor."""
+"""Wall time for which work on this computer holds the time, without that for which it lacks the processor; `HUNG_S` at
+most, after which others would pass over this participant.
+"""
 TRANSIT_MAX_S = 0.5
-"""Wall time after which a message that has not arrived is taken as lost, counted in the same way."""
+"""Wall time after which a message that has not arrived is taken as lost. It passes from thread to thread: the times for
+which each of them lacks the processor do not count, up to `HUNG_S` as well.
+"""
 _LOOKING: "WeakKeyDictionary[asyncio.AbstractEventLoop, int]" = WeakKeyDictionary()
 """How many governed clocks are about to look, by event loop."""
 
@@ -142,7 +146,7 @@ class GovernedClock:
 
         A call to a vehicle that does not answer takes longer, and this event loop has other vehicles to fly.
         """
-        hold = WallLimit(HELD_MAX_S, os.getpid(), time.monotonic())
+        hold = WallLimit(HELD_MAX_S, HUNG_S, os.getpid(), time.monotonic())
         self._holds.add(hold)
         self._state()
         self.look()
@@ -244,7 +248,7 @@ class GovernedClock:
             self._in_transit = None
             return 0.0
         wall_s = time.monotonic()
-        self._in_transit = self._in_transit or WallLimit(TRANSIT_MAX_S, os.getpid(), wall_s)
+        self._in_transit = self._in_transit or WallLimit(TRANSIT_MAX_S, HUNG_S, os.getpid(), wall_s, sum)
         if not self._in_transit.is_over(wall_s):
             return 0.005
         for each in self._arriving:

@@ -29,8 +29,8 @@ from typing import Self
 from sitl.server.clock_memory import IDLE, NEVER_US, SEAT_BITS, SEATS, VERSION, ClockMemory
 from sitl.server.wall_limit import WallLimit
 
-HUNG_S = 2.0
-"""Wall time for which the others wait for a participant that does not go on."""
+HUNG_S, HUNG_LONGEST_S = 2.0, 20.0
+"""Wall time for which the others wait for a participant that does not go on: by itself, and without the processor."""
 LOOK_S = 0.02
 """Wall time after which a waiting participant looks again, if none has woken it."""
 LATE_MAX_S = 0.05
@@ -183,7 +183,7 @@ class Seat:
             raise ClockError(f"there is no clock in {self._folder}: {error}") from error
         self._serial = self.memory.serial[self._seat]
         self._others: dict[int, int] = {}
-        self._blocking, self._patience = IDLE, WallLimit(HUNG_S, os.getpid(), 0.0)
+        self._blocking, self._patience = IDLE, WallLimit(HUNG_S, HUNG_LONGEST_S, os.getpid(), 0.0)
         self._stated_us = NEVER_US
         self._paced_us, self._paced_s, self._paced_speed = self.now_us, time.monotonic(), self.speed
 
@@ -310,7 +310,8 @@ class Seat:
         event = int(self.memory.event[blocking])
         if event != self._blocking:
             due_s = max(self._due_s(event >> SEAT_BITS, wall_s), wall_s)
-            self._blocking, self._patience = event, WallLimit(HUNG_S, int(self.memory.process[blocking]), due_s)
+            process = int(self.memory.process[blocking])
+            self._blocking, self._patience = event, WallLimit(HUNG_S, HUNG_LONGEST_S, process, due_s)
         if self._patience.is_over(wall_s):
             self.memory.hung[blocking] = event
         self._wake(blocking)
