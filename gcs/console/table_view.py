@@ -132,10 +132,10 @@ class TableView:
             self._printed_s = time_s
             self.print_line(self._form.line(rows, time_s, message))
 
-    def print_line(self, text: str, how_grave: Severity = "information") -> None:
+    def print_line(self, text: str, level: Severity = "information") -> None:
         """Print a permanent line above the table."""
-        line = printable_lines(f"{WORDS[how_grave]}{text}")
-        self._console.print(line, style=STYLES[how_grave], markup=False, highlight=False, soft_wrap=True)
+        line = printable_lines(f"{WORDS[level]}{text}")
+        self._console.print(line, style=STYLES[level], markup=False, highlight=False, soft_wrap=True)
 
     def _line_is_due(self, now_s: float) -> bool:
         return self._printed_s is None or not 0.0 <= now_s - self._printed_s < self._form.interval_s
@@ -174,15 +174,15 @@ def number(value: float | None, form: str) -> str:
     return "–" if value is None else format(value, form)
 
 
-def graded(value: float | None, form: str, how_grave: Severity) -> Text:
+def graded(value: float | None, form: str, level: Severity) -> Text:
     """Return a number with the sign and the colour of its severity."""
-    return Text(f"{number(value, form)}{SIGNS[how_grave]}", style=STYLES[how_grave])
+    return Text(f"{number(value, form)}{SIGNS[level]}", style=STYLES[level])
 
 
 def vehicle_cell(row: TeamRow, closed: bool) -> Text:
     """Return the vehicle's id with the sign of its alert."""
-    how_grave: Severity = "information" if closed else row.severity
-    return Text(f"{SIGNS[how_grave]}{row.vehicle_id}", style=STYLES[how_grave] or "bold")
+    level: Severity = "information" if closed else row.severity
+    return Text(f"{SIGNS[level]}{row.vehicle_id}", style=STYLES[level] or "bold")
 
 
 def tactic_cell(tactic: str, wide: bool) -> Text:

@@ -155,8 +155,8 @@ class TeamState:
         if state.alert != ("" if last is None else last.state.alert):
             self._add(state, f"alert: {state.alert}" if state.alert else "alert cleared", severity(state.alert))
 
-    def _add(self, state: MemberState, text: str, how_grave: Severity = "information") -> None:
-        self._events.append(TeamEvent(state.sender, text, how_grave))
+    def _add(self, state: MemberState, text: str, level: Severity = "information") -> None:
+        self._events.append(TeamEvent(state.sender, text, level))
 
     def _receive_command(self, message: OperatorCommand | CommandAnswer) -> None:
         """Add commands and answers once; they are repeated on the bus."""
@@ -167,9 +167,9 @@ class TeamState:
             event = TeamEvent(None, text, "warning" if VERBS[message.verb].is_dangerous else "information")
         else:
             key = (message.number, message.sender, message.did)
-            how_grave: Severity = "warning" if message.outcome == "refused" else "information"
+            level: Severity = "warning" if message.outcome == "refused" else "information"
             answered = f"{message.verb} by {message.origin}" if message.verb else "answers"
-            event = TeamEvent(message.sender, f"{answered}: {message.did}", how_grave)
+            event = TeamEvent(message.sender, f"{answered}: {message.did}", level)
         if key not in self._known:
             self._known[key] = None
             self._events.append(event)

@@ -111,8 +111,8 @@ def with_report(view: ViewT, report: VehicleReport, age_s: float) -> ViewT:
 
 def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
     """Return a view with an alert, its advice and severity; of a vehicle that `is_lost` in flight it is an alarm."""
-    how_grave: Severity = "alarm" if alert and is_lost else severity(alert)
-    return replace(view, alert=alert, advice=advice(_ADVISED_AS.get(alert, alert)), severity=how_grave)
+    level: Severity = "alarm" if alert and is_lost else severity(alert)
+    return replace(view, alert=alert, advice=advice(_ADVISED_AS.get(alert, alert)), severity=level)
 
 
 def with_surroundings(view: ViewT, places_m: Mapping[int, Pair], fences: Mapping[int, Fence]) -> ViewT:

@@ -131,11 +131,11 @@ def _target(known: Sequence[TargetPicture | None]) -> TargetPicture | None:
 
 def _events(clock: _Clock, vehicles: Iterable[RecordedVehicle]) -> Iterator[EventPicture]:
     happened = sorted(
-        ((time_s, each.vehicle_id, text, how_grave) for each in vehicles for time_s, text, how_grave in each.events),
+        ((time_s, each.vehicle_id, text, level) for each in vehicles for time_s, text, level in each.events),
         key=lambda event: event[0],
     )
-    for number, (time_s, vehicle_id, text, how_grave) in enumerate(happened, 1):
-        yield EventPicture(number, clock.mission_s(time_s), clock.wall_s(time_s), how_grave, text, vehicle_id)
+    for number, (time_s, vehicle_id, text, level) in enumerate(happened, 1):
+        yield EventPicture(number, clock.mission_s(time_s), clock.wall_s(time_s), level, text, vehicle_id)
 
 
 def _ending(logs: Sequence[FlightLog]) -> str:

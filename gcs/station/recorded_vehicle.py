@@ -82,8 +82,8 @@ class RecordedVehicle:
             elif record.kind is Telemetry:
                 altitude_m, motion_s = record.message().position_m[2], self._received_s(record)
             elif record.kind is VehicleEnd and self._end is not None and self._end.how:
-                how_grave: Severity = "information" if FlightEnd(self._end.how) in _AS_PLANNED else "warning"
-                self.events.append((self._received_s(record), f"flight ended: {self._end.reason}", how_grave))
+                level: Severity = "information" if FlightEnd(self._end.how) in _AS_PLANNED else "warning"
+                self.events.append((self._received_s(record), f"flight ended: {self._end.reason}", level))
 
     def _received_s(self, record: LogRecord) -> float:
         return record.time_ns * 1e-9 * self._speed

@@ -120,9 +120,9 @@ class TeamPictures:
         self._events = []
         return [
             EventPicture(
-                next(self._numbers), self._time_s, now_s + self._unix_offset_s, how_grave, text, vehicle_id=vehicle_id
+                next(self._numbers), self._time_s, now_s + self._unix_offset_s, level, text, vehicle_id=vehicle_id
             )
-            for vehicle_id, text, how_grave in events
+            for vehicle_id, text, level in events
         ]
 
     def picture(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:

@@ -46,8 +46,8 @@ class Shown:
         self.places_m = {i: vehicle.airframe.position_m for i, vehicle in self._vehicles.items()}
         self.titles += rest[3:]
 
-    def print_line(self, text: str, how_grave: str = "information") -> None:
-        self.lines.append((text, how_grave))
+    def print_line(self, text: str, level: str = "information") -> None:
+        self.lines.append((text, level))
 
     def flies_at(self, vehicle_id: int, speed_m_s: float) -> bool:
         shown_m_s = self.rows[vehicle_id].speed_m_s

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from agents.inputs import AutopilotStatus, Command, CoreInput, Message
+from agents.inputs import AutopilotStatus, Command, CoreInput, Ground, Message
 from agents.ports import FlightMode, Setpoint, VehicleStatus
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
@@ -99,6 +99,14 @@ def test_a_record_of_before_a_field_with_a_default_is_read_with_that() -> None:
     bare = Codec(msgspec.defstruct("Decision", [(name, kind) for name, kind in kept if name != "tactic"], frozen=True))
     with pytest.raises(ValueError, match="Decision has no tactic"):
         Decoder(bare.name, bare.schema).require(Decision)
+
+
+def test_a_field_with_a_former_name_is_read_with_its_present_one() -> None:
+    former = msgspec.defstruct("Ground", [("lacks", str)])
+    written = Codec(former)
+    decoder = Decoder(written.name, written.schema)
+    decoder.require(Ground)
+    assert msgspec.convert(decoder.decode(written.encode(former("GPS: no fix"), 1)), Ground) == Ground("GPS: no fix")
 
 
 def test_a_log_is_read_by_others_as_well(tmp_path: Path) -> None:
