@@ -118,8 +118,11 @@ def pass_time(page: Page, time_ms: float) -> None:
 
 @contextmanager
 def stopped(page: Page) -> Iterator[None]:
-    """Stop the page's time, which otherwise goes on beside `pass_time`: a busy computer takes long for a key."""
-    page.clock.pause_at(page.evaluate("(Date.now() + 20) / 1000"))  # [s]
+    """Stop the page's time, which otherwise goes on beside `pass_time`: a busy computer takes long for a key.
+
+    The page goes to a time that has not passed when it is asked to stop there.
+    """
+    page.clock.pause_at(page.evaluate("(Date.now() + 5000) / 1000"))  # [s]
     yield
     page.clock.resume()
 
