@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf, radians
+from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -157,7 +157,7 @@ class SensorSection(Settings):
 class SensorChange(SensorSection):
     """`sensor` of a vehicle: values that replace those of `[target.sensor]` for this vehicle."""
 
-    range_m: float = Field(inf, gt=0.0, le=10000.0, description="largest distance of a sighting")
+    range_m: float = Field(10000.0, gt=0.0, le=10000.0, description="largest distance of a sighting")
 
 
 class LegSection(Settings):
