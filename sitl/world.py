@@ -1,4 +1,4 @@
-"""The environment of the vehicles: the true target, the sensors that see it, and the wind."""
+"""The environment of the vehicles: the true target, the sensors that see it, and the parameters of the wind."""
 
 from bisect import bisect_right
 from collections import deque
