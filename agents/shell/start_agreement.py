@@ -194,15 +194,22 @@ class StartAgreement:
     async def compare_clocks(self) -> None:
         """Compare clocks with the peers present, while all are on the ground; later ones are compared in `agree`.
 
-        Raises VehicleRefusedError when a clock differs, or a vehicle of this team flies another mission.
+        Raises VehicleRefusedError when a clock differs, or a vehicle of this team flies another mission. Before that,
+        the vehicle announces long enough for its peers to refuse as well: one that left at once would be unknown to
+        them, and they would take off.
         """
         self.announce()
-        end_s = self._clock.now_s() + CLOCKS_TIMEOUT_S * self._clock.time_scale
-        while self._clocks.unmeasured(self._present & self._readiness.others) and self._clock.now_s() < end_s:
+        timeout_s = CLOCKS_TIMEOUT_S * self._clock.time_scale
+        end_s = self._clock.now_s() + timeout_s
+        try:
+            while self._clocks.unmeasured(self._present & self._readiness.others) and self._clock.now_s() < end_s:
+                self._require_one_mission()
+                await self._pause()
             self._require_one_mission()
-            await self._pause()
-        self._require_one_mission()
-        self._clocks.require_one_time()
+            self._clocks.require_one_time()
+        except VehicleRefusedError:
+            await self._clock.sleep(timeout_s)
+            raise
 
     async def agree(self) -> float:
         """Wait until all members are ready, and return the mission's start at that moment.

@@ -11,11 +11,12 @@ import pytest
 
 from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
+from agents.shell.start_agreement import StartAgreement
 from agents.shell.zenoh_bus import single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team import participant
 from agents.team.codec import encode
-from agents.team.messages import TOPICS, StartProposal
+from agents.team.messages import TOPICS, BusMessage, StartProposal
 from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -120,6 +121,26 @@ async def test_a_peer_whose_computer_has_another_time(
         assert re.fullmatch(r"its computer's clock is 0\.[12]\d s behind that of vehicle 3's", finding.found)
 
 
+def compare_clocks_when_all_are_heard(monkeypatch: pytest.MonkeyPatch, vehicles: int) -> None:
+    """Let no vehicle compare clocks before all are heard: one that is alone on the bus takes off and compares later."""
+    heard: set[int] = set()
+    receive, compare_clocks = StartAgreement.receive, StartAgreement.compare_clocks
+
+    def receive_and_note(agreement: StartAgreement, message: BusMessage) -> None:
+        if isinstance(message, StartProposal):
+            heard.add(message.sender)
+        receive(agreement, message)
+
+    async def compare(agreement: StartAgreement) -> None:
+        agreement.announce()
+        while len(heard) < vehicles:
+            await asyncio.sleep(0.01)
+        await compare_clocks(agreement)
+
+    monkeypatch.setattr(StartAgreement, "receive", receive_and_note)
+    monkeypatch.setattr(StartAgreement, "compare_clocks", compare)
+
+
 async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,20 +158,17 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
             return super().call_at(time_s - self._ahead_s, call)
 
     monkeypatch.setattr("gcs.flight.flight.GovernedClock", ComputersClock)
+    compare_clocks_when_all_are_heard(monkeypatch, 2)
     mission = load_mission(mission_file("case2"))
     watched, two = Watched(monkeypatch), mission.vehicles[:2]
     async with served(stub_configs(mission)[:2], SPEED) as stubs:
         plans = [FlightPlan(mission, 5.0, (each,), speed=None, clock=stubs.clock.name) for each in two]
         flights = await asyncio.gather(*(fly(plan, unseen_view()) for plan in plans))
-    outcomes = {vehicle_id: outcome for flight in flights for vehicle_id, outcome in flight.outcomes.items()}
-    assert [outcomes[each].how for each in (1, 2)] == [FlightEnd.REFUSED] * 2
-    # Who notices leaves the bus, and the other may not have received its time before.
-    noticed = [each for each in (1, 2) if not outcomes[each].flew]
-    assert noticed
-    for each in noticed:
-        differs = {1: "behind that of vehicle 2's", 2: "ahead of that of vehicle 1's"}[each]
-        assert re.fullmatch(rf"this computer's clock is 0\.[67]\d s {differs}", outcomes[each].reason)
-    assert ("arm" in watched.asked) is (len(noticed) < 2)
+    one, other = (outcome for flight in flights for outcome in flight.outcomes.values())
+    assert (one.how, one.flew, other.how, other.flew) == (FlightEnd.REFUSED, False, FlightEnd.REFUSED, False)
+    assert re.fullmatch(r"this computer's clock is 0\.[67]\d s behind that of vehicle 2's", one.reason)
+    assert re.fullmatch(r"this computer's clock is 0\.[67]\d s ahead of that of vehicle 1's", other.reason)
+    assert "arm" not in watched.asked
 
 
 @asynccontextmanager

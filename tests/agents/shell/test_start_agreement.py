@@ -20,7 +20,7 @@ from agents.shell.start_agreement import (
     is_possible,
 )
 from agents.team.codec import decode
-from agents.team.messages import TOPICS, StartProposal
+from agents.team.messages import TOPICS, MissionIdentity, StartProposal
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[StartProposal].period_s
@@ -136,7 +136,7 @@ def test_a_peer_with_another_clock_is_refused(lag_s: float, told: str | None) ->
 
 
 class Clock:
-    """Passes a little at every look."""
+    """Passes a little at every look, and while somebody sleeps."""
 
     time_scale = 1.0
 
@@ -144,8 +144,11 @@ class Clock:
         self.time_s = 0.0
         self.began_s: float | None = None
 
-    async def sleep(self, _duration_s: float) -> None:
-        await asyncio.sleep(0.0)
+    async def sleep(self, duration_s: float) -> None:
+        end_s = self.time_s + duration_s
+        while self.time_s < end_s:
+            self.time_s += 0.01
+            await asyncio.sleep(0.0)
 
     def begin_mission(self, time_s: float) -> None:
         self.began_s = time_s
@@ -158,9 +161,9 @@ class Clock:
 class Air:
     """A bus that keeps what is said; two others, 2 and 3, are up."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, mission: MissionIdentity | None = None) -> None:
         self.said: list[StartProposal] = []
-        self.agreement = StartAgreement(cast(PeerBus, self), cast(MissionClock, clock), 1, [1, 2, 3])
+        self.agreement = StartAgreement(cast(PeerBus, self), cast(MissionClock, clock), 1, [1, 2, 3], mission)
         self._clock = clock
 
     def publish(self, _topic: str, payload: bytes) -> None:
@@ -234,5 +237,22 @@ def test_the_clock_of_a_stranger_keeps_no_vehicle_on_the_ground() -> None:
             air.agreement.receive(StartProposal(9, 500.0, None))
         await air.agreement.compare_clocks()
         assert air.agreement.clock_lags_s == {}
+
+    asyncio.run(compared())
+
+
+@pytest.mark.parametrize("differs", ["clock", "mission"])
+def test_who_refuses_a_peer_announces_until_that_peer_can_refuse_as_well(differs: str) -> None:
+    async def compared() -> None:
+        clock = Clock()
+        air = Air(clock, MissionIdentity("ours", 16 * "1"))
+        air.agreement.announce()
+        lag_s, theirs = (0.7, None) if differs == "clock" else (0.0, MissionIdentity("theirs", 16 * "2"))
+        for _ in range(SAMPLES_MIN):
+            air.agreement.receive(StartProposal(2, clock.time_s - lag_s, None, mission=theirs))
+        with pytest.raises(VehicleRefusedError):
+            await air.agreement.compare_clocks()
+        assert len(air.said) >= SAMPLES_MIN
+        assert all(said.mission == MissionIdentity("ours", 16 * "1") for said in air.said)
 
     asyncio.run(compared())
