@@ -8,7 +8,10 @@ import pytest
 from agents.ports import FlightMode, ModeSource, Setpoint
 from estimation.profile.autopilots import AutopilotName
 from gcs.link.batteries import KEPT_S
+from gcs.link.config import LinkConfig
+from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.preflight.link_facts import CheckedLink
 from sitl.autopilot.modes import NavMode
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
@@ -52,16 +55,34 @@ async def test_unknown_values_are_none(autopilot: AutopilotName) -> None:
 
 
 @BOTH
-async def test_the_lower_of_two_batteries_counts_and_does_not_alternate(autopilot: AutopilotName) -> None:
+async def test_the_lower_of_two_batteries_counts_whichever_is_reported_last(autopilot: AutopilotName) -> None:
     async with linked(autopilot) as (stub, link, clock):
         await until(lambda: link.status.battery == 1.0, clock=clock)
         stub.faults.second_battery = 0.08
         await until(lambda: link.status.battery == 0.08, clock=clock)
+        stub.faults.second_battery, stub.autopilot.battery_fraction = 0.9, 0.06
+        await until(lambda: link.status.battery == 0.06, clock=clock)
         seen = set()
         for _ in range(200):
             await clock.sleep(0.05)
             seen.add(link.status.battery)
-        assert seen == {0.08}
+        assert seen == {0.06}
+
+
+async def test_check_lists_the_batteries_that_an_autopilot_reports() -> None:
+    config = StubConfig(1, free_port(), PLANT, FRAME)
+    async with served([config], SPEED) as stubs:
+        stubs.stubs[1].faults.second_battery = 0.08
+        hub = MavsdkHub(stubs.clock)
+        link = CheckedLink(hub, LinkConfig(udp_in(config), 1, FRAME), stubs.clock)
+        try:
+            await link.connect(lambda _telemetry: None)
+            facts = await link.facts(1, 5.0)
+        finally:
+            await link.close()
+            await hub.close()
+    assert [(each.number, each.charge, each.flies) for each in facts.batteries] == [(0, 1.0, True), (1, 0.08, True)]
+    assert facts.status.battery == 0.08
 
 
 async def test_a_failsafe_of_the_autopilot_is_told_from_a_selected_mode() -> None:
