@@ -267,7 +267,7 @@ class VehicleCore:
         self.landing_cause = (self.landing_cause or cause) if after in (Tactic.RETURN_AND_LAND, Tactic.LAND) else None
         if event is Event.RESUME:
             self._failsafe.resume()
-        if event is Event.PILOT_TOOK_OVER:
+        if event is Event.HANDED_OVER:
             self._name_override()
         self._planner.begin(after, to_home=event is Event.RETURN)
         self._estimator.follow_ring(self._planner.ring_rate_rad_s)

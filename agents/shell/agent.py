@@ -439,7 +439,7 @@ class Agent:
         self._link.hand_over()
         self._activities.cancel(ActivityKind.CALL)
         self._core.take(AutopilotStatus(status))  # it may hold the reason
-        self._core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+        self._core.take(TacticEvent(Event.HANDED_OVER))
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
         elif pilot_took_over(status):

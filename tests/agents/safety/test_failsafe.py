@@ -220,7 +220,7 @@ class Case:
 
 def taken_over(**reports: Any) -> Case:
     def take_over(flight: Flight) -> None:
-        flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+        flight.core.take(TacticEvent(Event.HANDED_OVER))
         flight.reports.update(reports)  # the autopilot may say why later
 
     override = Tactic.PILOT_OVERRIDE
@@ -526,7 +526,7 @@ def test_who_has_the_vehicle_keeps_it_and_it_returns_by_resume_once_all_is_well(
     make_flight: Callable[..., Flight],
 ) -> None:
     flight = make_flight(Condition.PILOT_TOOK_OVER)
-    flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+    flight.core.take(TacticEvent(Event.HANDED_OVER))
     flight.battery = 0.05
     flight.fly(ONSET_S + 20.0)
     flight.core.take(TacticEvent(Event.RESUME))
