@@ -19,10 +19,30 @@ from agents.team.verbs import VERBS, VerbRow
 NUMBERS_KEPT = 64
 """The number of commands kept to recognise repeats, which are sent for two seconds at most."""
 _WHY_NOT = {
-    Tactic.RETURN_AND_LAND: "it is returning to land",
+    Tactic.RETURN_AND_LAND: "it is on its way to land",
     Tactic.LAND: "it is landing",
-    Tactic.PILOT_OVERRIDE: "a pilot has the vehicle: resume takes it back, kill cuts its motors",
+    Tactic.PILOT_OVERRIDE: "cordon has handed it over: resume takes it back, kill cuts its motors",
 }
+_DISARMED = "it has flown and is disarmed: end the flight, then take off again"
+
+
+class Circumstances(NamedTuple):
+    """What decides, beside the tactic, whether and when a vehicle carries out a command.
+
+    `resume_refused` is why it must not resume, empty if it may. It `is_down` if it was armed and no longer is, and
+    `follows` setpoints unless it takes off or was handed over. The flight `ends` once the operator has stopped it; its
+    mission `is_over` from the return on.
+    """
+
+    resume_refused: str = ""
+    is_down: bool = False
+    follows: bool = True
+    link_lost: bool = False
+    ends: bool = False
+    is_over: bool = False
+
+
+IN_FLIGHT = Circumstances()
 
 
 class _Answer(NamedTuple):
@@ -68,20 +88,16 @@ class CommandHandler:
         return bool(self._kills)
 
     def take(
-        self, command: OperatorCommand, tactic: Tactic, now_s: float, resume_refused: str | None = None
+        self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances = IN_FLIGHT
     ) -> Event | None:
-        """Take a command in the present tactic; return the event that it triggers, None if it changes nothing.
-
-        `resume_refused` is why the vehicle must not resume, None if it may.
-        """
+        """Take a command in the present tactic; return the event that it triggers, None if it changes nothing."""
         if command.vehicle not in (None, self._vehicle_id):
             return None
         event = None
         if command.number not in self._done:
-            if resume_refused and VERBS[command.verb].event is Event.RESUME:
-                answer = _refused(resume_refused)
-            else:
-                answer, event = self._carry_out(command, tactic, now_s)
+            answer, event = self._carry_out(command, tactic, now_s, circumstances)
+            if circumstances.link_lost and answer.outcome == "obeyed":
+                answer = answer._replace(did=f"{answer.did}; its link is lost")
             self._record(command, answer, now_s)
         self._unanswered[command.number] = None
         return event
@@ -117,7 +133,9 @@ class CommandHandler:
         verb, origin = command.verb, command.origin
         return CommandAnswer(self._vehicle_id, now_s, command.number, answer.did, verb, origin, answer.outcome)
 
-    def _carry_out(self, command: OperatorCommand, tactic: Tactic, now_s: float) -> tuple[_Answer, Event | None]:
+    def _carry_out(
+        self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances
+    ) -> tuple[_Answer, Event | None]:
         row = VERBS[command.verb]
         match command.verb:
             case "kill":
@@ -126,51 +144,75 @@ class CommandHandler:
                 return _Answer(row.did, "begun"), row.event
             case "start":
                 return self._start(row), None
-            case _ if self.start_blockers is not None:
-                return _refused("it waits on the ground for its start"), None
+            case _ if hindrance := self._hindrance(circumstances):
+                return _refused(hindrance), None
             case "abort":
-                return self._abort_or_land(command.origin, tactic, now_s)
+                return self._abort_or_land(command.origin, tactic, now_s, circumstances)
             case "formation":
-                return self._reshape(command, tactic), None
+                return self._reshape(command, tactic, circumstances), None
             case _:
-                return self._steer(row, tactic)
+                return self._steer(row, tactic, circumstances)
+
+    def _hindrance(self, circumstances: Circumstances) -> str:
+        """Return why the vehicle carries out no command but a start or a kill, empty if it does."""
+        if self.start_blockers is not None:
+            return "it waits on the ground for its start"
+        if self._kills:
+            return "its motors are being cut"
+        return _DISARMED if circumstances.is_down else ""
 
     def _start(self, row: VerbRow) -> _Answer:
         if self.start_blockers is None:
-            return _Answer("did not wait for its start" if not self.starts else "had taken off already")
+            return _Answer("did not wait for its start" if not self.starts else "was started already")
         if self.start_blockers:
             return _refused(self.start_blockers)
         self.starts, self.start_blockers = True, None
         return _Answer(row.did)
 
-    def _abort_or_land(self, origin: str, tactic: Tactic, now_s: float) -> tuple[_Answer, Event | None]:
+    def _abort_or_land(
+        self, origin: str, tactic: Tactic, now_s: float, circumstances: Circumstances
+    ) -> tuple[_Answer, Event | None]:
         """Hover at once and land later; a second abort during the hover lands at once."""
         if self._abort is not None or tactic is Tactic.LAND:
-            return self._steer(VERBS["land"], tactic)
+            return self._steer(VERBS["land"], tactic, circumstances)
         if tactic is Tactic.PILOT_OVERRIDE:
             return _refused(_WHY_NOT[tactic]), None
         self._abort = (now_s + self._hover_s, origin)
-        answer, event = self._steer(VERBS["hold"], tactic)
-        return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s unless resumed"), event
+        answer, event = self._steer(VERBS["hold"], tactic, circumstances)
+        unless = "" if circumstances.ends else " unless resumed"
+        return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s{unless}"), event
 
-    def _reshape(self, command: OperatorCommand, tactic: Tactic) -> _Answer:
+    def _reshape(self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances) -> _Answer:
         """Change the shape of the formation; a vehicle in another tactic takes its place once it is back."""
         shape = command.shape
         if shape is None or shape not in self._shapes:
             known = ", ".join(self._shapes) or "none"
             return _refused(f"the mission's formation cannot be '{shape}' (shapes: {known})")
+        if circumstances.ends or circumstances.is_over:
+            return _refused("its mission is over")
+        if tactic in (Tactic.RETURN_AND_LAND, Tactic.LAND):
+            return _refused(_WHY_NOT[tactic])
         self.reshaping = Reshaping(command.time_s, shape)
-        place = "takes its place" if tactic is Tactic.FORMATION else "will take its place, once in formation,"
+        in_formation = tactic is Tactic.FORMATION and circumstances.follows
+        place = "takes its place" if in_formation else "will take its place, once in formation,"
         return _Answer(f"{place} in the shape '{shape}'")
 
-    def _steer(self, row: VerbRow, tactic: Tactic) -> tuple[_Answer, Event | None]:
-        if row.event is None or next_tactic(tactic, row.event) is tactic:
-            if tactic in row.already:
-                return _Answer(row.already[tactic]), None
+    def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, Event | None]:
+        resumes = row.event is Event.RESUME
+        if resumes and (why := "the operator ends the flight" if circumstances.ends else circumstances.resume_refused):
+            return _refused(why), None
+        changes = row.event is not None and next_tactic(tactic, row.event) is not tactic
+        if not changes and tactic not in row.already:
             return _refused(_WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")), None
-        if row.event is not Event.HOLD:
+        if changes and row.event is not Event.HOLD:
             self._abort = None  # the operator has decided what comes after the hover
-        return _Answer(row.did), row.event
+        # Until the vehicle follows setpoints it has not begun what its tactic is; only landing needs none.
+        waits = not circumstances.follows and row.event is not Event.LAND and (changes or tactic is not Tactic.STANDBY)
+        did = row.did if changes or waits else row.already[tactic]
+        if resumes and changes and circumstances.is_over:
+            did = "continues its return"
+        when = ", once it is in offboard" if waits else ""
+        return _Answer(did + when), row.event if changes else None
 
     def _record(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
         answer = answer._replace(did=printable(answer.did))  # it may hold text from the autopilot

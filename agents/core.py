@@ -11,7 +11,7 @@ from typing import Any
 from mypy_extensions import mypyc_attr
 
 from agents.broadcast import StateBroadcast, command_answer, received_sighting
-from agents.command_handler import CommandHandler, Reshaping
+from agents.command_handler import Circumstances, CommandHandler, Reshaping
 from agents.control.aims import shifted
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, PlannerFactory
@@ -35,8 +35,8 @@ from agents.inputs import (
 )
 from agents.notes import Notes, ResumeRefusal, ShapeChange, TacticChange
 from agents.outputs import CoreStatus, Outgoing, TickOutput
-from agents.ports import Connection, Setpoint
-from agents.safety.failsafe import LOST, POSITION_ALERTS, Condition
+from agents.ports import Connection, FlightMode, ModeSource, Setpoint
+from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
@@ -93,6 +93,7 @@ class VehicleCore:
         self._bus_drops = NO_DROPS
         self._now_s = 0.0
         self._time_scale = 1.0
+        self._was_armed = self._ends = self._is_over = False
         self._takes: dict[type, Callable[[Any], None]] = {
             TimeScale: self._take_time_scale,
             Start: self._take_start,
@@ -266,8 +267,7 @@ class VehicleCore:
         self.landing_cause = (self.landing_cause or cause) if after in (Tactic.RETURN_AND_LAND, Tactic.LAND) else None
         if event is Event.RESUME:
             self._failsafe.resume()
-        if event is Event.PILOT_TOOK_OVER:
-            self._failsafe.latch(Condition.PILOT_TOOK_OVER, "a pilot has the vehicle")
+        if event is Event.HANDED_OVER:
             self._name_override()
         self._planner.begin(after, to_home=event is Event.RETURN)
         self._estimator.follow_ring(self._planner.ring_rate_rad_s)
@@ -275,10 +275,9 @@ class VehicleCore:
             self._formed_s = None
 
     def _name_override(self) -> None:
-        """Record the lost connection that caused a pilot override, as soon as the autopilot reports it."""
-        condition = LOST.get(self._fault_detector.vehicle.status.lost)
-        if self._tactic is Tactic.PILOT_OVERRIDE and condition is not None and condition not in self._failsafe.active:
-            self._failsafe.latch(condition, "its autopilot reports it")
+        """Record what caused a pilot override, and what the autopilot reports about it later."""
+        if self._tactic is Tactic.PILOT_OVERRIDE:
+            self._failsafe.latch_override(*override(self._fault_detector.vehicle.status))
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
         (x, y), velocity = self._feedforward.split(task.situation, plan, guarded)
@@ -318,12 +317,15 @@ class VehicleCore:
         self._planner.start(item.at_s)
 
     def _take_event(self, item: TacticEvent) -> None:
+        self._ends = self._ends or item.event is Event.HOLD
+        self._is_over = self._is_over or item.event is Event.END
         self._change(item.event)
 
     def _take_autopilot(self, item: AutopilotStatus) -> None:
         self._fault_detector.vehicle.status = item.status
         self._estimator.follow_link(item.status.round_trip_s)
-        if item.status.lost is not Connection.NONE:
+        self._was_armed = self._was_armed or item.status.armed
+        if item.status.lost is not Connection.NONE or item.status.mode_by is not ModeSource.UNKNOWN:
             self._name_override()
 
     def _take_late_ticks(self, item: LateTicks) -> None:
@@ -384,10 +386,22 @@ class VehicleCore:
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
-        if (event := self.commands.take(command, self._tactic, now_s, self._failsafe.refuse_resume())) is not None:
+        if (event := self.commands.take(command, self._tactic, now_s, self._circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
+
+    @property
+    def _circumstances(self) -> Circumstances:
+        status = self._fault_detector.vehicle.status
+        return Circumstances(
+            resume_refused=self._failsafe.refuse_resume() or "",
+            is_down=status.connected and self._was_armed and not status.armed,
+            follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
+            link_lost=self._was_armed and not status.connected,
+            ends=self._ends,
+            is_over=self._is_over,
+        )
 
     def _receive_sightings(self, state: MemberState) -> None:
         for package in state.sightings:

@@ -43,6 +43,15 @@ class Connection(Enum):
     GROUND_STATION = "ground station"
 
 
+class ModeSource(Enum):
+    """Who or what changed the flight mode last, where the autopilot's reports show it."""
+
+    UNKNOWN = ""
+    PILOT = "its pilot"
+    STATION = "another ground station"
+    FAILSAFE = "its autopilot's failsafe"
+
+
 class VehicleStatus(AutopilotReport, frozen=True):
     """The status that a vehicle's autopilot reports, except its motion.
 
@@ -52,6 +61,7 @@ class VehicleStatus(AutopilotReport, frozen=True):
     rejected), that of `estimator_sensor`, and `estimator_fault` names the output that is invalid; `gps_dimensions` is
     the type of the fix (0 without one, 2 or 3), with the number of `satellites`, and `gps_threat` names jamming or
     spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the estimated horizontal wind.
+    `mode_by` is what changed its flight mode last;
     `round_trip_s` is the time from a message to its answer [s of the mission clock], and `link_fault` describes how the
     link is degraded.
     """
@@ -72,6 +82,7 @@ class VehicleStatus(AutopilotReport, frozen=True):
     wind_m_s: float | None = None
     round_trip_s: float | None = None
     link_fault: str = ""
+    mode_by: ModeSource = ModeSource.UNKNOWN
 
 
 class Setpoint(msgspec.Struct, frozen=True):

@@ -39,7 +39,12 @@ class Event(Enum):
     END = "end"
     RETURN = "return"
     LAND = "land"
-    PILOT_TOOK_OVER = "pilot took over"
+    HANDED_OVER = "handed over"
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Event | None":
+        """Return the event that earlier logs name otherwise."""
+        return cls.HANDED_OVER if value == "pilot took over" else None
 
 
 _ON_PLAN = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE)
@@ -55,7 +60,7 @@ _ROWS: tuple[tuple[Event, Tactic, tuple[Tactic, ...]], ...] = (
     (Event.END, Tactic.RETURN_AND_LAND, (*_ON_PLAN, Tactic.HOLD)),
     (Event.RETURN, Tactic.RETURN_AND_LAND, (*_ON_PLAN, Tactic.HOLD)),
     (Event.LAND, Tactic.LAND, (*_ON_PLAN, Tactic.HOLD, Tactic.RETURN_AND_LAND)),
-    (Event.PILOT_TOOK_OVER, Tactic.PILOT_OVERRIDE, (*_ON_PLAN, Tactic.HOLD, Tactic.RETURN_AND_LAND)),
+    (Event.HANDED_OVER, Tactic.PILOT_OVERRIDE, (*_ON_PLAN, Tactic.HOLD, Tactic.RETURN_AND_LAND)),
 )
 """What each event changes: the tactic after it, and the tactics in which it has this effect."""
 TRANSITIONS = {(before, event): after for event, after, tactics in _ROWS for before in tactics}

@@ -13,7 +13,8 @@ class VehicleFaults:
     vehicle sends everything except its position. An offset of the estimate, in the mission frame, also affects the
     autopilot, which flies to setpoints in its own estimate. A push is an acceleration in addition to the wind,
     `estimator_ratio` a lower bound of the test ratio of the horizontal position, `endurance_s` the reported flight time
-    left (None: not reported).
+    left (None: not reported), `second_battery` the charge of a second battery, a fraction (None: there is none). With
+    `values_unknown` each value that may be unknown is reported as that.
     """
 
     link_cut: bool = False
@@ -23,6 +24,8 @@ class VehicleFaults:
     push_m_s2: tuple[float, float] = (0.0, 0.0)
     estimator_ratio: float = 0.0
     endurance_s: float | None = None
+    second_battery: float | None = None
+    values_unknown: bool = False
 
     def add(self, others: "VehicleFaults") -> None:
         """Add the other faults; their values replace those of the same fault."""

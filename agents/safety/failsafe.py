@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-from agents.ports import Connection, GpsThreat, VehicleStatus
+from agents.ports import Connection, GpsThreat, ModeSource, VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import FailsafeSettings
 from agents.situation.estimator import LINK_DELAY_MAX_S
@@ -27,7 +27,9 @@ class Condition(Enum):
     ESTIMATOR_JUMPED = "estimator jumped"
     REMOTE_CONTROL_LOST = "remote control lost"
     GROUND_STATION_LOST = "ground station lost"
+    AUTOPILOT_FAILSAFE = "autopilot failsafe"
     PILOT_TOOK_OVER = "pilot took over"
+    MODE_CHANGED = "mode changed"
     BATTERY_CRITICAL = "battery critical"
     BATTERY_LOW = "battery low"
     NO_WAY_HOME = "no way home"
@@ -68,7 +70,7 @@ class Reaction(Enum):
     END = "hold, then return and land as at the mission's end"
     RETURN = "return and land"
     LAND = "land"
-    HAND_OVER = "hand over to the pilot"
+    HAND_OVER = "hand over"
 
 
 RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
@@ -173,28 +175,43 @@ TABLE = (
     ),
     Row(
         Condition.REMOTE_CONTROL_LOST,
-        "the same as *pilot took over*, and the autopilot reports that its remote control is lost",
+        "*mode changed*, and the autopilot reports that its remote control is lost",
         "",
         (Reaction.HAND_OVER,),
-        "by `resume`, which requests offboard again",
+        "by `resume`",
         "restore its remote control, then resume",
     ),
     Row(
         Condition.GROUND_STATION_LOST,
-        "the same, and the autopilot reports that its ground station is lost",
+        "the same for its ground station",
         "",
         (Reaction.HAND_OVER,),
-        "by `resume`, which requests offboard again",
+        "by `resume`",
         "check its link, then resume",
     ),
     Row(
-        Condition.PILOT_TOOK_OVER,
-        "the flight mode is one that cordon did not request, or it disarmed: a pilot, a ground station, the "
-        "autopilot's own failsafe",
+        Condition.AUTOPILOT_FAILSAFE,
+        "the same, and its heartbeat begins to report a failsafe",
         "",
         (Reaction.HAND_OVER,),
-        "by `resume`, which requests offboard again",
+        "by `resume`",
+        "read its messages; resume once the cause is over",
+    ),
+    Row(
+        Condition.PILOT_TOOK_OVER,
+        "the same, and it reports its pilot",
+        "",
+        (Reaction.HAND_OVER,),
+        "by `resume`",
         "ask its pilot before you resume",
+    ),
+    Row(
+        Condition.MODE_CHANGED,
+        "a flight mode that cordon did not request, or disarmed",
+        "",
+        (Reaction.HAND_OVER,),
+        "by `resume`",
+        "ask its pilot and read its messages, then resume",
     ),
     Row(
         Condition.BATTERY_CRITICAL,
@@ -464,10 +481,16 @@ TABLE = (
 _NOTED_FIRST = (Condition.TILTED, Condition.WINDY)
 """Recorded flights note these before the others of the same tick."""
 _REPORTED = sorted((row for row in TABLE if row.reported), key=lambda row: row.condition not in _NOTED_FIRST)
-LOST = {
+_OVERRIDES = {
     Connection.REMOTE_CONTROL: Condition.REMOTE_CONTROL_LOST,
     Connection.GROUND_STATION: Condition.GROUND_STATION_LOST,
+    ModeSource.FAILSAFE: Condition.AUTOPILOT_FAILSAFE,
+    ModeSource.PILOT: Condition.PILOT_TOOK_OVER,
+    ModeSource.STATION: Condition.MODE_CHANGED,
+    ModeSource.UNKNOWN: Condition.MODE_CHANGED,
 }
+"""The condition by what took the vehicle from cordon, the most telling first."""
+OVERRIDES = tuple(dict.fromkeys(_OVERRIDES.values()))
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}
 POSITION_ALERTS = frozenset(
@@ -480,6 +503,17 @@ def reported_faults(status: VehicleStatus, limits: FailsafeSettings) -> dict[Con
     """Return the conditions in an autopilot's report, with the detail shown to people."""
     details = ((row.condition, row.reported(status, limits)) for row in _REPORTED if row.reported)
     return {condition: detail for condition, detail in details if detail}
+
+
+def override(status: VehicleStatus) -> tuple[Condition, str]:
+    """Return the condition of a vehicle whose mode or arming cordon did not change, and its detail.
+
+    A lost connection explains more than the source of the change, which may be unknown.
+    """
+    condition = _OVERRIDES.get(status.lost) or _OVERRIDES[status.mode_by]
+    what = f"its mode became '{status.mode.value}'" if status.armed else "it disarmed"
+    by = status.mode_by.value or "a pilot, another ground station or its autopilot's failsafe"
+    return condition, what if status.lost in _OVERRIDES else f"{what}, by {by}"
 
 
 def grace_s(row: Row, config: AgentConfig) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from agents.notes import AlertChange
-from agents.safety.failsafe import TABLE, Condition, Reaction, Row, chosen, grace_s
+from agents.safety.failsafe import OVERRIDES, TABLE, Condition, Reaction, Row, chosen, grace_s
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
 
@@ -106,8 +106,13 @@ class FailsafeMonitor:
             self._end(condition)
         return self._due(tactic)
 
-    def latch(self, condition: Condition, detail: str) -> None:
-        """Record a condition that the shell has already reacted to."""
+    def latch_override(self, condition: Condition, detail: str) -> None:
+        """Record why the shell has handed the vehicle over, in place of a reason that tells less."""
+        latched = [each for each in OVERRIDES if each in self._alerts]
+        if latched and OVERRIDES.index(latched[0]) <= OVERRIDES.index(condition):
+            return
+        for each in latched:
+            del self._alerts[each]
         self._alerts[condition] = _Alert(self._rows[condition], 0, detail, present=False)
         self._note_change(condition)
 

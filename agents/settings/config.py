@@ -1,7 +1,7 @@
 """The whole configuration of one agent."""
 
 from dataclasses import dataclass, field, replace
-from math import pi
+from math import inf, pi
 
 from agents.settings.sections import (
     ChoreographySettings,
@@ -12,7 +12,7 @@ from agents.settings.sections import (
     FormationSettings,
     SafetySettings,
 )
-from agents.settings.shapes import SHAPES, Shape, offset_m
+from agents.settings.shapes import SHAPES, Shape, SpacedShape, gap_m, offset_m
 from estimation.plant.model import Plant
 from estimation.settings import OwnFilterSettings, TargetFilterSettings
 
@@ -62,9 +62,8 @@ class AgentConfig:
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The possible shapes: "free" if there are slots, the others if the spacing keeps the separation."""
-        spaced = self.formation.spacing_m >= self.safety.separation_m or len(self.slots) == 1
-        return tuple(shape for shape in SHAPES if (self.slots_m if shape == "free" else spaced))
+        """The possible shapes: "free" if there are slots, the others by separation and radio range."""
+        return tuple(shape for shape in SHAPES if (self.slots_m if shape == "free" else self._is_possible(shape)))
 
     @property
     def turns_nose(self) -> bool:
@@ -79,6 +78,15 @@ class AgentConfig:
         """Return the slot of `vehicle_id` relative to that of another member [m]."""
         (x, y), (other_x, other_y) = self._slot_m(vehicle_id), self._slot_m(relative_to)
         return x - other_x, y - other_y
+
+    def _is_possible(self, shape: SpacedShape) -> bool:
+        """Return whether vehicles keep their separation in a shape, and those that keep station hear each other."""
+        formation, count = self.formation, len(self.slots)
+        if count == 1:
+            return True
+        farthest_m = self.communication_radius_m if formation.station == "predecessor" else inf
+        far_m = gap_m(shape, count, self.slots.index(formation.leader), formation.spacing_m)
+        return formation.spacing_m >= self.safety.separation_m and far_m <= farthest_m
 
     def _slot_m(self, vehicle_id: int) -> tuple[float, float]:
         place, shape = self.slots.index(vehicle_id), self.shape

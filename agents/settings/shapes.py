@@ -1,6 +1,7 @@
 """The shapes of a formation: every slot relative to the leader's, in the mission frame, x in flight direction."""
 
-from math import sqrt
+from itertools import pairwise
+from math import dist, sqrt
 from typing import Literal, get_args
 
 SpacedShape = Literal["line", "column", "wedge"]
@@ -25,3 +26,9 @@ def offset_m(shape: SpacedShape, place: int, leader: int, spacing_m: float) -> t
         case "wedge":
             along_m = spacing_m / sqrt(2.0)
             return -abs(right) * along_m, -right * along_m
+
+
+def gap_m(shape: SpacedShape, count: int, leader: int, spacing_m: float) -> float:
+    """Return the largest distance between neighbours in line order [m], one of which keeps station on the other."""
+    slots_m = [offset_m(shape, place, leader, spacing_m) for place in range(count)]
+    return max((dist(*pair) for pair in pairwise(slots_m)), default=0.0)

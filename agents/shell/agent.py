@@ -110,8 +110,10 @@ class Activities:
 def override_reason(status: VehicleStatus) -> str:
     """Return the change of flight mode or arming by a pilot or the autopilot, as text."""
     what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
-    lost = f": it reports that its {status.lost.value} is lost" if status.lost.value else ""
-    return f"{what}, which cordon did not request{lost}"
+    why = f": by {status.mode_by.value}" if status.mode_by.value else ""
+    if status.lost.value:
+        why = f": it reports that its {status.lost.value} is lost"
+    return f"{what}, which cordon did not request{why}"
 
 
 def override_outcome(reason: str, *, restarted: bool) -> Outcome:
@@ -238,6 +240,7 @@ class Agent:
 
     def obey(self, command: OperatorCommand) -> None:
         """Take a command of an operator at this computer."""
+        self._core.take(AutopilotStatus(self._link.status))
         self._core.take(Command(self._clock.now_s(), command))
         self._act_on_commands()
 
@@ -283,14 +286,18 @@ class Agent:
             self._core.take(telemetry)
 
     def _receive(self, message: BusMessage) -> None:
+        if isinstance(message, OperatorCommand):
+            self._core.take(AutopilotStatus(self._link.status))  # what it answers depends on it
         self._core.take(Message(self._clock.now_s(), message))
         if isinstance(message, OperatorCommand):
             self._act_on_commands()
         self._start_agreement.receive(message)
 
     def _act_on_commands(self) -> None:
-        """Execute commands that do not wait for a tick; a vehicle that waits on the ground answers here."""
+        """Execute commands that do not wait for a tick; a vehicle on the ground, which does not tick, answers here."""
         commands = self._core.commands
+        if self._phase is Phase.ENDED:
+            self._loop.answer()
         if self._phase is Phase.GROUND and (commands.starts or commands.start_blockers is not None):
             self._loop.tick_only()
         if commands.kills:
@@ -432,7 +439,7 @@ class Agent:
         self._link.hand_over()
         self._activities.cancel(ActivityKind.CALL)
         self._core.take(AutopilotStatus(status))  # it may hold the reason
-        self._core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+        self._core.take(TacticEvent(Event.HANDED_OVER))
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
         elif pilot_took_over(status):

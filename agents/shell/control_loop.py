@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 
+from agents.broadcast import command_answer
 from agents.core import VehicleCore
 from agents.inputs import AutopilotStatus, Bus, LateTicks
 from agents.outputs import CoreStatus, TickOutput
@@ -97,7 +98,13 @@ class ControlLoop:
 
     def tick_only(self) -> None:
         """Tick the core without control of the vehicle, for its messages to peers and answers to operators."""
+        self._parts.core.take(AutopilotStatus(self._parts.link.status))
         self._publish(self._parts.core.tick(self._parts.clock.now_s()), None)
+
+    def answer(self) -> None:
+        """Send the core's answers to operators, without a tick: its flight is over, and peers do not wait for it."""
+        for message in map(command_answer, self._parts.core.commands.answers(self._parts.clock.now_s())):
+            self._parts.bus.publish(message.topic, message.payload)
 
     def send_heartbeat(self) -> None:
         """Report the tick to the supervisor."""

@@ -14,6 +14,7 @@ from gcs.autopilots.autopilot import (
     EstimatorDialect,
     Evidence,
     FenceLimits,
+    Fields,
     Judgement,
     TruthMessage,
     VehicleKind,
@@ -51,6 +52,16 @@ def _kind(evidence: Evidence) -> VehicleKind:
     if evidence.parameters.get(SIMULATES) is None:
         return VehicleKind.FLIGHT
     return VehicleKind.BOARD if evidence.vendor_id else VehicleKind.SIMULATOR
+
+
+def _true_place(fields: Fields) -> tuple[float, float, float]:
+    """Return the place in SIM_STATE; its first latitude and longitude are 32-bit floats, exact to half a metre.
+
+    Raises ValueError if only those are known: the exact ones are 0.
+    """
+    if fields["lat_int"] == fields["lon_int"] == 0:
+        raise ValueError("the exact place is unknown")
+    return fields["lat_int"] * DEG_E7, fields["lon_int"] * DEG_E7, float(fields["alt"])
 
 
 def _failsafe_parameters(time_scale: float) -> Mapping[str, int | float]:
@@ -105,8 +116,7 @@ AUTOPILOT = Autopilot(
         "SIM_STATE",
         108,
         104,
-        # Its first latitude and longitude are 32-bit floats, exact to half a metre.
-        lambda fields: (fields["lat_int"] * DEG_E7, fields["lon_int"] * DEG_E7, float(fields["alt"])),
+        _true_place,
         lambda fields: (float(fields["vn"]), float(fields["ve"]), float(fields["vd"])),
     ),
     estimator=EstimatorDialect(

@@ -112,8 +112,9 @@ def _shape_faults(mission: "Mission", verb: Verb, shape: Shape | None, vehicle: 
     if shape is None:
         yield f"shape: this argument is missing (shapes: {', '.join(shapes)})"
     elif shape not in shapes:
-        small = "formation.spacing_m is less than safety.separation_m"
-        why = "its vehicles have no slot_m" if shape == "free" else small
+        near = mission.formation.spacing_m < mission.safety.separation_m
+        why = "formation.spacing_m is less than safety.separation_m" if near else "neighbours exceed network.range_m"
+        why = "its vehicles have no slot_m" if shape == "free" else why
         yield f"shape: no '{shape}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"
     if vehicle is not None:
         yield f"--vehicle: formation commands the whole team: leave this option out (given: {vehicle})"

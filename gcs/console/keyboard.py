@@ -150,7 +150,7 @@ class KeyBindings:
             case "all" if command.vehicle is None:
                 text = f"{row.does} {whom}"
             case "pilots" if of_pilots:
-                text = f"take {_named(of_pilots)} from the pilot"
+                text = f"take {_named(of_pilots)} from pilot or autopilot"
             case _:
                 return None
         return _Question(command, f"{text}? {_CANCELS}", "y", now_s + ANSWERED_WITHIN_S)

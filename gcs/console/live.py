@@ -144,7 +144,7 @@ def _gps(row: TeamRow) -> str:
     if dimensions is None:
         return "–"
     fix = row.gps_threat or (f"{dimensions}D" if dimensions else "none")
-    return f"{fix} {satellites or 0}"
+    return f"{fix} {'–' if satellites is None else satellites}"
 
 
 def _plain_vehicle(row: TeamRow) -> str:

@@ -272,8 +272,8 @@ DRILLS: tuple[Drill, ...] = (
     ),
     Drill(
         "foreign mode",
-        _reaction(Condition.PILOT_TOOK_OVER),
-        by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S),
+        _reaction(Condition.MODE_CHANGED),
+        by_table(Condition.MODE_CHANGED, the_subject, found_within_s=HEARTBEAT_S),
     ),
     Drill(
         "target lost",
@@ -295,6 +295,12 @@ DRILLS: tuple[Drill, ...] = (
     ),
     Drill(
         "battery critical",
+        _reaction(Condition.BATTERY_CRITICAL),
+        by_table(Condition.BATTERY_CRITICAL, the_subject, found_within_s=BATTERY_S),
+        lands_subject=True,
+    ),
+    Drill(
+        "second battery",
         _reaction(Condition.BATTERY_CRITICAL),
         by_table(Condition.BATTERY_CRITICAL, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,

@@ -3,9 +3,9 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from math import isfinite
 from typing import Any
 
+from mavsdk.plugins.telemetry import BatteryFunction
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 from msgspec.structs import replace
@@ -16,7 +16,9 @@ from agents.shell.handover import Handover
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
+from gcs.link.batteries import Batteries, BatteryReport
 from gcs.link.ground_truth import GroundTruth
+from gcs.link.received_fields import CHARGE, FLIGHT_TIME, PITCH, ROLL
 from gcs.link.self_reports import SelfReports, tilt_deg
 from gcs.link.status_texts import HealthItem, StatusTexts
 
@@ -68,6 +70,7 @@ HEALTH_FIELDS = {
 """Their fields in MAVSDK."""
 NEEDS_GPS = (HealthItem.GLOBAL_POSITION, HealthItem.HOME_POSITION, HealthItem.ARMING)
 """Without GPS PX4's arming checks fail until take-off is selected: they apply to its present mode, hold."""
+NOT_FOR_FLIGHT = (BatteryFunction.AVIONICS, BatteryFunction.PAYLOAD)
 CLOCK_BACK_S = 0.5
 """A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
 
@@ -102,11 +105,12 @@ class VehicleFeed:
         self.on_return: Callable[[], None] | None = None
         self._clock = clock
         self._transit = transit
-        self._motion_received_s = self.link_s()
+        self._began_s = self._motion_received_s = self.link_s()
         self.clock_received = False
         self.plugin: Any = TelemetryPlugin(system)
         self.reports = SelfReports(system, self._update)
         self.texts = StatusTexts()
+        self.batteries = Batteries()
         self.autopilot = self.reports.autopilot
         self.truth = truth
         self._system = system
@@ -141,6 +145,11 @@ class VehicleFeed:
     def position_m(self) -> Triple | None:
         """The newest position in the mission frame, None before the first."""
         return None if self.motion is None else self.motion.position_m
+
+    @property
+    def age_s(self) -> float:
+        """The time since it began [s of the link]."""
+        return self.link_s() - self._began_s
 
     @property
     def motion_age_s(self) -> float:
@@ -228,7 +237,7 @@ class VehicleFeed:
 
     def _take_attitude(self, times_s: tuple[float, float], roll_deg: float, pitch_deg: float) -> None:
         self._take_clock(times_s)
-        if isfinite(roll_deg) and isfinite(pitch_deg):
+        if ROLL.known(roll_deg) is not None and PITCH.known(pitch_deg) is not None:
             self._update(tilt_deg=tilt_deg(roll_deg, pitch_deg))
 
     def _take_clock(self, times_s: tuple[float, float]) -> None:
@@ -293,12 +302,11 @@ class VehicleFeed:
             self.texts.note_pass()
 
     def _take_battery(self, battery: Any) -> None:
-        percent = battery.remaining_percent
-        left_s = battery.time_remaining_s
-        self._update(
-            battery=min(max(percent / 100.0, 0.0), 1.0) if isfinite(percent) else None,
-            endurance_s=float(left_s) if isfinite(left_s) and left_s > 0.0 else None,
-        )
+        percent = CHARGE.known(battery.remaining_percent)
+        charge, endurance_s = None if percent is None else percent / 100.0, FLIGHT_TIME.known(battery.time_remaining_s)
+        flies = battery.battery_function not in NOT_FOR_FLIGHT
+        self.batteries.take(BatteryReport(int(battery.id), charge, endurance_s, flies), self.link_s())
+        self._update(battery=self.batteries.charge, endurance_s=self.batteries.endurance_s)
 
     def _take_home(self, home: Any) -> None:
         try:

@@ -11,7 +11,7 @@ HEADLINES = {
     FlightEnd.ERROR: "Ended by an error in cordon",
     FlightEnd.WATCHDOG: "Ended by the watchdog",
     FlightEnd.IN_FLIGHT: "The log ends in flight",
-    FlightEnd.PILOT: "A pilot took over",
+    FlightEnd.PILOT: "Handed over, not landed by cordon",
     FlightEnd.REFUSED: "Ended by a refusal of the autopilot",
     FlightEnd.BATTERY: "Ended by low battery",
     FlightEnd.FAILSAFE: "Ended by a failsafe",

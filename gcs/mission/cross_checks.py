@@ -20,8 +20,24 @@ from estimation.profile.profile import Profile
 from estimation.settings import Settings
 from gcs.errors import KeyFault
 from gcs.mission.excitation import limits_rise
-from gcs.mission.geometry import IndexedVehicles, altitudes_fit, fence_fits, follows_fit, limits_agree, slots_fit
-from gcs.mission.mission import FrameSection, LinkSection, MissionSection, MissionVehicle, TargetSection, VehicleSection
+from gcs.mission.geometry import (
+    IndexedVehicles,
+    altitudes_fit,
+    fence_fits,
+    follows_fit,
+    limits_agree,
+    ring_in_range,
+    slots_fit,
+)
+from gcs.mission.mission import (
+    FrameSection,
+    LinkSection,
+    MissionSection,
+    MissionVehicle,
+    NetworkSection,
+    TargetSection,
+    VehicleSection,
+)
 from gcs.mission.stability import kept_up
 
 LoadedVehicle = tuple[VehicleSection, Profile]
@@ -108,6 +124,9 @@ def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVeh
     if isinstance(safety, SafetySettings):
         yield from _separated(known, safety, ring, len(vehicles))
         yield from _inside_limits(sections, known, safety)
+    network = sections.get("network")
+    if isinstance(ring, EncirclementSettings) and isinstance(network, NetworkSection):
+        yield from ring_in_range(ring, network, len(vehicles))
     frame = sections.get("frame")
     if isinstance(frame, FrameSection):
         yield from _located(frame, known)

@@ -7,8 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import degrees, dist
 
+from agents.ring.place import chord_m
 from agents.safety.fence import Fence
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, FormationSettings, SafetySettings
+from agents.settings.shapes import gap_m
 from estimation.settings import Settings
 from gcs.errors import KeyFault
 from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, VehicleSection
@@ -62,16 +64,46 @@ def slots_fit(
         yield KeyFault(
             "formation.spacing_m", f"{formation.spacing_m} m is less than safety.separation_m = {safety.separation_m} m"
         )
-    if formation is None or formation.station != "predecessor" or not isinstance(network, NetworkSection):
-        return
+    if formation is not None and formation.station == "predecessor" and isinstance(network, NetworkSection):
+        yield from _neighbours_in_range(vehicles, formation, network)
+
+
+def _neighbours_in_range(
+    vehicles: IndexedVehicles, formation: FormationSettings, network: NetworkSection
+) -> Iterator[KeyFault]:
+    """Check that a vehicle hears its neighbour in line order, on which it keeps station.
+
+    Shapes that operators command later are possible only within the range as well (`AgentConfig.shapes`).
+    """
+    follows = f"out of network.range_m = {network.range_m:g} m: one keeps station on the other (formation.station)"
+    placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
     for (i, one_m), (k, other_m) in pairwise(placed):
         apart_m = dist(one_m, other_m)
         if apart_m > network.range_m:
             yield KeyFault(
                 f"vehicles[{k}].slot_m",
-                f"{apart_m:g} m from vehicles[{i}]'s, its neighbour in line order, and out of "
-                f"network.range_m = {network.range_m:g} m: one keeps station on the other (formation.station)",
+                f"{apart_m:g} m from vehicles[{i}]'s, its neighbour in line order, and {follows}",
             )
+    ids = [vehicle.id for _, vehicle in vehicles]
+    shape = formation.shape or ("free" if placed else "line")
+    if shape == "free" or formation.leader not in ids:
+        return
+    apart_m = gap_m(shape, len(ids), ids.index(formation.leader), formation.spacing_m)
+    if apart_m > network.range_m:
+        yield KeyFault(
+            "formation.spacing_m",
+            f"{formation.spacing_m:g} m puts neighbours in a {shape} up to {apart_m:g} m apart, {follows}",
+        )
+
+
+def ring_in_range(ring: EncirclementSettings, network: NetworkSection, count: int) -> Iterator[KeyFault]:
+    """Check that neighbours on the ring, which keep their spacing to each other, are in radio range."""
+    if count > 1 and (apart_m := chord_m(ring.radius_m, count)) > network.range_m:
+        yield KeyFault(
+            "encirclement.radius_m",
+            f"{count} vehicles on a ring of {ring.radius_m:g} m are {apart_m:.2f} m apart, out of "
+            f"network.range_m = {network.range_m:g} m: neighbours keep their spacing to each other",
+        )
 
 
 def limits_agree(

@@ -9,6 +9,7 @@ from agents.ports import VehicleStatus
 from estimation.frames import Triple
 from gcs.autopilots.autopilot import Autopilot, Evidence, VehicleKind
 from gcs.autopilots.registry import UNKNOWN
+from gcs.link.batteries import BatteryReport
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
@@ -81,10 +82,10 @@ def subjects_text(subjects: Sequence[Subject]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class GpsFix:
-    """The report of a GPS receiver: `dimensions` of its fix (0 without one, 2 or 3), and the satellites in use."""
+    """The report of a GPS receiver: `dimensions` of its fix (0 without one, 2 or 3), and its satellites, if known."""
 
     dimensions: int
-    satellites: int
+    satellites: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +125,7 @@ class VehicleFacts:
     lost: tuple[str, str] | None = None
     position_m: Triple | None = None
     gps: GpsFix | None = None
+    batteries: tuple[BatteryReport, ...] = ()
     estimator: EstimatorReport | None = None
     clock_ratio: float | None = None
     telemetry_rate_hz: float | None = None

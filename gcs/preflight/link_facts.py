@@ -14,7 +14,7 @@ import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import cos, isfinite, sin, tau
+from math import cos, inf, sin, tau
 from typing import Any, NamedTuple
 
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
@@ -32,7 +32,8 @@ from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates import RateController, Rates
-from gcs.link.self_reports import DIMENSIONS, EstimatorReport, estimator_report
+from gcs.link.received_fields import PARAMETER, UNIQUE_ID
+from gcs.link.self_reports import DIMENSIONS, EstimatorReport, estimator_report, satellites
 from gcs.link.signing_keys import signing_keys
 from gcs.link.status_texts import HealthItem
 from gcs.mission.mission import Mission, MissionVehicle
@@ -107,7 +108,8 @@ def read_estimator(system: Any, autopilot: Autopilot, timeout_s: float) -> Estim
 
 def parameter_value(autopilot: Autopilot, wire_type: int, value: float | None) -> float | None:
     """Decode a PARAM_VALUE as JSON holds it: without the bytes that are no number."""
-    number = None if value is None or not isfinite(value) else autopilot.parameter(wire_type, value)
+    known = PARAMETER.known(value)
+    number = None if known is None else autopilot.parameter(wire_type, known)
     return None if number is None else float(number)
 
 
@@ -159,7 +161,8 @@ def read_identity(system: Any, timeout_s: float) -> AutopilotVersion:
 def _received(plugin: Any) -> AutopilotVersion | None:
     try:
         uid, vendor_id = plugin.get_identification().legacy_uid, plugin.get_product().vendor_id
-        return AutopilotVersion(_firmware(plugin.get_version()), int(uid), int(vendor_id))
+        known = None if UNIQUE_ID.known(uid) is None else int(uid)
+        return AutopilotVersion(_firmware(plugin.get_version()), known, int(vendor_id))
     except InfoError:
         return None
 
@@ -178,8 +181,8 @@ TRAFFIC_S = 2.0
 PARAMETERS_TIMEOUT_S = 3.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter timeouts for the preflight check in `fly`, whose links are connected already."""
-GPS_PERIODS = 4.0
-"""Timeout in periods of the status rate: GPS status comes at half of it, and one message may be lost."""
+SLOW_PERIODS = 4.0
+"""Timeout in periods of the status rate: GPS and battery status come at half of it, and one message may be lost."""
 CIRCLE_CORNERS = 36
 
 
@@ -330,11 +333,12 @@ class _VehicleQuery(NamedTuple):
         (ratio, rate_hz), parameters, gps, areas, estimator, identity = await asyncio.gather(
             self._timing(listening_s),
             read_parameters(self.system, autopilot, parameters_timeout_s),
-            self.calls.run(_gps, self.feed.plugin, GPS_PERIODS / self.rates.status_hz),
+            self.calls.run(_gps, self.feed.plugin, SLOW_PERIODS / self.rates.status_hz),
             self.calls.run(_fence_areas, self.system, self.frame),
             self.calls.run(read_estimator, self.system, autopilot, parameters_timeout_s),
             self.calls.run(read_identity, self.system, parameters_timeout_s),
         )
+        await self._all_batteries()
         feed = self.feed
         return VehicleFacts(
             vehicle_id=self.vehicle_id,
@@ -352,6 +356,7 @@ class _VehicleQuery(NamedTuple):
             lost=lost,
             position_m=feed.position_m,
             gps=None if feed.is_local else gps,
+            batteries=tuple(battery for _, battery in sorted(feed.batteries.newest.items())),
             estimator=estimator,
             clock_ratio=ratio,
             telemetry_rate_hz=rate_hz if feed.position_m is not None else None,  # else there is no motion to send
@@ -359,6 +364,10 @@ class _VehicleQuery(NamedTuple):
             parameters=parameters,
             fence_areas=areas,
         )
+
+    async def _all_batteries(self) -> None:
+        """Wait until all batteries must have reported: ArduPilot reports one after the other."""
+        await self.calls.reached(lambda: self.feed.age_s >= SLOW_PERIODS / self.rates.status_hz, inf)
 
     async def _timing(self, listening_s: float) -> tuple[float | None, float]:
         """Return the rate of the autopilot's clock relative to its link's, and the motion rate in that clock [Hz]."""
@@ -398,7 +407,7 @@ def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
         return None
     finally:
         telemetry.unsubscribe_gps_info(handle)
-    return GpsFix(DIMENSIONS.get(info.fix_type, 3), int(info.num_satellites))
+    return GpsFix(DIMENSIONS.get(info.fix_type, 3), satellites(info))
 
 
 def _fence_areas(system: Any, frame: MissionFrame) -> tuple[FenceArea, ...] | None:

@@ -9,6 +9,7 @@ from agents.shell.computer import ComputerClock
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
 from gcs.autopilots.registry import AUTOPILOTS, advice
+from gcs.link.batteries import BatteryReport
 from gcs.link.status_texts import POSITION_ITEMS, HealthItem, explains, quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import FrameSection, Mission, MissionVehicle
@@ -207,13 +208,14 @@ def gps(facts: VehicleFacts) -> Iterator[Finding]:
         return
     fix = f"{facts.gps.dimensions}D fix" if facts.gps.dimensions else "no fix"
     blind = facts.gps.dimensions < 3
-    poor = blind or facts.gps.satellites < SATELLITES_LEAST
+    satellites = facts.gps.satellites
+    poor = blind or (satellites is not None and satellites < SATELLITES_LEAST)
     elsewhere = facts.health.get(HealthItem.GLOBAL_POSITION, False)  # the autopilot may use another receiver
     yield Finding.graded(
         Grade.REFUSE if blind and not elsewhere else Grade.WARNING if poor else Grade.PASS,
         facts.vehicle_id,
         "gps",
-        f"GPS: {fix}, {facts.gps.satellites} satellites",
+        f"GPS: {fix}, {'an unknown number of' if satellites is None else satellites} satellites",
         "without a 3D fix it has no position" if blind else "with few satellites the position may be off by metres",
         "give it a clear view of the sky and wait a few minutes; then check its receiver and cable",
         temporary=True,
@@ -221,22 +223,27 @@ def gps(facts: VehicleFacts) -> Iterator[Finding]:
 
 
 def battery(facts: VehicleFacts) -> Iterator[Finding]:
-    """Check the battery."""
+    """Check the battery, or the lowest of those that the vehicle flies with."""
     charge = facts.status.battery
+    several = f"its batteries: {', '.join(map(_battery_text, facts.batteries))}" if len(facts.batteries) > 1 else ""
     if charge is None:
+        found = several or f"it reports no {'charge of its ' if facts.batteries else ''}battery"
         why = "the battery failsafes need its charge"
-        yield Finding(
-            Grade.WARNING, facts.vehicle_id, "battery", "it reports no battery", why, "check its power module"
-        )
+        yield Finding(Grade.WARNING, facts.vehicle_id, "battery", found, why, "check its power module")
         return
     yield Finding.graded(
         Grade.REFUSE if charge < BATTERY_EMPTY else Grade.WARNING if charge < BATTERY_LOW else Grade.PASS,
         facts.vehicle_id,
         "battery",
-        f"its battery is at {charge:.0%}",
+        several or f"its battery is at {charge:.0%}",
         "its battery failsafe would end its mission in flight",
         "charge or change the battery",
     )
+
+
+def _battery_text(battery: BatteryReport) -> str:
+    charge = "not estimated" if battery.charge is None else f"at {battery.charge:.0%}"
+    return f"{battery.number} {charge}{'' if battery.flies else ', not for flight'}"
 
 
 def telemetry(facts: VehicleFacts) -> Iterator[Finding]:

@@ -37,7 +37,7 @@ _AFTER_ENDING = {
     FlightEnd.ERROR: "report the error with this log, and repeat the mission in simulation before the next flight",
     FlightEnd.WATCHDOG: "find out what stopped the agent's process; docs/deadman.md lists causes",
     FlightEnd.IN_FLIGHT: "the landing is not recorded: find out where and how it went, and why the recording ended",
-    FlightEnd.PILOT: "ask the pilot for the reason",
+    FlightEnd.PILOT: "find out who or what changed its mode",
     FlightEnd.REFUSED: "correct what the autopilot refuses; cordon check states the findings without a flight",
     FlightEnd.BATTERY: "charge the battery; fly a shorter mission if it was full at take-off",
     FlightEnd.FAILSAFE: "remove the cause of the failsafe; the alerts are below",

@@ -116,7 +116,7 @@ def _limits(values: Mapping[str, Value]) -> FlightLimits:
 
 def _estimator(state: EstimatorState) -> Fields:
     """Return the fields of EKF_STATUS_REPORT; its "variances" are the square roots of its test ratios."""
-    return state.flags, *state.shares_of_gates, 0.0, 0.0
+    return state.flags, *state.shares_of_gates, 0.0
 
 
 def _truth(motion: TrueMotion) -> Fields:

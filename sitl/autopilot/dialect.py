@@ -15,12 +15,12 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 class EstimatorState(NamedTuple):
     """What the estimator reports: its flags, and its errors relative to the gates of its tests.
 
-    These are the errors of velocity, horizontal position and height.
+    These are the errors of velocity, horizontal position, height and compass; NaN is unknown.
     """
 
     boot_ms: int
     flags: int
-    shares_of_gates: tuple[float, float, float]
+    shares_of_gates: tuple[float, float, float, float]
     accuracy_m: float
 
 

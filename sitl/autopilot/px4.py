@@ -78,7 +78,7 @@ def custom_mode(mode: NavMode) -> int:
 def _estimator(state: EstimatorState) -> Fields:
     """Return the fields of ESTIMATOR_STATUS; its test ratios are squared."""
     ratios = (share**2 for share in state.shares_of_gates)
-    return state.boot_ms * 1000, state.flags, *ratios, 0.0, 0.0, 0.0, state.accuracy_m, state.accuracy_m
+    return state.boot_ms * 1000, state.flags, *ratios, 0.0, 0.0, state.accuracy_m, state.accuracy_m
 
 
 def _truth(motion: TrueMotion) -> Fields:

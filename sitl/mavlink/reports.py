@@ -5,7 +5,7 @@ It converts from metres and the mission frame to north-east-down, degE7, millime
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import atan2, cos, degrees, sin, sqrt, tau
+from math import atan2, cos, degrees, nan, sin, sqrt, tau
 
 import numpy as np
 
@@ -17,16 +17,21 @@ from sitl.faults import VehicleFaults, shifted
 from sitl.mavlink.signing import SigningKey
 from sitl.mavlink_constants import (
     ACTIVE,
+    ALL_FUNCTIONS,
     CELL_EMPTY_V,
     CELL_FULL_V,
     CELLS,
+    CHARGE_OK,
     CRITICAL,
     GPS_FIX_3D,
     GPS_FIX_NONE,
+    LITHIUM_POLYMER,
     QUADROTOR,
     STANDBY,
     UID_OF_STUBS,
     UNINITIALISED,
+    UNKNOWN_I16,
+    UNKNOWN_U8,
     UNKNOWN_U16,
     EstimatorFlag,
     Fields,
@@ -127,7 +132,8 @@ class TelemetryFields:
         if self._faults.motion_silent and message in {*MOTION_MESSAGES, self._dialect.truth_message}:
             return []
         fields = self._builders[message]()
-        return [] if fields is None else [(message, fields)]
+        second = [] if message != MessageId.BATTERY_STATUS else self._second_battery()
+        return [] if fields is None else [(message, fields), *second]
 
     @property
     def _boot_ms(self) -> int:
@@ -190,7 +196,7 @@ class TelemetryFields:
         if self._autopilot.armable or self._autopilot.armed:
             healthy |= SensorFlag.PREARM_CHECK
         enabled = present | SensorFlag.PREARM_CHECK
-        millivolts = sum(self._cell_mv())
+        millivolts = UNKNOWN_U16 if self._faults.values_unknown else sum(self._cell_mv())
         remaining = self._battery_percent()
         return int(enabled), int(enabled), int(healthy), 300, millivolts, -1, remaining, 0, 0, 0, 0, 0, 0
 
@@ -201,7 +207,9 @@ class TelemetryFields:
         estimate = self._estimate()
         north, east, _ = self._config.frame.ned_from_mission(estimate.velocity_m_s)
         speed_cm_s = bounded_i16(100.0 * float(np.hypot(north, east)))
-        return time_us, GPS_FIX_3D, *self._place(estimate.position_m), 70, 110, speed_cm_s, 0, 14
+        unknown = (*[UNKNOWN_U16] * 4, UNKNOWN_U8)
+        measured = unknown if self._faults.values_unknown else (70, 110, speed_cm_s, 0, 14)
+        return time_us, GPS_FIX_3D, *self._place(estimate.position_m), *measured
 
     def _attitude(self) -> Fields:
         airframe = self._autopilot.airframe
@@ -247,9 +255,18 @@ class TelemetryFields:
         return *self._place(home), *local, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._boot_ms * 1000
 
     def _battery_status(self) -> Fields:
-        voltages = [*self._cell_mv(), *[UNKNOWN_U16] * (10 - CELLS)]
+        return self._battery(0, self._battery_percent())
+
+    def _second_battery(self) -> list[Outgoing]:
+        charge = self._faults.second_battery
+        return [] if charge is None else [(MessageId.BATTERY_STATUS, self._battery(1, round(charge * 100.0)))]
+
+    def _battery(self, number: int, percent: int) -> Fields:
+        volts, temperature = [*self._cell_mv(), *[UNKNOWN_U16] * (10 - CELLS)], 2500
         endurance_s = round(self._faults.endurance_s or 0.0)  # 0 is unknown
-        return 0, 1, 1, 2500, voltages, -1, -1, -1, self._battery_percent(), endurance_s, 1
+        if self._faults.values_unknown:
+            volts, temperature, endurance_s = [UNKNOWN_U16] * 10, UNKNOWN_I16, 0
+        return number, ALL_FUNCTIONS, LITHIUM_POLYMER, temperature, volts, -1, -1, -1, percent, endurance_s, CHARGE_OK
 
     def _extended_sys_state(self) -> Fields:
         return 0, int(self._autopilot.landed_state)
@@ -258,13 +275,15 @@ class TelemetryFields:
         flags, accuracy_m = int(self._estimator_flags()), self._config.noise.position_m
         return self._dialect.estimator(EstimatorState(self._boot_ms, flags, self._shares_of_gates(), accuracy_m))
 
-    def _shares_of_gates(self) -> tuple[float, float, float]:
-        """Return the errors of the estimate relative to the gates: velocity, horizontal position, height."""
+    def _shares_of_gates(self) -> tuple[float, float, float, float]:
+        """Return the errors of the estimate relative to the gates: velocity, horizontal position, height, compass."""
+        if self._faults.values_unknown:
+            return nan, nan, nan, nan
         estimate, airframe = self._estimate(), self._autopilot.airframe
         position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
         velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
         horizontal = max(float(np.hypot(position[0], position[1])), sqrt(self._faults.estimator_ratio))
-        return float(np.linalg.norm(velocity)), horizontal, abs(float(position[2]))
+        return float(np.linalg.norm(velocity)), horizontal, abs(float(position[2])), 0.0
 
     def _estimator_flags(self) -> EstimatorFlag:
         """Attitude and height, from gyros and barometer, are always valid; the rest needs a source of position."""
@@ -283,7 +302,7 @@ class TelemetryFields:
         return self._dialect.capabilities, *versions, no_hash, no_hash, no_hash, 0, 0, self._config.reported_uid
 
     def _battery_percent(self) -> int:
-        return round(self._autopilot.battery_fraction * 100.0)
+        return -1 if self._faults.values_unknown else round(self._autopilot.battery_fraction * 100.0)
 
     def _cell_mv(self) -> list[int]:
         volts = CELL_EMPTY_V + (CELL_FULL_V - CELL_EMPTY_V) * self._autopilot.battery_fraction

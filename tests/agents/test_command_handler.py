@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.command_handler import NUMBERS_KEPT, CommandHandler, Reshaping
+from agents.command_handler import NUMBERS_KEPT, Circumstances, CommandHandler, Reshaping
 from agents.core import VehicleCore
 from agents.inputs import Command, Message
 from agents.notes import Notes
@@ -69,7 +69,7 @@ def test_on_the_ground_a_vehicle_that_lacks_nothing_is_started_once() -> None:
     assert (vehicle.tactic, vehicle.commands.starts) == (Tactic.STANDBY, False)
     assert (vehicle.told("start", number=90), vehicle.told("start", number=90)) == ("takes off", "takes off")
     assert vehicle.commands.starts
-    assert vehicle.told("start") == "had taken off already"
+    assert vehicle.told("start") == "was started already"
     assert vehicle.told("hold") == "holds"
 
 
@@ -81,7 +81,7 @@ def test_on_the_ground_a_vehicle_that_lacks_nothing_is_started_once() -> None:
         (Tactic.HOLD, "resume", "resumes its mission", Tactic.FORMATION),
         (Tactic.PILOT_OVERRIDE, "resume", "resumes its mission", Tactic.FORMATION),
         (Tactic.ENCIRCLE, "resume", "was on its mission already", Tactic.ENCIRCLE),
-        (Tactic.RETURN_AND_LAND, "resume", "refused: it is returning to land", Tactic.RETURN_AND_LAND),
+        (Tactic.RETURN_AND_LAND, "resume", "refused: it is on its way to land", Tactic.RETURN_AND_LAND),
         (Tactic.ENCIRCLE, "rtl", "returns and lands", Tactic.RETURN_AND_LAND),
         (Tactic.ENCIRCLE, "land", "lands", Tactic.LAND),
         (Tactic.ENCIRCLE, "abort", "holds, lands in 5 s unless resumed", Tactic.HOLD),
@@ -97,11 +97,11 @@ def test_what_is_done_and_answered(before: Tactic, verb: Verb, did: str, after: 
 
 
 @pytest.mark.parametrize("verb", ["hold", "land", "rtl", "abort"])
-def test_a_vehicle_in_pilot_override_reports_the_pilot_and_the_next_step(verb: Verb) -> None:
+def test_a_vehicle_that_was_handed_over_reports_that_and_the_next_step(verb: Verb) -> None:
     vehicle = Vehicle(Tactic.PILOT_OVERRIDE)
     did = vehicle.told(verb)
     assert vehicle.outcome == "refused"
-    assert "a pilot" in did
+    assert "handed it over" in did
     assert "resume takes it back" in did
     assert "lands in" not in did
     assert vehicle.tactic is Tactic.PILOT_OVERRIDE
@@ -258,7 +258,8 @@ def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
     vehicle = Vehicle()
     vehicle.told("abort")
     resume = OperatorCommand(0.0, "resume", None, "pat@here", 1000)
-    assert vehicle.commands.take(resume, vehicle.tactic, 0.0, "battery low: 20 %") is None
+    refused = Circumstances(resume_refused="battery low: 20 %")
+    assert vehicle.commands.take(resume, vehicle.tactic, 0.0, refused) is None
     assert vehicle.commands.answers(0.0)[0].did == "refused: battery low: 20 %"
     vehicle.tick(HOVER_S)
     assert vehicle.tactic is Tactic.LAND

@@ -360,7 +360,7 @@ def test_followers_receive_the_undisturbed_setpoint_at_the_time_of_the_message(m
 def test_a_vehicle_in_pilot_override_sends_no_setpoint_and_publishes_its_tactic(make_config: Maker) -> None:
     pilot = Pilot(make_config())
     pilot.fly(5.0)
-    pilot.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+    pilot.core.take(TacticEvent(Event.HANDED_OVER))
     for tick in range(20):
         pilot.core.take(telemetry(5.0 + tick * PERIOD_S, [tick * 0.3, 1.0, 3.0, 0.0]))
         output = pilot.core.tick(5.0 + tick * PERIOD_S)
@@ -376,7 +376,7 @@ def test_a_vehicle_sent_back_beside_the_ring_does_not_cut_across_it(make_config:
     # Its place in line is at the target by now: mixing that in would pull it through the ring.
     pilot = Pilot(make_config(line_start_m=(0.0, 0.0)), motion=(10.0, 10.5, 0.0, 0.0))
     pilot.core.take(TacticEvent(Event.START))
-    pilot.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+    pilot.core.take(TacticEvent(Event.HANDED_OVER))
     radii = []
     for tick in range(200):
         now_s = tick * PERIOD_S

@@ -20,7 +20,7 @@ EVENTS = (
     Event.HOLD,
     Event.RESUME,
     Event.LAND,
-    Event.PILOT_TOOK_OVER,
+    Event.HANDED_OVER,
     Event.END,
     Event.RETURN,
     Event.STEP_ASIDE,
@@ -52,6 +52,12 @@ TABLE = {
 def test_the_table_here_knows_every_tactic_and_every_event() -> None:
     assert set(TABLE) == set(Tactic)
     assert set(EVENTS) == set(Event)
+
+
+def test_an_event_of_an_earlier_log_is_known_by_its_former_name() -> None:
+    assert Event("pilot took over") is Event.HANDED_OVER
+    with pytest.raises(ValueError, match="nothing of that kind"):
+        Event("nothing of that kind")
 
 
 @pytest.mark.parametrize("tactic", Tactic)

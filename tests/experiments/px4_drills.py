@@ -147,7 +147,7 @@ def _restarted(roles: Roles) -> Expectation:
 
 
 def _foreign(roles: Roles) -> Expectation:
-    return by_table(Condition.PILOT_TOOK_OVER, the_subject, found_within_s=HEARTBEAT_S)(roles)
+    return by_table(Condition.MODE_CHANGED, the_subject, found_within_s=HEARTBEAT_S)(roles)
 
 
 DRILLS: tuple[Drill, ...] = (

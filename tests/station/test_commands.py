@@ -203,8 +203,8 @@ def test_resume_of_a_pilots_vehicle_asks_first(page: Page, served: CannedStation
     expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("pilot override")
     verb(page, "resume")()
     dialog = page.get_by_role("dialog")
-    expect(dialog).to_contain_text("Vehicle 2 is flown by its pilot")
-    expect(page.get_by_role("button", name="Leave it with the pilot")).to_be_focused()
+    expect(dialog).to_contain_text("Vehicle 2 is flown by its pilot or autopilot")
+    expect(page.get_by_role("button", name="Leave it")).to_be_focused()
     for _ in range(5):  # a held key chooses nothing but the careful answer
         page.keyboard.down("Enter")
     page.keyboard.up("Enter")

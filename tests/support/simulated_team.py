@@ -66,7 +66,7 @@ class AutopilotLink:
             armed=autopilot.armed,
             in_air=not autopilot.landed,
             mode=FlightMode[autopilot.mode.name],
-            battery=autopilot.battery_fraction,
+            battery=min(autopilot.battery_fraction, 1.0 if faults.second_battery is None else faults.second_battery),
             local_position_ok=autopilot.estimator_ready,
             armable=autopilot.armable,
             estimator_ratio=max(faults.estimator_ratio, (hypot(off_x, off_y) / POSITION_GATE_M) ** 2),

@@ -206,7 +206,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             stubs.vehicles[2].select(NavMode.HOLD)  # its pilot
             await until(lambda: tactics[2] == "pilot override" and "2: hold -> pilot override" in terminal.text)
             await by_hand(terminal, "rrr")
-            await until(lambda: "take vehicle 2 from the pilot?" in terminal.text)
+            await until(lambda: "take vehicle 2 from pilot or autopilot?" in terminal.text)
             await by_hand(terminal, "kkkkkk")
             await until(lambda: "cut the motors of 3 vehicles" in terminal.text)
             terminal.type("kkkkyyyy")

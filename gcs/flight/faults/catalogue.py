@@ -120,6 +120,11 @@ def _impersonate(scene: TeamInFlight) -> TeamFaults:
     )
 
 
+def _nearly_empty(mission: Mission) -> float:
+    """Return the charge of a battery that is critical."""
+    return mission.failsafe.battery_critical * 0.8
+
+
 def _drain(fraction: Callable[[Mission], float]) -> Callable[[TeamInFlight], Injection]:
     """Return a fault that leaves a share of the subject's battery."""
     return lambda scene: Injection(vehicles={scene.subject: VehicleInjection(battery_fraction=fraction(scene.mission))})
@@ -143,7 +148,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("target lost", _of_team(lambda _: TeamFaults(blind=True)), of_team=True),
     Fault("link cut", _of_subject(lambda _: VehicleFaults(link_cut=True))),
     Fault("battery low", _drain(lambda m: (m.failsafe.battery_low + m.failsafe.battery_critical) / 2.0)),
-    Fault("battery critical", _drain(lambda m: m.failsafe.battery_critical * 0.8)),
+    Fault("battery critical", _drain(_nearly_empty)),
+    Fault("second battery", _of_subject(lambda s: VehicleFaults(second_battery=_nearly_empty(s.mission)))),
     Fault("no way home", _of_subject(lambda s: VehicleFaults(endurance_s=max(s.mission.failsafe.reserve_s, 1.0)))),
     Fault("killed agent", lambda _: Injection(signal=SIGKILL), of_team=True),
     Fault("frozen agent", lambda _: Injection(signal=SIGSTOP), of_team=True),

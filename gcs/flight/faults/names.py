@@ -21,6 +21,7 @@ FaultName = Literal[
     "link cut",
     "battery low",
     "battery critical",
+    "second battery",
     "no way home",
     "killed agent",
     "frozen agent",

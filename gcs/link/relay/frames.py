@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
 
+from gcs.link.received_fields import BUFFER_FREE
+
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 _MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
 HEAD_V1, HEAD_V2, CHECKSUM_LENGTH, SIGNATURE_LENGTH = 6, 10, 2, 13
@@ -64,10 +66,11 @@ def target_system(frame: bytes) -> int:
 
 
 def buffer_free(frame: bytes) -> float | None:
-    """Return the free share of a radio's transmit buffer by its RADIO_STATUS; None for other messages."""
+    """Return the free share of a radio's transmit buffer by its RADIO_STATUS; None if unknown, or in other messages."""
     if header(frame).message != RADIO_STATUS:
         return None
-    return min(_payload_byte(frame, _BUFFER_FREE_AT), 100) / 100.0
+    percent = BUFFER_FREE.known(_payload_byte(frame, _BUFFER_FREE_AT))
+    return None if percent is None else percent / 100.0
 
 
 def _payload_byte(frame: bytes, at: int) -> int:

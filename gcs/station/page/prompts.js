@@ -69,7 +69,7 @@ export class PilotPrompt {
     this.verb = verb;
     this.target = target;
     this.others = { ...target, isAll: false, vehicles: target.vehicles.filter((id) => !flown.includes(id)) };
-    const are = flown.length === 1 ? "is flown by its pilot" : "are flown by their pilots";
+    const are = flown.length === 1 ? "is flown by its pilot or autopilot" : "are flown by their pilots or autopilots";
     const names = vehicleNames(flown, target.all);
     setText(byId("pilot-title"), `${names[0].toUpperCase()}${names.slice(1)} ${are}`);
     setText(byId("pilot-take"), `Take over ${vehicleNames(target.vehicles, target.all)}`);

@@ -16,7 +16,7 @@ from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.inputs import AutopilotStatus, Bus, Computer, LateTicks, Message, Presence, Start, TacticEvent, TimeScale
 from agents.outputs import CoreStatus, TickOutput
-from agents.ports import Connection, VehicleStatus
+from agents.ports import Connection, ModeSource, VehicleStatus
 from agents.safety.failsafe import TABLE, Condition
 from agents.safety.guard import GuardStatus
 from agents.settings.config import AgentConfig
@@ -218,10 +218,10 @@ class Case:
     over_s: float = 0.3
 
 
-def taken_over_after(lost: Connection) -> Case:
+def taken_over(**reports: Any) -> Case:
     def take_over(flight: Flight) -> None:
-        flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
-        flight.reports["lost"] = lost  # the autopilot may say why later
+        flight.core.take(TacticEvent(Event.HANDED_OVER))
+        flight.reports.update(reports)  # the autopilot may say why later
 
     override = Tactic.PILOT_OVERRIDE
     return Case(take_over, nothing, 0.0, (override, override), grave=override)
@@ -235,15 +235,11 @@ CASES = {
         set_to(telemetry=False), set_to(telemetry=True), 1.0, HOLDS, wall=True, grave=Tactic.LAND
     ),
     Condition.ESTIMATOR_JUMPED: Case(jump, nothing, 1.1, (Tactic.HOLD, Tactic.HOLD)),
-    Condition.REMOTE_CONTROL_LOST: taken_over_after(Connection.REMOTE_CONTROL),
-    Condition.GROUND_STATION_LOST: taken_over_after(Connection.GROUND_STATION),
-    Condition.PILOT_TOOK_OVER: Case(
-        lambda flight: flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER)),
-        nothing,
-        0.0,
-        (Tactic.PILOT_OVERRIDE, Tactic.PILOT_OVERRIDE),
-        grave=Tactic.PILOT_OVERRIDE,
-    ),
+    Condition.REMOTE_CONTROL_LOST: taken_over(lost=Connection.REMOTE_CONTROL),
+    Condition.GROUND_STATION_LOST: taken_over(lost=Connection.GROUND_STATION),
+    Condition.AUTOPILOT_FAILSAFE: taken_over(mode_by=ModeSource.FAILSAFE),
+    Condition.PILOT_TOOK_OVER: taken_over(mode_by=ModeSource.PILOT),
+    Condition.MODE_CHANGED: taken_over(),
     Condition.BATTERY_CRITICAL: Case(set_to(battery=0.08), set_to(battery=0.5), 4.0, (Tactic.LAND,), grave=Tactic.LAND),
     Condition.BATTERY_LOW: Case(
         set_to(battery=0.18), set_to(battery=0.5), 4.0, (Tactic.RETURN_AND_LAND, Tactic.RETURN_AND_LAND)
@@ -530,7 +526,7 @@ def test_who_has_the_vehicle_keeps_it_and_it_returns_by_resume_once_all_is_well(
     make_flight: Callable[..., Flight],
 ) -> None:
     flight = make_flight(Condition.PILOT_TOOK_OVER)
-    flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+    flight.core.take(TacticEvent(Event.HANDED_OVER))
     flight.battery = 0.05
     flight.fly(ONSET_S + 20.0)
     flight.core.take(TacticEvent(Event.RESUME))

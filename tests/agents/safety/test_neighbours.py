@@ -181,9 +181,7 @@ def test_the_core_keeps_away_from_where_a_vehicle_was_lost(
     assert away_m[-1] == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("event", "guarded"), [(Event.HOLD, True), (Event.LAND, False), (Event.PILOT_TOOK_OVER, False)]
-)
+@pytest.mark.parametrize(("event", "guarded"), [(Event.HOLD, True), (Event.LAND, False), (Event.HANDED_OVER, False)])
 def test_a_setpoint_without_effect_is_not_guarded(event: Event, guarded: bool, make_config: Maker) -> None:
     core = VehicleCore(make_config())
     core.take(TacticEvent(event))

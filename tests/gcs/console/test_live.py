@@ -130,6 +130,11 @@ def test_a_hundred_and_twenty_columns_show_everything() -> None:
     assert max(map(len, lines)) <= 120
 
 
+def test_an_unknown_number_of_satellites_is_not_shown_as_none() -> None:
+    row = structs.replace(ROWS[0], autopilot=AutopilotReport(0.8, None, 3, None))
+    assert shown_at(120, [row])[3].split()[10:13] == ["3D", "–", "80%"]
+
+
 def test_the_widest_values_fit_eighty_columns() -> None:
     widest = structs.replace(
         ROWS[0], vehicle_id=254, tactic="pilot override", mode="take-off", position_m=(0.0, 0.0, -123.4),

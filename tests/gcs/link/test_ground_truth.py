@@ -59,6 +59,12 @@ def test_place_and_velocity_are_in_the_mission_frame(subtests: pytest.Subtests) 
             assert link.truth.position_m(52.1) is None
 
 
+def test_a_place_that_is_exact_to_half_a_metre_only_is_no_truth() -> None:
+    link = Link(ardupilot.AUTOPILOT.truth)
+    link.receive({**ARDUPILOT_FIELDS, "lat": 47.397842, "lon": 8.545594, "lat_int": 0, "lon_int": 0})
+    assert link.truth.samples == []
+
+
 def test_what_is_malformed_or_another_vehicles_is_dropped(subtests: pytest.Subtests) -> None:
     lacking = {name: value for name, value in PX4_FIELDS.items() if name != "vx"}
     rows: tuple[tuple[str, str | dict[str, object], int], ...] = (

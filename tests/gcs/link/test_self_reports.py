@@ -11,12 +11,22 @@ import pytest
 from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.telemetry import FixType
 
-from agents.ports import Connection, GpsThreat
+from agents.ports import Connection, GpsThreat, ModeSource
 from gcs.link import self_reports
-from gcs.link.self_reports import LOST_S, WIND_S, EstimatorReport, SelfReports, estimator_facts, tilt_deg
+from gcs.link.self_reports import (
+    CHANGES_WITHIN_S,
+    LOST_S,
+    WIND_S,
+    EstimatorReport,
+    SelfReports,
+    estimator_facts,
+    tilt_deg,
+)
 from tests.support.simulated_loop import run_simulated
 
 SYSTEM = 4
+ACTIVE, CRITICAL = 4, 5
+OFFBOARD, HOLD, LANDS = 6 << 16, 3 << 24 | 4 << 16, 6 << 24 | 4 << 16
 
 
 class Subscriptions:
@@ -41,8 +51,14 @@ class Reports:
         self.telemetry = Subscriptions()
         self.reports.subscribe(self.telemetry, lambda take: take, gps=True)
 
-    def receive(self, message: str, system_id: int, **fields: object) -> None:
-        self.reports.direct.taken[message](SimpleNamespace(system_id=system_id, fields_json=json.dumps(fields)))
+    def receive(self, message: str, system_id: int, component_id: int = 1, **fields: object) -> None:
+        received = SimpleNamespace(system_id=system_id, component_id=component_id, fields_json=json.dumps(fields))
+        self.reports.direct.taken[message](received)
+
+    def heartbeat(self, mode: int, state: int = ACTIVE, **ids: int) -> object:
+        """Receive a heartbeat, and return what has changed the mode."""
+        self.receive("HEARTBEAT", **{"system_id": SYSTEM, **ids}, custom_mode=mode, system_status=state)
+        return self.status["mode_by"]
 
 
 TEXTS = {
@@ -100,6 +116,48 @@ async def test_a_remote_control_is_lost_only_where_there_was_one(monkeypatch: py
     assert flight.status == {"lost": Connection.REMOTE_CONTROL}
 
 
+async def test_a_failsafe_changed_the_mode_only_if_it_begins_with_the_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Reports(monkeypatch)
+    assert flight.heartbeat(OFFBOARD) is ModeSource.UNKNOWN
+    assert flight.heartbeat(LANDS, CRITICAL, system_id=SYSTEM + 1) is ModeSource.UNKNOWN
+    assert flight.heartbeat(LANDS, CRITICAL, component_id=154) is ModeSource.UNKNOWN
+    assert flight.heartbeat(LANDS, CRITICAL) is ModeSource.FAILSAFE
+    assert flight.heartbeat(LANDS, ACTIVE) is ModeSource.FAILSAFE, "the mode is the same"
+    assert flight.heartbeat(OFFBOARD) is ModeSource.UNKNOWN
+    assert flight.heartbeat(OFFBOARD, CRITICAL) is ModeSource.UNKNOWN
+    assert flight.heartbeat(HOLD, CRITICAL) is ModeSource.UNKNOWN, "critical before: someone else may have changed it"
+
+
+ACCEPTED, DENIED = 0, 2
+SET_MODE, SET_INTERVAL = 176, 511
+
+
+def test_pilot_and_station_changed_the_mode_only_if_that_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def acknowledge(flight: Reports, command: int, result: int, station: int) -> None:
+        flight.receive("COMMAND_ACK", SYSTEM, command=command, result=result, target_system=station)
+
+    async def reported() -> None:
+        flight = Reports(monkeypatch)
+        flight.heartbeat(OFFBOARD)
+        acknowledge(flight, SET_MODE, ACCEPTED, 255)
+        assert flight.heartbeat(HOLD) is ModeSource.STATION
+        for command, result, station in (
+            (SET_MODE, ACCEPTED, 245),
+            (SET_MODE, DENIED, 255),
+            (SET_INTERVAL, ACCEPTED, 255),
+        ):
+            await asyncio.sleep(2.0 * CHANGES_WITHIN_S)
+            flight.heartbeat(OFFBOARD)
+            acknowledge(flight, command, result, station)
+            assert flight.heartbeat(HOLD) is ModeSource.UNKNOWN
+        flight.reports.take_text("Pilot took over using sticks")  # after the heartbeat that shows it
+        assert flight.status["mode_by"] is ModeSource.PILOT
+        await asyncio.sleep(2.0 * CHANGES_WITHIN_S)
+        assert flight.heartbeat(LANDS) is ModeSource.UNKNOWN, "that was about another change"
+
+    run_simulated(reported())
+
+
 async def test_the_estimator_counts_with_its_own_system_id_and_dialect(monkeypatch: pytest.MonkeyPatch) -> None:
     copter = Reports(monkeypatch, Autopilot.ARDUPILOT)
     copter.receive("EKF_STATUS_REPORT", SYSTEM + 1, flags=0x33F, compass_variance=3.0)
@@ -147,6 +205,8 @@ async def test_satellites_and_the_dimensions_of_the_fix(monkeypatch: pytest.Monk
     for fix, dimensions in ((FixType.NO_FIX, 0), (FixType.FIX_2D, 2), (FixType.FIX_3D, 3), (FixType.RTK_FIXED, 3)):
         flight.telemetry.taken["gps_info"](SimpleNamespace(fix_type=fix, num_satellites=7))
         assert flight.status == {"gps_dimensions": dimensions, "satellites": 7}
+    flight.telemetry.taken["gps_info"](SimpleNamespace(fix_type=FixType.FIX_3D, num_satellites=255))
+    assert flight.status["satellites"] is None
 
 
 def test_the_tilt_is_the_angle_between_the_rotated_axis_and_the_vertical() -> None:

@@ -17,6 +17,7 @@ from gcs.autopilots import ardupilot, px4, registry
 from gcs.autopilots.autopilot import STUB_UID, Autopilot
 from gcs.autopilots.px4 import SITL_UID
 from gcs.errors import Exit
+from gcs.link.batteries import BatteryReport
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
@@ -218,7 +219,7 @@ def test_arming_checks_that_fail_with_something_else_are_not_told_twice() -> Non
 
 def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
     health = {**dict.fromkeys(HEALTH, True), HealthItem.GYROMETER: False}
-    checks = ("PreArm: Gyros not calibrated", "PreArm: Battery 1 low voltage failsafe")
+    checks = ("PreArm: Gyros not calibrated", "PreArm: BatteryReport 1 low voltage failsafe")
     (gyro,) = (each for each in team(health=health, failed_checks=checks) if each.grade is Grade.REFUSE)
     assert gyro.found == "gyrometer calibration: not healthy; it reports “PreArm: Gyros not calibrated”"
     arming = {**dict.fromkeys(HEALTH, True), HealthItem.ARMING: False}
@@ -276,6 +277,7 @@ def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
         ({"origin_m": (900.0, 500.0, 0.0)}, [("warning", "origin")]),
         ({"gps": GpsFix(3, 7)}, [("warning", "gps")]),
         ({"gps": GpsFix(2, 9)}, [("warning", "gps")]),
+        ({"gps": GpsFix(3, None)}, []),
         ({"gps": None}, []),
         ({"telemetry_rate_hz": 15.9}, [("warning", "telemetry")]),
         ({"telemetry_rate_hz": 16.0}, []),
@@ -305,6 +307,22 @@ def test_what_is_not_well_with_its_status(subtests: pytest.Subtests) -> None:
         with subtests.test(status=status, expected=expected):
             findings = team(status=structs.replace(well(2).status, **status))
             assert [(grade, check) for grade, _, check in grave(findings)] == expected
+
+
+def test_all_batteries_are_listed_and_one_that_is_not_estimated_is_not_empty() -> None:
+    def found(charge: float | None, *batteries: BatteryReport) -> tuple[str, str]:
+        status = structs.replace(well(2).status, battery=charge)
+        findings = team(status=status, batteries=batteries)
+        (told,) = (each for each in findings if (each.subject, each.check) == ("vehicle 2", "battery"))
+        return told.grade.value, told.found
+
+    payload = BatteryReport(2, 0.05, flies=False)
+    assert found(0.9, BatteryReport(0, 0.9)) == ("pass", "its battery is at 90%")
+    assert found(0.9, BatteryReport(0, 0.9), payload) == ("pass", "its batteries: 0 at 90%, 2 at 5%, not for flight")
+    assert found(0.12, BatteryReport(0, 0.9), BatteryReport(1, 0.12)) == ("refuse", "its batteries: 0 at 90%, 1 at 12%")
+    assert found(None, BatteryReport(0, None)) == ("warning", "it reports no charge of its battery")
+    assert found(None, BatteryReport(0, None), payload)[1].startswith("its batteries: 0 not estimated, 2 at 5%")
+    assert found(None) == ("warning", "it reports no battery")
 
 
 def test_a_vehicle_beside_its_start(subtests: pytest.Subtests) -> None:

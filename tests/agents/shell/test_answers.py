@@ -1,0 +1,171 @@
+"""What a vehicle answers to each command in each situation, and what it does then: no answer states what is not so."""
+
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any
+
+import pytest
+
+from agents.ports import FlightMode
+from agents.settings.shapes import Shape
+from agents.shell.life import Phase
+from agents.tactics import Tactic
+from agents.team.codec import decode
+from agents.team.messages import CommandAnswer, OperatorCommand
+from agents.team.verbs import VERBS, Verb
+from tests.agents.shell.test_agent import reach
+from tests.support.fake_flight import FakeFlight
+from tests.support.simulated_loop import run_simulated
+
+MOMENT_S = 0.25
+"""Two ticks."""
+NUMBER = 1_000
+Situation = Callable[[], Coroutine[Any, Any, FakeFlight]]
+
+
+def reached(phase: Phase, *commands: Verb) -> Situation:
+    """Return a flight in a phase, just after commands."""
+
+    async def situation() -> FakeFlight:
+        flight = await reach(phase)
+        await asyncio.sleep(MOMENT_S)
+        for verb in commands:
+            flight.command(verb)
+        return flight
+
+    return situation
+
+
+def changed(phase: Phase, **status: Any) -> Situation:
+    """Return a flight in a phase, after a change of its autopilot's status."""
+
+    async def situation() -> FakeFlight:
+        flight = await reach(phase)
+        flight.link.change(**status)
+        await asyncio.sleep(MOMENT_S)
+        return flight
+
+    return situation
+
+
+async def waiting() -> FakeFlight:
+    flight = await reach(Phase.GROUND)
+    flight.agent.wait_on_ground("")
+    return flight
+
+
+async def ended() -> FakeFlight:
+    flight = await reach(Phase.LANDING)
+    await flight.until(Phase.ENDED)
+    return flight
+
+
+SITUATIONS: Mapping[str, Situation] = {
+    "waiting on the ground": waiting,
+    "take-off": reached(Phase.TAKE_OFF),
+    "take-off, held": reached(Phase.TAKE_OFF, "hold"),
+    "flying": reached(Phase.FLYING),
+    "held": reached(Phase.FLYING, "hold"),
+    "returning": reached(Phase.FLYING, "rtl"),
+    "stopped": reached(Phase.STOPPING),
+    "mission over, held": reached(Phase.RETURNING),
+    "handed over": reached(Phase.PILOT_OVERRIDE),
+    "handed over, landed": changed(Phase.PILOT_OVERRIDE, mode=FlightMode.LAND, armed=False, in_air=False),
+    "being taken back": reached(Phase.TAKING_BACK),
+    "link lost": changed(Phase.FLYING, connected=False),
+    "landing": reached(Phase.LANDING),
+    "motors being cut": reached(Phase.KILLING),
+    "ended": ended,
+}
+
+
+def answered(situation: Situation, verb: Verb) -> tuple[str, Tactic]:
+    """Return the first answer to a command, and the tactic a moment later."""
+
+    async def main() -> tuple[str, Tactic]:
+        flight = await situation()
+        shape: Shape | None = "wedge" if verb == "formation" else None
+        flight.bus.deliver(OperatorCommand(flight.clock.now_s(), verb, None, "anna", NUMBER, shape))
+        await asyncio.sleep(MOMENT_S)
+        sent = (decode(payload) for topic, payload in flight.bus.published if topic == "answer")
+        answers = [each.did for each in sent if isinstance(each, CommandAnswer) and each.number == NUMBER]
+        flight.link.release()
+        tactic = flight.core.tactic
+        if flight.task is not None:
+            flight.task.cancel()
+            await asyncio.gather(flight.task, return_exceptions=True)
+        await flight.agent.close()
+        return answers[0] if answers else "", tactic
+
+    return run_simulated(main())
+
+
+NOT_WAITING = "did not wait for its start"
+GROUND, LANDS, RETURNS = "refused: it waits on the ground for its start", "refused: it is landing", "returns and lands"
+DOWN = "refused: it has flown and is disarmed: end the flight, then take off again"
+HANDED_OVER = "refused: cordon has handed it over: resume takes it back, kill cuts its motors"
+CUT = "refused: its motors are being cut"
+RETURNING = "refused: it is on its way to land"
+LATER = ", once it is in offboard"
+IN_5_S = ", lands in 5 s unless resumed"
+WEDGE = "in the shape 'wedge'"
+PLACE, LATER_PLACE = f"takes its place {WEDGE}", f"will take its place, once in formation, {WEDGE}"
+OVER = "refused: its mission is over"
+LOST = "; its link is lost"
+ANSWERS: Mapping[str, tuple[str, ...]] = {
+    # hold, resume, land, rtl, abort, formation
+    "waiting on the ground": (GROUND,) * 6,
+    "take-off": (
+        f"holds{LATER}", "was waiting for the start already", "lands", RETURNS + LATER, f"holds{LATER}{IN_5_S}",
+        LATER_PLACE,
+    ),
+    "take-off, held": (
+        f"holds{LATER}", f"resumes its mission{LATER}", "lands", RETURNS + LATER, f"holds{LATER}{IN_5_S}", LATER_PLACE,
+    ),
+    "flying": ("holds", "was on its mission already", "lands", RETURNS, f"holds{IN_5_S}", PLACE),
+    "held": (
+        "was holding already", "resumes its mission", "lands", RETURNS, f"was holding already{IN_5_S}", LATER_PLACE,
+    ),
+    "returning": ("holds", RETURNING, "lands", "was returning to land already", f"holds{IN_5_S}", RETURNING),
+    "stopped": (
+        "was holding already", "refused: the operator ends the flight", "lands", RETURNS,
+        "was holding already, lands in 5 s", OVER,
+    ),
+    "mission over, held": (
+        "was holding already", "continues its return", "lands", RETURNS, f"was holding already{IN_5_S}", OVER,
+    ),
+    "handed over": (HANDED_OVER, f"resumes its mission{LATER}", *(HANDED_OVER,) * 3, LATER_PLACE),
+    "handed over, landed": (DOWN,) * 6,
+    "being taken back": (
+        f"holds{LATER}", f"resumes its mission{LATER}", "lands", RETURNS + LATER, f"holds{LATER}{IN_5_S}", LATER_PLACE,
+    ),
+    "link lost": (
+        f"holds{LOST}", f"was on its mission already{LOST}", f"lands{LOST}", RETURNS + LOST, f"holds{IN_5_S}{LOST}",
+        PLACE + LOST,
+    ),
+    "landing": (LANDS, LANDS, "was landing already", LANDS, "was landing already", LANDS),
+    "motors being cut": (CUT,) * 6,
+    "ended": (DOWN,) * 6,
+}  # fmt: skip
+STEERING: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "formation")
+BECOMES = {
+    "holds": {Tactic.HOLD},
+    "resumes": {Tactic.FORMATION},
+    "lands": {Tactic.LAND},
+    "returns": {Tactic.RETURN_AND_LAND, Tactic.LAND},
+    "continues": {Tactic.RETURN_AND_LAND, Tactic.LAND},
+}
+"""The tactics after an answer that begins with these words."""
+
+
+@pytest.mark.parametrize("name", SITUATIONS)
+def test_every_answer_is_true(name: str) -> None:
+    assert set(STEERING) | {"start", "kill"} == set(VERBS)
+    for verb, expected in zip(STEERING, ANSWERS[name], strict=True):
+        did, tactic = answered(SITUATIONS[name], verb)
+        assert (verb, did) == (verb, expected)
+        if (after := BECOMES.get(did.split(" ")[0].strip(",;"))) is not None:
+            assert tactic in after, (verb, did)
+    assert answered(SITUATIONS[name], "kill")[0] == "cuts the motors"
+    waits = name == "waiting on the ground"
+    assert answered(SITUATIONS[name], "start")[0].startswith("takes off" if waits else NOT_WAITING)
