@@ -16,6 +16,8 @@ MOTION_SHARE_MIN = 0.15
 WIDE_GOOD, WIDE_USABLE = 0.15, 0.5
 DELAY_WIDE_GOOD_S, DELAY_WIDE_USABLE_S = 0.08, 0.2
 DELAY_SPREAD_GOOD_S = 0.15
+EARLY_GOOD_S, EARLY_USABLE_S = 0.05, 0.12
+"""A response this long before the setpoint. Without a delay the plant is too quick: at the second, a0 by a quarter."""
 FIT_GOOD_PERCENT, FIT_USABLE_PERCENT = 70.0, 40.0
 LIMITED_SHARE_MIN, SATURATED_SHARE, SATURATED_RATIO = 0.03, 0.1, 0.6
 """Limits that acted for less than the first share of the time are no reason; from the second on, where the plant with
@@ -113,10 +115,10 @@ def _of_delay(found: ParameterEstimate, unbounded_s: float, deviation_s: float) 
     if delay.value > DELAY_MAX_S - 0.01:
         words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
         return [(PlantGrade.DO_NOT_FLY, f"{words}: the clocks differ, or the vehicle was not flown by these setpoints")]
-    if unbounded_s < min(-0.05, -3.0 * deviation_s):
+    if unbounded_s < min(-EARLY_GOOD_S, -3.0 * deviation_s):
         return [
             (
-                PlantGrade.USABLE,
+                PlantGrade.USABLE if unbounded_s > -EARLY_USABLE_S else PlantGrade.DO_NOT_FLY,
                 f"the vehicle seems to respond {-unbounded_s:.2f} s before the setpoint: its log time-stamps setpoints "
                 "late, or the autopilot shapes them; the delay was taken as 0",
             )

@@ -39,8 +39,8 @@ LAGS_S = tuple(np.arange(0.0, 3.1, 0.5).tolist())
 """Lags of the position behind the setpoint that are tried."""
 ALIKE_MIN = 0.6
 """Correlation above which two series are compared."""
-VELOCITY_FACTOR_MAX, SETPOINT_FACTOR_MAX = 5.0, 20.0
-"""Neither a filter's lag nor bad tracking causes factors beyond these."""
+VELOCITY_FACTOR_MAX, SETPOINT_FACTOR_MAX = 1.5, 20.0
+"""Neither a filter's lag nor bad tracking causes factors beyond these, with noise taken into account for velocities."""
 
 
 def unit_faults(series: Mapping[str, Series]) -> list[str]:
@@ -65,12 +65,14 @@ def _against_velocity(position: Series, velocity: Series) -> list[str]:
     way = np.vstack((np.zeros(means.shape[1]), np.cumsum(means * np.minimum(steps_s, GAP_MAX_S), axis=0)))
     expected = np.diff(_at(times_s, velocity.time_s, way), axis=0)
     likeness, factor = _factor(expected, moved)
-    if likeness < ALIKE_MIN or 1.0 / VELOCITY_FACTOR_MAX < factor < VELOCITY_FACTOR_MAX:
+    # Noise of either series alone changes the factor by no more than their correlation.
+    low, high = factor * likeness, factor / max(likeness, ALIKE_MIN)
+    if likeness < ALIKE_MIN or (low < VELOCITY_FACTOR_MAX and high > 1.0 / VELOCITY_FACTOR_MAX):
         return []
     at_s = times_s[int(np.abs(moved).sum(axis=1).argmax())]
     return [
         f"{position.topic}: the position moves {_factor_text(factor)} as fast as the velocity in {velocity.topic}, "
-        f"most of all at {at_s:.1f} s: one of them is not in metres"
+        f"most of all at {at_s:.1f} s: one of them is not in metres and seconds"
     ]
 
 
@@ -118,6 +120,8 @@ def _factor(reference: Vector, other: Vector) -> tuple[float, float]:
 
 def _factor_text(factor: float) -> str:
     exact = 10.0 ** round(log10(factor))
+    if exact == 1.0 or not 0.5 < factor / exact < 2.0:
+        return f"{factor:.3g} times"
     return f"about {exact:g} times ({factor:.3g})"
 
 
@@ -137,8 +141,8 @@ RESTART_MIN_US, RESTART_STAMPS = 1_000_000, 3
 JUMP_MIN_M, JUMP_NOISES = 0.5, 8.0
 """A position that moves farther than its velocity states by this, and by this multiple of the usual difference, has
 jumped."""
-JUMP_WITHIN_S = 2.0
-"""Over a longer gap the velocity does not tell how far the vehicle moved."""
+JUMP_WITHIN_S = 0.5
+"""Over a longer gap the velocities at its ends do not tell how far the vehicle moved."""
 
 REACH_MAX_M, SPEED_MAX_M_S = 100e3, 300.0
 LIMITS = MappingProxyType(

@@ -261,6 +261,8 @@ def test_other_units_are_refused_with_topic_and_time(subtests: pytest.Subtests, 
         (scaled(LOCAL, *X, 1e-5), "vehicle_local_position: the position moves about 1e-05 times"),
         (scaled(LOCAL, *VELOCITY, 1000.0), "m/s at"),
         (scaled(LOCAL, *VELOCITY, 100.0), "moves about 0.01 times"),
+        (scaled(LOCAL, *VELOCITY, 3.28), "the position moves 0.27"),
+        (scaled(LOCAL, *X, 3.28), "the position moves 2.9"),
         (scaled(LOCAL, *PLACE, 1e7), "s since boot: its origin, Geodetic("),
         (scaled(SETPOINT, 8, "<3f", 1000.0), "trajectory_setpoint: the setpoints move about 1000 times"),
         (scaled(SETPOINT, 8, "<3f", 1e7), "is not a plausible setpoint (at most 100000 m)"),
@@ -463,6 +465,28 @@ def test_whatever_the_bytes_are_it_ends_in_a_log_or_a_clear_fault(
 
     fuzz()
     assert capfd.readouterr() == ("", "")
+
+
+BEGINS = {
+    "ulg": ULOG[:ULOG_HEADER_BYTES],
+    "bin": BIN[:89],
+    "tlog": TLOG[:9],
+    "mcap": b"\x89MCAP0\r\n",
+}
+
+
+@pytest.mark.parametrize("kind", BEGINS)
+def test_any_bytes_behind_the_begin_of_a_log_end_in_a_log_or_a_clear_fault(kind: str, tmp_path: Path) -> None:
+    pieces = st.one_of(
+        st.binary(max_size=300), st.integers(0, 2**20).map(lambda at: ULOG[at % len(ULOG) :][:200]), st.just(bytes(300))
+    )
+
+    @settings(max_examples=60)
+    @given(st.lists(pieces, max_size=6))
+    def fuzz(rest: list[bytes]) -> None:
+        check(tmp_path / "fuzzed.log", BEGINS[kind] + b"".join(rest))
+
+    fuzz()
 
 
 @pytest.mark.parametrize("kind", ["ulg", "bin"])
