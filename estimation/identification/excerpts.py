@@ -112,17 +112,30 @@ def excerpts_of(recording: MotionRecording) -> list[Excerpt]:
     if recording.setpoint_time_s.size < 2 or time_s.size < 2:
         return []
     gaps = np.flatnonzero(np.diff(time_s) > GAP_MAX_S)
-    breaks = sorted({*recording.resets_s, *time_s[gaps].tolist(), *time_s[gaps + 1].tolist()})
+    # A reset lies between two positions, too: the part before it ends at the first of them.
+    resets = np.minimum(np.searchsorted(time_s, recording.resets_s), time_s.size - 1)
+    resets_s = set(time_s[resets].tolist())
+    ends = np.append(gaps, np.maximum(resets - 1, 0))
+    breaks = sorted({*time_s[ends].tolist(), *time_s[gaps + 1].tolist(), *resets_s})
     first_s, last_s = max(time_s[0], recording.setpoint_time_s[0]), time_s[-1]
     found = []
     for begin_s, end_s in recording.flown_s:
         begin_s, end_s = max(begin_s + SETTLE_S, first_s), min(end_s, last_s)  # noqa: PLW2901
         inner = [at_s for at_s in breaks if begin_s < at_s < end_s]
         for from_s, to_s in zip([begin_s, *inner], [*inner, end_s], strict=True):
+            if from_s in resets_s and to_s - from_s >= EXCERPT_MIN_S:
+                from_s = _returned_s(_excerpt(recording, from_s, to_s))  # noqa: PLW2901
             if to_s - from_s >= EXCERPT_MIN_S and not _in_gap(time_s, gaps, from_s, to_s):
                 edges_s = np.linspace(from_s, to_s, ceil((to_s - from_s) / EXCERPT_MAX_S) + 1).tolist()
                 found += [_excerpt(recording, one + 1e-6, other - 1e-6) for one, other in pairwise(edges_s)]
     return found
+
+
+def _returned_s(after: Excerpt) -> float:
+    """Return when the vehicle, which follows its position's jump back to the setpoints, is as near them as usual."""
+    apart_m = after.position_m - after.setpoint_m()
+    off_m = np.hypot(*(apart_m - np.median(apart_m, axis=0)).T)
+    return float(after.time_s[np.argmax(off_m <= np.median(off_m))])
 
 
 def _in_gap(time_s: Vector, gaps: NDArray[np.intp], from_s: float, to_s: float) -> bool:

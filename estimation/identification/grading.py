@@ -16,8 +16,13 @@ MOTION_SHARE_MIN = 0.15
 WIDE_GOOD, WIDE_USABLE = 0.15, 0.5
 DELAY_WIDE_GOOD_S, DELAY_WIDE_USABLE_S = 0.08, 0.2
 DELAY_SPREAD_GOOD_S = 0.15
+EARLY_GOOD_S, EARLY_USABLE_S = 0.05, 0.12
+"""A response this long before the setpoint. Without a delay the plant is too quick: at the second, a0 by a quarter."""
 FIT_GOOD_PERCENT, FIT_USABLE_PERCENT = 70.0, 40.0
-SPEED_SHARE_MAX, SATURATED_RATIO = 0.1, 0.6
+LIMITED_SHARE_MIN, SATURATED_SHARE, SATURATED_RATIO = 0.03, 0.1, 0.6
+"""Limits that acted for less than the first share of the time are no reason; from the second on, where the plant with
+limits leaves less than this ratio of the error, the plant without them is wrong.
+"""
 _AXES = ("x", "y")
 
 Reasons = list[tuple[PlantGrade, str]]
@@ -89,25 +94,20 @@ def _of_shaping(found: ParameterEstimate) -> Reasons:
     shaping = found.shaping
     if not shaping.matters:
         return []
-    reasons: Reasons = []
-    if shaping.speed_share > 0.03:
-        severe = shaping.speed_share > SPEED_SHARE_MAX and shaping.error_ratio < SATURATED_RATIO
-        reasons.append(
-            (
-                PlantGrade.DO_NOT_FLY if severe else PlantGrade.USABLE,
-                f"saturation: speed was limited to {shaping.speed_max_m_s:.1f} m/s for "
-                f"{100 * shaping.speed_share:.0f} % of the time; fly smaller or slower setpoints",
-            )
+    limits = (
+        (shaping.speed_share, f"speed was limited to {shaping.speed_max_m_s:.1f} m/s"),
+        (shaping.acceleration_share, f"acceleration was limited to {shaping.acceleration_max_m_s2:.1f} m/s2"),
+    )
+    return [
+        (
+            PlantGrade.DO_NOT_FLY
+            if share > SATURATED_SHARE and shaping.error_ratio < SATURATED_RATIO
+            else PlantGrade.USABLE,
+            f"saturation: {words} for {100 * share:.0f} % of the time; fly smaller or slower setpoints",
         )
-    if shaping.acceleration_share > 0.03:
-        reasons.append(
-            (
-                PlantGrade.USABLE,
-                f"acceleration was limited to {shaping.acceleration_max_m_s2:.1f} m/s2 for "
-                f"{100 * shaping.acceleration_share:.0f} % of the time: valid for similar motions only",
-            )
-        )
-    return reasons
+        for share, words in sorted(limits, reverse=True)
+        if share > LIMITED_SHARE_MIN
+    ]
 
 
 def _of_delay(found: ParameterEstimate, unbounded_s: float, deviation_s: float) -> Reasons:
@@ -115,10 +115,10 @@ def _of_delay(found: ParameterEstimate, unbounded_s: float, deviation_s: float) 
     if delay.value > DELAY_MAX_S - 0.01:
         words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
         return [(PlantGrade.DO_NOT_FLY, f"{words}: the clocks differ, or the vehicle was not flown by these setpoints")]
-    if unbounded_s < min(-0.05, -3.0 * deviation_s):
+    if unbounded_s < min(-EARLY_GOOD_S, -3.0 * deviation_s):
         return [
             (
-                PlantGrade.USABLE,
+                PlantGrade.USABLE if unbounded_s > -EARLY_USABLE_S else PlantGrade.DO_NOT_FLY,
                 f"the vehicle seems to respond {-unbounded_s:.2f} s before the setpoint: its log time-stamps setpoints "
                 "late, or the autopilot shapes them; the delay was taken as 0",
             )
@@ -150,6 +150,8 @@ def _of_feedforward(found: ParameterEstimate) -> Reasons:
 
 
 def _why_wide(found: ParameterEstimate) -> str:
+    if _of_shaping(found):
+        return "saturation"
     return "too little excitation for this noise" if found.consistent else "the vehicle is not exactly of second order"
 
 

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from estimation.identification.excerpts import GRID_S, Excerpt, MotionRecording, excerpts_of
 from estimation.identification.filter_noise import filter_noise_of
-from estimation.identification.grading import graded, refused
+from estimation.identification.grading import WIDE_GOOD, graded, refused
 from estimation.identification.identified import (
     AxisResult,
     Identified,
@@ -218,8 +218,8 @@ def _order(excerpts: Sequence[Excerpt], chosen: _Chosen) -> OrderComparison:
 
 
 def _is_misfit(excerpts: Sequence[Excerpt], chosen: _Chosen) -> bool:
-    """Return whether the plant explains so little that bounds of speed and acceleration have to be fitted."""
-    if not (chosen.whitened and chosen.consistent):
+    """Return whether the plant explains so little, or is so uncertain, that the autopilot may have limited it."""
+    if not (chosen.whitened and chosen.consistent) or chosen.best.deviations95[:4].max() > WIDE_GOOD:
         return True
     return min(_prediction_fits(excerpts, chosen.trained)) < _MISFIT_PERCENT
 

@@ -45,6 +45,8 @@ _WINDOW_BYTES = 1 << 16
 _CUT = "it ends within a record"
 _LENGTH_OF_OPEN = 2**64 - 1
 """The length field of a chunk while it is written."""
+PADDING_MIN_BYTES = 128
+"""The end of a record may be as many equal bytes, as an empty text is."""
 
 
 class EncodedMessage(NamedTuple):
@@ -59,6 +61,20 @@ class EncodedMessage(NamedTuple):
 
 RecordT = TypeVar("RecordT")
 Entry = Schema | Channel | EncodedMessage | Metadata
+
+
+def unpadded_bytes(stream: BinaryIO, size_bytes: int) -> int:
+    """Return the size of a log without padding at its end, as of a file that was made larger before it was filled."""
+    end, value = size_bytes, b""
+    while end:
+        begin = max(end - _WINDOW_BYTES, 0)
+        stream.seek(begin)
+        window = stream.read(end - begin)
+        value = value or window[-1:]
+        end = begin + (len(window.rstrip(value)) if value in (b"\0", b"\xff") else len(window))
+        if end > begin:
+            break
+    return end if size_bytes - end >= PADDING_MIN_BYTES else size_bytes
 
 
 class NoContainerError(ValueError):

@@ -16,7 +16,7 @@ from agents.inputs import Message as BusInput
 from agents.team.codec import decode
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain
-from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError, NoContainerError
+from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError, NoContainerError, unpadded_bytes
 from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, Run, RunEnd, Taken
 from gcs.flightlog.schema import PACKAGE, Decoder
 
@@ -253,7 +253,7 @@ def open_container(path: Path) -> Iterator[Container]:
     """Open a log; raises LogError when that fails, or when it is not an MCAP file."""
     try:
         with open_plain(path) as stream:
-            yield Container(stream, os.fstat(stream.fileno()).st_size)
+            yield Container(stream, unpadded_bytes(stream, os.fstat(stream.fileno()).st_size))
     except OSError as error:
         raise LogError([f"{path}: {error.strerror or error}"]) from error
     except NoContainerError as error:

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.identification.excerpts import MotionRecording, excerpts_of
 from estimation.state import Vector
 from gcs.errors import InputError
 from gcs.vehicle_logs.foreign import read_vehicle_logs
-from gcs.vehicle_logs.vehicle_log import VehicleLog
+from gcs.vehicle_logs.vehicle_log import VehicleLog, spans_of
 
 SAMPLED_TOPICS = frozenset({"trajectory_setpoint", "POSITION_TARGET_LOCAL_NED"})
 """Topics that sample the current setpoint; all others hold each setpoint when it was sent."""
@@ -17,26 +18,36 @@ SAMPLED_TOPICS = frozenset({"trajectory_setpoint", "POSITION_TARGET_LOCAL_NED"})
 
 def recording_of(log: VehicleLog) -> MotionRecording:
     """Return a log as a recording; raises LogError if it lacks data."""
-    flown_s = [(mode.span.begin_s, mode.span.end_s) for mode in log.modes if mode.external]
-    if not flown_s:
+    if not any(mode.external for mode in log.modes):
         nothing = np.empty((0, 2))
         return MotionRecording(np.empty(0), nothing, np.empty(0), nothing, [])
     log.require("setpoint", "position")
     assert log.setpoint is not None
     assert log.position is not None
     setpoint_m = log.setpoint.values[:, :2]
-    given = np.isfinite(setpoint_m).all(axis=1)
+    given = np.asarray(np.isfinite(setpoint_m).all(axis=1))
     return MotionRecording(
         log.position.time_s,
         log.position.values[:, :2],
         log.setpoint.time_s[given],
         setpoint_m[given],
-        flown_s,
+        _flown_s(log, given),
         log.position_resets_s,
         sampled=log.setpoint.topic in SAMPLED_TOPICS,
         velocity_m_s=_velocity_m_s(log, log.setpoint.time_s[given]),
         reported_m_s=_reported_m_s(log, log.position.time_s),
     )
+
+
+def _flown_s(log: VehicleLog, given: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return the spans in which position setpoints flew the vehicle: of others it is not known where they led."""
+    assert log.setpoint is not None
+    known = [
+        span for span, is_given in spans_of(log.setpoint.time_s.tolist(), given.tolist(), log.duration_s) if is_given
+    ]
+    flown = [mode.span for mode in log.modes if mode.external]
+    both = [(max(one.begin_s, two.begin_s), min(one.end_s, two.end_s)) for one in flown for two in known]
+    return [(begin_s, end_s) for begin_s, end_s in both if begin_s < end_s]
 
 
 def _reported_m_s(log: VehicleLog, time_s: Vector) -> Vector | None:

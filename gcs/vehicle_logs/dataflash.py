@@ -20,7 +20,7 @@ from estimation.state import Vector
 from gcs.autopilots.ardupilot import AUTOPILOT
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import LogFile
-from gcs.vehicle_logs.raw_log import US, RawLog, Samples, stamps_us, vehicle_log
+from gcs.vehicle_logs.raw_log import REACH_MAX_M, US, RawLog, Samples, longest_boot, stamps_us, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 FORMAT = "ArduPilot log (.bin)"
@@ -30,16 +30,26 @@ FMT, FMT_BYTES = 0x80, 89
 BLOCK_BYTES = 528
 """Most padding at the end of a log, which is written in blocks."""
 
-SETPOINT, ESTIMATE, CONTROLLED = "GUIP", "XKF1", "PSCD"
-POSITIONED = (1, 2, 3)
-"""Guided submodes with a position setpoint: waypoint, position, trajectory."""
+SETPOINT, OLD_SETPOINT = "GUIP", "GUID"
+"""The log of guided targets, and its name before Copter 4.2, which stated metres for its centimetres."""
+ESTIMATORS = {3: "XKF", 2: "NKF"}
+"""The names of an estimator's logs by its number in AHRS_EKF_TYPE."""
+ESTIMATE = "XKF1"
+LOCATED, POSITIONED = (1, 2), (1, 2, 3)
+"""Guided submodes with a position setpoint: waypoint, position, trajectory. Targets in latitude and longitude ("fly
+here") are logged as of the first two. Before Copter 4.1 the second was that of velocities, with zeros as position.
+"""
 FED = 3
 """The submode that feeds the setpoint's velocity forward."""
+PLACES_MAX = (90e7, 180e7)
+"""The largest latitude and longitude, in the unit of such targets."""
 EVENTS = MappingProxyType({10: True, 11: False})
 WANTED = frozenset(
-    {"FMTU", "UNIT", "MULT", "PARM", "MSG", "MODE", "VER", "EV", "ARM", "ORGN", "BAT", "ATT", "XKF4", "SIM", "SIM2"}
-    | {SETPOINT, ESTIMATE}
+    {"FMTU", "UNIT", "MULT", "PARM", "MSG", "MODE", "VER", "EV", "ARM", "ORGN", "BAT", "ATT", "SIM", "SIM2"}
+    | {SETPOINT, OLD_SETPOINT}
+    | {f"{estimator}{number}" for estimator in ESTIMATORS.values() for number in (1, 4)}
 )
+DEFINING = ("FMTU", "UNIT", "MULT")
 STAMPED = ("TimeUS",)
 NAMED_FACTORS = (("cm", 0.01), ("mm", 0.001), ("m", 1.0))
 
@@ -51,12 +61,13 @@ class _Records:
     """The records of the needed types: where each begins, and each type's format."""
 
     def __init__(self, log: LogFile) -> None:
-        self._data = log.path.read_bytes()
+        self._data = log.content()
         self._offsets: defaultdict[str, list[int]] = defaultdict(list)
         self._formats: dict[str, Any] = {}
-        self.notes: list[str] = []
+        self.notes = log.notes
         self.is_damaged = False
         self._cut()
+        self._keep_one_boot()
         self._read_units()
 
     def table(self, name: str) -> Table:
@@ -72,13 +83,17 @@ class _Records:
             for column, factor in zip(form.columns, form.msg_mults, strict=True)
         }
 
+    def first(self, *names: str) -> str | None:
+        """Return the first of these types that has records; None without any."""
+        return next((name for name in names if self._offsets.get(name) and name in self._formats), None)
+
     def unit(self, name: str, column: str) -> str:
         """Return the unit that the log states for a column; empty if none."""
         form = self._formats[name]
         return str(form.get_unit(column)) if form.units is not None else ""
 
     def _cut(self) -> None:
-        """Find where records begin; other bytes are skipped up to the next header."""
+        """Find where records begin; other bytes, and records that run into them, are skipped up to the next header."""
         data, end, at = self._data, len(self._data), 0
         lengths: dict[int, int] = {FMT: FMT_BYTES}
         kept: dict[int, list[int]] = {}
@@ -86,7 +101,7 @@ class _Records:
         while at + HEADER_BYTES <= end:
             kind = data[at + 2]
             length = lengths.get(kind, 0) if data.startswith(HEAD, at) else 0
-            if not length:
+            if not length or (at + length <= end and not self._is_followed(at + length)):
                 found = data.find(HEAD, at + 1)
                 skipped = (found if found >= 0 else end) - at
                 bad += skipped if end - at > BLOCK_BYTES or found >= 0 else 0
@@ -103,6 +118,26 @@ class _Records:
         if bad:
             self.is_damaged = True
             self.notes.append(f"damaged: {bad} bytes were skipped")
+
+    def _is_followed(self, at: int) -> bool:
+        """Return whether a record begins here, or the log ends, perhaps with a block that is not full."""
+        if self._data.startswith(HEAD, at):
+            return True
+        return len(self._data) - at <= BLOCK_BYTES and self._data.find(HEAD, at) < 0
+
+    def _keep_one_boot(self) -> None:
+        """Keep the records of the longest boot, if the autopilot restarted."""
+        tables = {name: table for name in self._offsets if "TimeUS" in (table := self.table(name))}
+        if not tables:
+            return
+        offsets = np.concatenate([self._offsets[name] for name in tables])
+        order = np.argsort(offsets)
+        stamps = np.concatenate([stamps_us(table["TimeUS"]) for table in tables.values()])[order]
+        first, last = longest_boot(stamps, self.notes)
+        begin = offsets[order[first]] if first else 0
+        end = offsets[order[last]] if last < order.size else len(self._data)
+        for name in set(self._offsets) - set(DEFINING):
+            self._offsets[name] = [at for at in self._offsets[name] if begin <= at < end]
 
     def _define(self, body: bytes, lengths: dict[int, int], kept: dict[int, list[int]]) -> None:
         """Store a type's first format. The records of an inconsistent one are skipped."""
@@ -208,30 +243,44 @@ def _of(table: Table, chosen: NDArray[np.bool_]) -> Table:
 
 
 def _add_estimate(raw: RawLog, records: _Records) -> None:
-    """Add position, velocity and attitude of the estimator's core in use."""
-    table = records.table(ESTIMATE)
-    if not table:
+    """Add position, velocity and attitude of the estimator's core in use, and when its position was reset."""
+    used = ESTIMATORS.get(int(raw.parameters.get("AHRS_EKF_TYPE", 3)), "XKF")
+    topic = records.first(f"{used}1", *(f"{estimator}1" for estimator in ESTIMATORS.values()))
+    if topic is None:
         raw.missing.append(ESTIMATE)
         return
+    table, status = records.table(topic), records.table(f"{topic[:3]}4")
     if "C" in table:
-        table = _of(table, table["C"] == _primary_core(raw, records, table))
-    position = up_from_ned(_columns(raw, ESTIMATE, table, ("PN", "PE", "PD")))
+        core = _primary_core(raw, status, table)
+        table, status = _of(table, table["C"] == core), _of(status, status["C"] == core) if "C" in status else {}
+    position = up_from_ned(_columns(raw, topic, table, ("PN", "PE", "PD")))
     stamps = stamps_us(table["TimeUS"])
-    raw.samples["position"] = Samples(ESTIMATE, stamps, position)
-    velocity = up_from_ned(_columns(raw, ESTIMATE, table, ("VN", "VE", "VD")))
-    raw.samples["velocity"] = Samples(ESTIMATE, stamps, velocity)
-    attitude, topic = records.table("ATT"), "ATT"
+    raw.samples["position"] = Samples(topic, stamps, position)
+    velocity = up_from_ned(_columns(raw, topic, table, ("VN", "VE", "VD")))
+    raw.samples["velocity"] = Samples(topic, stamps, velocity)
+    _add_resets(raw, status)
+    attitude, attitude_topic = records.table("ATT"), "ATT"
     if not attitude:
-        attitude, topic = table, ESTIMATE
-    angles_deg = _columns(raw, topic, attitude, ("Roll", "Pitch", "Yaw"))
+        attitude, attitude_topic = table, topic
+    angles_deg = _columns(raw, attitude_topic, attitude, ("Roll", "Pitch", "Yaw"))
     # Yaw is logged from 0 to 360 degrees.
     angles_rad = np.remainder(angles_deg * (pi / 180.0) + pi, 2.0 * pi) - pi
-    raw.samples["attitude"] = Samples(topic, stamps_us(attitude["TimeUS"]), up_from_ned(angles_rad))
+    raw.samples["attitude"] = Samples(attitude_topic, stamps_us(attitude["TimeUS"]), up_from_ned(angles_rad))
 
 
-def _primary_core(raw: RawLog, records: _Records, table: Table) -> int:
+def _add_resets(raw: RawLog, status: Table) -> None:
+    """Add the times between which the last reset of the position, or the core in use, changed."""
+    states = [np.nan_to_num(status[name].astype(np.float64)) for name in ("OFN", "OFE", "PI") if name in status]
+    if not states or "TimeUS" not in status:
+        return
+    stamps = stamps_us(status["TimeUS"])
+    changed = (np.diff(np.column_stack(states), axis=0) != 0.0).any(axis=1)
+    raw.resets_us += [*stamps[:-1][changed].tolist(), *stamps[1:][changed].tolist()]
+
+
+def _primary_core(raw: RawLog, status: Table, table: Table) -> int:
     """Return the estimator's core in use; if it changed, the one in use for longest, with a note."""
-    selected = records.table("XKF4").get("PI", np.empty(0, dtype=np.int8))
+    selected = status.get("PI", np.empty(0, dtype=np.int8))
     present = np.unique(table["C"])
     cores, counts = np.unique(selected[np.isin(selected, present)], return_counts=True)
     if cores.size > 1:
@@ -243,34 +292,46 @@ def _primary_core(raw: RawLog, records: _Records, table: Table) -> int:
 
 
 def _add_setpoints(raw: RawLog, records: _Records) -> None:
-    table = records.table(SETPOINT)
-    if not table:
+    topic = records.first(SETPOINT, OLD_SETPOINT)
+    if topic is None:
         raw.missing.append(SETPOINT)
         return
-    factor = _metres(raw, records)
-    values = _columns(raw, SETPOINT, table, ("pX", "pY", "pZ")) * factor
-    rates = _columns(raw, SETPOINT, table, ("vX", "vY", "vZ")) * factor * (1.0, -1.0, 1.0)
+    table = records.table(topic)
+    factor = _metres(raw, records, topic)
+    logged = _columns(raw, topic, table, ("pX", "pY", "pZ"))
+    rates = _columns(raw, topic, table, ("vX", "vY", "vZ")) * factor * (1.0, -1.0, 1.0)
+    values = logged * factor
+    submodes = table.get("Type", np.full(logged.shape[0], LOCATED[0]))
+    values[~np.isin(submodes, POSITIONED)] = np.nan
+    if topic == OLD_SETPOINT:
+        values[(submodes == LOCATED[1]) & ~logged.any(axis=1)] = np.nan
     if "Type" in table:
-        values[~np.isin(table["Type"], POSITIONED)] = np.nan
-        rates[table["Type"] != FED] = np.nan
+        rates[submodes != FED] = np.nan
+    # No vehicle flies as far in metres.
+    located = np.isin(submodes, LOCATED) & (np.abs(values[:, :2]) > REACH_MAX_M).any(axis=1)
+    located &= (np.abs(logged[:, :2]) <= PLACES_MAX).all(axis=1)
+    if located.any():
+        values[located] = np.nan
+        raw.notes.append(f"{topic}: {int(located.sum())} targets in latitude and longitude were left out")
     if table.get("Terrain", np.zeros(1)).any():
         values[table["Terrain"] != 0, 2] = np.nan
-        raw.notes.append(f"{SETPOINT}: heights above the terrain were left out")
+        raw.notes.append(f"{topic}: heights above the terrain were left out")
     stamps = stamps_us(table["TimeUS"])
     # North, east, up; newer firmware logs down under the same name.
     up = values * np.array((1.0, -1.0, 1.0))
     if _is_down(raw, stamps, up[:, 2]):
         up[:, 2] *= -1.0
         rates[:, 2] *= -1.0
-    raw.add_setpoints(SETPOINT, stamps, up, rates)
+    raw.add_setpoints(topic, stamps, up, rates)
 
 
-def _metres(raw: RawLog, records: _Records) -> float:
+def _metres(raw: RawLog, records: _Records, topic: str) -> float:
     """Return the factor from the unit of the log's setpoints to metres; centimetres if the log states none."""
-    unit = records.unit(SETPOINT, "pX")
-    factor = dict(NAMED_FACTORS).get(unit)
+    if topic == OLD_SETPOINT:
+        return 0.01
+    factor = dict(NAMED_FACTORS).get(records.unit(topic, "pX"))
     if factor is None:
-        raw.notes.append(f"{SETPOINT}: the log does not state the unit; centimetres assumed")
+        raw.notes.append(f"{topic}: the log does not state the unit; centimetres assumed")
         return 0.01
     return factor
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.input_file import open_plain
-from gcs.flightlog.container import LogError
+from gcs.flightlog.container import LogError, unpadded_bytes
 
 BYTES_MAX = 1 << 30
 """A larger log is refused: every byte is read, and some readers hold the log in memory."""
@@ -25,17 +25,28 @@ STAMPS_US = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 @dataclass(frozen=True, slots=True)
 class LogFile:
-    """An existing log: its path, its size, its first bytes and its hash."""
+    """An existing log: its path, its size without padding at its end, its first bytes and its hash."""
 
     path: Path
     size_bytes: int
     head: bytes
     sha256: str
+    padding_bytes: int = 0
 
     @property
     def name(self) -> str:
         """Its name in faults."""
         return str(self.path)
+
+    @property
+    def notes(self) -> list[str]:
+        """What there is to say of the file as a whole."""
+        return [f"{self.padding_bytes} bytes of padding at the end were left out"] if self.padding_bytes else []
+
+    def content(self) -> bytes:
+        """Return its bytes without the padding; raises OSError."""
+        with open_plain(self.path) as file:
+            return file.read(self.size_bytes)
 
 
 def open_log(path: Path) -> LogFile:
@@ -51,10 +62,11 @@ def open_log(path: Path) -> LogFile:
             head = file.read(HEAD_BYTES)
             file.seek(0)
             sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+            content_bytes = unpadded_bytes(file, size_bytes)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise LogError([f"{path}: cannot be read: {reason}"]) from None
-    return LogFile(path, size_bytes, head, sha256)
+    return LogFile(path, content_bytes, head, sha256, size_bytes - content_bytes)
 
 
 class _Nowhere(TextIOBase):

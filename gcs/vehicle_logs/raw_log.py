@@ -8,11 +8,13 @@ far as the other. Series that are not correlated pass.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import log10, sqrt, tau
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from estimation.state import Vector
@@ -37,8 +39,8 @@ LAGS_S = tuple(np.arange(0.0, 3.1, 0.5).tolist())
 """Lags of the position behind the setpoint that are tried."""
 ALIKE_MIN = 0.6
 """Correlation above which two series are compared."""
-VELOCITY_FACTOR_MAX, SETPOINT_FACTOR_MAX = 5.0, 20.0
-"""Neither a filter's lag nor bad tracking causes factors beyond these."""
+VELOCITY_FACTOR_MAX, SETPOINT_FACTOR_MAX = 1.5, 20.0
+"""Neither a filter's lag nor bad tracking causes factors beyond these, with noise taken into account for velocities."""
 
 
 def unit_faults(series: Mapping[str, Series]) -> list[str]:
@@ -63,12 +65,14 @@ def _against_velocity(position: Series, velocity: Series) -> list[str]:
     way = np.vstack((np.zeros(means.shape[1]), np.cumsum(means * np.minimum(steps_s, GAP_MAX_S), axis=0)))
     expected = np.diff(_at(times_s, velocity.time_s, way), axis=0)
     likeness, factor = _factor(expected, moved)
-    if likeness < ALIKE_MIN or 1.0 / VELOCITY_FACTOR_MAX < factor < VELOCITY_FACTOR_MAX:
+    # Noise of either series alone changes the factor by no more than their correlation.
+    low, high = factor * likeness, factor / max(likeness, ALIKE_MIN)
+    if likeness < ALIKE_MIN or (low < VELOCITY_FACTOR_MAX and high > 1.0 / VELOCITY_FACTOR_MAX):
         return []
     at_s = times_s[int(np.abs(moved).sum(axis=1).argmax())]
     return [
         f"{position.topic}: the position moves {_factor_text(factor)} as fast as the velocity in {velocity.topic}, "
-        f"most of all at {at_s:.1f} s: one of them is not in metres"
+        f"most of all at {at_s:.1f} s: one of them is not in metres and seconds"
     ]
 
 
@@ -116,6 +120,8 @@ def _factor(reference: Vector, other: Vector) -> tuple[float, float]:
 
 def _factor_text(factor: float) -> str:
     exact = 10.0 ** round(log10(factor))
+    if exact == 1.0 or not 0.5 < factor / exact < 2.0:
+        return f"{factor:.3g} times"
     return f"about {exact:g} times ({factor:.3g})"
 
 
@@ -129,6 +135,14 @@ US = 1e6
 STAMP_MAX_US = 2**62
 FAULTS_MAX = 8
 """Most faults reported for one log."""
+
+RESTART_MIN_US, RESTART_STAMPS = 1_000_000, 3
+"""An autopilot has restarted where this many stamps in a row are earlier, by this much, than as many before them."""
+JUMP_MIN_M, JUMP_NOISES = 0.5, 8.0
+"""A position that moves farther than its velocity states by this, and by this multiple of the usual difference, has
+jumped."""
+JUMP_WITHIN_S = 0.5
+"""Over a longer gap the velocities at its ends do not tell how far the vehicle moved."""
 
 REACH_MAX_M, SPEED_MAX_M_S = 100e3, 300.0
 LIMITS = MappingProxyType(
@@ -198,6 +212,27 @@ def stamps_us(raw: NDArray[Any]) -> Stamps:
     return raw.astype(np.int64) if raw.dtype != np.uint64 else np.minimum(raw, STAMP_MAX_US).astype(np.int64)
 
 
+def longest_boot(stamps: Stamps, notes: list[str]) -> tuple[int, int]:
+    """Return from and up to which index the autopilot ran longest without a restart; adds a note if it restarted.
+
+    `stamps` are of its own clock, in the order in which they were logged. Single wrong stamps are no restart.
+    """
+    edges = [0, stamps.size]
+    if stamps.size >= 2 * RESTART_STAMPS:
+        rows = sliding_window_view(stamps, RESTART_STAMPS)
+        back = rows[RESTART_STAMPS:].max(axis=1) + RESTART_MIN_US < rows[:-RESTART_STAMPS].min(axis=1)
+        edges[1:1] = (np.flatnonzero(back) + RESTART_STAMPS).tolist()
+    boots = list(pairwise(edges))
+    spans_s = [float(np.ptp(stamps[begin:end])) / US if end > begin else 0.0 for begin, end in boots]
+    longest = int(np.argmax(spans_s))
+    if len(boots) > 1:
+        lengths = ", ".join(f"{span_s:.1f}" for span_s in spans_s)
+        notes.append(
+            f"the autopilot restarted: of {len(boots)} boots ({lengths} s) the longest was read, number {longest + 1}"
+        )
+    return boots[longest]
+
+
 def vehicle_log(raw: RawLog) -> VehicleLog:
     """Return the converted log.
 
@@ -220,7 +255,31 @@ def vehicle_log(raw: RawLog) -> VehicleLog:
     faults += [] if faults else unit_faults(series)
     if faults:
         raise LogError([f"{raw.path}: {fault}" for fault in faults[:FAULTS_MAX]])
+    raw.resets_us += [round(time_s * US) + origin_us for time_s in _jumps_s(series, raw.notes)]
     return _assembled(raw, series, origin_us)
+
+
+def _jumps_s(series: Mapping[str, Series], notes: list[str]) -> list[float]:
+    """Return the times of the first positions after a jump, horizontally; adds a note if there are any."""
+    if "position" not in series or "velocity" not in series:
+        return []
+    position, velocity = series["position"], series["velocity"]
+    steps_s = np.diff(position.time_s)
+    rates = _at(position.time_s, velocity.time_s, velocity.values[:, :2])
+    apart = np.diff(position.values[:, :2], axis=0) - (rates[1:] + rates[:-1]) / 2.0 * steps_s[:, np.newaxis]
+    known = steps_s < JUMP_WITHIN_S
+    if not known.any():
+        return []
+    apart_m = np.hypot(*apart.T)
+    jumped = known & (apart_m > max(JUMP_MIN_M, JUMP_NOISES * float(np.median(apart_m[known]))))
+    times_s: list[float] = position.time_s[1:][jumped].tolist()
+    if times_s:
+        largest = int(np.argmax(np.where(jumped, apart_m, 0.0)))
+        notes.append(
+            f"{position.topic}: {len(times_s)} jumps that the velocity does not explain, the largest of "
+            f"{apart_m[largest]:.1f} m at {position.time_s[largest + 1]:.1f} s"
+        )
+    return times_s
 
 
 def _origin_us(raw: RawLog) -> int:
@@ -254,7 +313,9 @@ def _assembled(raw: RawLog, series: Mapping[str, Series], origin_us: int) -> Veh
         **series,
         modes=tuple(ModeSegment(span, str(name), name in EXTERNAL) for span, name in _spans(modes, end_s)),
         position_resets_s=tuple(
-            time_s for stamp_us in raw.resets_us if 0.0 < (time_s := _seconds(stamp_us, origin_us)) <= end_s
+            time_s
+            for stamp_us in sorted(set(raw.resets_us))
+            if 0.0 < (time_s := _seconds(stamp_us, origin_us)) <= end_s
         ),
         armed=tuple(span for span, is_armed in _spans(armed, end_s) if is_armed),
         texts=kept,

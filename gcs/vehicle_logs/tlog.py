@@ -24,16 +24,19 @@ from estimation.frames import up_from_ned
 from gcs.autopilots.registry import autopilot_numbered
 from gcs.flightlog.container import LogError
 from gcs.vehicle_logs.log_file import MAVLINK_MAGICS, STAMP_BYTES, STAMPS_US, LogFile
-from gcs.vehicle_logs.raw_log import RawLog, Samples, Stamps, vehicle_log
+from gcs.vehicle_logs.raw_log import RawLog, Samples, Stamps, longest_boot, vehicle_log
 from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 FORMAT = "MAVLink telemetry log (.tlog)"
 SET, ECHO, LOCAL = "SET_POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_LOCAL_NED", "LOCAL_POSITION_NED"
+ELSEWHERE = ("SET_POSITION_TARGET_GLOBAL_INT", "COMMAND_INT")
+"""They also send a vehicle somewhere: in latitude and longitude."""
+FLY_HERE = mavlink.MAV_CMD_DO_REPOSITION
 READ = {
     getattr(mavlink, f"MAVLINK_MSG_ID_{name}"): name
     for name in (
         *(SET, ECHO, LOCAL, "HEARTBEAT", "STATUSTEXT", "ATTITUDE", "BATTERY_STATUS", "SYS_STATUS"),
-        *("PARAM_VALUE", "AUTOPILOT_VERSION"),
+        *("PARAM_VALUE", "AUTOPILOT_VERSION", *ELSEWHERE),
     )
 }
 _MAGIC = re.compile(b"[%s]" % re.escape(bytes(MAVLINK_MAGICS)))
@@ -49,6 +52,11 @@ LOCAL_NED = 1
 VELOCITY_IGNORED = 0b111 << 3
 CELL_UNKNOWN = 65535
 
+TIMED = (LOCAL, "ATTITUDE", ECHO)
+"""What a vehicle sends with its own time."""
+LASTING = ("PARAM_VALUE", "AUTOPILOT_VERSION")
+"""What holds beyond a restart of the autopilot."""
+
 Packet = tuple[int, Any]
 """The ground station's stamp [us], and the message."""
 
@@ -57,9 +65,9 @@ class _Packets:
     """The packets of a file; other bytes are skipped and noted."""
 
     def __init__(self, log: LogFile) -> None:
-        self._data = log.path.read_bytes()
+        self._data = log.content()
         self._parser = mavlink.MAVLink(None)
-        self.notes: list[str] = []
+        self.notes = log.notes
         self.is_damaged = False
 
     def __iter__(self) -> Iterator[Packet]:
@@ -139,7 +147,7 @@ def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
     packets = _Packets(log)
     for stamp_us, message in packets:
         kind = message.get_type()
-        if kind == SET:
+        if kind == SET or (kind in ELSEWHERE and getattr(message, "command", FLY_HERE) == FLY_HERE):
             setpoints_sent[message.target_system].append((stamp_us, message))
         elif message.get_srcComponent() == AUTOPILOT_COMPONENT:
             vehicle = vehicles[message.get_srcSystem()]
@@ -165,6 +173,7 @@ def _read(log: LogFile, system_id: int, vehicle: _Vehicle, packets: _Packets) ->
         notes=list(packets.notes),
         is_damaged=packets.is_damaged,
     )
+    _keep_one_boot(raw, vehicle)
     clock = _clock(raw, vehicle)
     _add_motion(raw, vehicle)
     _add_setpoints(raw, vehicle, clock)
@@ -179,6 +188,16 @@ def _read(log: LogFile, system_id: int, vehicle: _Vehicle, packets: _Packets) ->
     return vehicle_log(raw)
 
 
+def _keep_one_boot(raw: RawLog, vehicle: _Vehicle) -> None:
+    """Keep the packets of the longest boot, if the autopilot restarted."""
+    timed = sorted((packet for kind in TIMED for packet in vehicle.packets[kind]), key=lambda packet: packet[0])
+    first, last = longest_boot(_boot_us(timed), raw.notes)
+    begin = timed[first][0] if first else 0
+    end = timed[last][0] if last < len(timed) else STAMPS_US.stop
+    for kind in set(vehicle.packets) - set(LASTING):
+        vehicle.packets[kind] = [packet for packet in vehicle.packets[kind] if begin <= packet[0] < end]
+
+
 Clock = Callable[[Stamps], Stamps]
 
 
@@ -188,7 +207,7 @@ def _boot_us(packets: Sequence[Packet]) -> Stamps:
 
 def _clock(raw: RawLog, vehicle: _Vehicle) -> Clock:
     """Return the mapping from the ground station's stamps to the vehicle's time [us]."""
-    received = [packet for kind in (LOCAL, "ATTITUDE", ECHO) for packet in vehicle.packets[kind]]
+    received = [packet for kind in TIMED for packet in vehicle.packets[kind]]
     if not received:
         raw.notes.append("the vehicle sent no time: all times are those of the packets' arrival")
         return lambda stamps: stamps
@@ -236,19 +255,25 @@ def _add_motion(raw: RawLog, vehicle: _Vehicle) -> None:
 
 def _add_setpoints(raw: RawLog, vehicle: _Vehicle, clock: Clock) -> None:
     """Add the setpoints sent; if none are logged, those that the vehicle reports as its target."""
-    topic = SET if vehicle.packets[SET] else ECHO
-    local = [packet for packet in vehicle.packets[topic] if packet[1].coordinate_frame == LOCAL_NED]
-    if others := len(vehicle.packets[topic]) - len(local):
+    topic = SET if any(m.get_type() == SET for _, m in vehicle.packets[SET]) else ECHO
+    sent = vehicle.packets[topic]
+    # A target in another frame ends the one before it, and is none itself.
+    is_local = [getattr(m, "coordinate_frame", None) == LOCAL_NED for _, m in sent]
+    if others := is_local.count(False):
         raw.notes.append(f"{topic}: {others} setpoints in other frames than the local NED were left out")
-    if not local:
+    if not any(is_local):
         raw.missing.append(f"{SET} or {ECHO}")
         return
-    rows = [[nan if m.type_mask >> axis & 1 else (m.x, m.y, m.z)[axis] for axis in range(3)] for _, m in local]
+    rows = [
+        [(m.x, m.y, m.z)[axis] if local and not m.type_mask >> axis & 1 else nan for axis in range(3)]
+        for local, (_, m) in zip(is_local, sent, strict=True)
+    ]
     # The reported target includes the velocity added by the vehicle's position controller: it is not used.
     rates_ned = [
-        (m.vx, m.vy, m.vz) if topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3 for _, m in local
+        (m.vx, m.vy, m.vz) if local and topic == SET and not m.type_mask & VELOCITY_IGNORED else (nan,) * 3
+        for local, (_, m) in zip(is_local, sent, strict=True)
     ]
-    stamps = clock(_stamps(local)) if topic == SET else _boot_us(local)
+    stamps = clock(_stamps(sent)) if topic == SET else _boot_us(sent)
     if topic == ECHO:
         raw.notes.append(f"setpoints are those that the vehicle reports in {ECHO}: its autopilot may shape them")
     values = up_from_ned(np.array(rows, dtype=np.float64))

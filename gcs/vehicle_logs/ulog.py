@@ -1,14 +1,18 @@
 """PX4's own log (.ulg), read through pyulog's public interface.
 
-pyulog skips a record that it cannot parse, and reads the rest. pyulog 1.3 limits neither its search in damaged bytes
-nor the size of the formats that a log declares; the file object passed to it does.
+This module cuts the records, and pyulog parses those that are needed: pyulog 1.3 limits neither its search in damaged
+bytes nor the size of the formats that a log declares.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
-from io import BufferedReader, FileIO
-from typing import Any, NamedTuple
+from io import BytesIO
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from pyulog import ULog
@@ -26,16 +30,30 @@ SETPOINT, LOCAL, TRUTH = "trajectory_setpoint", "vehicle_local_position", "vehic
 ATTITUDE, BATTERY, STATUS = "vehicle_attitude", "battery_status", "vehicle_status"
 TOPICS = (SETPOINT, LOCAL, TRUTH, ATTITUDE, BATTERY, STATUS)
 ARMED = 2
-HEADER_BYTES, SUBSCRIPTION = 3, b"A"
-READ_AGAIN_MAX, READ_BYTES_MIN = 16, 1 << 24
-"""Bound of the bytes read: this multiple of the log's size, and this many for a small log."""
-BYTES_A_READ_MIN, READS_MIN = 16, 200_000
-"""Bound of the number of reads: an undamaged log has more bytes per read than this; pyulog reads zeros one by one."""
+MAGIC = b"ULog\x01\x12\x35"
+FILE_HEADER_BYTES, HEADER = 16, struct.Struct("<HB")
+KINDS = b"ABCDFILMOPQRS"
+FORMAT_OF, SUBSCRIPTION, DATA, PARAMETER, DROPOUT = b"FADPO"
+DEFINITIONS, TEXTS = b"FI", b"LC"
+LEAST_BYTES = MappingProxyType({SUBSCRIPTION: 4, DATA: 10, PARAMETER: 5, ord("L"): 9, ord("C"): 11, DROPOUT: 2})
+"""pyulog ends at a shorter record."""
+PARAMETER_BYTES = 4
+FLAGS = struct.Struct("<8sQ3Q")
+"""The record of flags: compatible and incompatible ones, and where data begins that was appended after a crash."""
+APPENDED = 1
+"""The only incompatible flag that is known: data was appended."""
+CHAIN_RECORDS = 3
+"""After damage, reading goes on where this many records follow one another."""
+UNKNOWN_MAX_BYTES = 10_000
+"""Most bytes of a record of an unknown kind; a larger one is damage."""
+SEARCH_AGAIN_MAX, SEARCH_MIN_BYTES = 16, 1 << 24
+"""Bound of the bytes searched for records: this multiple of the log's size, and this many for a small log."""
 
 FIELDS_MAX = 200_000
 """Bound of the fields of all subscriptions together: a log of PX4 has a tenth of that."""
 DEPTH_MAX = 16
 
+_KIND = re.compile(b"[%s]" % KINDS)
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
 Columns = dict[str, Any]
@@ -43,10 +61,34 @@ Columns = dict[str, Any]
 
 def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return the one vehicle's log; raises LogError when it cannot be read as one."""
-    ulog, state = _parsed(log)
+    data = log.content()
+    begins = [match.start() for match in re.finditer(re.escape(MAGIC), data)]
+    read, faults = list[VehicleLog](), list[str]()
+    for begin, end in pairwise([*begins, len(data)]):
+        try:
+            read.append(_read(log, data[begin:end]))
+        except LogError as error:
+            faults += error.faults
+    if not read:
+        raise LogError(faults)
+    longest = max(read, key=lambda each: each.duration_s)
+    if len(begins) > 1:
+        lengths = ", ".join(f"{each.duration_s:.1f}" for each in read)
+        which = (
+            f"of {len(begins)} logs in the file ({lengths} s) the longest was read, number {read.index(longest) + 1}"
+        )
+        longest = replace(longest, notes=(which, *longest.notes, *faults))
+    return (longest,)
+
+
+def _read(log: LogFile, data: bytes) -> VehicleLog:
+    records = _WholeRecords(log, data)
+    ulog = _parsed(log, records)
     topics: dict[str, Columns] = {}
-    for data in ulog.data_list:  # sorted by instance: of several, the first is what the vehicle flies by
-        topics.setdefault(data.name, data.data)
+    for each in ulog.data_list:  # sorted by instance: of several, the first is what the vehicle flies by
+        topics.setdefault(each.name, each.data)
+    if ulog.file_corruption and not records.is_damaged:
+        records.notes.append("damaged: unreadable records were skipped")
     raw = RawLog(
         path=log.name,
         format=FORMAT,
@@ -54,8 +96,8 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
         autopilot=AUTOPILOT.name,
         firmware=_firmware(ulog),
         begin_us=min(int(ulog.start_timestamp), 2**62),
-        notes=list(state.notes),
-        is_damaged=state.is_damaged,
+        notes=records.notes,
+        is_damaged=records.is_damaged or ulog.file_corruption,
     )
     _add_motion(raw, topics)
     _add_battery(raw, topics)
@@ -65,98 +107,147 @@ def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
     raw.system_id = _system_id(topics, raw)
     if not raw.samples and not raw.modes:
         raise LogError([f"{log.name}: it holds none of the topics {', '.join(TOPICS)}"])
-    return (vehicle_log(raw),)
+    return vehicle_log(raw)
 
 
-class _BoundedReader(BufferedReader):
-    """The log file as pyulog reads it, with bounded work.
+class _WholeRecords:
+    """The undamaged records that are needed, one after another in `whole` as pyulog reads them.
 
-    While pyulog searches damaged bytes for the next record it can read them again and again, also beyond the end of the
-    file; and a few bytes of formats can claim billions of fields. Beyond `READ_AGAIN_MAX` and the like, `read` returns
-    nothing, as at the end of the file. A subscription with too many fields raises LogError.
-
-    ULog has no checksums. pyulog takes a record of an unknown kind for one of a newer version; all kinds are letters,
-    and any other is damage.
+    ULog has no checksums: a record is known by its kind, its length and, if it holds data, by its subscription. pyulog
+    1.3 goes on after damage only where a log has marks, and ends at a record that is too short.
     """
 
-    def __init__(self, log: LogFile, formats: Mapping[str, Any]) -> None:
-        super().__init__(FileIO(str(log.path)))
-        self._log = log
-        self._formats = formats
-        self._counts: dict[str, int] = {}
-        self._kind = b""
-        self._reached = 0
-        self._cut_at: int | None = None
-        self._cut_bytes, self._longest_bytes = 0, 0
-        self._is_damaged = False
-        self._left_bytes = READ_AGAIN_MAX * log.size_bytes + READ_BYTES_MIN
-        self._left_reads = log.size_bytes // BYTES_A_READ_MIN + READS_MIN
-        self._left_fields = FIELDS_MAX
+    def __init__(self, log: LogFile, data: bytes) -> None:
+        self._data, self._end = data, len(data)
+        self._left_bytes = SEARCH_AGAIN_MAX * len(data) + SEARCH_MIN_BYTES
+        self._timed: set[bytes] = set()
+        self._is_needed: dict[int, bool] = {}
+        self._is_defining = True
+        self._skipped_bytes = 0
+        self.topics: list[str] = []
+        self.notes = log.notes
+        pieces = [data[:FILE_HEADER_BYTES]]
+        for part, end_of_part in pairwise(self._edges(log.name)):
+            self._end = end_of_part
+            for begin, end in self._split(part):
+                pieces.append(self._needed(begin, end))
+        self.whole = b"".join(pieces)
+        self.is_damaged = self._skipped_bytes > 0
+        if self.is_damaged:
+            self.notes.append(f"damaged: {self._skipped_bytes} bytes were skipped")
 
-    def read(self, size: int | None = -1, /) -> bytes:
-        begin = self.tell()
-        if self._exhausted():
-            self._reached = self._reached or begin
+    def _edges(self, name: str) -> list[int]:
+        """Return where the parts of the log begin and end: what was appended after a crash is a part of its own."""
+        begin = FILE_HEADER_BYTES + HEADER.size
+        flags = self._data[begin : begin + FLAGS.size]
+        if self._data[begin - 1 : begin] != b"B" or len(flags) < FLAGS.size:
+            return [FILE_HEADER_BYTES, len(self._data)]
+        _, incompatible, *places = FLAGS.unpack(flags)
+        if incompatible & ~APPENDED:
+            raise LogError(
+                [f"{name}: cannot be read as a {FORMAT}: it has unknown incompatible flags, {incompatible:#x}"]
+            )
+        inside = sorted(place for place in places if incompatible and begin < place < len(self._data))
+        return [FILE_HEADER_BYTES, *inside, len(self._data)]
+
+    def _split(self, at: int) -> Iterator[tuple[int, int]]:
+        """Return where each record begins and ends; other bytes, and data that runs into them, are counted."""
+        last, longest = at, 0
+        while at < self._end:
+            length = self._length(at) or self._unknown_length(at)
+            if length and not (self._data[at + 2] == DATA and self._is_damage(at + length, max(longest, length))):
+                yield at, at + length
+                last, at, longest = at, at + length, max(longest, length)
+                continue
+            resumed = self._next(last + 1)
+            if resumed is None:
+                if self._is_damage(at, longest):
+                    self._skipped_bytes += self._end - at
+                else:
+                    self.notes.append(f"ends in the middle of a record at byte {at}")
+                return
+            # It is before `at` if the length of the last record was wrong, and enclosed others.
+            self._skipped_bytes += max(resumed - at, 1)
+            last = at = resumed
+
+    def _length(self, at: int) -> int:
+        """Return the length of the record that begins here; 0 if none does, or if it extends beyond the end."""
+        if at + HEADER.size > self._end:
+            return 0
+        size, kind = HEADER.unpack_from(self._data, at)
+        begin, length = at + HEADER.size, HEADER.size + size
+        if kind not in KINDS or size < LEAST_BYTES.get(kind, 0) or at + length > self._end:
+            return 0
+        return 0 if kind == DATA and self._number(begin) not in self._is_needed else length
+
+    def _unknown_length(self, at: int) -> int:
+        """Return the length of a record of a newer kind, or of a topic whose subscription is lost; 0 without one."""
+        if at + HEADER.size > self._end:
+            return 0
+        size, kind = HEADER.unpack_from(self._data, at)
+        after = at + HEADER.size + size
+        if not (bytes((kind,)).isalpha() and 0 < size <= UNKNOWN_MAX_BYTES and after <= self._end):
+            return 0
+        return after - at if self._is_chain(after, CHAIN_RECORDS - 1) else 0
+
+    def _number(self, at: int) -> int:
+        return int.from_bytes(self._data[at : at + 2], "little")
+
+    def _is_chain(self, at: int, count: int) -> bool:
+        """Return whether so many records follow one another, or fewer up to the end."""
+        for _ in range(count):
+            if at == self._end:
+                return True
+            if not (length := self._length(at)):
+                return False
+            at += length
+        return True
+
+    def _next(self, start: int) -> int | None:
+        """Return where records follow one another again; None if nowhere."""
+        if self._left_bytes < 0:
+            return None
+        for match in _KIND.finditer(self._data, start + HEADER.size - 1, self._end):
+            at = match.end() - HEADER.size
+            if self._is_chain(at, CHAIN_RECORDS):
+                self._left_bytes -= at - start
+                return at
+        self._left_bytes -= self._end - start
+        return None
+
+    def _is_damage(self, at: int, longest: int) -> bool:
+        """Return whether no record begins here, nor one in which the log ends: such a one is no longer than others."""
+        if at + HEADER.size > self._end or self._length(at) or self._unknown_length(at):
+            return False
+        size, kind = HEADER.unpack_from(self._data, at)
+        return kind not in KINDS or not self._end - at < HEADER.size + size <= longest
+
+    def _needed(self, begin: int, end: int) -> bytes:
+        """Return a record; nothing if it is not needed, or if pyulog would end at it."""
+        kind, at = self._data[begin + 2], begin + HEADER.size
+        if end - at < LEAST_BYTES.get(kind, 0) or (kind == DATA and self._number(at) not in self._is_needed):
+            self._skipped_bytes += end - begin
             return b""
-        data = super().read(size)
-        self._left_bytes -= len(data)
-        self._left_reads -= 1
-        # A record is read in two steps: a header of three bytes, then the body. No bytes at all are a clean end.
-        if size and len(data) < size and (data or size != HEADER_BYTES):
-            self._cut_at = begin if size == HEADER_BYTES else begin - HEADER_BYTES
-            self._cut_bytes = size
-        elif data:
-            self._cut_at = None
-            self._longest_bytes = max(self._longest_bytes, len(data))
-        if size == HEADER_BYTES:
-            self._kind = data[2:]
-            self._is_damaged |= len(data) == HEADER_BYTES and not self._kind.isalpha()
-        elif self._kind == SUBSCRIPTION:
-            self._count_fields(data[3:].decode(errors="ignore"))
-        return data
-
-    def _count_fields(self, topic: str) -> None:
-        """Subtract the fields of a subscription, which pyulog expands one by one."""
-        if topic not in self._counts:
-            self._counts[topic] = _field_count(self._formats, topic)
-        self._left_fields -= self._counts[topic]
-        if self._left_fields < 0:
-            raise LogError([f"{self._log.name}: damaged: its formats declare more fields than a PX4 log can have"])
-
-    def _exhausted(self) -> bool:
-        return self._left_bytes < 0 or self._left_reads < 0
-
-    def close(self) -> None:
-        """Store the position that pyulog reached."""
-        if not self.closed and not self._exhausted():
-            self._reached = self.tell()
-        super().close()
-
-    def state(self, corrupt: bool) -> "_FileState":
-        """Return the file's state. A last record longer than all others is damaged, not cut off."""
-        notes, size_bytes, is_damaged = [], self._log.size_bytes, corrupt or self._is_damaged
-        if self._exhausted():
-            is_damaged = True
-            notes.append(f"damaged: not readable beyond byte {self._reached} of {size_bytes}")
-        elif self._cut_at is not None and self._reached >= size_bytes:
-            if self._cut_bytes > self._longest_bytes:
-                is_damaged = True
-                notes.append(f"damaged: not readable beyond byte {self._cut_at} of {size_bytes}")
-            else:
-                notes.append(f"ends in the middle of a record at byte {self._cut_at}")
-        elif self._reached < size_bytes:
-            is_damaged = True
-            notes.append(f"not readable beyond byte {self._reached} of {size_bytes}")
-        if corrupt or self._is_damaged:
-            notes.append("damaged: unreadable records were skipped")
-        return _FileState(tuple(notes), is_damaged)
-
-
-class _FileState(NamedTuple):
-    """The faults of a file, and whether it has others than an early end."""
-
-    notes: tuple[str, ...]
-    is_damaged: bool
+        if kind == DATA:
+            return self._data[begin:end] if self._is_needed[self._number(at)] else b""
+        body = self._data[at:end]
+        if kind == SUBSCRIPTION:
+            topic = body[3:]
+            needed = topic in self._timed and topic.decode(errors="replace") in TOPICS
+            self._is_needed[self._number(at + 1)] = needed
+            self.topics += [topic.decode()] * needed
+        elif kind == PARAMETER:
+            needed = len(body) == 1 + body[0] + PARAMETER_BYTES
+        elif kind == DROPOUT:
+            needed = len(body) == LEAST_BYTES[DROPOUT]
+        elif kind in TEXTS:
+            needed = True
+        else:
+            needed = self._is_defining and kind in DEFINITIONS
+        if kind == FORMAT_OF and b":uint64_t timestamp;" in body:
+            self._timed.add(body.partition(b":")[0])
+        self._is_defining &= not (needed and (kind == SUBSCRIPTION or kind in TEXTS))
+        return self._data[begin:end] if needed else b""
 
 
 def _field_count(formats: Mapping[str, Any], name: str) -> int:
@@ -174,22 +265,21 @@ def _field_count(formats: Mapping[str, Any], name: str) -> int:
     return count(name, 0)
 
 
-def _parsed(log: LogFile) -> tuple[Any, _FileState]:
-    """Return pyulog's log, and the file's state; raises LogError.
+def _parsed(log: LogFile, records: _WholeRecords) -> Any:
+    """Return pyulog's log; raises LogError.
 
     The formats all precede the first subscription. They are read first, to bound what the subscriptions expand to.
     """
     try:
-        with _BoundedReader(log, {}) as file:
-            formats = ULog(file, parse_header_only=True).message_formats
-        with _BoundedReader(log, formats) as file:
-            ulog = ULog(file, list(TOPICS))
+        formats = ULog(BytesIO(records.whole), parse_header_only=True).message_formats
+        if sum(_field_count(formats, topic) for topic in records.topics) > FIELDS_MAX:
+            raise LogError([f"{log.name}: damaged: its formats declare more fields than a PX4 log can have"])
+        return ULog(BytesIO(records.whole), list(TOPICS))
     except LogError:
         raise
     except Exception as error:  # pyulog raises exceptions of many types for damaged bytes
         reason = str(error) or type(error).__name__
         raise LogError([f"{log.name}: cannot be read as a {FORMAT}: its beginning is damaged ({reason})"]) from error
-    return ulog, file.state(ulog.file_corruption)
 
 
 def _columns(log: str, topic: str, data: Columns, names: Sequence[str]) -> Vector:

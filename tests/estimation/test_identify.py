@@ -157,6 +157,35 @@ def test_a_vehicle_at_its_speed_limit_is_detected_with_the_speed() -> None:
     assert shaping.speed_share == pytest.approx(0.6, abs=0.15)
 
 
+@pytest.mark.parametrize("acceleration_max_m_s2", [2.0, 1.0, 0.5])
+def test_saturated_acceleration_is_named_as_the_cause_and_not_noise(acceleration_max_m_s2: float) -> None:
+    """The plant that is found without it is up to nine times too slow, with narrow intervals."""
+    identified = identify([saturated(TRUTH, 7, acceleration_max_m_s2=acceleration_max_m_s2)])
+    assert identified.verdict is PlantGrade.DO_NOT_FLY
+    assert identified.reasons[0].startswith(f"saturation: acceleration was limited to {acceleration_max_m_s2:.1f} m/s2")
+    assert not any("noise" in reason for reason in identified.reasons)
+    shaping = found_in(identified).shaping
+    assert shaping.acceleration_max_m_s2 == pytest.approx(acceleration_max_m_s2, rel=0.05)
+
+
+def test_noise_that_looks_like_any_acceleration_is_no_error() -> None:
+    """White noise of half a metre: what it accelerates is beyond the bounds of the fit."""
+    flight = recorded(TRUTH, 7, noise_m=0.5, memory_s=1e-3, sampled=False)
+    identified = identify([flight])
+    assert identified.verdict is not PlantGrade.GOOD
+    assert identified.reasons[0].startswith("too little excitation for this noise")
+    assert [interval.value for interval in intervals_of(found_in(identified))[:4]] == pytest.approx(
+        (1.5, 1.9, 1.1, 1.6), rel=0.2
+    )
+
+
+def test_a_steady_wind_is_no_limit() -> None:
+    flight = saturated(TRUTH, 7, acceleration_max_m_s2=1.5)
+    away = replace(flight, position_m=flight.position_m + np.array((25.0, -8.0)))
+    here, there = (found_in(identify([each])).shaping for each in (flight, away))
+    assert there.acceleration_max_m_s2 == pytest.approx(here.acceleration_max_m_s2, rel=1e-3)
+
+
 def test_a_delay_beyond_any_plants_is_noticed() -> None:
     late = recorded(replace(TRUTH, delay_s=0.9), 8, noise_m=0.02)
     identified = identify([late])
@@ -165,12 +194,16 @@ def test_a_delay_beyond_any_plants_is_noticed() -> None:
 
 
 def test_a_response_before_the_setpoint_is_detected() -> None:
-    """The log stamps setpoints 0.2 s late: the plant is found all the same, without a delay."""
+    """The log stamps setpoints late: a plant is found, without a delay. The later, the quicker it seems to be."""
     flight = recorded(replace(TRUTH, delay_s=0.0), 9, noise_m=0.02, setpoints_hz=25.0, sampled=False)
-    identified = identify([replace(flight, setpoint_time_s=flight.setpoint_time_s + 0.2)])
-    assert identified.verdict is PlantGrade.USABLE
-    assert any("s before the setpoint" in reason for reason in identified.reasons)
-    assert found_in(identified).delay_s.value == 0.0
+    for late_s, verdict in ((0.08, PlantGrade.USABLE), (0.2, PlantGrade.DO_NOT_FLY)):
+        identified = identify([replace(flight, setpoint_time_s=flight.setpoint_time_s + late_s)])
+        assert identified.verdict is verdict
+        assert any("s before the setpoint" in reason for reason in identified.reasons)
+        found = found_in(identified)
+        assert found.delay_s.value == 0.0
+        is_right = found.axes[0].a0_per_s2.value == pytest.approx(TRUTH.a0[0], rel=0.25)
+        assert is_right is (verdict is PlantGrade.USABLE)
 
 
 def test_a_flight_without_excitation_leaves_large_uncertainty() -> None:

@@ -109,8 +109,10 @@ def recorded(
     )
 
 
-def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> MotionRecording:
-    """Return the log of a flight with bounded speed along each axis."""
+def saturated(
+    truth: Truth, seed: int, *, speed_max_m_s: float = np.inf, acceleration_max_m_s2: float = np.inf
+) -> MotionRecording:
+    """Return the log of a flight with bounded speed and acceleration along each axis."""
     random = np.random.default_rng(seed)
     sent_m = excitation_m(random)
     step_s, late = 0.01, round(truth.delay_s / 0.01)
@@ -120,7 +122,8 @@ def saturated(truth: Truth, seed: int, *, speed_max_m_s: float) -> MotionRecordi
         path.append(position)
         asked = sent_m[max(0, at - late) * sent_m.shape[0] // round(sent_m.shape[0] * SENT_S / step_s)]
         wished = np.clip(a0 / a1 * (asked - position), -speed_max_m_s, speed_max_m_s)
-        velocity = velocity + a1 * (wished - velocity) * step_s
+        push = np.clip(a1 * (wished - velocity), -acceleration_max_m_s2, acceleration_max_m_s2)
+        velocity = velocity + push * step_s
         position = position + velocity * step_s
     every = round(0.02 / step_s)
     position_m = np.array(path)[::every]

@@ -3,6 +3,7 @@
 import struct
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -189,11 +190,15 @@ def test_a_whole_log_has_nothing_to_be_told(read: Read, log: bytes) -> None:
 
 
 def test_damage_in_the_middle_costs_what_it_hit(read: Read) -> None:
-    """A hundred bytes of nonsense between two records: what follows is read, and the damage told."""
+    """A hundred bytes of nonsense between two records: what follows is read, and the damage told.
+
+    Of the record before them it is not known whether it is whole.
+    """
     nonsense = bytes(np.random.default_rng(1).integers(0, 256, 100, dtype=np.uint8))
     at = [at for at, name in bin_records(BIN) if name == "XKF1"][300]
     log = read(BIN[:at] + nonsense + BIN[at:])
-    assert "damaged: 100 bytes were skipped" in log.notes
+    before = max(begin for begin, _ in bin_records(BIN) if begin < at)
+    assert f"damaged: {at - before + 100} bytes were skipped" in log.notes
     assert log.position is not None
     assert log.position.time_s.size > 300
     whole = read(TLOG)
@@ -256,6 +261,8 @@ def test_other_units_are_refused_with_topic_and_time(subtests: pytest.Subtests, 
         (scaled(LOCAL, *X, 1e-5), "vehicle_local_position: the position moves about 1e-05 times"),
         (scaled(LOCAL, *VELOCITY, 1000.0), "m/s at"),
         (scaled(LOCAL, *VELOCITY, 100.0), "moves about 0.01 times"),
+        (scaled(LOCAL, *VELOCITY, 3.28), "the position moves 0.27"),
+        (scaled(LOCAL, *X, 3.28), "the position moves 2.9"),
         (scaled(LOCAL, *PLACE, 1e7), "s since boot: its origin, Geodetic("),
         (scaled(SETPOINT, 8, "<3f", 1000.0), "trajectory_setpoint: the setpoints move about 1000 times"),
         (scaled(SETPOINT, 8, "<3f", 1e7), "is not a plausible setpoint (at most 100000 m)"),
@@ -301,6 +308,63 @@ def test_velocities_beside_setpoints_are_north_west_and_up(read: Read) -> None:
         assert (log.setpoint_velocity.time_s == log.setpoint.time_s).all()
         assert log.setpoint_velocity.values == pytest.approx(np.tile((0.3, 0.4, -0.1), (log.setpoint.time_s.size, 1)))
     assert read(BIN).setpoint_velocity is None, "to a position alone none belongs"
+
+
+def renamed(log: bytes, names: dict[bytes, bytes]) -> bytes:
+    """ArduPilot's log with records of other names."""
+    out = bytearray(log)
+    for at, name in bin_records(log):
+        if name == "FMT" and (renamed := names.get(log[at + 5 : at + 9])):
+            out[at + 5 : at + 9] = renamed
+    return bytes(out)
+
+
+def test_the_names_of_older_firmware_are_read(read: Read) -> None:
+    """Before Copter 4.2 the setpoints are GUID, which says metres and means centimetres; EKF2 logs NKF1."""
+    as_is = read(BIN)
+    older = read(renamed(guided(b"0", lambda x, y, z: (x, y, z)), {b"GUIP": b"GUID", b"XKF1": b"NKF1"}))
+    for name in ("setpoint", "position", "velocity", "attitude"):
+        assert older.series()[name].values.tolist() == as_is.series()[name].values.tolist()
+    assert older.setpoint is not None
+    assert older.position is not None
+    assert (older.setpoint.topic, older.position.topic) == ("GUID", "NKF1")
+
+
+def test_a_velocity_of_firmware_before_copter_4_1_is_no_position(read: Read) -> None:
+    """It is logged as the second submode, with zeros as its position."""
+    log = renamed(guided(b"0", lambda x, y, z: (0.0, 0.0, 0.0) if abs(x) > 100.0 else (x, y, z)), {b"GUIP": b"GUID"})
+    found, as_is = read(log).setpoint, read(BIN).setpoint
+    assert found is not None
+    assert as_is is not None
+    zeros = np.abs(as_is.values[:, 0]) > 1.0
+    assert 0 < zeros.sum() < zeros.size
+    assert np.isnan(found.values).all(axis=1).tolist() == zeros.tolist()
+
+
+def test_of_two_estimators_that_in_use_is_read(read: Read) -> None:
+    """EKF2 beside EKF3: the parameter AHRS_EKF_TYPE says which of them flies."""
+    both, twin = bytearray(), 0x91
+    places = [*bin_records(BIN), (len(BIN), "")]
+    for (at, name), (end, _) in pairwise(places):
+        record = bytearray(BIN[at:end])
+        both += record
+        if name == "FMT" and record[5:9] == b"XKF1":
+            record[3], record[5:9] = twin, b"NKF1"
+            both += record
+        if name == "XKF1":
+            record[2] = twin
+            struct.pack_into("<f", record, 34, struct.unpack_from("<f", record, 34)[0] + 50.0)
+            both += record
+    for number, moved_m in ((3.0, 0.0), (2.0, 50.0)):
+        log = bytearray(both)
+        at = next(
+            at for at, name in bin_records(bytes(both)) if name == "PARM" and b"GUID_OPTIONS" in both[at : at + 27]
+        )
+        struct.pack_into("<16sf", log, at + 11, b"AHRS_EKF_TYPE", number)
+        found, as_is = read(bytes(log)).position, read(BIN).position
+        assert found is not None
+        assert as_is is not None
+        assert found.values[:, 0] == pytest.approx(as_is.values[:, 0] + moved_m, abs=1e-4)
 
 
 def test_a_unit_that_is_told_wrongly_is_refused(read: Read) -> None:
@@ -401,6 +465,28 @@ def test_whatever_the_bytes_are_it_ends_in_a_log_or_a_clear_fault(
 
     fuzz()
     assert capfd.readouterr() == ("", "")
+
+
+BEGINS = {
+    "ulg": ULOG[:ULOG_HEADER_BYTES],
+    "bin": BIN[:89],
+    "tlog": TLOG[:9],
+    "mcap": b"\x89MCAP0\r\n",
+}
+
+
+@pytest.mark.parametrize("kind", BEGINS)
+def test_any_bytes_behind_the_begin_of_a_log_end_in_a_log_or_a_clear_fault(kind: str, tmp_path: Path) -> None:
+    pieces = st.one_of(
+        st.binary(max_size=300), st.integers(0, 2**20).map(lambda at: ULOG[at % len(ULOG) :][:200]), st.just(bytes(300))
+    )
+
+    @settings(max_examples=60)
+    @given(st.lists(pieces, max_size=6))
+    def fuzz(rest: list[bytes]) -> None:
+        check(tmp_path / "fuzzed.log", BEGINS[kind] + b"".join(rest))
+
+    fuzz()
 
 
 @pytest.mark.parametrize("kind", ["ulg", "bin"])

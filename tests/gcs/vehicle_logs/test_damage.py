@@ -50,20 +50,21 @@ LAST_ATTITUDE = [at for at, kind in packets(TLOG) if kind == ATTITUDE][-1]
 """A position comes after it."""
 PLACES = [at for at, kind in packets(TLOG) if kind == LOCAL_POSITION_NED]
 ESTIMATES = [at for at, name in bin_records(BIN) if name == "XKF1"]
+NONSENSE = np.random.default_rng(2).integers(0, 256, 1000, dtype=np.uint8).tobytes()
 LAST_ULOG = [at for at, _, body in ulog_records(ULOG) if at + 3 + len(body) < len(ULOG) - 400][-1]
 DAMAGED = {
     "ulg: the kind of a record": flipped(ULOG, middle(topic_records(LOCAL)) + 2, 7),
     "ulg: the length of a record": flipped(ULOG, middle(topic_records(LOCAL)), 3),
     "ulg: the topic of a record": flipped(ULOG, middle(topic_records(LOCAL)) + 4, 6),
     "ulg: a length beyond the end": flipped(ULOG, LAST_ULOG + 1, 7),
-    "ulg: nonsense at the end": ULOG + bytes(1000),
+    "ulg: nonsense at the end": ULOG + NONSENSE,
     "bin: the head of a record": flipped(BIN, middle(ESTIMATES), 0),
     "bin: the kind of a record": flipped(BIN, middle(ESTIMATES) + 2, 7),
-    "bin: nonsense at the end": BIN + bytes(1000),
+    "bin: nonsense at the end": BIN + NONSENSE,
     "tlog: a value": flipped(TLOG, middle(PLACES) + STAMP_BYTES + 14, 2),
     "tlog: the checksum": flipped(TLOG, middle(PLACES) + STAMP_BYTES + V2_OVERHEAD_BYTES + 27, 0),
     "tlog: a length beyond the end": flipped(TLOG, LAST_ATTITUDE + STAMP_BYTES + 1, 7),
-    "tlog: nonsense at the end": TLOG + bytes(1000),
+    "tlog: nonsense at the end": TLOG + NONSENSE,
 }
 
 
@@ -77,6 +78,35 @@ def test_damage_is_noticed_and_costs_what_it_hit(name: str, read: Read) -> None:
     assert found.position.time_s.size >= 0.9 * whole.position.time_s.size
     kept = np.isin(found.position.time_s, whole.position.time_s)
     assert kept.mean() > 0.9
+
+
+@pytest.mark.parametrize("value", [0x00, 0xFF])
+@pytest.mark.parametrize("kind", LOGS)
+def test_padding_is_an_early_end_and_no_damage(kind: str, value: int, read: Read) -> None:
+    """As of a file that was made larger before it was filled; also where the last record is not whole."""
+    log = LOGS[kind]
+    for begin in (log, log[:-7]):
+        padded, whole = read(begin + bytes([value]) * 5000), read(begin)
+        assert not padded.is_damaged, padded.notes
+        assert any("bytes of padding at the end" in note for note in padded.notes)
+        assert padded.position is not None
+        assert whole.position is not None
+        assert padded.position.time_s.tolist() == whole.position.time_s.tolist()
+
+
+@pytest.mark.parametrize("value", [0x00, 0xFF])
+def test_an_erased_block_costs_what_was_in_it(value: int, read: Read, subtests: pytest.Subtests) -> None:
+    """4 kB, the block of a memory card, in the middle of each log."""
+    for kind, log in LOGS.items():
+        with subtests.test(kind=kind):
+            half = len(log) // 2
+            found, whole = read(log[:half] + bytes([value]) * 4096 + log[half + 4096 :]), read(log)
+            assert found.is_damaged
+            assert found.position is not None
+            assert whole.position is not None
+            lost = 1.0 - found.position.time_s.size / whole.position.time_s.size
+            assert lost < 3.0 * 4096 / len(log)
+            assert found.position.time_s[-1] == whole.position.time_s[-1]
 
 
 @pytest.mark.parametrize("kind", LOGS)
@@ -115,5 +145,6 @@ def test_a_damaged_log_of_cordon_is_damaged_to_identification_too(tmp_path: Path
     logs = read_vehicle_logs(path)
     assert logs
     assert all(each.is_damaged for each in logs)
-    path.write_bytes(log[: len(log) * 2 // 3])
-    assert not any(each.is_damaged for each in read_vehicle_logs(path))
+    for end in (log[: len(log) * 2 // 3], log[: len(log) * 2 // 3] + bytes(5000), log + b"\xff" * 5000):
+        path.write_bytes(end)
+        assert not any(each.is_damaged for each in read_vehicle_logs(path))

@@ -13,7 +13,7 @@ from agents.inputs import AutopilotStatus
 from agents.ports import FlightMode, Setpoint, VehicleStatus
 from estimation.frames import Geodetic, MissionFrame
 from estimation.identification.identify import identify
-from estimation.state import Telemetry
+from estimation.state import Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.records import Decision, Parameter, Vehicle
 from gcs.flightlog.run import run_of
@@ -38,8 +38,11 @@ def decision(time_s: float, setpoint: Setpoint | None) -> Decision:
     )  # fmt: skip
 
 
-def written(path: Path, flown: Flown, round_trip_s: float | None = None) -> Path:
-    """Write what was flown as cordon's log of vehicle 1, whose mission's x axis points elsewhere than north."""
+def written(path: Path, flown: Flown, round_trip_s: float | None = None, jump_m: Vector | float = 0.0) -> Path:
+    """Write what was flown as cordon's log of vehicle 1, whose mission's x axis points elsewhere than north.
+
+    `jump_m` (T, 3) is added to the positions.
+    """
     mission = content((MISSIONS / "case1.toml").read_text(encoding="utf-8"))
     turned = parsed(put(mission, ("frame", "x_bearing_deg"), BEARING_DEG))
     frame = MissionFrame(Geodetic(0.0, 0.0, 0.0), radians(BEARING_DEG))
@@ -62,6 +65,7 @@ def written(path: Path, flown: Flown, round_trip_s: float | None = None) -> Path
     events += [(time_s, 1, index) for index, time_s in enumerate(flown.asked_s)]
     places = np.array(flown.position_m)
     speeds = np.gradient(places, flown.time_s, axis=0)
+    places = places + jump_m
     mode = FlightMode.HOLD
     note(0.0, AutopilotStatus(VehicleStatus(connected=True, mode=mode)))
     for time_s, kind, index in sorted(events):

@@ -152,7 +152,7 @@ def test_arducopters_modes_and_the_axes_that_a_setpoint_leaves_out(tmp_path: Pat
     assert log.autopilot == "ardupilot"
     assert [(mode.name, mode.external) for mode in log.modes] == [("guided", True)]
     assert log.setpoint is not None
-    assert log.setpoint.values == pytest.approx(np.array([[1.0, -2.0, np.nan]]), nan_ok=True)
+    assert log.setpoint.values == pytest.approx(np.array([[1.0, -2.0, np.nan], [np.nan] * 3]), nan_ok=True)
     assert any("1 setpoints in other frames" in note for note in log.notes)
 
 
@@ -184,11 +184,37 @@ def test_a_log_of_the_first_mavlink_is_read_too(tmp_path: Path) -> None:
     assert vehicle.position.values.tolist() == [[2.0, 0.0, 5.0]]
 
 
-def test_an_autopilot_that_restarts_is_refused_with_topic_and_time(tmp_path: Path) -> None:
-    flown = [(step * 0.1, place(100.0 + step * 0.1, step * 0.1)) for step in range(40)]
-    again = [(4.0 + step * 0.1, place(2.0 + step * 0.1, step * 0.1)) for step in range(40)]
-    with pytest.raises(LogError, match=r"flight.tlog: LOCAL_POSITION_NED: time goes backwards at .* to"):
-        read(tmp_path, packed((0.0, beat(0)), *flown, *again))
+def test_targets_in_latitude_and_longitude_end_the_setpoint_before_them(tmp_path: Path) -> None:
+    """A vehicle that a station sends elsewhere does not fly by the last local setpoint any more."""
+    target = [10, 9, 1, 1, 0b100111111000, 1.0, 2.0, -3.0, *(0.0,) * 8]
+    degrees = (473977420, 85455940, 500.0)
+    elsewhere = common.MAVLink_set_position_target_global_int_message(
+        10, 9, 1, 6, 0b100111111000, *degrees, *(0.0,) * 8
+    )
+    fly_here = common.MAVLink_command_int_message(9, 1, 6, 192, 0, 0, 0.0, 0.0, 0.0, 0.0, *degrees)
+    other = common.MAVLink_command_int_message(9, 1, 6, 195, 0, 0, 0.0, 0.0, 0.0, 0.0, *degrees)
+    local = common.MAVLink_set_position_target_local_ned_message(*target)
+    sent = [local, elsewhere, local, fly_here, local, other]
+    (log,) = read(
+        tmp_path, packed((0.0, beat(4, autopilot=3)), *((0.1 + step, each) for step, each in enumerate(sent)))
+    )
+    assert log.setpoint is not None
+    assert np.isfinite(log.setpoint.values[:, 0]).tolist() == [True, False, True, False, True]
+    assert any("2 setpoints in other frames" in note for note in log.notes)
+
+
+def test_of_an_autopilot_that_restarted_the_longest_boot_is_read(tmp_path: Path) -> None:
+    boots = [(100.0, 40), (2.0, 90), (3.0, 20)]
+    at_s, flown = 0.0, list[tuple[float, object]]()
+    for begin_s, count in boots:
+        flown += [(at_s + step * 0.1, place(begin_s + step * 0.1, step * 0.1)) for step in range(count)]
+        at_s = flown[-1][0] + 0.1
+    (log,) = read(tmp_path, packed((0.0, beat(0)), (6.0, beat(6 << 16)), *flown))
+    assert log.position is not None
+    assert log.position.values[:, 0] == pytest.approx(np.arange(90) * 0.1, abs=1e-6)
+    assert log.duration_s == pytest.approx(8.9)
+    assert [mode.name for mode in log.modes] == ["offboard"]
+    assert any("restarted: of 3 boots (3.9, 8.9, 1.9 s) the longest was read, number 2" in note for note in log.notes)
 
 
 def test_packets_that_overtook_one_another_are_put_in_order(tmp_path: Path) -> None:
