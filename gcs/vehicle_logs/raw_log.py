@@ -141,6 +141,8 @@ RESTART_MIN_US, RESTART_STAMPS = 1_000_000, 3
 JUMP_MIN_M, JUMP_NOISES = 0.5, 8.0
 """A position that moves farther than its velocity states by this, and by this multiple of the usual difference, has
 jumped."""
+DRIFT_S = 1.0
+"""The same holds for what a position gains on its velocity in this time without a jump: it stands still, or drifts."""
 JUMP_WITHIN_S = 0.5
 """Over a longer gap the velocities at its ends do not tell how far the vehicle moved."""
 
@@ -255,31 +257,52 @@ def vehicle_log(raw: RawLog) -> VehicleLog:
     faults += [] if faults else unit_faults(series)
     if faults:
         raise LogError([f"{raw.path}: {fault}" for fault in faults[:FAULTS_MAX]])
-    raw.resets_us += [round(time_s * US) + origin_us for time_s in _jumps_s(series, raw.notes)]
+    raw.resets_us += [round(time_s * US) + origin_us for time_s in _contradicted_s(series, raw.notes)]
     return _assembled(raw, series, origin_us)
 
 
-def _jumps_s(series: Mapping[str, Series], notes: list[str]) -> list[float]:
-    """Return the times of the first positions after a jump, horizontally; adds a note if there are any."""
+def _contradicted_s(series: Mapping[str, Series], notes: list[str]) -> list[float]:
+    """Return the times of positions that did not move as their velocity states, horizontally; adds notes.
+
+    They are the first after a jump, and all while the position stands still or drifts against the velocity.
+    """
     if "position" not in series or "velocity" not in series:
         return []
     position, velocity = series["position"], series["velocity"]
-    steps_s = np.diff(position.time_s)
-    rates = _at(position.time_s, velocity.time_s, velocity.values[:, :2])
+    time_s = position.time_s
+    steps_s = np.diff(time_s)
+    rates = _at(time_s, velocity.time_s, velocity.values[:, :2])
     apart = np.diff(position.values[:, :2], axis=0) - (rates[1:] + rates[:-1]) / 2.0 * steps_s[:, np.newaxis]
-    known = steps_s < JUMP_WITHIN_S
-    if not known.any():
-        return []
+    apart[steps_s > JUMP_WITHIN_S] = 0.0
     apart_m = np.hypot(*apart.T)
-    jumped = known & (apart_m > max(JUMP_MIN_M, JUMP_NOISES * float(np.median(apart_m[known]))))
-    times_s: list[float] = position.time_s[1:][jumped].tolist()
-    if times_s:
+    jumped = _beyond_noise(apart_m)
+    apart[jumped] = 0.0
+    drift_m = np.vstack((np.zeros(2), np.cumsum(apart, axis=0)))
+    ends = np.minimum(np.searchsorted(time_s, time_s + DRIFT_S), time_s.size - 1)
+    begun = _beyond_noise(np.hypot(*(drift_m[ends] - drift_m).T))
+    # A window that is beyond noise counts from its begin to its end.
+    edges = np.bincount(np.flatnonzero(begun), minlength=time_s.size + 1)
+    edges = edges - np.bincount(ends[begun] + 1, minlength=time_s.size + 1)
+    drifted = np.cumsum(edges)[: time_s.size] > 0
+    if jumped.any():
         largest = int(np.argmax(np.where(jumped, apart_m, 0.0)))
         notes.append(
-            f"{position.topic}: {len(times_s)} jumps that the velocity does not explain, the largest of "
-            f"{apart_m[largest]:.1f} m at {position.time_s[largest + 1]:.1f} s"
+            f"{position.topic}: {int(jumped.sum())} jumps that the velocity does not explain, the largest of "
+            f"{apart_m[largest]:.1f} m at {time_s[largest + 1]:.1f} s"
         )
-    return times_s
+    if drifted.any():
+        within_s = float(steps_s[drifted[1:]].sum())
+        first_s = time_s[np.argmax(drifted)]
+        notes.append(
+            f"{position.topic}: the position contradicts the velocity for {within_s:.1f} s, from {first_s:.1f} s"
+        )
+    contradicted: list[float] = time_s[drifted | np.append(False, jumped)].tolist()
+    return contradicted
+
+
+def _beyond_noise(apart_m: Vector) -> NDArray[np.bool_]:
+    usual_m = float(np.median(apart_m)) if apart_m.size else 0.0
+    return np.asarray(apart_m > max(JUMP_MIN_M, JUMP_NOISES * usual_m))
 
 
 def _origin_us(raw: RawLog) -> int:

@@ -88,6 +88,20 @@ def test_a_position_that_jumps_against_its_velocity_is_reset(read: Read) -> None
     assert read(BIN).position_resets_s == ()
 
 
+def test_a_position_that_stands_still_against_its_velocity_is_none(read: Read) -> None:
+    """As of telemetry that is stuck: it contradicts the velocity until it moves again, by a jump."""
+    log, stuck = bytearray(EXCITATION), dict[int, bytes]()
+    for at, name in bin_records(EXCITATION):
+        if name == "XKF1" and 0 <= stamp_us(EXCITATION, at) - HALF_US < 5_000_000:
+            log[at + 34 : at + 42] = stuck.setdefault(log[at + 11], bytes(log[at + 34 : at + 42]))
+    found = read(bytes(log))
+    assert any("XKF1: the position contradicts the velocity for" in note for note in found.notes)
+    begin_s = (HALF_US - begin_us(EXCITATION)) / 1e6
+    parts = excerpts_of(recording_of(found))
+    assert sum(part.duration_s for part in parts) > 130.0
+    assert not any(((part.time_s > begin_s + 0.6) & (part.time_s < begin_s + 4.4)).any() for part in parts)
+
+
 def test_a_telemetry_log_and_cordons_own_have_jumps_too(tmp_path: Path) -> None:
     flown = [(step * 0.1, place(100.0 + step * 0.1, step * 0.1 + JUMP_M * (step >= 40))) for step in range(80)]
     path = tmp_path / "flight.tlog"
