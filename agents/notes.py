@@ -106,7 +106,31 @@ class GuardAction(msgspec.Struct, frozen=True):
         return ", ".join(self.causes)
 
 
-NotedEvent = TacticChange | AlertChange | ResumeRefusal | CommandOutcome | ShapeChange | RingChange | GuardAction
+class ReferenceChange(msgspec.Struct, frozen=True):
+    """What a vehicle's positions refer to has changed: its autopilot's origin moved, or its position jumped [m]."""
+
+    kind: ClassVar[Kind] = "failsafe"
+    what: Literal["origin moved", "position jumped"]
+    north_m: float
+    east_m: float
+    up_m: float
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return f"{self.what} {self.north_m:.1f} m north, {self.east_m:.1f} m east, {self.up_m:.1f} m up"
+
+
+NotedEvent = (
+    TacticChange
+    | AlertChange
+    | ResumeRefusal
+    | CommandOutcome
+    | ShapeChange
+    | RingChange
+    | GuardAction
+    | ReferenceChange
+)
 
 
 class Note(msgspec.Struct, frozen=True):
@@ -119,6 +143,7 @@ class Note(msgspec.Struct, frozen=True):
     tactic: TacticChange | None = None
     alert: AlertChange | None = None
     command: CommandOutcome | None = None
+    reference: ReferenceChange | None = None
 
 
 class Notes:
@@ -137,6 +162,7 @@ class Notes:
             event if isinstance(event, TacticChange) else None,
             event if isinstance(event, AlertChange) else None,
             event if isinstance(event, CommandOutcome) else None,
+            event if isinstance(event, ReferenceChange) else None,
         )
         self._notes.append(note)
 

@@ -43,6 +43,20 @@ class Connection(Enum):
     GROUND_STATION = "ground station"
 
 
+class Reference(msgspec.Struct, frozen=True):
+    """What the positions of a vehicle refer to, as its link knows it.
+
+    It is not known while the link reads it again. `moves` counts the changes of the autopilot's origin in flight,
+    `jumps` those of its position without one; the newest of each is (north, east, up) [m].
+    """
+
+    is_known: bool = True
+    moves: int = 0
+    moved_m: Triple = (0.0, 0.0, 0.0)
+    jumps: int = 0
+    jumped_m: Triple = (0.0, 0.0, 0.0)
+
+
 class VehicleStatus(AutopilotReport, frozen=True):
     """The status that a vehicle's autopilot reports, except its motion.
 
@@ -52,6 +66,7 @@ class VehicleStatus(AutopilotReport, frozen=True):
     rejected), that of `estimator_sensor`, and `estimator_fault` names the output that is invalid; `gps_dimensions` is
     the type of the fix (0 without one, 2 or 3), with the number of `satellites`, and `gps_threat` names jamming or
     spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the estimated horizontal wind.
+    `reference` is what its positions refer to.
     `round_trip_s` is the time from a message to its answer [s of the mission clock], and `link_fault` describes how the
     link is degraded.
     """
@@ -72,6 +87,7 @@ class VehicleStatus(AutopilotReport, frozen=True):
     wind_m_s: float | None = None
     round_trip_s: float | None = None
     link_fault: str = ""
+    reference: Reference = Reference()
 
 
 class Setpoint(msgspec.Struct, frozen=True):

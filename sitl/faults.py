@@ -14,6 +14,10 @@ class VehicleFaults:
     autopilot, which flies to setpoints in its own estimate. A push is an acceleration in addition to the wind,
     `estimator_ratio` a lower bound of the test ratio of the horizontal position, `endurance_s` the reported flight time
     left (None: not reported).
+
+    `origin_moved_m` is how far the origin of its local NED has moved since boot, in the mission frame: it knows its
+    place on Earth as well as before. `height_jump_m` is an offset of its height that its own tests do not show, as
+    after a reset of the estimator; its barometer does not have it.
     """
 
     link_cut: bool = False
@@ -23,6 +27,14 @@ class VehicleFaults:
     push_m_s2: tuple[float, float] = (0.0, 0.0)
     estimator_ratio: float = 0.0
     endurance_s: float | None = None
+    origin_moved_m: Triple = (0.0, 0.0, 0.0)
+    height_jump_m: float = 0.0
+
+    @property
+    def offset_m(self) -> Triple:
+        """The whole offset of the estimate."""
+        x, y, z = self.estimate_offset_m
+        return x, y, z + self.height_jump_m
 
     def add(self, others: "VehicleFaults") -> None:
         """Add the other faults; their values replace those of the same fault."""

@@ -25,6 +25,7 @@ class Condition(Enum):
 
     TELEMETRY_STALE = "telemetry stale"
     ESTIMATOR_JUMPED = "estimator jumped"
+    ORIGIN_MOVED = "origin moved"
     REMOTE_CONTROL_LOST = "remote control lost"
     GROUND_STATION_LOST = "ground station lost"
     PILOT_TOOK_OVER = "pilot took over"
@@ -164,12 +165,20 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        f"for the profile's `own_filter.gate_timeout_s` the autopilot's position differs by {JUMP_M:g} m or more from "
-        "the predicted one; lasts until `tuning.failsafe.settle_s` after the filter's restart",
+        f"the autopilot's position or height jumps by {JUMP_M:g} m or more beyond its velocity, and its origin, read "
+        "again, has not moved; lasts until `tuning.failsafe.settle_s` after that",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
         "check where it is; resume once it hovers steadily",
+    ),
+    Row(
+        Condition.ORIGIN_MOVED,
+        "the autopilot's origin, read again, has moved; lasts until `tuning.failsafe.settle_s` after that",
+        "",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        "check where it is; find out who moved its origin, then resume",
     ),
     Row(
         Condition.REMOTE_CONTROL_LOST,
@@ -471,7 +480,13 @@ LOST = {
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}
 POSITION_ALERTS = frozenset(
-    each.value for each in (Condition.TELEMETRY_STALE, Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING)
+    each.value
+    for each in (
+        Condition.TELEMETRY_STALE,
+        Condition.ESTIMATOR_JUMPED,
+        Condition.ORIGIN_MOVED,
+        Condition.ESTIMATOR_FAILING,
+    )
 )
 """The alerts with which a vehicle's position may jump."""
 

@@ -89,7 +89,7 @@ class SelfReports:
     def __init__(self, system: Any, update: Callable[..., None]) -> None:
         self.direct: Any = MavlinkDirect(system)
         self.autopilot = autopilot_of(system.autopilot_type().name)
-        self._system_id = int(system.get_system_id())
+        self.system_id = int(system.get_system_id())
         self._update = update
         self._had_remote_control = False
         self._timers: dict[str, asyncio.TimerHandle] = {}
@@ -121,13 +121,13 @@ class SelfReports:
     def _take_estimator(self, message: Any) -> None:
         with suppress(ValueError):  # malformed bytes are dropped here
             report = estimator_report(self.autopilot.estimator, json.loads(message.fields_json))
-            if report is not None and message.system_id == self._system_id:
+            if report is not None and message.system_id == self.system_id:
                 self._update(**estimator_facts(report))
 
     def _take_wind(self, message: Any) -> None:
         with suppress(ValueError):
             speed_m_s = wind_m_s(self.autopilot.estimator, json.loads(message.fields_json))
-            if speed_m_s is not None and message.system_id == self._system_id:
+            if speed_m_s is not None and message.system_id == self.system_id:
                 self._keep("wind_m_s", round(speed_m_s, 1), None, WIND_S)
 
     def _take_gps(self, gps: Any) -> None:

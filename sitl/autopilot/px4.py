@@ -108,6 +108,7 @@ class Px4(StubAutopilot):
         tells_checks_in_heartbeat=True,
         parameters_bytewise=True,
         hil_parameter="SYS_HITL",
+        origin_may_move=True,
     )
     TABLE = ParameterTable(DEFAULTS, _limits)
     BOOT_MODE = NavMode.HOLD  # without a remote control

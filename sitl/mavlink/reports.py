@@ -114,6 +114,11 @@ class TelemetryFields:
         }
 
     @property
+    def origin_m(self) -> Triple:
+        """The present origin of its local NED in the mission frame [m]."""
+        return shifted(self._config.origin_m, self._faults.origin_moved_m)
+
+    @property
     def known(self) -> frozenset[int]:
         """The ids of all messages that can be requested."""
         return frozenset(self._builders)
@@ -146,7 +151,7 @@ class TelemetryFields:
         now_s = self._autopilot.time_s
         if self._estimated.time_s != now_s:
             airframe = self._autopilot.airframe
-            position, velocity = shifted(airframe.position_m, self._faults.estimate_offset_m), airframe.velocity_m_s
+            position, velocity = shifted(airframe.position_m, self._faults.offset_m), airframe.velocity_m_s
             if self._config.noise.position_m > 0.0 or self._config.noise.velocity_m_s > 0.0:
                 error = self._random.standard_normal(6).tolist()
                 position = _disturbed(position, error[:3], self._config.noise.position_m)
@@ -156,7 +161,7 @@ class TelemetryFields:
 
     def _ned_from_mission_place(self, place_m: Triple) -> Triple:
         x, y, z = place_m
-        x0, y0, z0 = self._config.origin_m
+        x0, y0, z0 = self.origin_m
         return self._config.frame.ned_from_mission((x - x0, y - y0, z - z0))
 
     def _heartbeat(self) -> Fields:
@@ -237,7 +242,7 @@ class TelemetryFields:
         return self._dialect.truth(TrueMotion(self._place(airframe.position_m), velocity))
 
     def _gps_global_origin(self) -> Fields | None:
-        return (*self._place(self._config.origin_m), self._boot_ms * 1000) if self._on_globe else None
+        return (*self._place(self.origin_m), self._boot_ms * 1000) if self._on_globe else None
 
     def _home_position(self) -> Fields | None:
         if not self._on_globe:
@@ -264,7 +269,11 @@ class TelemetryFields:
         position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
         velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
         horizontal = max(float(np.hypot(position[0], position[1])), sqrt(self._faults.estimator_ratio))
-        return float(np.linalg.norm(velocity)), horizontal, abs(float(position[2]))
+        return (
+            float(np.linalg.norm(velocity)),
+            horizontal,
+            abs(float(position[2]) - self._faults.height_jump_m / POSITION_GATE_M),
+        )
 
     def _estimator_flags(self) -> EstimatorFlag:
         """Attitude and height, from gyros and barometer, are always valid; the rest needs a source of position."""
