@@ -118,7 +118,8 @@ class ReferenceChange(msgspec.Struct, frozen=True):
     @property
     def text(self) -> str:
         """It as text."""
-        return f"{self.what} {self.north_m:.1f} m north, {self.east_m:.1f} m east, {self.up_m:.1f} m up"
+        north, east, up = (round(each, 1) + 0.0 for each in (self.north_m, self.east_m, self.up_m))  # no -0.0
+        return f"{self.what} {north} m north, {east} m east, {up} m up"
 
 
 NotedEvent = (

@@ -111,7 +111,6 @@ class VehicleFeed:
     ) -> None:
         self.status = VehicleStatus()
         self.motion: Telemetry | None = None
-        self.origin_m: Triple | None = None
         self.dropped = 0
         self.on_telemetry: Callable[[Telemetry], None] | None = None
         self.on_loss: Callable[[], None] | None = None
@@ -129,6 +128,7 @@ class VehicleFeed:
         self._frame = frame
         self._health: Any = None
         self._mode: Any = None
+        self._origin_m: Triple | None = None
         self._located_m: Triple | None = None
         self._height_off_m = 0.0
         self._last: Telemetry | None = None
@@ -165,6 +165,11 @@ class VehicleFeed:
     def motion_age_s(self) -> float:
         """The time since the newest motion was received [s of the link]."""
         return self.link_s() - self._motion_received_s
+
+    @property
+    def origin_m(self) -> Triple | None:
+        """The origin of the vehicle's NED in the mission frame, None while it is unknown."""
+        return self._origin_m
 
     @property
     def is_doubted(self) -> bool:
@@ -263,18 +268,23 @@ class VehicleFeed:
 
     def lose(self) -> None:
         """Reset the vehicle's origin: positions from now on may refer to another one."""
-        self.origin_m = self._last = self._doubted = None
+        self._origin_m = self._last = self._doubted = None
         self._refer(is_known=True)
         self.clock_received = False
         if self.on_loss is not None:
             self.on_loss()
 
-    def doubt(self) -> None:
-        """Take the origin as unknown until it has been read again: its positions may refer to another one."""
-        if self.origin_m is not None:
-            self.origin_m = None
-            self._refer(is_known=False)
-            self._return()
+    def doubt(self) -> bool:
+        """Take the origin as unknown until it has been read again: the positions may refer to another one.
+
+        Return whether it is: only where `on_return` has it read.
+        """
+        if self.origin_m is None or self.on_return is None:
+            return False
+        self._origin_m = None
+        self._refer(is_known=False)
+        self._return()
+        return True
 
     def locate(self, origin_m: Triple | None) -> None:
         """Take the origin in the mission frame as it was read [m], None if it cannot be; a move of it is counted."""
@@ -284,12 +294,12 @@ class VehicleFeed:
             self._located_m = origin_m
             if before_m is not None and dist(origin_m, before_m) > ORIGIN_STEP_M:
                 self._refer(moves=self.status.reference.moves + 1, moved_m=self._north_east_up(before_m, origin_m))
-        self.origin_m = origin_m
+        self._origin_m = origin_m
 
     def _north_east_up(self, here_m: Triple, there_m: Triple) -> Triple:
         x, y, z = (there - here for here, there in zip(here_m, there_m, strict=True))
         north, east, down = self._frame.ned_from_mission((x, y, z))
-        return north, east, -down
+        return round(north, 3) + 0.0, round(east, 3) + 0.0, round(-down, 3) + 0.0  # no -0.0
 
     def _refer(self, **changes: Any) -> None:
         self._update(reference=replace(self.status.reference, **changes))
@@ -337,16 +347,15 @@ class VehicleFeed:
         jumps = [jump_m(*each) for each in pairwise(each for each in samples if each is not None)]
         x, y, z = (sum(each) for each in zip((0.0, 0.0, 0.0), *filter(None, jumps), strict=True))
         jumped = hypot(x, y, z) > JUMP_M
-        if jumped and doubted is None:
+        if jumped and doubted is None and self.doubt():
             self._doubted = received
-            self.doubt()
             return None
         if jumped:
             reference, jumped_m = self.status.reference, self._north_east_up((0.0, 0.0, 0.0), (x, y, z))
             self._refer(jumps=reference.jumps + 1, jumped_m=jumped_m)
             self._height_off_m += z
-            self._located_m = self.origin_m = origin_m[0], origin_m[1], origin_m[2] - z
-            sample = self._in_mission(received, self.origin_m)
+            self._located_m = self._origin_m = origin_m[0], origin_m[1], origin_m[2] - z
+            sample = self._in_mission(received, self._origin_m)
         if self.is_doubted:
             self._refer(is_known=True)
         return sample
@@ -389,7 +398,7 @@ class VehicleFeed:
             if dist(origin_m, self.origin_m) > ORIGIN_STEP_M:
                 self.doubt()
             else:
-                self.origin_m = self._located_m = origin_m
+                self._origin_m = self._located_m = origin_m
 
     def _take_text(self, text: Any) -> None:
         self.texts.take(text.text, text.type)
