@@ -63,7 +63,8 @@ class VehicleStatus(AutopilotReport, frozen=True):
     `battery` is a fraction, None if unknown; `restarts` counts the autopilot's restarts. Values that it does not report
     are None, or empty: `endurance_s` is its estimate of the flight time until the battery is empty; `tilt_deg` is the
     tilt of its attitude; `estimator_ratio` is the highest innovation test ratio of its estimator (above 1 the sensor is
-    rejected), that of `estimator_sensor`, and `estimator_fault` names the output that is invalid; `gps_dimensions` is
+    rejected), that of `estimator_sensor`, and `estimator_fault` names the output that is invalid; `height_off_m` is how
+    far its height is above that of `height_sensor`, relative to where it stood; `gps_dimensions` is
     the type of the fix (0 without one, 2 or 3), with the number of `satellites`, and `gps_threat` names jamming or
     spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the estimated horizontal wind.
     `reference` is what its positions refer to.
@@ -82,6 +83,8 @@ class VehicleStatus(AutopilotReport, frozen=True):
     estimator_ratio: float | None = None
     estimator_sensor: str = ""
     estimator_fault: str = ""
+    height_off_m: float | None = None
+    height_sensor: str = ""
     gps_threat: GpsThreat = GpsThreat.NONE
     lost: Connection = Connection.NONE
     wind_m_s: float | None = None

@@ -75,6 +75,9 @@ NEEDS_GPS = (HealthItem.GLOBAL_POSITION, HealthItem.HOME_POSITION, HealthItem.AR
 CLOCK_BACK_S = 0.5
 """A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
 
+BAROMETER, RANGEFINDER = "barometer", "rangefinder"
+HEIGHT_OFF_STEP_M = 0.5
+"""Smaller changes of a height's offset from another sensor's are not reported: they are noise."""
 ORIGIN_STEP_M = 0.1
 """An origin that moves by less is taken over without an event: autopilots correct its height in flight."""
 ROUND_TRIP_STEP_S = 0.01
@@ -133,6 +136,7 @@ class VehicleFeed:
         self._height_off_m = 0.0
         self._last: Telemetry | None = None
         self._doubted: NedSample | None = None
+        self._stood_m: tuple[float, float] | None = None
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
         self._posted_calls = posted_calls
@@ -145,6 +149,7 @@ class VehicleFeed:
         telemetry.subscribe_armed(self._posting(lambda armed: self._update(armed=bool(armed))))
         telemetry.subscribe_in_air(self._posting(lambda in_air: self._update(in_air=bool(in_air))))
         telemetry.subscribe_health(self._posting(self._take_health))
+        telemetry.subscribe_altitude(self._posting(self._take_altitude))
         telemetry.subscribe_battery(self._posting(self._take_battery))
         if not self._frame.is_local:
             self.reports.direct.subscribe_message("GPS_GLOBAL_ORIGIN", self._posting(self._take_origin))
@@ -377,6 +382,29 @@ class VehicleFeed:
         self._update(local_position_ok=bool(local_position_ok), armable=bool(health.is_armable))
         if health.is_armable:
             self.texts.note_pass()
+
+    def _take_altitude(self, altitude: Any) -> None:
+        """Compare the height with those of a barometer and a rangefinder, from where the vehicle stood."""
+        if self.motion is None or self.is_doubted:
+            return
+        height_m, barometer_m, clearance_m = (
+            self.motion.position_m[2],
+            altitude.altitude_monotonic_m,
+            altitude.bottom_clearance_m,
+        )
+        if not self.status.armed or self._stood_m is None:
+            self._stood_m = height_m, barometer_m
+        stood_m, barometer_stood_m = self._stood_m
+        risen_m = height_m - stood_m
+        found = {BAROMETER: risen_m - (barometer_m - barometer_stood_m)}
+        # Less clearance than height may be a tree or a roof, and more a slope.
+        if clearance_m < risen_m / 2.0:
+            found[RANGEFINDER] = risen_m - clearance_m
+        known = {sensor: off_m for sensor, off_m in found.items() if isfinite(off_m)}
+        sensor = max(known, key=lambda each: abs(known[each]), default="")
+        off_m = round(known[sensor] / HEIGHT_OFF_STEP_M) * HEIGHT_OFF_STEP_M if known else None
+        if (off_m, sensor) != (self.status.height_off_m, self.status.height_sensor):
+            self._update(height_off_m=off_m, height_sensor=sensor)
 
     def _take_battery(self, battery: Any) -> None:
         percent = battery.remaining_percent

@@ -5,7 +5,7 @@ It converts from metres and the mission frame to north-east-down, degE7, millime
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import atan2, cos, degrees, sin, sqrt, tau
+from math import atan2, cos, degrees, nan, sin, sqrt, tau
 
 import numpy as np
 
@@ -105,6 +105,7 @@ class TelemetryFields:
             MessageId.LOCAL_POSITION_NED: self._local_position_ned,
             MessageId.GLOBAL_POSITION_INT: self._global_position_int,
             MessageId.GPS_GLOBAL_ORIGIN: self._gps_global_origin,
+            MessageId.ALTITUDE: self._altitude,
             MessageId.BATTERY_STATUS: self._battery_status,
             MessageId.AUTOPILOT_VERSION: self._autopilot_version,
             MessageId.HOME_POSITION: self._home_position,
@@ -250,6 +251,17 @@ class TelemetryFields:
         home = self._autopilot.home_m
         local = self._ned_from_mission_place(home)
         return *self._place(home), *local, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._boot_ms * 1000
+
+    def _altitude(self) -> Fields | None:
+        """Return the barometer's altitude, which is true, and those of the estimate; terrain is not simulated."""
+        if not self._ready:
+            return None
+        true_m, told_m = self._autopilot.airframe.position_m[2], self._estimate().position_m[2]
+        origin = self._config.frame.origin
+        datum_m = 0.0 if origin is None else origin.altitude_m
+        above_home_m, above_origin_m = told_m - self._autopilot.home_m[2], told_m - self.origin_m[2]
+        heights_m = (datum_m + true_m, datum_m + told_m, above_origin_m, above_home_m, nan, nan)
+        return self._boot_ms * 1000, *heights_m
 
     def _battery_status(self) -> Fields:
         voltages = [*self._cell_mv(), *[UNKNOWN_U16] * (10 - CELLS)]

@@ -13,12 +13,14 @@ import pytest
 from pymavlink.dialects.v20.common import MAVLink, MAVLink_odometry_message
 
 from agents.ports import FlightMode, Reference, Setpoint, VehicleRefusedError
+from agents.safety.failsafe import Condition, reported_faults
+from agents.settings.sections import FailsafeSettings
 from estimation.frames import Triple
 from estimation.profile.autopilots import AutopilotName
 from estimation.state import Telemetry
 from gcs.link import mavsdk_link
 from gcs.link.calls import find_origin
-from gcs.link.feed import ORIGIN_STEP_M
+from gcs.link.feed import BAROMETER, ORIGIN_STEP_M
 from gcs.link.mavsdk_link import MavsdkLink
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
@@ -138,6 +140,24 @@ async def test_one_wrong_sample_is_dropped() -> None:
         assert await flight.hold() < STAYS_M
         assert max(dist(each.position_m, PLACE_M) for each in flight.telemetry) < STAYS_M
         assert flight.reference == Reference()
+
+
+async def test_a_height_that_drifts_is_compared_with_the_barometer() -> None:
+    async with in_flight() as flight:
+        assert flight.link.status.height_off_m == 0.0
+        for _ in range(20):
+            flight.stub.faults.height_jump_m += 0.3
+            await flight.hold(0.5)
+        await flight.hold()
+        status = flight.link.status
+        # A slow drift is no jump: the vehicle has followed it down to 2 m, and the barometer tells.
+        assert flight.reference == Reference()
+        assert flight.true_m[2] == pytest.approx(2.0, abs=0.1)
+        assert (status.height_off_m, status.height_sensor) == (6.0, BAROMETER)
+        assert [*reported_faults(status, FailsafeSettings())] == [
+            Condition.ESTIMATOR_FAILING,
+            Condition.ESTIMATOR_DEGRADED,
+        ]
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
