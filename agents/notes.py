@@ -107,7 +107,7 @@ class GuardAction(msgspec.Struct, frozen=True):
 
 
 class ReferenceChange(msgspec.Struct, frozen=True):
-    """What a vehicle's positions refer to has changed: its autopilot's origin moved, or its position jumped [m]."""
+    """A change of what positions refer to."""
 
     kind: ClassVar[Kind] = "failsafe"
     what: Literal["origin moved", "position jumped"]

@@ -172,8 +172,8 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        f"the autopilot's position or height jumps by {JUMP_M:g} m or more beyond its velocity, and its origin, read "
-        "again, has not moved; lasts until `tuning.failsafe.settle_s` after that",
+        f"the autopilot's position or height jumps by {JUMP_M:g} m or more; lasts until "
+        "`tuning.failsafe.settle_s` after that",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -181,11 +181,11 @@ TABLE = (
     ),
     Row(
         Condition.ORIGIN_MOVED,
-        "the autopilot's origin, read again, has moved; lasts until `tuning.failsafe.settle_s` after that",
+        "its origin moves; lasts as long",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
-        "check where it is; find out who moved its origin, then resume",
+        "find out who moved it; then resume",
     ),
     Row(
         Condition.REMOTE_CONTROL_LOST,
@@ -240,8 +240,8 @@ TABLE = (
     Row(
         Condition.ESTIMATOR_FAILING,
         f"the autopilot's estimator rejects position, height or velocity (test ratio above {RATIO_MAX:g}), has no "
-        f"valid horizontal position, height or attitude, is more than {HEIGHT_OFF_MAX_M:g} m off its barometer or "
-        "rangefinder in height, or reports that its GPS is spoofed",
+        f"valid horizontal position, height or attitude, is {HEIGHT_OFF_MAX_M:g} m off its barometer or rangefinder, "
+        "or reports that its GPS is spoofed",
         "failsafe.estimator_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -384,8 +384,8 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_DEGRADED,
-        f"a test ratio of the autopilot's estimator is above {RATIO_RESERVE:g}, its height is more than "
-        f"{HEIGHT_OFF_RESERVE_M:g} m off its barometer or rangefinder, its GPS has no {FIX_DIMENSIONS}D fix, "
+        f"a test ratio of the autopilot's estimator is above {RATIO_RESERVE:g} or its height "
+        f"{HEIGHT_OFF_RESERVE_M:g} m off, its GPS has no {FIX_DIMENSIONS}D fix, "
         f"fewer than {SATELLITES_MIN} satellites, or is jammed",
         "failsafe.estimator_s",
         (Reaction.DEGRADE,),

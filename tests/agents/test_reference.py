@@ -5,6 +5,7 @@ from math import dist
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from agents.inputs import AutopilotStatus, Command
 from agents.notes import Note, ReferenceChange
@@ -14,7 +15,8 @@ from agents.safety.failsafe import Condition
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from agents.team.messages import OperatorCommand
-from tests.agents.test_core import PERIOD_S, Pilot, setpoint_of, states_of, telemetry
+from tests.agents.test_core import PERIOD_S, Pilot, member, setpoint_of, states_of, telemetry
+from tests.support.team import a_team
 
 Maker = Callable[..., AgentConfig]
 
@@ -102,3 +104,14 @@ def test_what_changed_before_the_flight_is_no_event(make_config: Maker) -> None:
     pilot.core.take(AutopilotStatus(VehicleStatus(reference=Reference(moves=2, jumps=3))))
     assert not [each for each in notes(pilot.fly(2.0)) if each.kind == "failsafe"]
     assert pilot.core.alert == ""
+
+
+@pytest.mark.parametrize("alert", [Condition.ESTIMATOR_JUMPED, Condition.ORIGIN_MOVED])
+def test_peers_keep_clear_of_both_places_of_a_vehicle_whose_position_has_changed(alert: Condition) -> None:
+    team = a_team()
+    here, there = member(1, 5.0, 0.0, 0.0), member(1, 5.1, 7.0, -4.0)
+    team.receive(here)
+    team.receive(replace(there, tactic=Tactic.HOLD.value, alert=alert.value))
+    assert [each.position_m for each in team.near()] == [there.position_m]
+    assert [each.position_m for each in team.lost(5.2, 60.0)] == [here.position_m]
+    assert not team.inconsistencies
