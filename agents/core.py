@@ -33,16 +33,16 @@ from agents.inputs import (
     TacticEvent,
     TimeScale,
 )
-from agents.notes import Notes, ResumeRefusal, ShapeChange, TacticChange
+from agents.notes import Notes, ReferenceChange, ResumeRefusal, ShapeChange, TacticChange
 from agents.outputs import CoreStatus, Outgoing, TickOutput
-from agents.ports import Connection, FlightMode, ModeSource, Setpoint
+from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.landing_cause import LandingCause
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
-from agents.setpoint import Altitude, FeedForward, SlewLimit, Yaw
+from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
 from agents.situation.own_sensor import OwnSensor
@@ -91,6 +91,8 @@ class VehicleCore:
         self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
+        self._reference: Reference | None = None
+        self._jumps = 0
         self._now_s = 0.0
         self._time_scale = 1.0
         self._was_armed = self._ends = self._is_over = False
@@ -137,11 +139,20 @@ class VehicleCore:
         self._team.expire(now_s, self._time_scale)
         sightings, self._sightings = self._sightings, []
         self._altitude.sight(*sightings)
+        if self._jumps != self._estimator.own.jumps:
+            self._jumps = self._estimator.own.jumps
+            self._leave_old_place()
         situation = self._estimator.estimate(now_s, sightings)
         if situation is not None and self._team.watch_due(now_s):
             self._team.watch(self._neighbours.near(situation, self._team.members()), now_s + NEAR_FOR_S)
             self._broadcast.often = self._neighbours.meets(situation, self._team.near())
         return situation
+
+    def _leave_old_place(self) -> None:
+        """Send no aim that leads from the place before a jump to the one after it: a vehicle that holds stays."""
+        self._slew_limit.restart()
+        if self._tactic in STAYS:
+            self._planner.begin(self._tactic, to_home=False)
 
     def _decide(self, situation: Situation, faults: Faults) -> Task:
         """Decide on the tactic, first by the faults, then by the mission; and on the altitude layer."""
@@ -255,7 +266,7 @@ class VehicleCore:
 
     def _change(self, event: Event, because: str = "", cause: LandingCause | None = None) -> None:
         """Change the tactic by the table, unless a failsafe refuses to resume; `cause` is why the vehicle lands."""
-        if event is Event.RESUME and (reason := self._failsafe.refuse_resume()):
+        if event is Event.RESUME and (reason := self._resume_refused):
             self._notes.add(self._now_s, ResumeRefusal(reason))
             return
         excites = self._config.excitation is not None and event in (Event.START, Event.RESUME)
@@ -299,6 +310,13 @@ class VehicleCore:
         return self._failsafe.alert
 
     @property
+    def _resume_refused(self) -> str | None:
+        """Why the vehicle must not resume, None if it may."""
+        if self._reference is not None and not self._reference.is_known:
+            return "the origin of its positions is being read again"
+        return self._failsafe.refuse_resume()
+
+    @property
     def _drops(self) -> Drops:
         """The messages dropped so far, by the bus and by the core."""
         own = self._inbox.dropped.drops
@@ -323,10 +341,21 @@ class VehicleCore:
 
     def _take_autopilot(self, item: AutopilotStatus) -> None:
         self._fault_detector.vehicle.status = item.status
+        self._follow_reference(item.status.reference)
         self._estimator.follow_link(item.status.round_trip_s)
         self._was_armed = self._was_armed or item.status.armed
         if item.status.lost is not Connection.NONE or item.status.mode_by is not ModeSource.UNKNOWN:
             self._name_override()
+
+    def _follow_reference(self, reference: Reference) -> None:
+        """Take what the positions refer to: a change since the last status is an event."""
+        before, self._reference = self._reference or reference, reference
+        if reference.moves != before.moves:
+            self._fault_detector.origin_moves = reference.moves
+            self._notes.add(self._now_s, ReferenceChange("origin moved", *reference.moved_m))
+        if reference.jumps != before.jumps:
+            self._notes.add(self._now_s, ReferenceChange("position jumped", *reference.jumped_m))
+            self._estimator.own.accept_jump()
 
     def _take_late_ticks(self, item: LateTicks) -> None:
         self._fault_detector.late_ticks = item.count
@@ -395,7 +424,7 @@ class VehicleCore:
     def _circumstances(self) -> Circumstances:
         status = self._fault_detector.vehicle.status
         return Circumstances(
-            resume_refused=self._failsafe.refuse_resume() or "",
+            resume_refused=self._resume_refused or "",
             is_down=status.connected and self._was_armed and not status.armed,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
             link_lost=self._was_armed and not status.connected,

@@ -106,7 +106,32 @@ class GuardAction(msgspec.Struct, frozen=True):
         return ", ".join(self.causes)
 
 
-NotedEvent = TacticChange | AlertChange | ResumeRefusal | CommandOutcome | ShapeChange | RingChange | GuardAction
+class ReferenceChange(msgspec.Struct, frozen=True):
+    """A change of what positions refer to."""
+
+    kind: ClassVar[Kind] = "failsafe"
+    what: Literal["origin moved", "position jumped"]
+    north_m: float
+    east_m: float
+    up_m: float
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        north, east, up = (round(each, 1) + 0.0 for each in (self.north_m, self.east_m, self.up_m))  # no -0.0
+        return f"{self.what} {north} m north, {east} m east, {up} m up"
+
+
+NotedEvent = (
+    TacticChange
+    | AlertChange
+    | ResumeRefusal
+    | CommandOutcome
+    | ShapeChange
+    | RingChange
+    | GuardAction
+    | ReferenceChange
+)
 
 
 class Note(msgspec.Struct, frozen=True):
@@ -119,6 +144,7 @@ class Note(msgspec.Struct, frozen=True):
     tactic: TacticChange | None = None
     alert: AlertChange | None = None
     command: CommandOutcome | None = None
+    reference: ReferenceChange | None = None
 
 
 class Notes:
@@ -137,6 +163,7 @@ class Notes:
             event if isinstance(event, TacticChange) else None,
             event if isinstance(event, AlertChange) else None,
             event if isinstance(event, CommandOutcome) else None,
+            event if isinstance(event, ReferenceChange) else None,
         )
         self._notes.append(note)
 

@@ -52,17 +52,28 @@ class ModeSource(Enum):
     FAILSAFE = "its autopilot's failsafe"
 
 
+class Reference(msgspec.Struct, frozen=True):
+    """What positions refer to; unknown while the link reads it again.
+
+    `moves` counts moves of the origin in flight, `jumps` jumps of the position alone; the newest: north, east, up.
+    """
+
+    is_known: bool = True
+    moves: int = 0
+    jumps: int = 0
+    moved_m: Triple = (0.0, 0.0, 0.0)
+    jumped_m: Triple = (0.0, 0.0, 0.0)
+
+
 class VehicleStatus(AutopilotReport, frozen=True):
     """The status that a vehicle's autopilot reports, except its motion.
 
-    `battery` is a fraction, None if unknown; `restarts` counts the autopilot's restarts. Values that it does not report
-    are None, or empty: `endurance_s` is its estimate of the flight time until the battery is empty; `tilt_deg` is the
-    tilt of its attitude; `estimator_ratio` is the highest innovation test ratio of its estimator (above 1 the sensor is
-    rejected), that of `estimator_sensor`, and `estimator_fault` names the output that is invalid; `gps_dimensions` is
-    the type of the fix (0 without one, 2 or 3), with the number of `satellites`, and `gps_threat` names jamming or
-    spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the estimated horizontal wind.
-    `mode_by` is what changed its flight mode last;
-    `round_trip_s` is the time from a message to its answer [s of the mission clock], and `link_fault` describes how the
+    `battery` is a fraction. What is unknown is None, or empty: `endurance_s` is the flight time until the battery is
+    empty; `estimator_ratio` the highest innovation test ratio of its estimator, that of `estimator_sensor`;
+    `estimator_fault` names an invalid output; `height_off_m` is its height above that of `height_sensor`, from where it
+    stood; `gps_dimensions` the type of the fix (0, 2 or 3), with the number of `satellites`; `gps_threat` names jamming
+    or spoofing, `lost` the connection whose loss it has reported, `mode_by` what changed its flight mode last.
+    `round_trip_s` is the time from a message to its answer [s of the mission clock]; `link_fault` describes how the
     link is degraded.
     """
 
@@ -75,14 +86,17 @@ class VehicleStatus(AutopilotReport, frozen=True):
     restarts: int = 0
     tilt_deg: int = 0
     estimator_ratio: float | None = None
+    height_off_m: float | None = None
     estimator_sensor: str = ""
     estimator_fault: str = ""
+    height_sensor: str = ""
     gps_threat: GpsThreat = GpsThreat.NONE
     lost: Connection = Connection.NONE
     wind_m_s: float | None = None
     round_trip_s: float | None = None
     link_fault: str = ""
     mode_by: ModeSource = ModeSource.UNKNOWN
+    reference: Reference = Reference()
 
 
 class Setpoint(msgspec.Struct, frozen=True):

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from estimation.filters.target_altitude import TargetAltitude
 
 
-_STAYS = (Tactic.HOLD, Tactic.ASIDE)
+STAYS = (Tactic.HOLD, Tactic.ASIDE)
+"""The tactics of a vehicle that keeps its place."""
 
 
 class Altitude:
@@ -71,7 +72,7 @@ class Altitude:
         return self._altitude_m
 
     def _wanted_m(self, tactic: Tactic, layer_m: float) -> float:
-        if tactic in _STAYS:
+        if tactic in STAYS:
             return self._altitude_m
         # Every vehicle stays in its layer until all are in their places.
         if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m or self.target_m is None:
@@ -143,6 +144,10 @@ class SlewLimit:
         if self._sent_m is None or tactic in _FREE:
             return plan
         return shifted(plan, towards(plan.aim_m, self._sent_m, self._longest_m))
+
+    def restart(self) -> None:
+        """Allow any next aim: the last one refers to another place."""
+        self._sent_m = None
 
     def sent(self, aim_m: Vector) -> None:
         """Record the aim (2,) that is sent."""

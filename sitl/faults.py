@@ -15,6 +15,10 @@ class VehicleFaults:
     `estimator_ratio` a lower bound of the test ratio of the horizontal position, `endurance_s` the reported flight time
     left (None: not reported), `second_battery` the charge of a second battery, a fraction (None: there is none). With
     `values_unknown` each value that may be unknown is reported as that.
+
+    `origin_moved_m` is how far the origin of its local NED has moved since boot, in the mission frame: it knows its
+    place on Earth as well as before. `height_jump_m` is an offset of its height that its own tests do not show, as
+    after a reset of the estimator; its barometer does not have it.
     """
 
     link_cut: bool = False
@@ -26,6 +30,14 @@ class VehicleFaults:
     endurance_s: float | None = None
     second_battery: float | None = None
     values_unknown: bool = False
+    origin_moved_m: Triple = (0.0, 0.0, 0.0)
+    height_jump_m: float = 0.0
+
+    @property
+    def offset_m(self) -> Triple:
+        """The whole offset of the estimate."""
+        x, y, z = self.estimate_offset_m
+        return x, y, z + self.height_jump_m
 
     def add(self, others: "VehicleFaults") -> None:
         """Add the other faults; their values replace those of the same fault."""

@@ -25,6 +25,7 @@ class Condition(Enum):
 
     TELEMETRY_STALE = "telemetry stale"
     ESTIMATOR_JUMPED = "estimator jumped"
+    ORIGIN_MOVED = "origin moved"
     REMOTE_CONTROL_LOST = "remote control lost"
     GROUND_STATION_LOST = "ground station lost"
     AUTOPILOT_FAILSAFE = "autopilot failsafe"
@@ -75,6 +76,8 @@ class Reaction(Enum):
 
 RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
 """An estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""
+HEIGHT_OFF_MAX_M, HEIGHT_OFF_RESERVE_M = 4.0, 2.0
+"""Of the height from that of a barometer or rangefinder. Barometers drift by a metre or two in a flight."""
 COMPASS = "compass"
 """A rejected compass is no reason to land: estimators use the others, and compasses are disturbed near steel."""
 SATELLITES_MIN = 6
@@ -104,12 +107,17 @@ def _failing(status: VehicleStatus, _limits: FailsafeSettings) -> str:
     if ratio is not None and ratio > RATIO_MAX and status.estimator_sensor != COMPASS:
         rejected = f"{status.estimator_sensor} rejected (test ratio {ratio:.1f})"
     spoofed = "GPS spoofed" if status.gps_threat is GpsThreat.SPOOFED else ""
-    return ", ".join(filter(None, (rejected, status.estimator_fault, spoofed)))
+    return ", ".join(filter(None, (rejected, status.estimator_fault, _height_off(status, HEIGHT_OFF_MAX_M), spoofed)))
+
+
+def _height_off(status: VehicleStatus, tolerated_m: float) -> str:
+    off_m = status.height_off_m
+    return f"height {off_m:+.1f} m off its {status.height_sensor}" if off_m and abs(off_m) > tolerated_m else ""
 
 
 def _degraded(status: VehicleStatus, _limits: FailsafeSettings) -> str:
     ratio, dimensions, satellites = status.estimator_ratio, status.gps_dimensions, status.satellites
-    found = []
+    found = [off] if (off := _height_off(status, HEIGHT_OFF_RESERVE_M)) else []
     if ratio is not None and ratio > RATIO_RESERVE:
         found.append(f"{status.estimator_sensor} test ratio {ratio:.1f}")
     if dimensions is not None and dimensions < FIX_DIMENSIONS:
@@ -166,12 +174,20 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
-        f"for the profile's `own_filter.gate_timeout_s` the autopilot's position differs by {JUMP_M:g} m or more from "
-        "the predicted one; lasts until `tuning.failsafe.settle_s` after the filter's restart",
+        f"the autopilot's position or height jumps by {JUMP_M:g} m or more; lasts until "
+        "`tuning.failsafe.settle_s` after that",
         "",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
         "check where it is; resume once it hovers steadily",
+    ),
+    Row(
+        Condition.ORIGIN_MOVED,
+        "its origin moves; lasts as long",
+        "",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        "find out who moved it; then resume",
     ),
     Row(
         Condition.REMOTE_CONTROL_LOST,
@@ -241,7 +257,8 @@ TABLE = (
     Row(
         Condition.ESTIMATOR_FAILING,
         f"the autopilot's estimator rejects position, height or velocity (test ratio above {RATIO_MAX:g}), has no "
-        "valid horizontal position, height or attitude, or reports that its GPS is spoofed",
+        f"valid horizontal position, height or attitude, is {HEIGHT_OFF_MAX_M:g} m off its barometer or rangefinder, "
+        "or reports that its GPS is spoofed",
         "failsafe.estimator_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -384,7 +401,8 @@ TABLE = (
     ),
     Row(
         Condition.ESTIMATOR_DEGRADED,
-        f"a test ratio of the autopilot's estimator is above {RATIO_RESERVE:g}, its GPS has no {FIX_DIMENSIONS}D fix, "
+        f"a test ratio of the autopilot's estimator is above {RATIO_RESERVE:g} or its height "
+        f"{HEIGHT_OFF_RESERVE_M:g} m off, its GPS has no {FIX_DIMENSIONS}D fix, "
         f"fewer than {SATELLITES_MIN} satellites, or is jammed",
         "failsafe.estimator_s",
         (Reaction.DEGRADE,),
@@ -494,7 +512,13 @@ OVERRIDES = tuple(dict.fromkeys(_OVERRIDES.values()))
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}
 POSITION_ALERTS = frozenset(
-    each.value for each in (Condition.TELEMETRY_STALE, Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING)
+    each.value
+    for each in (
+        Condition.TELEMETRY_STALE,
+        Condition.ESTIMATOR_JUMPED,
+        Condition.ORIGIN_MOVED,
+        Condition.ESTIMATOR_FAILING,
+    )
 )
 """The alerts with which a vehicle's position may jump."""
 

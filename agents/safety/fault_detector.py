@@ -4,6 +4,7 @@ from collections.abc import Container, Iterable
 from math import hypot, inf
 
 from agents.drops import NO_DROPS
+from agents.notes import ReferenceChange
 from agents.safety.failsafe import Condition
 from agents.safety.failsafe_monitor import Symptom
 from agents.safety.fence import Fence
@@ -23,6 +24,7 @@ COMPARED_S = 1.0
 SAME_HEIGHT_M = 1.0
 """Vehicles whose heights differ by less than this, or than half a layer, are at the same height."""
 _FLOOD_ENDS = 0.8
+_JUMPED = "position jumped"
 _IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 """During take-off and return vehicles are separated by layers and in time, and may be near each other."""
 
@@ -48,7 +50,8 @@ class FaultDetector:
         self._own, self._target, self._own_sensor = estimator.own, estimator.target, own_sensor
         self._team, self._clocks = team, clocks
         settle_s = config.failsafe.settle_s
-        self._own_jumps, self._target_jumps = _Jumps(settle_s), _Jumps(settle_s)
+        self._own_jumps, self._target_jumps, self._moves = _Jumps(settle_s), _Jumps(settle_s), _Jumps(settle_s)
+        self.origin_moves = 0
         self._since_s: dict[Condition, float] = {}
         self._compare_s, self._drifted_s = -inf, dict[int, float]()
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
@@ -106,7 +109,13 @@ class FaultDetector:
             faults[Condition.TELEMETRY_STALE] = Symptom(received_s, f"none for {now_s - received_s:.1f} s")
         jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
-            faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, "the autopilot's position jumped")
+            reference = self.vehicle.status.reference
+            detail = ReferenceChange("position jumped", *reference.jumped_m).text if reference.jumps else _JUMPED
+            faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, detail)
+        moved_s = self._moves.see(self.origin_moves, now_s)
+        if moved_s is not None:
+            moved = ReferenceChange("origin moved", *self.vehicle.status.reference.moved_m)
+            faults[Condition.ORIGIN_MOVED] = Symptom(moved_s, moved.text)
         battery = self.vehicle.status.battery
         if battery is not None and battery < self._settings.battery_low:
             self._add(faults, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")

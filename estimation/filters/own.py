@@ -105,6 +105,7 @@ class OwnFilter:
         self._refused_since_s = inf
         self._before: Telemetry | None = None
         self._jumped = False
+        self._risen_m, self._risen_s = 0.0, inf
         self.refused = 0
         self.resets = 0
         self.jumps = 0
@@ -135,6 +136,8 @@ class OwnFilter:
         if time_s < self._time_s:
             self.refused += 1
             return
+        jump = None if before is None else jump_m(before, telemetry)
+        self._see_height(time_s, 0.0 if jump is None else jump[2])
         step_s = time_s - self._time_s
         prior = self._axes_at(time_s)
         axes, squared = updated_axes(prior, (x_m, y_m), (x_rate, y_rate), self._noise)
@@ -148,12 +151,31 @@ class OwnFilter:
         self.refused += 1
         if self._refused_since_s == inf:
             self._refused_since_s = time_s
-            self._jumped = before is not None and _is_jump(before, telemetry)
+            self._jumped = jump is not None
         if time_s - self._refused_since_s > self._settings.gate_timeout_s:
             # The estimate is invalid: the autopilot's estimator has jumped, or the plant is wrong.
             self.resets += 1
             self.jumps += self._jumped
             self._reset(telemetry)
+
+    def _see_height(self, time_s: float, jump_m: float) -> None:
+        """Count a jump of the height, which is not estimated here, once it has lasted for `gate_timeout_s`."""
+        if jump_m:
+            self._risen_m, self._risen_s = self._risen_m + jump_m, time_s
+        if time_s - self._risen_s > self._settings.gate_timeout_s:
+            self.jumps += abs(self._risen_m) > JUMP_M
+            self._risen_m, self._risen_s = 0.0, inf
+
+    def accept_jump(self) -> None:
+        """Restart at the newest sample: it is known that the position has jumped, and the setpoints sent with it."""
+        newest = self._before
+        if self._axes is None or newest is None:
+            return
+        (x, *_), (y, *_) = (axis.mean for axis in self._axes_at(newest.time_s))
+        self._inputs.shift(newest.position_m[0] - x, newest.position_m[1] - y)
+        self.resets += 1
+        self.jumps += 1
+        self._reset(newest)
 
     def shift(self, x_m: float, y_m: float) -> None:
         """Shift estimate, setpoints sent and past telemetry by (x, y), after a shift of the frame's origin."""
@@ -307,14 +329,16 @@ def _spread(covariance: AxisCovariance) -> AxisSpread:
     return pp, pv, pc + ps, vv, vc + vs, cc + 2.0 * cs + ss
 
 
-def _is_jump(before: Telemetry, after: Telemetry) -> bool:
-    """Return whether a position is farther from the previous one than any vehicle flies in that time."""
+def jump_m(before: Telemetry, after: Telemetry) -> tuple[float, float, float] | None:
+    """Return how far a position (x, y, z) is from where the previous one and its velocity lead.
+
+    None if a vehicle can fly that far in this time.
+    """
     step_s = after.time_s - before.time_s
-    moved_m = [
-        there - here - rate * step_s
-        for here, there, rate in zip(before.position_m[:2], after.position_m[:2], before.velocity_m_s[:2], strict=True)
-    ]
-    return hypot(*moved_m) > JUMP_M + ACCELERATION_MAX_M_S2 / 2.0 * step_s**2
+    (x, y, z), (to_x, to_y, to_z), (x_rate, y_rate, climb) = before.position_m, after.position_m, before.velocity_m_s
+    off_x, off_y, off_z = to_x - x - x_rate * step_s, to_y - y - y_rate * step_s, to_z - z - climb * step_s
+    is_jump = hypot(off_x, off_y, off_z) > JUMP_M + ACCELERATION_MAX_M_S2 / 2.0 * step_s**2
+    return (off_x, off_y, off_z) if is_jump else None
 
 
 class _InputHistory:

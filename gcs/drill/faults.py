@@ -68,6 +68,8 @@ PUSHED_S = 3.0
 """Time until half of the deviation shows in a comparison, for the bundled stub plants."""
 ESTIMATOR_S = 1.0
 """Period of the requested estimator reports."""
+ORIGIN_S = 1.0
+"""An origin that has moved is read again within this time."""
 FLOODED_S = 1.0
 """A flood is detected within this time."""
 CONTRADICTED_S = 1.0
@@ -252,6 +254,19 @@ DRILLS: tuple[Drill, ...] = (
         _reaction(Condition.ESTIMATOR_JUMPED),
         _jump,
         waits_for_spacing=True,
+        waits_for_estimate=True,
+    ),
+    Drill(
+        "origin moved",
+        _reaction(Condition.ORIGIN_MOVED),
+        by_table(Condition.ORIGIN_MOVED, the_subject, found_within_s=ORIGIN_S),
+        waits_for_spacing=True,
+        waits_for_estimate=True,
+    ),
+    Drill(
+        "height jumped",
+        _reaction(Condition.ESTIMATOR_JUMPED),
+        _jump,
         waits_for_estimate=True,
     ),
     Drill(

@@ -1,9 +1,13 @@
 """Telemetry of a vehicle: MAVSDK's subscriptions, converted to the mission frame on the event loop."""
 
 import asyncio
+import json
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from contextlib import suppress
+from itertools import pairwise
+from math import dist, hypot, isfinite
+from typing import Any, NamedTuple
 
 from mavsdk.plugins.telemetry import BatteryFunction
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
@@ -14,6 +18,7 @@ from agents.ports import FlightMode, VehicleStatus
 from agents.shell.clock import LinkTransit, MissionClock
 from agents.shell.handover import Handover
 from agents.situation.estimator import LINK_DELAY_MAX_S
+from estimation.filters.own import JUMP_M, jump_m
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.link.batteries import Batteries, BatteryReport
@@ -74,8 +79,21 @@ NOT_FOR_FLIGHT = (BatteryFunction.AVIONICS, BatteryFunction.PAYLOAD)
 CLOCK_BACK_S = 0.5
 """A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
 
+BAROMETER, RANGEFINDER = "barometer", "rangefinder"
+HEIGHT_OFF_STEP_M = 0.5
+"""Smaller changes of a height's offset from another sensor's are not reported: they are noise."""
+ORIGIN_STEP_M = 0.1
+"""An origin that moves by less is taken over without an event: autopilots correct its height in flight."""
 ROUND_TRIP_STEP_S = 0.01
 """Smaller changes of the round trip are not reported: they do not change a prediction noticeably."""
+
+
+class NedSample(NamedTuple):
+    """A sample of motion as it is received, in the vehicle's NED."""
+
+    time_s: float
+    position_m: Triple
+    velocity_m_s: Triple
 
 
 class VehicleFeed:
@@ -83,7 +101,9 @@ class VehicleFeed:
 
     `origin_m` is the mission position of the vehicle's NED origin: no telemetry is delivered before it is set. It is
     reset when the link is lost or the autopilot restarts, which `on_loss` and `on_return` report. A restart is detected
-    by a backward step of the autopilot's clock. `truth` collects a simulator's true motions, if requested.
+    by a backward step of the autopilot's clock. It is also reset when it is in doubt (`doubt`): until it has been read
+    again no telemetry is delivered, and the sample after that shows what has changed. `truth` collects a simulator's
+    true motions, if requested.
     """
 
     def __init__(
@@ -98,7 +118,6 @@ class VehicleFeed:
     ) -> None:
         self.status = VehicleStatus()
         self.motion: Telemetry | None = None
-        self.origin_m: Triple | None = None
         self.dropped = 0
         self.on_telemetry: Callable[[Telemetry], None] | None = None
         self.on_loss: Callable[[], None] | None = None
@@ -117,7 +136,12 @@ class VehicleFeed:
         self._frame = frame
         self._health: Any = None
         self._mode: Any = None
-        self._home_z_m: float | None = None
+        self._origin_m: Triple | None = None
+        self._located_m: Triple | None = None
+        self._height_off_m = 0.0
+        self._last: Telemetry | None = None
+        self._doubted: NedSample | None = None
+        self._stood_m: tuple[float, float] | None = None
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
         self._posted_calls = posted_calls
@@ -130,9 +154,10 @@ class VehicleFeed:
         telemetry.subscribe_armed(self._posting(lambda armed: self._update(armed=bool(armed))))
         telemetry.subscribe_in_air(self._posting(lambda in_air: self._update(in_air=bool(in_air))))
         telemetry.subscribe_health(self._posting(self._take_health))
+        telemetry.subscribe_altitude(self._posting(self._take_altitude))
         telemetry.subscribe_battery(self._posting(self._take_battery))
         if not self._frame.is_local:
-            telemetry.subscribe_home(self._posting(self._take_home))
+            self.reports.direct.subscribe_message("GPS_GLOBAL_ORIGIN", self._posting(self._take_origin))
         telemetry.subscribe_status_text(self._posting(self._take_text))
         telemetry.subscribe_attitude_euler(self._note_attitude)
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
@@ -157,14 +182,19 @@ class VehicleFeed:
         return self.link_s() - self._motion_received_s
 
     @property
-    def ground_z_m(self) -> float:
-        """The altitude of the vehicle's home in the mission frame, to which take-off altitudes are relative.
+    def origin_m(self) -> Triple | None:
+        """The origin of the vehicle's NED in the mission frame, None while it is unknown."""
+        return self._origin_m
 
-        Before home is received: the altitude of the vehicle, or else of its origin.
-        """
-        if self._home_z_m is not None:
-            return self._home_z_m
-        return (self.position_m or self.origin_m or (0.0, 0.0, 0.0))[2]
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the origin is in doubt on a live link."""
+        return not self.status.reference.is_known
+
+    @property
+    def setpoint_origin_m(self) -> Triple | None:
+        """The origin that setpoints refer to, None while it is unknown or in doubt."""
+        return None if self.is_doubted else self.origin_m
 
     async def attitude_clock(self, duration_s: float) -> list[tuple[float, float]]:
         """Return (time of the link, autopilot's time) of the attitudes received within `duration_s` of the link [s]."""
@@ -246,16 +276,48 @@ class VehicleFeed:
             self._clock_notes.append(times_s)
         if last_s is not None and last_s - times_s[1] > CLOCK_BACK_S:
             self._update(restarts=self.status.restarts + 1)
+            self._located_m, self._height_off_m = None, 0.0
             self.lose()
             self._return()
         self.clock_received = True
 
     def lose(self) -> None:
         """Reset the vehicle's origin: positions from now on may refer to another one."""
-        self.origin_m = None
+        self._origin_m = self._last = self._doubted = None
+        self._refer(is_known=True)
         self.clock_received = False
         if self.on_loss is not None:
             self.on_loss()
+
+    def doubt(self) -> bool:
+        """Take the origin as unknown until it has been read again: the positions may refer to another one.
+
+        Return whether it is: only where `on_return` has it read.
+        """
+        if self.origin_m is None or self.on_return is None:
+            return False
+        self._origin_m = None
+        self._refer(is_known=False)
+        self._return()
+        return True
+
+    def locate(self, origin_m: Triple | None) -> None:
+        """Take the origin in the mission frame as it was read [m], None if it cannot be; a move of it is counted."""
+        if origin_m is not None:
+            x, y, z = origin_m
+            origin_m, before_m = (x, y, z - self._height_off_m), self._located_m
+            self._located_m = origin_m
+            if before_m is not None and dist(origin_m, before_m) > ORIGIN_STEP_M:
+                self._refer(moves=self.status.reference.moves + 1, moved_m=self._north_east_up(before_m, origin_m))
+        self._origin_m = origin_m
+
+    def _north_east_up(self, here_m: Triple, there_m: Triple) -> Triple:
+        x, y, z = (there - here for here, there in zip(here_m, there_m, strict=True))
+        north, east, down = self._frame.ned_from_mission((x, y, z))
+        return round(north, 3) + 0.0, round(east, 3) + 0.0, round(-down, 3) + 0.0  # no -0.0
+
+    def _refer(self, **changes: Any) -> None:
+        self._update(reference=replace(self.status.reference, **changes))
 
     def forget_mode(self) -> None:
         """Count no flight mode as received until the next; the status keeps the newest."""
@@ -274,20 +336,50 @@ class VehicleFeed:
             time_s = self._transit.sent_s(position.north_m, position.east_m, position.down_m, rates_m_s)
         if self.origin_m is None:
             return
-        x, y, z = self._frame.mission_from_ned((position.north_m, position.east_m, position.down_m))
-        x0, y0, z0 = self.origin_m
+        rates_m_s = (velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)
+        received = NedSample(time_s, (position.north_m, position.east_m, position.down_m), rates_m_s)
         try:
-            sample = Telemetry(
-                time_s,
-                (x + x0, y + y0, z + z0),
-                self._frame.mission_from_ned((velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)),
-            )
+            sample = self._checked(received, self.origin_m)
         except ValueError:
             self.dropped += 1
             return
-        self.motion = sample
+        if sample is None:
+            return
+        self.motion = self._last = sample
         if self.on_telemetry is not None:
             self.on_telemetry(sample)
+
+    def _checked(self, received: NedSample, origin_m: Triple) -> Telemetry | None:
+        """Return a sample in the mission frame, None if it puts the origin in doubt, which is then read again.
+
+        A jump that is still there once the origin has been read is the position's own: it is counted. Its vertical part
+        moves the origin instead, since no vehicle climbs or sinks that fast: the height is that before the jump.
+        Raises ValueError for numbers that are not finite.
+        """
+        sample = self._in_mission(received, origin_m)
+        doubted, self._doubted = self._doubted, None
+        samples = [self._last, None if doubted is None else self._in_mission(doubted, origin_m), sample]
+        jumps = [jump_m(*each) for each in pairwise(each for each in samples if each is not None)]
+        x, y, z = (sum(each) for each in zip((0.0, 0.0, 0.0), *filter(None, jumps), strict=True))
+        jumped = hypot(x, y, z) > JUMP_M
+        if jumped and doubted is None and self.doubt():
+            self._doubted = received
+            return None
+        if jumped:
+            reference, jumped_m = self.status.reference, self._north_east_up((0.0, 0.0, 0.0), (x, y, z))
+            self._refer(jumps=reference.jumps + 1, jumped_m=jumped_m)
+            self._height_off_m += z
+            self._located_m = self._origin_m = origin_m[0], origin_m[1], origin_m[2] - z
+            sample = self._in_mission(received, self._origin_m)
+        if self.is_doubted:
+            self._refer(is_known=True)
+        return sample
+
+    def _in_mission(self, received: NedSample, origin_m: Triple) -> Telemetry:
+        x, y, z = self._frame.mission_from_ned(received.position_m)
+        x0, y0, z0 = origin_m
+        velocity_m_s = self._frame.mission_from_ned(received.velocity_m_s)
+        return Telemetry(received.time_s, (x + x0, y + y0, z + z0), velocity_m_s)
 
     def _take_mode(self, mode: Any) -> None:
         self._mode = mode
@@ -301,6 +393,29 @@ class VehicleFeed:
         if health.is_armable:
             self.texts.note_pass()
 
+    def _take_altitude(self, altitude: Any) -> None:
+        """Compare the height with those of a barometer and a rangefinder, from where the vehicle stood."""
+        if self.motion is None or self.is_doubted:
+            return
+        height_m, barometer_m, clearance_m = (
+            self.motion.position_m[2],
+            altitude.altitude_monotonic_m,
+            altitude.bottom_clearance_m,
+        )
+        if not self.status.armed or self._stood_m is None:
+            self._stood_m = height_m, barometer_m
+        stood_m, barometer_stood_m = self._stood_m
+        risen_m = height_m - stood_m
+        found = {BAROMETER: risen_m - (barometer_m - barometer_stood_m)}
+        # Less clearance than height may be a tree or a roof, and more a slope.
+        if clearance_m < risen_m / 2.0:
+            found[RANGEFINDER] = risen_m - clearance_m
+        known = {sensor: off_m for sensor, off_m in found.items() if isfinite(off_m)}
+        sensor = max(known, key=lambda each: abs(known[each]), default="")
+        off_m = round(known[sensor] / HEIGHT_OFF_STEP_M) * HEIGHT_OFF_STEP_M if known else None
+        if (off_m, sensor) != (self.status.height_off_m, self.status.height_sensor):
+            self._update(height_off_m=off_m, height_sensor=sensor)
+
     def _take_battery(self, battery: Any) -> None:
         percent = CHARGE.known(battery.remaining_percent)
         charge, endurance_s = None if percent is None else percent / 100.0, FLIGHT_TIME.known(battery.time_remaining_s)
@@ -308,13 +423,19 @@ class VehicleFeed:
         self.batteries.take(BatteryReport(int(battery.id), charge, endurance_s, flies), self.link_s())
         self._update(battery=self.batteries.charge, endurance_s=self.batteries.endurance_s)
 
-    def _take_home(self, home: Any) -> None:
-        try:
-            place = Geodetic(home.latitude_deg, home.longitude_deg, home.absolute_altitude_m)
-        except ValueError:
-            self.dropped += 1
-            return
-        self._home_z_m = self._frame.mission_from_geodetic(place)[2]
+    def _take_origin(self, message: Any) -> None:
+        """Take an origin that the autopilot sends: one that has moved is read again, and with it the next sample."""
+        with suppress(ValueError, KeyError, TypeError):  # malformed bytes are dropped here
+            fields = json.loads(message.fields_json)
+            place = Geodetic(fields["latitude"] * 1e-7, fields["longitude"] * 1e-7, fields["altitude"] * 1e-3)
+            if self.origin_m is None or message.system_id != self.reports.system_id:
+                return
+            x, y, z = self._frame.mission_from_geodetic(place)
+            origin_m = x, y, z - self._height_off_m
+            if dist(origin_m, self.origin_m) > ORIGIN_STEP_M:
+                self.doubt()
+            else:
+                self._origin_m = self._located_m = origin_m
 
     def _take_text(self, text: Any) -> None:
         self.texts.take(text.text, text.type)

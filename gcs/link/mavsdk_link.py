@@ -42,14 +42,18 @@ class LinkParts(NamedTuple):
     offboard: Any
     external: ExternalPositionSender | None
 
-    def send(self, setpoint: Setpoint, origin_m: Triple, frame: MissionFrame) -> Triple:
+    def send(self, setpoint: Setpoint, origin_m: Triple | None, frame: MissionFrame) -> Triple:
         """Send a setpoint to the vehicle in its own NED, whose origin is at `origin_m` in the mission frame.
 
-        Returns its position in NED. Raises what MAVSDK raises.
+        While that is not known, send it to stop, by a velocity: a position would be one of the old origin.
+        Returns the position in NED that is sent. Raises what MAVSDK raises.
         """
+        heading_deg = degrees(wrap_signed_rad(frame.x_bearing_rad - setpoint.yaw_rad))
+        if origin_m is None:
+            self.offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, heading_deg))
+            return (0.0, 0.0, 0.0)
         x, y, z = setpoint.position_m
         x0, y0, z0 = origin_m
-        heading_deg = degrees(wrap_signed_rad(frame.x_bearing_rad - setpoint.yaw_rad))
         ned_m = frame.ned_from_mission((x - x0, y - y0, z - z0))
         place = PositionNedYaw(*ned_m, heading_deg)
         if setpoint.velocity_m_s:
@@ -132,6 +136,7 @@ class MavsdkLink:
         self._asking = 0
         self._sent = 0
         self._unsent = 0
+        self._ground_z_m = 0.0
         self._rates: Rates | None = None
 
     @property
@@ -268,7 +273,7 @@ class MavsdkLink:
         if feed.status.mode is FlightMode.OFFBOARD or offboard.is_active():
             with suppress(VehicleRefusedError):  # it lands nevertheless
                 await self.stop_offboard()
-        height_m = feed.position_m[2] - feed.ground_z_m if feed.position_m is not None else 0.0
+        height_m = feed.position_m[2] - self._ground_z_m if feed.position_m is not None else 0.0
         await calls.command("land", action.land, attempts=LAND_ATTEMPTS)
         self._mute()
         await calls.until(
@@ -310,20 +315,21 @@ class MavsdkLink:
         """Send one setpoint now, unless the vehicle lands or is handed over; never blocks or raises for a lost link.
 
         MAVSDK repeats the last one at 20 Hz until offboard is stopped; the relay sends no more than the
-        setpoint rate. None is sent while the origin of the vehicle is not known: after a loss of the link or a restart,
-        until the vehicle has sent it again.
+        setpoint rate. None is sent after a loss of the link or a restart, until the vehicle has sent its origin again.
+        While the origin is read again on a live link, the vehicle is sent to stop instead.
         """
         parts = self._parts
         if self._silent:
             return
-        if parts is None or parts.feed.origin_m is None:
+        origin_m = parts.feed.setpoint_origin_m if parts is not None else None
+        if parts is None or (origin_m is None and not parts.feed.is_doubted):
             self._unsent += 1
             return
         try:
             if self._muted:
                 self._hub.mute(self._config.url, self._config.system_id, False)
                 self._muted = False
-            ned_m = parts.send(setpoint, parts.feed.origin_m, self._config.frame)
+            ned_m = parts.send(setpoint, origin_m, self._config.frame)
             self._sent += 1
             # One that waits in the transmit queue may never be sent: a newer one replaces it.
             if self._transit is not None and not self._config.pace.is_bound:
@@ -359,9 +365,14 @@ class MavsdkLink:
         return self._parts
 
     async def _plan_climb(self, altitude_m: float) -> float:
-        """Set the take-off altitude relative to the vehicle's home, and return it."""
+        """Set the take-off altitude relative to where the vehicle stands, and return it.
+
+        Autopilots take it from their home, which they set there when they arm: a home that was received before is old.
+        """
         _, feed, calls, action, *_ = self._connected()
-        climb_m = altitude_m - feed.ground_z_m
+        if feed.position_m is not None:
+            self._ground_z_m = feed.position_m[2]
+        climb_m = altitude_m - self._ground_z_m
         await calls.command("set the take-off altitude", action.set_takeoff_altitude, climb_m)
         return climb_m
 
@@ -402,7 +413,7 @@ class MavsdkLink:
             await calls.command(f"enter {mode.value}", function)
         finally:
             self._asking -= 1
-            if self._silent or feed.origin_m is None:
+            if self._silent or (feed.origin_m is None and not feed.is_doubted):
                 self._mute()
 
     def _mute(self) -> None:
@@ -418,17 +429,27 @@ class MavsdkLink:
             self._parts = self._parts._replace(offboard=Offboard(self._parts.system))
 
     async def _keep(self) -> None:
-        """Request rates and origin again after a reconnection, after a restart, and without motion on a live link."""
+        """Request rates and origin again after a reconnection, after a restart, and without motion on a live link.
+
+        Read the origin again where it is in doubt.
+        """
         feed = self._connected().feed
+        resets = self.report.estimator_resets
         while True:
             notified = await self._watch_period.wait(WATCH_PERIOD_S)
             if self._clock.is_governed:
                 self._hub.send_heartbeats(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
             silent = feed.motion_age_s > SILENCE_MAX_S
-            if silent and feed.origin_m is not None:
+            if silent and (feed.origin_m is not None or feed.is_doubted):
                 feed.lose()
+            before, resets = resets, self.report.estimator_resets
+            if before is not None and resets != before:
+                feed.doubt()
             lost = feed.origin_m is None and not (self._config.frame.is_local and feed.clock_received)
-            if feed.status.connected and (notified or lost or silent):
+            if feed.is_doubted and feed.origin_m is None:
+                with suppress(VehicleRefusedError):  # read again later; until then the vehicle stays where it is
+                    feed.locate(await self._origin(RENEWAL_TIMEOUT_S))
+            elif feed.status.connected and (notified or lost or silent):
                 with suppress(VehicleRefusedError):  # requested again later; until then there is no telemetry
                     await self._renew()
             self._config.pace.look(self._hub.traffic(self._config.url), time.monotonic())
@@ -459,12 +480,12 @@ class MavsdkLink:
             "check the link",
         )
         if feed.origin_m is None:
-            feed.origin_m = await self._origin(RENEWAL_TIMEOUT_S)
+            feed.locate(await self._origin(RENEWAL_TIMEOUT_S))
 
     async def _locate(self) -> None:
         """Find the origin of the vehicle, and wait for its first telemetry; raises VehicleRefusedError."""
         _, feed, calls, *_ = self._connected()
-        feed.origin_m = await self._origin(self._config.ready_timeout_s)
+        feed.locate(await self._origin(self._config.ready_timeout_s))
         missing = feed.missing
         await calls.until(lambda: not missing(), MODE_TIMEOUT_S, lambda: f"sent no {missing()}", "check its estimator")
 

@@ -99,7 +99,7 @@ class SelfReports:
     def __init__(self, system: Any, update: Callable[..., None]) -> None:
         self.direct: Any = MavlinkDirect(system)
         self.autopilot = autopilot_of(system.autopilot_type().name)
-        self._system_id = int(system.get_system_id())
+        self.system_id = int(system.get_system_id())
         self._update = update
         self._had_remote_control = False
         self._timers: dict[str, asyncio.TimerHandle] = {}
@@ -139,19 +139,19 @@ class SelfReports:
     def _take_estimator(self, message: Any) -> None:
         with suppress(ValueError):  # malformed bytes are dropped here
             report = estimator_report(self.autopilot.estimator, json.loads(message.fields_json))
-            if report is not None and message.system_id == self._system_id:
+            if report is not None and message.system_id == self.system_id:
                 self._update(**estimator_facts(report))
 
     def _take_wind(self, message: Any) -> None:
         with suppress(ValueError):
             speed_m_s = wind_m_s(self.autopilot.estimator, json.loads(message.fields_json))
-            if speed_m_s is not None and message.system_id == self._system_id:
+            if speed_m_s is not None and message.system_id == self.system_id:
                 self._keep("wind_m_s", round(speed_m_s, 1), None, WIND_S)
 
     def _take_heartbeat(self, message: Any) -> None:
         """Take mode and state; a failsafe that begins with a change of mode caused it."""
         with suppress(ValueError, KeyError):
-            if (message.system_id, message.component_id) != (self._system_id, AUTOPILOT_COMPONENT):
+            if (message.system_id, message.component_id) != (self.system_id, AUTOPILOT_COMPONENT):
                 return
             fields = json.loads(message.fields_json)
             mode, is_critical = fields["custom_mode"], fields["system_status"] in _CRITICAL
@@ -167,7 +167,7 @@ class SelfReports:
         """Take the acknowledgement of a command; one of another station arrives where a hub copies all messages."""
         with suppress(ValueError, KeyError):
             fields = json.loads(message.fields_json)
-            known = message.system_id == self._system_id and fields["result"] == _ACCEPTED
+            known = message.system_id == self.system_id and fields["result"] == _ACCEPTED
             if known and fields["command"] in _MODE_COMMANDS and fields["target_system"] not in (0, CORDON_ID):
                 self._announce(ModeSource.STATION)
 

@@ -264,7 +264,7 @@ class CheckedLink(MavsdkLink):
     async def _locate(self) -> None:
         """Look up the vehicle's origin; without one, its facts state that it is not ready."""
         with suppress(NotReadyError):
-            self._connected().feed.origin_m = await self._origin(0.0)
+            self._connected().feed.locate(await self._origin(0.0))
 
 
 async def _facts(
@@ -307,7 +307,7 @@ async def _find_place(
     """Set the origin of the feed; return the reason and the next step if the vehicle has no position."""
     try:
         configured = vehicle.origin_m if frame.is_local else None
-        feed.origin_m = configured or await find_origin(calls, feed, frame, WallClock(), ORIGIN_TIMEOUT_S)
+        feed.locate(configured or await find_origin(calls, feed, frame, WallClock(), ORIGIN_TIMEOUT_S))
     except VehicleRefusedError as refusal:
         return f"it {refusal.clause}", refusal.next_step
     with suppress(VehicleRefusedError):  # the facts state what is missing

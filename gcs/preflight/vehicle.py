@@ -18,6 +18,8 @@ from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, VehicleFac
 PLACE_LIMIT_M = 10.0
 HEIGHT_TOLERANCE_M = 2.0
 CLIMB_LEAST_M = 1.0
+LAYER_LEFT_SHARE = 0.5
+"""The least certain height difference of two layers, as a share of `safety.vertical_separation_m`."""
 ORIGIN_TOLERANCE_M = 1000.0
 """Beyond this distance the tangent planes of mission and vehicle differ by centimetres."""
 BATTERY_LOW, BATTERY_EMPTY = 0.5, 0.25
@@ -329,6 +331,7 @@ def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding
     if len(placed) > 1:
         yield _agreement(mission, placed, settled=settled)
         yield _apart(mission, placed, settled=settled)
+        yield _standing_heights(mission, {i: position_m[2] for i, position_m in placed.items()}, settled=settled)
     ratios = [each.clock_ratio for each in team if each.clock_ratio is not None]
     if ratios and max(ratios) > (1.0 + CLOCK_TOLERANCE) * min(ratios):
         speeds = " and ".join(f"{ratio:.3g}" for ratio in sorted(set(ratios)))
@@ -376,3 +379,36 @@ def _apart(mission: Mission, placed: dict[int, Triple], *, settled: bool) -> Fin
         "move them farther apart, or check their GPS",
         temporary=not settled,
     )
+
+
+def _standing_heights(mission: Mission, ground_m: dict[int, float], *, settled: bool) -> Finding:
+    """Check the reported heights of the ground under two vehicles against the layers that separate them.
+
+    On level ground they differ by errors, and the vehicles are that much nearer to each other in height than they
+    report. Vehicles whose layers are less than `vertical_separation_m` apart evade each other, whatever their heights.
+    """
+    apart_m, heights_m = mission.safety.vertical_separation_m, {i: _layers_m(mission, i) for i in ground_m}
+    left_m, minus_m, gap_m, one, other = min(
+        (gap_m - differs_m if gap_m >= apart_m else apart_m, -differs_m, gap_m, i, k)
+        for i, k in combinations(ground_m, 2)
+        for differs_m in [abs(ground_m[i] - ground_m[k])]
+        for gap_m in {abs(here - there) for here, there in zip(heights_m[i], heights_m[k], strict=True)}
+    )
+    return Finding.graded(
+        Grade.REFUSE if left_m < LAYER_LEFT_SHARE * apart_m else Grade.WARNING if left_m < apart_m else Grade.PASS,
+        MISSION,
+        "standing heights",
+        f"vehicles {one} and {other} report ground that differs by {-minus_m:.1f} m in height; "
+        f"their layers are {gap_m:g} m apart",
+        "if the ground is level, their layers are that much nearer to each other; they do not evade each other at "
+        f"safety.vertical_separation_m = {apart_m:g} m",
+        "on level ground, wait for better GPS or restart the autopilots; on a slope, set layers and altitude_m "
+        f"{apart_m - minus_m:.1f} m apart",
+        temporary=not settled,
+    )
+
+
+def _layers_m(mission: Mission, vehicle_id: int) -> Triple:
+    """Return a vehicle's heights after take-off, in the mission and on the way home."""
+    config = mission.agent_config(mission.vehicle(vehicle_id))
+    return config.take_off_altitude_m, config.altitude_m, config.return_altitude_m

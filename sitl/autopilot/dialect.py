@@ -38,7 +38,8 @@ class Dialect:
     `autopilot` is its MAV_AUTOPILOT, `modes` each mode's number in heartbeats and its two parameters of DO_SET_MODE,
     `rates_hz` the default streams, `streams` the messages of REQUEST_DATA_STREAM by stream, `estimator` the fields
     of the message of the estimator's status, `truth` those of the simulator's message of the true motion. With a
-    value in its `hil_parameter` it reports that its body is simulated.
+    value in its `hil_parameter` it reports that its body is simulated. If its `origin_may_move` in flight, it is sent
+    when it has.
     """
 
     autopilot: int
@@ -58,6 +59,7 @@ class Dialect:
     parameters_bytewise: bool = False
     take_off_from_home: bool = False
     hil_parameter: str = ""
+    origin_may_move: bool = False
 
     def mode_of(self, main: float, sub: float) -> NavMode | None:
         """Return the mode of DO_SET_MODE's second and third parameters, None if there is none."""

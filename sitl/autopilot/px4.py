@@ -36,8 +36,8 @@ WARNS = 1
 
 RATES_HZ: Mapping[int, float] = {
     MessageId.HEARTBEAT: 1.0, MessageId.SYS_STATUS: 5.0, MessageId.GPS_RAW_INT: 8.0, MessageId.ATTITUDE: 50.0,
-    MessageId.LOCAL_POSITION_NED: 30.0, MessageId.GLOBAL_POSITION_INT: 50.0, MessageId.BATTERY_STATUS: 0.5,
-    MessageId.HOME_POSITION: 0.5, MessageId.EXTENDED_SYS_STATE: 5.0,
+    MessageId.LOCAL_POSITION_NED: 30.0, MessageId.GLOBAL_POSITION_INT: 50.0, MessageId.ALTITUDE: 10.0,
+    MessageId.BATTERY_STATUS: 0.5, MessageId.HOME_POSITION: 0.5, MessageId.EXTENDED_SYS_STATE: 5.0,
 }  # fmt: skip
 """Those of the onboard link, in simulated time."""
 
@@ -108,6 +108,7 @@ class Px4(StubAutopilot):
         tells_checks_in_heartbeat=True,
         parameters_bytewise=True,
         hil_parameter="SYS_HITL",
+        origin_may_move=True,
     )
     TABLE = ParameterTable(DEFAULTS, _limits)
     BOOT_MODE = NavMode.HOLD  # without a remote control

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # common and EKF_STATUS_REPORT
 
+from estimation.frames import Geodetic
 from sitl.autopilot.autopilot import Severity, StubAutopilot
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
@@ -96,6 +97,7 @@ class MavlinkVehicle:
         self.plans = Plans()
         self._config = config
         self._reporter = TelemetryFields(autopilot, config, self._faults)
+        self._origin_m = self._reporter.origin_m
         self._schedule = Schedule(self._dialect.rates_hz, self._reporter.known)
         self._commander = Commander(autopilot, frame=config.frame, reporter=self._reporter, schedule=self._schedule)
         self._listing: list[int] = []
@@ -125,6 +127,7 @@ class MavlinkVehicle:
             "PING": lambda m, _: [(MessageId.PING, (m.time_usec, m.seq, *_sender(m)))],
             "REQUEST_DATA_STREAM": self._on_request_data_stream,
             "SETUP_SIGNING": self._on_setup_signing,
+            "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
             "SET_POSITION_TARGET_LOCAL_NED": self._on_setpoint,
             "TIMESYNC": _timesync,
             "VISION_POSITION_ESTIMATE": self._on_external_position,
@@ -145,6 +148,10 @@ class MavlinkVehicle:
                 self._send(report)
                 if message == MessageId.LOCAL_POSITION_NED and self._observer is not None:
                     self._observer.on_motion(report[1][1:])
+        if self._dialect.origin_may_move and self._origin_m != self._reporter.origin_m:
+            self._origin_m = self._reporter.origin_m
+            for report in self._reporter.report(MessageId.GPS_GLOBAL_ORIGIN):
+                self._send(report)
         for severity, text in self.autopilot.take_texts():
             for chunk in self._chunked(text):
                 self._send((MessageId.STATUSTEXT, (int(severity), *chunk)))
@@ -240,7 +247,7 @@ class MavlinkVehicle:
         if m.coordinate_frame != LOCAL_NED:
             return self._drop(Drop.FRAME)
         if m.type_mask & POSITION_IGNORED:
-            return self._drop(Drop.POSITION_MASKED)
+            return self._on_stop(m, time_s)
         # A yaw that is NaN keeps the present one.
         heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
         # A masked velocity is not used, nor is NaN.
@@ -251,12 +258,32 @@ class MavlinkVehicle:
         if max(map(abs, numbers)) > REACH_MAX_M:
             return self._drop(Drop.OUT_OF_REACH)
         x, y, z = self._config.frame.mission_from_ned((m.x, m.y, m.z))
-        x0, y0, z0 = self._config.origin_m
+        x0, y0, z0 = self._reporter.origin_m
         # The vehicle flies to the setpoint in its own estimate, which may be shifted.
-        dx, dy, dz = self._faults.estimate_offset_m
+        dx, dy, dz = self._faults.offset_m
         velocity = self._config.frame.mission_from_ned((m.vx, m.vy, m.vz)) if fed else ()
         target = PositionTarget((x0 + x - dx, y0 + y - dy, z0 + z - dz), heading, velocity)
         self.autopilot.receive_setpoint(time_s, target)
+        return []
+
+    def _on_stop(self, m: Any, time_s: float) -> list[Outgoing]:
+        """Process a setpoint without a position: the vehicle stops where it is; another velocity is not simulated."""
+        if m.type_mask & VELOCITY_IGNORED or any((m.vx, m.vy, m.vz)):
+            return self._drop(Drop.POSITION_MASKED)
+        heading = m.yaw if isfinite(m.yaw) and not m.type_mask & YAW_IGNORED else None
+        self.autopilot.receive_setpoint(time_s, PositionTarget(self.autopilot.airframe.position_m, heading))
+        return []
+
+    def _on_set_origin(self, m: Any, _time_s: float) -> list[Outgoing]:
+        """Move the origin of the local NED, if the autopilot allows that in flight."""
+        if self._dialect.origin_may_move and not self._config.frame.is_local:
+            try:
+                place = Geodetic(m.latitude / DEG_E7, m.longitude / DEG_E7, m.altitude / 1e3)
+            except ValueError:
+                return self._drop(Drop.NOT_FINITE)
+            x, y, z = self._config.frame.mission_from_geodetic(place)
+            x0, y0, z0 = self._config.origin_m
+            self._faults.origin_moved_m = (x - x0, y - y0, z - z0)
         return []
 
     def _on_external_position(self, m: Any, time_s: float) -> list[Outgoing]:

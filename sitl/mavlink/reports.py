@@ -110,6 +110,7 @@ class TelemetryFields:
             MessageId.LOCAL_POSITION_NED: self._local_position_ned,
             MessageId.GLOBAL_POSITION_INT: self._global_position_int,
             MessageId.GPS_GLOBAL_ORIGIN: self._gps_global_origin,
+            MessageId.ALTITUDE: self._altitude,
             MessageId.BATTERY_STATUS: self._battery_status,
             MessageId.AUTOPILOT_VERSION: self._autopilot_version,
             MessageId.HOME_POSITION: self._home_position,
@@ -117,6 +118,11 @@ class TelemetryFields:
             self._dialect.estimator_message: self._estimator,
             self._dialect.truth_message: self._truth,
         }
+
+    @property
+    def origin_m(self) -> Triple:
+        """The present origin of its local NED in the mission frame [m]."""
+        return shifted(self._config.origin_m, self._faults.origin_moved_m)
 
     @property
     def known(self) -> frozenset[int]:
@@ -152,7 +158,7 @@ class TelemetryFields:
         now_s = self._autopilot.time_s
         if self._estimated.time_s != now_s:
             airframe = self._autopilot.airframe
-            position, velocity = shifted(airframe.position_m, self._faults.estimate_offset_m), airframe.velocity_m_s
+            position, velocity = shifted(airframe.position_m, self._faults.offset_m), airframe.velocity_m_s
             if self._config.noise.position_m > 0.0 or self._config.noise.velocity_m_s > 0.0:
                 error = self._random.standard_normal(6).tolist()
                 position = _disturbed(position, error[:3], self._config.noise.position_m)
@@ -162,7 +168,7 @@ class TelemetryFields:
 
     def _ned_from_mission_place(self, place_m: Triple) -> Triple:
         x, y, z = place_m
-        x0, y0, z0 = self._config.origin_m
+        x0, y0, z0 = self.origin_m
         return self._config.frame.ned_from_mission((x - x0, y - y0, z - z0))
 
     def _heartbeat(self) -> Fields:
@@ -245,7 +251,7 @@ class TelemetryFields:
         return self._dialect.truth(TrueMotion(self._place(airframe.position_m), velocity))
 
     def _gps_global_origin(self) -> Fields | None:
-        return (*self._place(self._config.origin_m), self._boot_ms * 1000) if self._on_globe else None
+        return (*self._place(self.origin_m), self._boot_ms * 1000) if self._on_globe else None
 
     def _home_position(self) -> Fields | None:
         if not self._on_globe:
@@ -253,6 +259,17 @@ class TelemetryFields:
         home = self._autopilot.home_m
         local = self._ned_from_mission_place(home)
         return *self._place(home), *local, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._boot_ms * 1000
+
+    def _altitude(self) -> Fields | None:
+        """Return the barometer's altitude, which is true, and those of the estimate; terrain is not simulated."""
+        if not self._ready:
+            return None
+        true_m, told_m = self._autopilot.airframe.position_m[2], self._estimate().position_m[2]
+        origin = self._config.frame.origin
+        datum_m = 0.0 if origin is None else origin.altitude_m
+        above_home_m, above_origin_m = told_m - self._autopilot.home_m[2], told_m - self.origin_m[2]
+        heights_m = (datum_m + true_m, datum_m + told_m, above_origin_m, above_home_m, nan, nan)
+        return self._boot_ms * 1000, *heights_m
 
     def _battery_status(self) -> Fields:
         return self._battery(0, self._battery_percent())
@@ -283,7 +300,8 @@ class TelemetryFields:
         position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
         velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
         horizontal = max(float(np.hypot(position[0], position[1])), sqrt(self._faults.estimator_ratio))
-        return float(np.linalg.norm(velocity)), horizontal, abs(float(position[2])), 0.0
+        height = abs(float(position[2]) - self._faults.height_jump_m / POSITION_GATE_M)
+        return float(np.linalg.norm(velocity)), horizontal, height, 0.0
 
     def _estimator_flags(self) -> EstimatorFlag:
         """Attitude and height, from gyros and barometer, are always valid; the rest needs a source of position."""

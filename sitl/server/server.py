@@ -49,7 +49,8 @@ class StubConfig:
     is not `localised`, it has no position and cannot be armed; an `external` one has a position while it receives
     external positions. `port` is its own port for clients; 0 is any. `parameters` are values that differ from the
     firmware's defaults. With a `signing_key` it accepts signed messages only, and signs its own. A `uid` and SYS_HITL
-    among its `parameters` make it look like a board.
+    among its `parameters` make it look like a board. With a `height_error_m` its heights are off from the start, as the
+    altitudes of GPS receivers are; clearing its faults ends that.
     """
 
     vehicle_id: int
@@ -63,6 +64,7 @@ class StubConfig:
     wind_m_s2: tuple[float, float] = (0.0, 0.0)
     seed: int = 0
     battery_fraction: float = 1.0
+    height_error_m: float = 0.0
     autopilot: AutopilotName = DEFAULT
     gps: bool = True
     localised: bool = True
@@ -78,7 +80,9 @@ class StubConfig:
             raise ValueError(f"vehicle_id = {self.vehicle_id}: a MAVLink system id lies between 1 and 254")
         if not (1 <= self.client_port <= 65535 and 0 <= self.port <= 65535):
             raise ValueError(f"client_port = {self.client_port}, port = {self.port}: one is not a port")
-        if not all(map(isfinite, (*self.start_position_m, *self.origin_offset_m, *self.wind_m_s2))):
+        if not all(
+            map(isfinite, (*self.start_position_m, *self.origin_offset_m, *self.wind_m_s2, self.height_error_m))
+        ):
             raise ValueError(f"vehicle {self.vehicle_id}: its start, origin and wind must be finite")
         if not (self.seed >= 0 and 0.0 <= self.battery_fraction <= 1.0):
             raise ValueError(f"vehicle {self.vehicle_id}: a negative seed, or no battery fraction")
@@ -150,7 +154,7 @@ class Stub:
         x, y = config.start_position_m
         dx, dy, dz = config.origin_offset_m
         self.config = config
-        self.faults = VehicleFaults()
+        self.faults = VehicleFaults(height_jump_m=config.height_error_m)
         self.autopilot = autopilot_named(config.autopilot)(
             config.plant,
             (x, y, 0.0),

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from math import nan
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
@@ -249,6 +250,16 @@ def test_outliers_that_go_on_are_the_new_truth() -> None:
             own.command(5.0 + tick * PERIOD_S, moved[:2])
     assert (own.resets, own.jumps, own.received_s) == (1, 1, 6.3)
     assert estimated(own, 6.3) == pytest.approx([30.0, -5.0, 0.0, 0.0, 0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(("lasts", "jumps"), [(15, 1), (5, 0)])
+def test_a_height_that_jumps_and_stays_is_a_jump(lasts: int, jumps: int) -> None:
+    own = settled()
+    for tick in range(1, 20):
+        sample = telemetry(5.0 + tick * PERIOD_S, np.zeros(4))
+        x, y, z = sample.position_m
+        own.measure(msgspec.structs.replace(sample, position_m=(x, y, z + (6.0 if tick <= lasts else 0.0))))
+    assert (own.refused, own.resets, own.jumps) == (0, 0, jumps)
 
 
 def test_a_wrong_plant_resets_the_filter_and_lowers_the_authority_but_is_no_jump() -> None:

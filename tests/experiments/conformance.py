@@ -447,6 +447,18 @@ def stream_lost_default(client: Client) -> Observation:
     return observed(**stream_lost(client, 0))
 
 
+@exercise(mode=Is("OFFBOARD"), drift_m=Within(0.0, 1.5, "its estimator wanders"))
+def stop_by_velocity(client: Client) -> Observation:
+    """Send a velocity of zero in offboard at rest, instead of positions."""
+    client.fly_offboard()
+    client.wait(3.0)
+    before = client.ned_m
+    client.stop()
+    client.wait(5.0)
+    after = client.ned_m
+    return observed(mode=client.mode, drift_m=hypot(after[0] - before[0], after[1] - before[1]))
+
+
 @exercise(
     hold=Is("SUCCESS"), drift_m=Within(0.0, 1.5, "its estimator wanders"),
     speed_m_s=Within(0.0, 1.0, "its estimator wanders"),

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
+from pymavlink.dialects.v20.common import MAVLink_set_gps_global_origin_message
 
 from agents.drops import NO_DROPS
 from agents.shell.clock import WallClock
@@ -12,8 +13,9 @@ from agents.team.messages import BusMessage, MemberState, OperatorCommand
 from estimation.state import Sighting
 from gcs.flight.faults.failing_equipment import FailingBus, FailingSensor
 from gcs.flight.faults.team_faults import PresentFaults, TeamFaults
+from sitl.autopilot.modes import NavMode
 from sitl.faults import VehicleFaults
-from tests.sitl.test_protocol import Client, fly, follow
+from tests.sitl.test_protocol import SYSTEM_ID, Client, fly, follow
 
 MOTION = {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"}
 
@@ -52,6 +54,41 @@ def test_an_estimate_with_an_offset_is_sent_and_flown_by(client: Client, faults:
     settled = [m for m in client.run(0.2) if m.get_type() == "LOCAL_POSITION_NED"][-1]
     assert (settled.x, settled.y) == pytest.approx((2.0, 1.0), abs=0.05), "it believes to be where it was told to be"
     assert client.autopilot.airframe.position_m[:2] == pytest.approx((x - 10.0, y + 4.0), abs=0.05)
+
+
+def test_an_origin_that_moves_is_sent_and_the_place_on_earth_stays(client: Client, faults: VehicleFaults) -> None:
+    before = {m.get_type(): m for m in client.run(1.0)}
+    origin = next(m for m in client.command(512, 49) if m.get_type() == "GPS_GLOBAL_ORIGIN")
+    north = MAVLink_set_gps_global_origin_message(
+        SYSTEM_ID, origin.latitude + 900, origin.longitude, origin.altitude - 2000
+    )
+    client.send(north)
+    sent = client.run(1.0)
+    after = {m.get_type(): m for m in sent}
+    moved = [m for m in sent if m.get_type() == "GPS_GLOBAL_ORIGIN"]
+    assert [(m.latitude, m.altitude) for m in moved] == [(origin.latitude + 900, origin.altitude - 2000)]
+    # A degree of latitude has 111.2 km there.
+    off_m = before["LOCAL_POSITION_NED"].x - after["LOCAL_POSITION_NED"].x
+    assert off_m == pytest.approx(10.0, abs=0.03)
+    assert after["LOCAL_POSITION_NED"].z - before["LOCAL_POSITION_NED"].z == pytest.approx(-2.0, abs=0.01)
+    assert after["GLOBAL_POSITION_INT"].lat == before["GLOBAL_POSITION_INT"].lat
+    faults.origin_moved_m = (0.0, 0.0, 0.0)
+    (back,) = [m for m in client.run(0.2) if m.get_type() == "GPS_GLOBAL_ORIGIN"]
+    assert back.latitude == origin.latitude
+
+
+def test_a_velocity_of_zero_is_a_setpoint_to_stop(client: Client) -> None:
+    fly(client)
+    follow(client, 20.0, 0.0, -5.0, 2.0)
+    x, y, z = client.autopilot.airframe.position_m
+    assert client.autopilot.airframe.velocity_m_s[0] > 1.0
+    for _ in range(200):
+        client.setpoint(0.0, 0.0, 0.0, type_mask=0b100111000111)
+        client.run(0.05)
+    assert client.autopilot.mode is NavMode.OFFBOARD, "it counts as a setpoint"
+    # It was 17 m from its last setpoint.
+    assert client.autopilot.airframe.position_m == pytest.approx((x, y, z), abs=5.0)
+    assert max(map(abs, client.autopilot.airframe.velocity_m_s)) < 0.05
 
 
 # The flying process

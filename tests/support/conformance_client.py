@@ -16,7 +16,7 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceData, Point, Polygon
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
-from mavsdk.plugins.offboard import Offboard, PositionNedYaw
+from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
 
@@ -262,6 +262,10 @@ class Client:
     def send(self, north_m: float, east_m: float, down_m: float) -> None:
         """Send a setpoint, which MAVSDK repeats from now on."""
         self.offboard.set_position_ned(PositionNedYaw(north_m, east_m, down_m, 0.0))
+
+    def stop(self) -> None:
+        """Send a velocity of zero, which MAVSDK repeats from now on."""
+        self.offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
 
     def fall_silent(self) -> float:
         """Send the last setpoint once more, then none; return the time."""

@@ -76,7 +76,7 @@ class AutopilotLink:
     @property
     def estimate_m(self) -> Triple:
         """The autopilot's estimate of its position."""
-        return shifted(self.autopilot.airframe.position_m, self.faults.estimate_offset_m)
+        return shifted(self.autopilot.airframe.position_m, self.faults.offset_m)
 
     def inject(self, injection: VehicleInjection) -> None:
         """Inject faults from now on."""
@@ -134,7 +134,7 @@ class AutopilotLink:
             asyncio.get_running_loop().call_later(self.faults.link_delay_s, self._receive, setpoint)
 
     def _receive(self, setpoint: Setpoint) -> None:
-        (x, y, z), (dx, dy, dz) = setpoint.position_m, self.faults.estimate_offset_m
+        (x, y, z), (dx, dy, dz) = setpoint.position_m, self.faults.offset_m
         target = PositionTarget((x - dx, y - dy, z - dz), None, setpoint.velocity_m_s)
         self.autopilot.receive_setpoint(self.autopilot.time_s, target)
 

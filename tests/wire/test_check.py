@@ -34,6 +34,7 @@ pytestmark = [
 
 SPEED = 5.0
 WELL = {"COM_OBL_RC_ACT": 4}
+LAYERED = ("[safety]", '[choreography]\nlayer_m = 3.0\nlanding = "return"\n\n[safety]')
 Checked = Callable[..., tuple[int, list[dict[str, str]]]]
 
 
@@ -177,6 +178,21 @@ def test_estimators_whose_sensors_disagree(mission: Callable[..., Any], checked:
         assert [subject for subject, check, _ in of(findings, "pass") if check == "estimator"] == ["vehicle 3"]
 
     with stubs([replace(one, noise=shaken), copter, three]):
+        repeated_now(attempt)
+
+
+def test_altitudes_of_gps_that_would_invert_layers_are_refused(mission: Callable[..., Any], checked: Checked) -> None:
+    path, team = mission(LAYERED)
+    one, two, three = stub_configs(team)
+    with stubs([one, replace(two, height_error_m=1.9), replace(three, height_error_m=-1.9)]):
+
+        def attempt() -> None:
+            code, findings = checked(path)
+            assert code == 3
+            ((subject, check, found),) = of(findings, "refuse")
+            assert (subject, check) == ("mission", "standing heights")
+            assert facts_missing(found, "vehicles 2 and 3", "3.8 m", "3 m apart") == []
+
         repeated_now(attempt)
 
 

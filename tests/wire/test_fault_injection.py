@@ -5,11 +5,14 @@ Values that `--set` gives in place of the mission's are those of agents, stubs a
 
 import json
 from collections.abc import Callable
+from math import dist, hypot
 from pathlib import Path
 
 import pytest
 
+from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
+from gcs.flightlog.records import Truth
 from gcs.mission.file import parse_mission
 from tests.support.mission_text import LOW
 from tests.support.wire import PATIENCE_S, cordon
@@ -44,6 +47,28 @@ def test_faults_come_at_their_times_and_the_team_reacts(mission_file: Callable[.
     stale_s = [at_s for at_s, vehicle, text in events if vehicle == 3 and text.startswith("telemetry stale")]
     assert len(stale_s) == 1
     assert 14.0 < stale_s[0] < 20.0, "telemetry is stale after a second of the wall, which is four of the mission"
+
+
+def test_what_positions_refer_to_changes_and_nothing_untrue_is_told(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    log = tmp_path / "references.mcap"
+    options = ("--fault", "origin-moved@6:2", "--fault", "height-jumped@8:3", "--duration", "20", "--log", str(log))
+    with cordon("fly", mission_file("case2", LOW), *FLY, *options) as flight:
+        out, _ = flight.communicate(timeout=PATIENCE_S)
+    events = [event for event in json.loads(out)["events"] if "reference" in event]
+    moved, jumped = (event["reference"] for event in events)
+    assert [event["vehicle"] for event in events] == [2, 3]
+    assert (moved["what"], jumped["what"]) == ("origin moved", "position jumped")
+    assert hypot(moved["north_m"], moved["east_m"], moved["up_m"]) == pytest.approx(10.0, abs=0.05)
+    assert (jumped["north_m"], jumped["east_m"], jumped["up_m"]) == pytest.approx((0.0, 0.0, 6.0), abs=0.2)
+    recorded = read_log(log)
+    for vehicle in (2, 3):
+        true = {round(each.time_s, 1): each.position_m for each in recorded.of_kind(vehicle, Truth)}
+        told = [(each.position_m, round(each.time_s, 1)) for each in recorded.of_kind(vehicle, Telemetry)]
+        off_m = [dist(told_m, true[time_s]) for told_m, time_s in told if time_s in true]
+        assert len(off_m) > 200
+        assert max(off_m) < 0.5, "rounded to a tenth of a second, at 2 m/s"
 
 
 def test_a_killed_agent_is_named_before_the_process_ends(mission_file: Callable[..., str]) -> None:

@@ -77,8 +77,8 @@ class Vehicle:
         self.offboard.set_position_ned(PositionNedYaw(north, east, down, 0.0))
 
     def stop_positions(self) -> None:
-        """MAVSDK repeats the last setpoint for ever: a velocity, which the stub does not fly, ends the stream."""
-        self.offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+        """MAVSDK repeats the last setpoint for ever: a velocity that the stub does not fly ends the stream."""
+        self.offboard.set_velocity_ned(VelocityNedYaw(0.1, 0.0, 0.0, 0.0))
 
     def take_off(self, height_m: float) -> None:
         self.launch(height_m)

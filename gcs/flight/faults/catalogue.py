@@ -14,7 +14,7 @@ from sitl.faults import VehicleFaults, VehicleInjection
 
 LOSS = 0.5
 BUS_DELAY_S, LINK_DELAY_S = 0.3, 0.1
-JUMP_M, POSITION_OFFSET_M = 10.0, 5.0
+JUMP_M, HEIGHT_JUMP_M, POSITION_OFFSET_M = 10.0, 6.0, 5.0
 RATIO_DEGRADED, RATIO_FAILING = 0.8, 2.0
 LINES = 36
 """Number of directions in which an estimate may jump."""
@@ -70,6 +70,12 @@ def _jump_aside(scene: TeamInFlight) -> VehicleFaults:
     """Offset its estimate along the line on which neither the jump nor its correction comes near the others."""
     x, y = clearest_line(scene.places_m[scene.subject], [scene.places_m[i] for i in scene.others])
     return VehicleFaults(estimate_offset_m=(JUMP_M * x, JUMP_M * y, 0.0))
+
+
+def _move_origin(scene: TeamInFlight) -> VehicleFaults:
+    """Move the origin of its positions: a setpoint that is not converted leads it as far as a jump does."""
+    x, y = clearest_line(scene.places_m[scene.subject], [scene.places_m[i] for i in scene.others])
+    return VehicleFaults(origin_moved_m=(JUMP_M * x, JUMP_M * y, 0.0))
 
 
 def clearest_line(place_m: Triple, others_m: Sequence[Triple]) -> tuple[float, float]:
@@ -141,6 +147,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("nobody hears anybody", _of_team(lambda scene: TeamFaults(not_received=frozenset(scene.airborne))), 2, True),
     Fault("telemetry frozen", _of_subject(lambda _: VehicleFaults(motion_silent=True))),
     Fault("GPS jump", _of_subject(_jump_aside)),
+    Fault("origin moved", _of_subject(_move_origin)),
+    Fault("height jumped", _of_subject(lambda _: VehicleFaults(height_jump_m=HEIGHT_JUMP_M))),
     Fault("estimator degraded", _of_subject(lambda _: VehicleFaults(estimator_ratio=RATIO_DEGRADED))),
     Fault("estimator failing", _of_subject(lambda _: VehicleFaults(estimator_ratio=RATIO_FAILING))),
     Fault("not following", _of_subject(_push_outwards)),

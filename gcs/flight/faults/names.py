@@ -13,6 +13,8 @@ FaultName = Literal[
     "nobody hears anybody",
     "telemetry frozen",
     "GPS jump",
+    "origin moved",
+    "height jumped",
     "estimator degraded",
     "estimator failing",
     "not following",

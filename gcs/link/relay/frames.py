@@ -29,6 +29,7 @@ COMMANDS = frozenset({11, 75, 76})
 _TARGET_AT = {SETPOINT: 50, 11: 4, 75: 30, 76: 30}
 """The offset of the target system in the payload."""
 RADIO_STATUS, _BUFFER_FREE_AT = 109, 6
+ODOMETRY, _RESET_COUNTER_AT = 331, 230
 RADIO_SYSTEM, RADIO_COMPONENT = 51, 68
 """The ids of SiK radios."""
 HEARTBEAT_CRC_EXTRA, TIMESYNC_CRC_EXTRA, RADIO_STATUS_CRC_EXTRA = 50, 34, 185
@@ -71,6 +72,11 @@ def buffer_free(frame: bytes) -> float | None:
         return None
     percent = BUFFER_FREE.known(_payload_byte(frame, _BUFFER_FREE_AT))
     return None if percent is None else percent / 100.0
+
+
+def estimator_resets(frame: bytes) -> int | None:
+    """Return the estimator's count of resets, modulo 256, by its ODOMETRY; None for other messages."""
+    return _payload_byte(frame, _RESET_COUNTER_AT) if header(frame).message == ODOMETRY else None
 
 
 def _payload_byte(frame: bytes, at: int) -> int:

@@ -13,6 +13,7 @@ from gcs.link.relay.frames import (
     HEAD_V2,
     FrameStream,
     buffer_free,
+    estimator_resets,
     header,
     is_autopilot_heartbeat,
     is_hil,
@@ -109,7 +110,8 @@ class LinkReport:
     `moves` are the addresses from which the vehicle continued after a silence; `dropped` counts frames by reason.
     `doubled`: two vehicles send with this system id from one address, so that sequence numbers jump back and forth.
     `hil`: the newest heartbeat has the flag of a simulated body. `round_trip_s` is the time from a request to its
-    answer [wall s], None before the first answer.
+    answer [wall s], None before the first answer. `estimator_resets` is the newest count of its estimator's resets,
+    None where none is sent.
     """
 
     address: str = ""
@@ -120,6 +122,7 @@ class LinkReport:
     doubled: bool = False
     hil: bool = False
     round_trip_s: float | None = None
+    estimator_resets: int | None = None
 
 
 class Claim:
@@ -146,6 +149,7 @@ class Claim:
         """Of the frames from the verified address."""
         self.round_trips = RoundTrips()
         self._hil = False
+        self._estimator_resets: int | None = None
 
     def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
         """Return whether a frame with this system id is the vehicle's, and for MAVSDK."""
@@ -169,6 +173,8 @@ class Claim:
             self._hil = is_hil(frame)
             self._heartbeat, self._heartbeat_s = frame, now_s
             self._passed_s = now_s
+        if (resets := estimator_resets(frame)) is not None:
+            self._estimator_resets = resets
         asked_ns = timesync_answer(frame)
         return asked_ns is None or not self.round_trips.answered(asked_ns, round(now_s * 1e9))
 
@@ -220,6 +226,7 @@ class Claim:
             self.sequences.is_doubled,
             self._hil,
             self.round_trips.median_s,
+            self._estimator_resets,
         )
 
     def _move(self, address: Address, verdict: SignatureCheck) -> None:

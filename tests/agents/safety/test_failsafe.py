@@ -16,7 +16,7 @@ from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.inputs import AutopilotStatus, Bus, Computer, LateTicks, Message, Presence, Start, TacticEvent, TimeScale
 from agents.outputs import CoreStatus, TickOutput
-from agents.ports import Connection, ModeSource, VehicleStatus
+from agents.ports import Connection, ModeSource, Reference, VehicleStatus
 from agents.safety.failsafe import TABLE, Condition
 from agents.safety.guard import GuardStatus
 from agents.settings.config import AgentConfig
@@ -40,6 +40,8 @@ ONSET_S = 8.0
 ESCALATION_S = 6.0
 FENCE_X_M = 0.2 * ONSET_S
 CEILING_M = 9.0
+CLIMBS_M = 1.0
+"""A height that changes by more within a period has jumped."""
 LOOKS_S = 0.2
 """What is measured is looked at once a second, and next so long after the onset."""
 DRIFT_S, DRIFTED_S = 0.1, 0.56
@@ -97,7 +99,7 @@ class Flight:
         self.flood = 0
         self.refused = 0
         self.clock_drifts = False
-        self.height_m = HEIGHT_M
+        self.height_m = self.flown_m = HEIGHT_M
         self.reports: dict[str, Any] = {}
         self.short_of = ""
 
@@ -138,7 +140,8 @@ class Flight:
             self.clock_ahead_s = min(self.clock_ahead_s + DRIFT_S * PERIOD_S, DRIFTED_S)
         x, y, x_rate, y_rate = self.motion.tolist()
         if self.telemetry:
-            core.take(Telemetry(now_s, (x + self.offset_m, y, self.height_m), (x_rate, y_rate, 0.0)))
+            self.flown_m += min(max(self.height_m - self.flown_m, -CLIMBS_M), CLIMBS_M)
+            core.take(Telemetry(now_s, (x + self.offset_m, y, self.flown_m), (x_rate, y_rate, 0.0)))
         for peer, tactic in self.peers.items():
             core.take(Message(now_s, self._said_by(peer, tactic)))
         if self.target_m is not None:
@@ -235,6 +238,9 @@ CASES = {
         set_to(telemetry=False), set_to(telemetry=True), 1.0, HOLDS, wall=True, grave=Tactic.LAND
     ),
     Condition.ESTIMATOR_JUMPED: Case(jump, nothing, 1.1, (Tactic.HOLD, Tactic.HOLD)),
+    Condition.ORIGIN_MOVED: Case(
+        reporting(reference=Reference(moves=1, moved_m=(8.0, 0.0, -2.0))), nothing, 0.0, (Tactic.HOLD, Tactic.HOLD)
+    ),
     Condition.REMOTE_CONTROL_LOST: taken_over(lost=Connection.REMOTE_CONTROL),
     Condition.GROUND_STATION_LOST: taken_over(lost=Connection.GROUND_STATION),
     Condition.AUTOPILOT_FAILSAFE: taken_over(mode_by=ModeSource.FAILSAFE),

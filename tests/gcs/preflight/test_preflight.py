@@ -363,6 +363,33 @@ def test_the_height_of_the_ground(subtests: pytest.Subtests) -> None:
             assert [grade for grade, _, check in grave(findings) if check == "height"] == expected
 
 
+def test_heights_of_the_ground_that_leave_too_little_between_layers(subtests: pytest.Subtests) -> None:
+    # Layers of 3 m; vehicles 2 m apart in height do not evade each other.
+    layered = changed(choreography={"layer_m": 3.0, "landing": "return"})
+    for mission, heights_m, expected in (
+        (layered, (0.0, 0.9, 0.0), []),
+        (layered, (0.0, -1.1, 0.0), [("warning", "3.1 m apart")]),
+        (layered, (1.9, 1.9, 1.9), []),
+        (layered, (0.0, 0.0, 3.8), [("refuse", "5.8 m apart")]),
+        # The first and the last are two layers apart.
+        (layered, (0.0, 1.9, 3.8), [("warning", "3.9 m apart")]),
+        (changed(choreography={"layer_m": 6.0}), (0.0, 0.0, 3.8), []),
+        # At one height they keep their distances.
+        (CASE2, (0.0, 0.0, 3.8), []),
+    ):
+        with subtests.test(heights_m=heights_m, expected=expected):
+            facts = [
+                well(i, position_m=(*mission.vehicle(i).section.start_m, height_m))
+                for i, height_m in zip(mission.ids, heights_m, strict=True)
+            ]
+            found = [each for each in preflight(mission, facts) if each.check == "standing heights"]
+            judged = [each for each in found if each.grade is not Grade.PASS]
+            assert [each.grade.value for each in judged] == [grade for grade, _ in expected]
+            assert [facts_missing(each.next_step, step) for each, (_, step) in zip(judged, expected, strict=True)] == [
+                [] for _ in expected
+            ]
+
+
 def test_clocks_of_different_speed_are_refused() -> None:
     assert grave(team(clock_ratio=4.0)) == [("refuse", "mission", "clocks")]
     assert grave(preflight(CASE2, [well(i, clock_ratio=4.0) for i in CASE2.ids])) == []
