@@ -52,9 +52,11 @@ from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reas
 from agents.team.clock_watch import ClockWatch
 from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
-from agents.team.messages import CommandAnswer, MemberState, OperatorCommand
+from agents.team.messages import CommandAnswer, MemberState, NextChange, OperatorCommand, Outlook
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
+
+_NOTHING_DUE = Outlook()
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)  # RecordedCore
@@ -217,12 +219,28 @@ class VehicleCore:
             angles=self._team.ring.angles,
             drops=self._drops,
             alert=self.alert,
+            outlook=self._outlook(now_s),
             notes=self._notes.drained(),
             answers=answers,
             target_altitude_m=self._altitude.target_m,
             turning_rad_s=self._estimator.ring_frequency_rad_s,
         )
         return TickOutput(setpoint, (*map(command_answer, self.commands.answers(now_s)), *messages), status)
+
+    def _outlook(self, now_s: float) -> Outlook | None:
+        """Return what holds the vehicle and what it does next, None while nothing is due."""
+        failsafe, tactic = self._failsafe, self._tactic
+        outlook = Outlook(
+            self._next_change(now_s), failsafe.blocks, failsafe.waits_for_resume(tactic), failsafe.alerts[1:]
+        )
+        return None if outlook == _NOTHING_DUE else outlook
+
+    def _next_change(self, now_s: float) -> NextChange | None:
+        """Return the next change of tactic that the vehicle makes by itself: by a failsafe, or after an abort."""
+        change, lands_s = self._failsafe.next_change(self._tactic, now_s), self.commands.abort_lands_s
+        if lands_s is None or (change is not None and change.at_s <= lands_s):
+            return change
+        return NextChange(Tactic.LAND.value, lands_s, "abort")
 
     # Parts of the stages
 
@@ -297,7 +315,8 @@ class VehicleCore:
     @property
     def alert(self) -> str:
         """The most severe active condition of the failsafe table, empty if there is none."""
-        return self._failsafe.alert
+        alerts = self._failsafe.alerts
+        return alerts[0] if alerts else ""
 
     @property
     def _drops(self) -> Drops:
@@ -384,7 +403,10 @@ class VehicleCore:
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
-        if (event := self.commands.take(command, self._tactic, now_s, self._failsafe.refuse_resume())) is not None:
+        refused, change = self._failsafe.refuse_resume(), self._next_change(now_s)
+        if refused and change is not None:
+            refused = f"{refused}; {change.text(now_s)}"
+        if (event := self.commands.take(command, self._tactic, now_s, refused)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)

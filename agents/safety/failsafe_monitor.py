@@ -7,7 +7,8 @@ from typing import NamedTuple
 from agents.notes import AlertChange
 from agents.safety.failsafe import TABLE, Condition, Reaction, Row, chosen, grace_s
 from agents.settings.config import AgentConfig
-from agents.tactics import Event, Tactic
+from agents.tactics import Event, Tactic, next_tactic
+from agents.team.messages import NextChange
 
 _ORDER = {row.condition: place for place, row in enumerate(TABLE)}
 _SEVERITY = {reaction: severity for severity, reaction in enumerate(Reaction)}
@@ -25,6 +26,8 @@ _AMOUNTS_TO = {
     Tactic.PILOT_OVERRIDE: Reaction.HAND_OVER,
 }
 _ROUNDING_S = 1e-9
+COUNTED_SHARE, COUNTED_MIN_S = 0.5, 2.0
+"""The end of a grace time is announced once this share of it has passed; shorter ones are over before it is read."""
 
 
 class Symptom(NamedTuple):
@@ -57,14 +60,20 @@ class _Alert:
         return self.present and self.row.condition is not Condition.NO_OPERATOR
 
     @property
-    def severity(self) -> tuple[int, int]:
-        return _SEVERITY[self.reaction], -_ORDER[self.row.condition]
+    def severity(self) -> tuple[int, bool, int]:
+        """Of equally severe conditions one that is present comes before one that is over: it acts next."""
+        return _SEVERITY[self.reaction], self.present, -_ORDER[self.row.condition]
 
     def demand(self, tactic: Tactic) -> Reaction:
         """Return the reaction that is due; during a return it may be more severe."""
         if tactic is Tactic.RETURN_AND_LAND and self.present and self.row.descending is not None:
             return self.row.descending
         return self.reaction
+
+
+def _first(change: NextChange) -> tuple[float, int]:
+    """The order of changes: the earliest, of several at once the most severe."""
+    return change.at_s, -_SEVERITY[_AMOUNTS_TO[Tactic(change.tactic)]]
 
 
 class FailsafeMonitor:
@@ -75,6 +84,7 @@ class FailsafeMonitor:
         self._grace_s = {row.condition: grace_s(row, config) for row in TABLE}
         self._escalation_s = config.failsafe.escalation_s
         self._time_scale = 1.0
+        self._present: Mapping[Condition, Symptom] = {}
         self._alerts: dict[Condition, _Alert] = {}
         self._news: list[AlertChange] = []
 
@@ -83,11 +93,23 @@ class FailsafeMonitor:
         self._time_scale = factor
 
     @property
-    def alert(self) -> str:
-        """The most severe condition, empty if there is none."""
+    def alerts(self) -> tuple[str, ...]:
+        """The active conditions, the most severe first."""
         if not self._alerts:
-            return ""
-        return max(self._alerts.values(), key=lambda alert: alert.severity).row.condition.value
+            return ()
+        ranked = sorted(self._alerts.values(), key=lambda alert: alert.severity, reverse=True)
+        return tuple([alert.row.condition.value for alert in ranked])
+
+    @property
+    def blocks(self) -> str:
+        """The most severe condition that refuses a resume, empty if none does."""
+        blocking = self._blocking()
+        return blocking[0].row.condition.value if blocking else ""
+
+    def waits_for_resume(self, tactic: Tactic) -> bool:
+        """Return whether the vehicle stopped by itself, and all conditions of that are over."""
+        stopped = [alert.present for alert in self._alerts.values() if alert.sticky]
+        return tactic in (Tactic.ASIDE, Tactic.HOLD) and bool(stopped) and not any(stopped)
 
     @property
     def active(self) -> Container[Condition]:
@@ -99,6 +121,7 @@ class FailsafeMonitor:
 
         A landing vehicle does not react any more.
         """
+        self._present = present
         if not (present or self._alerts) or tactic is Tactic.LAND:
             return None
         lasting = [condition for condition, symptom in present.items() if self._take(now_s, condition, symptom)]
@@ -113,12 +136,16 @@ class FailsafeMonitor:
 
     def refuse_resume(self) -> str | None:
         """Return why the vehicle must not resume, which is a condition that is still present; None if it may."""
-        reasons = [
-            f"{condition.value}: {alert.detail}"
-            for condition, alert in self._alerts.items()
-            if alert.binds and alert.sticky
+        return "; ".join([f"{alert.row.condition.value}: {alert.detail}" for alert in self._blocking()]) or None
+
+    def next_change(self, tactic: Tactic, now_s: float) -> NextChange | None:
+        """Return the next change of tactic if the present conditions last, None without one."""
+        changes = [
+            change
+            for condition, symptom in self._present.items()
+            if (change := self._change_by(condition, symptom, tactic, now_s)) is not None
         ]
-        return "; ".join(reasons) or None
+        return min(changes, key=_first) if changes else None
 
     def resume(self) -> None:
         """Drop the conditions that stopped the vehicle and are over."""
@@ -151,6 +178,30 @@ class FailsafeMonitor:
             self._note_change(condition)
         return True
 
+    def _change_by(self, condition: Condition, symptom: Symptom, tactic: Tactic, now_s: float) -> NextChange | None:
+        """Return the change at the end of a condition's grace time or, after that, at its next reaction."""
+        row, alert = self._rows[condition], self._alerts.get(condition)
+        time_scale = self._time_scale if row.by_wall else 1.0
+        after_s = self._grace_s[condition] * time_scale
+        if alert is None or not alert.present:
+            if after_s < COUNTED_MIN_S * time_scale or now_s - symptom.since_s < COUNTED_SHARE * after_s:
+                return None
+            reaction = row.descending if tactic is Tactic.RETURN_AND_LAND else None
+            reaction = reaction or row.reactions[0 if alert is None else alert.reached]
+        elif alert.reached + 1 < len(row.reactions):
+            reaction = row.reactions[alert.reached + 1]
+            after_s += (alert.reached + 1) * self._escalation_s * time_scale
+        else:
+            return None
+        event = self._event(reaction, tactic)
+        after = tactic if event is None else next_tactic(tactic, event)
+        return None if after is tactic else NextChange(after.value, symptom.since_s + after_s, condition.value)
+
+    def _blocking(self) -> list[_Alert]:
+        """Return the conditions that refuse a resume, the most severe first."""
+        blocking = [alert for alert in self._alerts.values() if alert.binds and alert.sticky]
+        return sorted(blocking, key=lambda alert: alert.severity, reverse=True)
+
     def _note_change(self, condition: Condition) -> None:
         alert = self._alerts[condition]
         self._news.append(AlertChange(condition.value, alert.detail, alert.reaction.value))
@@ -158,12 +209,17 @@ class FailsafeMonitor:
     def _end(self, condition: Condition) -> None:
         alert = self._alerts[condition]
         alert.present = False
-        self._news.append(AlertChange(condition.value, is_over=True, waits_for_resume=alert.sticky))
+        waits = alert.sticky and not self._blocking()
+        self._news.append(AlertChange(condition.value, is_over=True, waits_for_resume=waits))
         if not alert.sticky:
             del self._alerts[condition]
 
     def _due(self, tactic: Tactic) -> Event | None:
         demands = (alert.demand(tactic) for alert in self._alerts.values())
-        most_severe = max(demands, key=_SEVERITY.__getitem__, default=Reaction.DEGRADE)
+        return self._event(max(demands, key=_SEVERITY.__getitem__, default=Reaction.DEGRADE), tactic)
+
+    @staticmethod
+    def _event(reaction: Reaction, tactic: Tactic) -> Event | None:
+        """Return the event of a reaction, None if the tactic is severe enough."""
         got = _SEVERITY[_AMOUNTS_TO.get(tactic, Reaction.DEGRADE)]
-        return _EVENTS[most_severe] if _SEVERITY[most_severe] > got and most_severe in _EVENTS else None
+        return _EVENTS.get(reaction) if _SEVERITY[reaction] > got else None

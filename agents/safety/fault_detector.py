@@ -5,7 +5,7 @@ from math import hypot, inf
 
 from agents.drops import NO_DROPS
 from agents.safety.failsafe import Condition
-from agents.safety.failsafe_monitor import Symptom
+from agents.safety.failsafe_monitor import COUNTED_SHARE, Symptom
 from agents.safety.fence import Fence
 from agents.safety.neighbours import GOING_ON_S
 from agents.safety.vehicle_watch import VehicleWatch
@@ -132,9 +132,9 @@ class FaultDetector:
             self._add(faults, now_s, Condition.BUS_FLOODED, self.bus_drops.text())
 
     def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
-        on_ring = tactic is Tactic.ENCIRCLE
-        if situation.target is None and (on_ring or Condition.TARGET_STALE in active):
-            sighted_s = self._target.sighted_s
+        on_ring, sighted_s = tactic is Tactic.ENCIRCLE, self._target.sighted_s
+        fading = on_ring and situation.now_s - sighted_s > COUNTED_SHARE * self._stale_after_s
+        if fading or (situation.target is None and (on_ring or Condition.TARGET_STALE in active)):
             faults[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
         jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:

@@ -6,6 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
+from gcs.console.vehicle_view import NextView
 from gcs.station.picture import EventPicture, LostPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import RATE_HZ, CannedStation
@@ -69,6 +70,19 @@ def tones_in(page: Page, served: CannedStation, time_ms: float) -> int:
         pass_time(page, 1000.0 / RATE_HZ)
     after: int = page.evaluate("window.tones")
     return after - before
+
+
+def test_an_alarm_counts_down_to_what_follows_and_names_what_refuses_a_resume(
+    page: Page, served: CannedStation
+) -> None:
+    lands = {"next": NextView("lands", 17.2, "estimator failing"), "blocks": "estimator failing"}
+    served.team = lambda time_s: changed(link_lost(time_s), 2, also=("estimator failing", "tilt too large"), **lands)
+    words = "lands in 18 s (estimator failing); resume refused: estimator failing; also tilt too large"
+    expect(page.locator(".card[data-vehicle='2'] .due")).to_have_text(words)
+    expect(page.locator("#alarm-bar li")).to_contain_text(f"link lost. {words}.")
+    served.team = lambda time_s: changed(link_lost(time_s), 2, next=NextView("lands", 3.9, "link lost"))
+    expect(page.locator("#alarm-bar li")).to_contain_text("link lost. lands in 4 s.")
+    expect(page.locator(".card[data-vehicle='1'] .due")).to_be_hidden()
 
 
 def test_alarm_sounds_until_it_is_acknowledged(page: Page, served: CannedStation) -> None:

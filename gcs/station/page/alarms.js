@@ -1,7 +1,7 @@
 /** Alarms: a sound, a sign and a word until they are acknowledged; removed when they are over and acknowledged. */
 
 import { byId, element, setText } from "./dom.js";
-import { trouble } from "./vehicles.js";
+import { due, trouble } from "./vehicles.js";
 
 const SOUND_EVERY_MS = 2000;
 const TONES_HZ = [880, 660];
@@ -71,7 +71,7 @@ export class Alarms {
   }
 
   #state() {
-    return [...this.alarms.values()].map((alarm) => `${alarm.key}${alarm.isPresent}${alarm.advice}`).join();
+    return [...this.alarms.values()].map((alarm) => `${alarm.key}${alarm.isPresent}${alarm.advice}${alarm.due}`).join();
   }
 
   #removeOld() {
@@ -100,7 +100,7 @@ const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2);
 
 function ofVehicle(vehicle) {
   const { vehicle_id, alert, advice } = vehicle;
-  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
+  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, text: `Vehicle ${vehicle_id}: ${alert}`, advice, due: due(vehicle) };
 }
 
 const LOST = { key: "lost", subject: "flight", text: "The flight was lost: only the autopilots control the vehicles", advice: "" };
@@ -108,6 +108,7 @@ const LOST = { key: "lost", subject: "flight", text: "The flight was lost: only 
 function row(alarm) {
   const word = alarm.isPresent ? "ALARM" : "OVER";
   const parts = [element("strong", {}, `${alarm.isPresent ? "■" : "□"} ${word}`), ` ${alarm.text}. `];
+  if (alarm.isPresent && alarm.due) parts.push(`${alarm.due}. `);
   if (alarm.isPresent && alarm.advice) parts.push(element("em", {}, alarm.advice));
   if (alarm.isSeen) parts.push(" (acknowledged)");
   return element("li", { "data-state": alarm.isPresent ? (alarm.isSeen ? "seen" : "new") : "over" }, ...parts);

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
 from typing import Any
 
 import msgspec
@@ -18,13 +20,15 @@ from agents.inputs import AutopilotStatus, Bus, Computer, LateTicks, Message, Pr
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import Connection, VehicleStatus
 from agents.safety.failsafe import TABLE, Condition
+from agents.safety.failsafe_monitor import COUNTED_MIN_S, COUNTED_SHARE
 from agents.safety.guard import GuardStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings, FailsafeSettings
 from agents.situation.task import Task
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
-from agents.team.messages import MemberState, OperatorCommand
+from agents.team.messages import MemberState, NextChange, OperatorCommand, Outlook
+from agents.team.team import GONE_S
 from estimation.plant.model import exact_step
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 from gcs.flight.simulated import fly_simulated
@@ -301,6 +305,9 @@ CASES = {
 }
 BY_THE_SHELL = {Condition.OPERATOR_LOST}
 """Ended by a signal, see the test at the end."""
+GRACE_S = {row.condition: getattr(SETTINGS, row.grace.partition(".")[2], 0.0) for row in TABLE} | {
+    Condition.TARGET_STALE: 4.0
+}
 STICKY = [condition for condition, case in CASES.items() if case.tactics[0] in (Tactic.HOLD, Tactic.ASIDE)]
 PASSING = [condition for condition, case in CASES.items() if case.tactics[0] is Tactic.FORMATION]
 
@@ -492,6 +499,110 @@ def test_nothing_turns_a_descent_into_hovering(condition: Condition, make_flight
     down = flight.fly(ONSET_S + case.after_s + 2.0)
     assert {output.status.tactic for output in down} <= {Tactic.RETURN_AND_LAND, case.grave}
     assert flight.status.tactic is case.grave
+
+
+@pytest.mark.parametrize("time_scale", [1.0, 3.0])
+@pytest.mark.parametrize("condition", CASES, ids=by_name)
+def test_every_change_by_itself_is_announced_before_and_comes_when_it_was_announced(
+    condition: Condition, time_scale: float, make_flight: Callable[..., Flight]
+) -> None:
+    """Grace times below two seconds are too short to be read."""
+    case, flight = CASES[condition], make_flight(condition, time_scale=time_scale)
+    case.begin(flight)
+    scale = time_scale if case.wall else 1.0
+    flown = flight.fly(ONSET_S + scale * (case.after_s + 3.0 * ESCALATION_S) + 1.0)
+    grace_s = GRACE_S.get(condition, 0.0)
+    for before, after in pairwise(flown):
+        by_itself = after.status.tactic is not before.status.tactic
+        taken_over = after.status.tactic is Tactic.PILOT_OVERRIDE
+        first = before.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
+        if by_itself and not taken_over and not (first and grace_s < COUNTED_MIN_S):
+            assert before.status.outlook is not None
+            change = before.status.outlook.next
+            assert change is not None
+            assert (change.tactic, change.cause) == (after.status.tactic.value, condition.value)
+            assert change.at_s == pytest.approx(after.status.time_s, abs=PERIOD_S)
+            announced_s = [
+                each.status.time_s for each in flown if each.status.outlook and each.status.outlook.next == change
+            ]
+            known_s = max(COUNTED_SHARE * grace_s, GONE_S if condition is Condition.PEERS_SILENT else 0.0)
+            notice_s = scale * (grace_s - known_s if first else ESCALATION_S)
+            assert change.at_s - announced_s[0] == pytest.approx(notice_s, abs=3.0 * PERIOD_S)
+    last = flown[-1].status.outlook
+    assert last is None or last.next is None, "nothing is announced that does not come"
+
+
+def test_a_fault_that_passes_within_its_grace_time_is_announced_once_half_of_it_is_over(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(Condition.BATTERY_LOW)
+    flight.battery = 0.18
+    flown = flight.fly(ONSET_S + 3.5)
+    flight.battery = 0.5
+    flown += flight.fly(ONSET_S + 8.0)
+    counted_s = [each.status.time_s - ONSET_S for each in flown if each.status.outlook is not None]
+    assert (counted_s[0], counted_s[-1]) == pytest.approx((2.0, 3.4), abs=0.05)
+
+
+def test_what_refuses_a_resume_is_told_where_another_condition_stopped_the_vehicle_and_when_it_lands(
+    make_flight: Callable[..., Flight],
+) -> None:
+    """A GPS jump: the position has settled, and the estimator still rejects it."""
+    flight = make_flight(Condition.ESTIMATOR_JUMPED)
+    jump(flight)
+    reporting(estimator_ratio=1.2, estimator_sensor="position")(flight)
+    flight.fly(ONSET_S + 6.0)
+    assert "estimator jumped: cleared" in flight.notes(), "and no word of a resume"
+    outlook = flight.status.outlook
+    assert outlook is not None
+    assert (flight.told.alert, outlook.blocks, outlook.also) == (
+        "estimator failing",
+        "estimator failing",
+        ("estimator jumped", "estimator degraded"),
+    )
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    lands_s = ONSET_S + SETTINGS.estimator_s + ESCALATION_S
+    flown = flight.fly(flight.now_s + PERIOD_S)
+    (refusal,) = (note for note in flight.notes(kind="command") if "refused" in note)
+    assert refusal.endswith(f"estimator failing: position rejected (test ratio 1.2); lands in {ceil(lands_s - 14.0)} s")
+    flown += flight.fly(lands_s + 1.0)
+    landed_s = next(each.status.time_s for each in flown if each.status.tactic is Tactic.LAND)
+    assert landed_s == pytest.approx(lands_s, abs=PERIOD_S)
+
+
+def test_a_vehicle_taken_by_its_pilot_tells_what_would_refuse_a_resume(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.PILOT_TOOK_OVER)
+    flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER))
+    flight.battery = 0.05
+    flight.fly(ONSET_S + 5.0)
+    assert flight.status.outlook is not None
+    assert (flight.told.alert, flight.status.outlook.blocks) == ("pilot took over", "battery critical")
+
+
+def test_a_vehicle_whose_condition_is_over_waits_for_a_resume_and_one_whose_operator_held_it_does_not(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(Condition.TELEMETRY_STALE)
+    flight.core.take(TacticEvent(Event.HOLD))
+    flight.fly(ONSET_S + 1.0)
+    assert flight.status.outlook is None
+    flight.telemetry = False
+    flight.fly(ONSET_S + 3.0)
+    assert flight.status.outlook is not None
+    assert not flight.status.outlook.waits_for_resume
+    flight.telemetry = True
+    flight.fly(ONSET_S + 4.0)
+    assert flight.status.outlook == Outlook(waits_for_resume=True)
+
+
+def test_the_landing_after_an_abort_is_announced_until_a_resume(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "abort", None, "pat", 1)))
+    flight.fly(ONSET_S + 1.0)
+    assert flight.status.outlook == Outlook(NextChange("land", ONSET_S + 5.0, "abort"))
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 2)))
+    flight.fly(ONSET_S + 2.0)
+    assert flight.status.outlook is None
 
 
 def test_a_vehicle_that_was_held_and_is_sent_down_blind_lands(make_flight: Callable[..., Flight]) -> None:
