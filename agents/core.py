@@ -230,8 +230,14 @@ class VehicleCore:
     def _outlook(self, now_s: float) -> Outlook | None:
         """Return what holds the vehicle and what it does next, None while nothing is due."""
         failsafe, tactic = self._failsafe, self._tactic
+        bent = self._interventions.lasting(now_s, tactic)
         outlook = Outlook(
-            self._next_change(now_s), failsafe.blocks, failsafe.waits_for_resume(tactic), failsafe.alerts[1:]
+            self._next_change(now_s),
+            failsafe.blocks,
+            failsafe.waits_for_resume(tactic),
+            failsafe.alerts[1:],
+            () if bent is None else bent.causes,
+            () if bent is None else bent.evaded,
         )
         return None if outlook == _NOTHING_DUE else outlook
 

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from agents.drops import NO_DROPS, Drops
+from agents.notes import GuardCause
 from agents.settings.shapes import Shape
 from agents.tactics import Tactic
 from agents.team.packing import FLAT, PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit, Within
@@ -220,13 +221,16 @@ class Outlook(msgspec.Struct, frozen=True):
     """What a vehicle does next, and what holds it beside its alert.
 
     `blocks` is the condition that refuses a resume. A vehicle `waits_for_resume` if it stopped by itself and all
-    conditions of that are over. `also` are its other conditions, the most severe first.
+    conditions of that are over. `also` are its other conditions, the most severe first. `guard` is why its aim is bent,
+    `evaded` are the vehicles that it keeps apart from.
     """
 
     next: NextChange | None = None
     blocks: _Name = ""
     waits_for_resume: bool = False
     also: Annotated[tuple[_Name, ...], msgspec.Meta(max_length=CONDITIONS_LIMIT)] = ()
+    guard: tuple[GuardCause, ...] = ()
+    evaded: tuple[VehicleId, ...] = ()
 
 
 class VehicleReport(msgspec.Struct, frozen=True):

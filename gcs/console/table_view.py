@@ -217,7 +217,7 @@ def motion_numbers(row: TeamRow) -> tuple[PlainNumber, ...]:
 def plain_row(row: TeamRow, tactic: str, also: str, numbers: Iterable[PlainNumber]) -> str:
     """Return a vehicle as plain text, without the numbers that are unknown."""
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, row.alert, row.due, row.note]))
+    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, row.alert, row.due, row.guard, row.note]))
 
 
 def in_degrees(angle_rad: float | None) -> float | None:
@@ -260,9 +260,9 @@ def _rank(row: TeamRow) -> tuple[int, bool]:
 
 
 def _notes(rows: Sequence[TeamRow]) -> list[Text]:
-    """Return a line for each note, and for what is due without an alert."""
-    due = {row.vehicle_id: "" if row.alert else row.due for row in rows}
-    whose = _vehicles({row.vehicle_id: ", ".join(filter(None, [due[row.vehicle_id], row.note])) for row in rows})
+    """Return a line for each note, for the guard's action, and for what is due without an alert."""
+    shown = {row.vehicle_id: ("" if row.alert else row.due, row.guard, row.note) for row in rows}
+    whose = _vehicles({vehicle_id: ", ".join(filter(None, texts)) for vehicle_id, texts in shown.items()})
     return _first([Text(f"{whose[note]}: {note}", style="yellow") for note in whose], _NOTES_MAX, "notes")
 
 

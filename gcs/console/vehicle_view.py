@@ -7,6 +7,7 @@ from typing import TypeVar
 import msgspec
 from msgspec.structs import replace
 
+from agents.notes import GuardAction
 from agents.safety.failsafe import Condition
 from agents.safety.fence import Fence
 from agents.team.messages import AutopilotReport, MemberState, Outlook, VehicleReport
@@ -37,8 +38,8 @@ class VehicleView(msgspec.Struct, frozen=True):
     `yaw_rad` is that of the setpoint. `link_age_s` is how long its agent has received nothing from its autopilot.
     `nearest_m` is the horizontal distance to the nearest other flying vehicle, `fence_margin_m` that to the fence
     (negative: outside). `advice` is the operator's action for the alert. `blocks` is the condition that refuses a
-    resume, `also` are its other conditions. `ending` is how its flight ended, empty before. Unknown values are None,
-    or empty.
+    resume, `also` are its other conditions, `guard` is why its aim is bent. `ending` is how its flight ended,
+    empty before. Unknown values are None, or empty.
     """
 
     vehicle_id: int
@@ -68,6 +69,7 @@ class VehicleView(msgspec.Struct, frozen=True):
     blocks: str = ""
     also: tuple[str, ...] = ()
     waits_for_resume: bool = False
+    guard: str = ""
     ending: str = ""
 
     @property
@@ -149,6 +151,7 @@ def with_outlook(view: ViewT, outlook: Outlook | None, now_s: float) -> ViewT:
         blocks=outlook.blocks,
         also=outlook.also,
         waits_for_resume=outlook.waits_for_resume,
+        guard=GuardAction(outlook.guard, outlook.evaded).text,
     )
 
 

@@ -10,7 +10,7 @@ import msgspec
 
 from agents.drops import Drops
 from agents.inputs import Command, CoreInput, Message
-from agents.notes import AlertChange, CommandOutcome, Note
+from agents.notes import AlertChange, CommandOutcome, GuardAction, Note
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.team.codec import encode
@@ -300,6 +300,7 @@ def notes_of(decision: Any) -> list[Note]:
             note.text,
             note.because,
             alert=_values(note, "alert", AlertChange),
+            guard=_guard_of(note),
             command=_values(note, "command", CommandOutcome),
         )
         for note in decision.notes
@@ -315,7 +316,12 @@ def outlook_of(decision: Any) -> Outlook | None:
         return None
     held = decision.outlook
     change = NextChange(held.next.tactic, held.next.at_s, held.next.cause) if held.HasField("next") else None
-    return Outlook(change, held.blocks, held.waits_for_resume, tuple(held.also))
+    return Outlook(change, held.blocks, held.waits_for_resume, tuple(held.also), tuple(held.guard), tuple(held.evaded))
+
+
+def _guard_of(note: Any) -> GuardAction | None:
+    known = "guard" in note.DESCRIPTOR.fields_by_name and note.HasField("guard")
+    return GuardAction(tuple(note.guard.causes), tuple(note.guard.evaded)) if known else None
 
 
 def _values(note: Any, name: str, kind: type[ValuesT]) -> ValuesT | None:

@@ -19,7 +19,7 @@ COVARIANCE_TOLERANCE = 1e-6
 
 Same = Callable[[str, Any, Any], bool]
 """Return whether a field, given by its path, has the same value in two decisions."""
-_VALUES = ("tactic", "alert", "command")
+_VALUES = ("tactic", "alert", "command", "guard")
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
 
@@ -52,6 +52,8 @@ def differences(recorded: Decision, replayed: Decision, same: Same) -> list[Fiel
     for note, again in zip(one["notes"], other["notes"], strict=False):
         if all(note[name] is None for name in _VALUES):
             again.update(dict.fromkeys(_VALUES))
+            if note["kind"] == "guard":  # its text named the causes alone
+                again["text"] = note["text"]
     if one["outlook"] is None:
         other["outlook"] = None
     return list(_compared("", one, other, same))

@@ -68,4 +68,5 @@ export function headline(vehicle, team) {
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
-export const tactic = (vehicle) => vehicle.tactic || UNKNOWN;
+/** The tactic, and what the guard keeps doing meanwhile: "hold, evading 1". */
+export const tactic = (vehicle) => [vehicle.tactic || UNKNOWN, vehicle.guard].filter(Boolean).join(", ");

@@ -142,6 +142,8 @@ def test_what_acts_what_blocks_a_resume_and_what_comes_next_are_in_the_line_of_t
 def test_what_is_due_without_an_alert_is_a_note_until_it_has_come() -> None:
     end = Outlook(NextChange("return and land", 130.0, "mission's end"))
     assert "vehicle 1: returns and lands in 30 s (mission's end)" in shown_at(100, [due(1, "", end)])
+    pushed = Outlook(guard=("separation", "fence"), evaded=(2, 3))
+    assert "vehicle 1: evading 2, 3, kept inside the fence" in shown_at(100, [due(1, "", pushed)])
     assert "mission's end" not in " ".join(shown_at(100, [due(1, "", end, 132.1)]))
 
 
