@@ -176,15 +176,13 @@ class VehicleCore:
     def _kept_apart(self, situation: Situation, aim_m: Vector) -> Guarded:
         """Guard an aim against the vehicles that it could bring too close; if that changes it, against all near."""
         lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
-        inconsistencies = self._team.inconsistencies
+        doubtful = {*self._team.inconsistencies, *self._team.explained}
         near = self._team.near()
-        exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or inconsistencies) else near
-        guarded = self._guard.check(
-            situation, aim_m, self._neighbours.bodies(situation, exposed, lost, inconsistencies)
-        )
+        exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubtful) else near
+        guarded = self._guard.check(situation, aim_m, self._neighbours.bodies(situation, exposed, lost, doubtful))
         if guarded.aim_m is aim_m or len(exposed) == len(near):
             return guarded
-        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, inconsistencies))
+        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, doubtful))
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
         """Make the setpoint from the guarded aim; record and publish what is sent."""
@@ -235,7 +233,7 @@ class VehicleCore:
             self._next_change(now_s),
             failsafe.blocks,
             failsafe.waits_for_resume(tactic),
-            failsafe.alerts[1:],
+            (*failsafe.alerts[1:], *[f"vehicle {i} {alert}" for i, alert in self._team.explained.items()]),
             () if bent is None else bent.causes,
             () if bent is None else bent.evaded,
         )

@@ -134,7 +134,8 @@ class Row:
     the grace time (empty: none); with `by_wall` it is in wall time, because links take wall time also when mission time
     passes faster. Each further reaction follows after another `failsafe.escalation_s` if the condition persists; if
     `choice` names a setting, that setting selects one of them instead. `descending` is the reaction of a vehicle that
-    is already returning (None: it continues); a row with `shell` is carried out outside the core.
+    is already returning (None: it continues); a row with `shell` is carried out outside the core. While a condition of
+    `explained_by` is present, this one is its consequence: it acts, but is no alert of its own.
     """
 
     condition: Condition
@@ -147,6 +148,7 @@ class Row:
     descending: Reaction | None = None
     shell: bool = False
     choice: str = ""
+    explained_by: tuple[Condition, ...] = ()
     reported: Callable[[VehicleStatus, FailsafeSettings], str] | None = None
 
 
@@ -211,6 +213,7 @@ TABLE = (
         (Reaction.RETURN,),
         NOT_IN_THE_AIR,
         "it returns and lands: clear its landing place",
+        explained_by=(Condition.BATTERY_CRITICAL,),
     ),
     Row(
         Condition.NO_WAY_HOME,
@@ -220,6 +223,7 @@ TABLE = (
         (Reaction.RETURN,),
         NOT_IN_THE_AIR,
         "it returns and lands: clear its way and landing place",
+        explained_by=(Condition.BATTERY_CRITICAL, Condition.BATTERY_LOW),
     ),
     Row(
         Condition.ESTIMATOR_FAILING,
@@ -329,6 +333,7 @@ TABLE = (
         RESUME,
         "check its computer's network; Ctrl-C in its terminal lands it",
         by_wall=True,
+        explained_by=(Condition.BUS_LOST,),
     ),
     Row(
         Condition.LATE_TICKS,
@@ -374,6 +379,7 @@ TABLE = (
         BY_ITSELF,
         "watch its position; return if it gets worse",
         reported=_degraded,
+        explained_by=(Condition.ESTIMATOR_FAILING,),
     ),
     Row(
         Condition.LINK_DEGRADED,
@@ -384,6 +390,7 @@ TABLE = (
         BY_ITSELF,
         "move the antenna nearer to it; land it if the link gets worse",
         reported=lambda status, _: status.link_fault,
+        explained_by=(Condition.TELEMETRY_STALE,),
     ),
     Row(
         Condition.COMPUTER_SHORT,
@@ -403,6 +410,7 @@ TABLE = (
         BY_ITSELF,
         "look for the silent vehicle; the next in line leads",
         by_wall=True,
+        explained_by=(Condition.BUS_LOST, Condition.PEERS_SILENT),
     ),
     Row(
         Condition.PEER_SILENT,
@@ -412,12 +420,13 @@ TABLE = (
         BY_ITSELF,
         "look for the silent vehicle; the others keep clear of it",
         by_wall=True,
+        explained_by=(Condition.BUS_LOST, Condition.PEERS_SILENT),
     ),
     Row(
         Condition.PEER_DOUBTFUL,
         f"{CONFIRMED} states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
-        f"them; lasts until {REPORTED_FOR_S:g} s after the last one",
-        "",
+        f"them; lasts until {REPORTED_FOR_S:g} s after the last one, or until the peer's own alert explains it",
+        "failsafe.doubt_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
         "count the vehicles in the air; return if one is not in the team",
@@ -426,10 +435,11 @@ TABLE = (
         Condition.SIGHTINGS_CONTRADICT,
         f"{CONTRADICTED} sightings of a peer or an external source are farther from the own sensor's than their "
         f"covariances allow; lasts until {CONTRADICTS_S:g} s after the last one",
-        "",
+        "failsafe.doubt_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
         "check the sensors: one reports a wrong target position",
+        explained_by=(Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING),
     ),
     Row(
         Condition.TARGET_FROM_OUTSIDE,
@@ -448,6 +458,7 @@ TABLE = (
         "join its network with an operator's keys, then resume",
         by_wall=True,
         choice="failsafe.no_operator",
+        explained_by=(Condition.BUS_LOST,),
     ),
     Row(
         Condition.OPERATOR_LOST,
@@ -471,9 +482,16 @@ LOST = {
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}
 POSITION_ALERTS = frozenset(
-    each.value for each in (Condition.TELEMETRY_STALE, Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING)
+    each.value
+    for each in (
+        Condition.TELEMETRY_STALE,
+        Condition.ESTIMATOR_JUMPED,
+        Condition.ESTIMATOR_FAILING,
+        Condition.NOT_FOLLOWING,
+        Condition.TILTED,
+    )
 )
-"""The alerts with which a vehicle's position may jump."""
+"""The alerts with which a vehicle's position may jump, or its motion be none that its plant allows."""
 
 
 def reported_faults(status: VehicleStatus, limits: FailsafeSettings) -> dict[Condition, str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import NamedTuple
 
 from agents.notes import AlertChange
@@ -26,6 +27,8 @@ _AMOUNTS_TO = {
     Tactic.PILOT_OVERRIDE: Reaction.HAND_OVER,
 }
 _ROUNDING_S = 1e-9
+OUTLASTS_S = 1.0
+"""A consequence that outlasts its cause by more is an alert of its own."""
 COUNTED_SHARE, COUNTED_MIN_S = 0.5, 2.0
 """The end of a grace time is announced once this share of it has passed; shorter ones are over before it is read."""
 
@@ -39,12 +42,18 @@ class Symptom(NamedTuple):
 
 @dataclass(slots=True)
 class _Alert:
-    """A condition whose grace time is over: the reaction reached, and whether the condition is still present."""
+    """A condition whose grace time is over: the reaction reached, and whether the condition is still present.
+
+    `noted` is the reaction that was noted last, None before: a consequence of another condition, as it was last at
+    `explained_s`, is not noted.
+    """
 
     row: Row
     reached: int
     detail: str
     present: bool
+    noted: int | None = None
+    explained_s: float = -inf
 
     @property
     def reaction(self) -> Reaction:
@@ -94,10 +103,11 @@ class FailsafeMonitor:
 
     @property
     def alerts(self) -> tuple[str, ...]:
-        """The active conditions, the most severe first."""
+        """The active conditions, the most severe first, and consequences of others last."""
         if not self._alerts:
             return ()
         ranked = sorted(self._alerts.values(), key=lambda alert: alert.severity, reverse=True)
+        ranked.sort(key=self._is_consequence)
         return tuple([alert.row.condition.value for alert in ranked])
 
     @property
@@ -125,6 +135,8 @@ class FailsafeMonitor:
         if not (present or self._alerts) or tactic is Tactic.LAND:
             return None
         lasting = [condition for condition, symptom in present.items() if self._take(now_s, condition, symptom)]
+        for condition in lasting:
+            self._note_change(self._alerts[condition], now_s)
         for condition in [c for c, alert in self._alerts.items() if alert.present and c not in lasting]:
             self._end(condition)
         return self._due(tactic)
@@ -132,7 +144,7 @@ class FailsafeMonitor:
     def latch(self, condition: Condition, detail: str) -> None:
         """Record a condition that the shell has already reacted to."""
         self._alerts[condition] = _Alert(self._rows[condition], 0, detail, present=False)
-        self._note_change(condition)
+        self._note_change(self._alerts[condition])
 
     def refuse_resume(self) -> str | None:
         """Return why the vehicle must not resume, which is a condition that is still present; None if it may."""
@@ -170,12 +182,8 @@ class FailsafeMonitor:
         alert = self._alerts.get(condition)
         if alert is None:
             self._alerts[condition] = _Alert(row, reached, symptom.detail, present=True)
-            self._note_change(condition)
             return True
-        alert.present, alert.detail = True, symptom.detail
-        if reached > alert.reached:
-            alert.reached = reached
-            self._note_change(condition)
+        alert.present, alert.detail, alert.reached = True, symptom.detail, max(reached, alert.reached)
         return True
 
     def _change_by(self, condition: Condition, symptom: Symptom, tactic: Tactic, now_s: float) -> NextChange | None:
@@ -199,18 +207,33 @@ class FailsafeMonitor:
 
     def _blocking(self) -> list[_Alert]:
         """Return the conditions that refuse a resume, the most severe first."""
-        blocking = [alert for alert in self._alerts.values() if alert.binds and alert.sticky]
+        blocking = [
+            alert for alert in self._alerts.values() if alert.binds and alert.sticky and not self._is_consequence(alert)
+        ]
         return sorted(blocking, key=lambda alert: alert.severity, reverse=True)
 
-    def _note_change(self, condition: Condition) -> None:
-        alert = self._alerts[condition]
-        self._news.append(AlertChange(condition.value, alert.detail, alert.reaction.value))
+    def _is_consequence(self, alert: _Alert) -> bool:
+        """Return whether another condition explains this one.
+
+        That is an alert itself, or about to become one while this one changes nothing.
+        """
+        causes = [cause for cause in alert.row.explained_by if cause in self._present]
+        return any(not alert.sticky or (cause in self._alerts and self._alerts[cause].present) for cause in causes)
+
+    def _note_change(self, alert: _Alert, now_s: float = 0.0) -> None:
+        if self._is_consequence(alert):
+            alert.explained_s = now_s
+        elif alert.noted != alert.reached and now_s - alert.explained_s > OUTLASTS_S:
+            alert.noted = alert.reached
+            self._news.append(AlertChange(alert.row.condition.value, alert.detail, alert.reaction.value))
 
     def _end(self, condition: Condition) -> None:
         alert = self._alerts[condition]
         alert.present = False
-        waits = alert.sticky and not self._blocking()
-        self._news.append(AlertChange(condition.value, is_over=True, waits_for_resume=waits))
+        if alert.noted is not None:
+            waits = alert.sticky and not self._blocking()
+            self._news.append(AlertChange(condition.value, is_over=True, waits_for_resume=waits))
+            alert.noted = None
         if not alert.sticky:
             del self._alerts[condition]
 

@@ -221,8 +221,8 @@ class Outlook(msgspec.Struct, frozen=True):
     """What a vehicle does next, and what holds it beside its alert.
 
     `blocks` is the condition that refuses a resume. A vehicle `waits_for_resume` if it stopped by itself and all
-    conditions of that are over. `also` are its other conditions, the most severe first. `guard` is why its aim is bent,
-    `evaded` are the vehicles that it keeps apart from.
+    conditions of that are over. `also` are its other conditions, the most severe first, and the alerts of peers
+    that explain what they do. `guard` is why its aim is bent, `evaded` are the vehicles that it keeps apart from.
     """
 
     next: NextChange | None = None

@@ -82,7 +82,7 @@ class VehicleView(msgspec.Struct, frozen=True):
         if self.blocks not in ("", self.alert):
             texts.append(f"resume refused: {self.blocks}")
         if others := ", ".join(each for each in self.also if each != self.blocks):
-            texts.append(f"also {others}")
+            texts.append(f"also {others}" if self.alert else others)
         return "; ".join(texts)
 
     @property

@@ -72,6 +72,23 @@ def tones_in(page: Page, served: CannedStation, time_ms: float) -> int:
     return after - before
 
 
+def test_the_same_alert_of_several_vehicles_is_one_row(page: Page, served: CannedStation) -> None:
+    def stale(time_s: float) -> TeamPicture:
+        team = well(time_s)
+        for vehicle_id in (1, 2, 3):
+            team = changed(team, vehicle_id, alert="target stale", advice="Find it.", severity="alarm")
+        return changed(team, 3, alert="battery empty", advice="Land it.")
+
+    served.team = stale
+    rows = page.locator("#alarm-bar li")
+    expect(rows).to_have_text(
+        ["■ ALARM Vehicles 1, 2: target stale. Find it.", "■ ALARM Vehicle 3: battery empty. Land it."]
+    )
+    expect(page.locator("#assertive")).to_have_text(
+        "Alarm. Vehicles 1, 2: target stale. Find it. Alarm. Vehicle 3: battery empty. Land it."
+    )
+
+
 def test_an_alarm_counts_down_to_what_follows_and_names_what_refuses_a_resume(
     page: Page, served: CannedStation
 ) -> None:

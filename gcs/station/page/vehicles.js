@@ -44,9 +44,9 @@ function warning(vehicle) {
 /** What a vehicle does next, what refuses its resume, its other alerts: "lands in 18 s; also link degraded"; or empty. */
 export function due({ alert, also, blocks, next }) {
   const refused = blocks && blocks !== alert && `resume refused: ${blocks}`;
-  const others = also.filter((each) => each !== blocks);
+  const others = also.filter((each) => each !== blocks).join(", ");
   const change = next && `${next.does} in ${Math.ceil(next.in_s)}\u00a0s${next.cause === alert ? "" : ` (${next.cause})`}`;
-  return [change, refused, others.length && `also ${others.join(", ")}`].filter(Boolean).join("; ");
+  return [change, refused, others && alert ? `also ${others}` : others].filter(Boolean).join("; ");
 }
 
 /** Vehicles with the gravest trouble first, among them those that wait for a resume, then by number. */

@@ -84,6 +84,7 @@ class Flight:
         self.outputs: list[TickOutput] = []
         self.on_ring = on_ring
         self.peers = {1: "formation", 2: "formation"}
+        self.peer_alert = ""
         self.telemetry = True
         self.offset_m = 0.0
         self.target_m: tuple[float, float] | None = (6.0, -5.0) if on_ring else None
@@ -172,7 +173,8 @@ class Flight:
             place = float(self.motion[0]), float(self.motion[1]) + 0.5
         dated_s = self.now_s + (self.clock_ahead_s * self.time_scale if peer == 1 else 0.0)
         ahead = place[0] + 0.2 * self.plant.x.a1_per_s / self.plant.x.a0_per_s2, place[1]
-        return MemberState(peer, dated_s, tactic, place, (0.2, 0.0), ahead, (0.2, 0.0), altitude_m=self.peer_height_m)
+        alert, height_m = self.peer_alert if peer == 1 else "", self.peer_height_m
+        return MemberState(peer, dated_s, tactic, place, (0.2, 0.0), ahead, (0.2, 0.0), height_m, alert=alert)
 
 
 def set_to(**values: object) -> Callable[[Flight], None]:
@@ -291,10 +293,10 @@ CASES = {
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     # The third contradiction counts: two places in turn in one vehicle's name. It lasts until 5 s after the last one.
     Condition.PEER_DOUBTFUL: Case(
-        set_to(second_source=True), set_to(second_source=False), 0.2, AS_BEFORE * 3, over_s=5.4
+        set_to(second_source=True), set_to(second_source=False), 2.0, AS_BEFORE * 3, over_s=5.4
     ),
     Condition.SIGHTINGS_CONTRADICT: Case(
-        set_to(target_m=(25.0, -5.0), outside_m=(40.0, -5.0)), set_to(outside_m=None), 0.2, AS_BEFORE * 3, over_s=5.4
+        set_to(target_m=(25.0, -5.0), outside_m=(40.0, -5.0)), set_to(outside_m=None), 2.1, AS_BEFORE * 3, over_s=5.4
     ),
     Condition.TARGET_FROM_OUTSIDE: Case(
         set_to(outside_m=(40.0, -5.0)), set_to(target_m=(40.0, -5.0)), 0.0, AS_BEFORE * 3
@@ -696,6 +698,68 @@ def test_a_guard_that_finds_no_solution_is_a_plan_that_fails(
     assert not any("plan failing" in note for note in flight.notes())
     flight.fly(ONSET_S + 1.6)
     assert any("plan failing" in note for note in flight.notes())
+
+
+@pytest.mark.parametrize("told_after_s", [0.5, 3.0])
+def test_a_peer_whose_own_alert_explains_its_contradictions_is_not_doubted_but_kept_clear_of(
+    told_after_s: float, make_flight: Callable[..., Flight]
+) -> None:
+    """One cause, one alarm: that of the vehicle itself. It comes a while after the first contradictions."""
+    flight = make_flight(Condition.PEER_DOUBTFUL)
+    flight.second_source = True
+    flown = flight.fly(ONSET_S + told_after_s)
+    flight.peer_alert = "not following"
+    explained = flight.fly(ONSET_S + 6.0)
+    doubted = {each.status.alert for each in flown} == {"", "peer doubtful"}
+    assert doubted is (told_after_s > 2.0)
+    assert {each.status.alert for each in explained[3:]} == {""}
+    assert {each.status.outlook for each in explained[3:]} == {Outlook(also=("vehicle 1 not following",))}
+    flight.peer_alert = ""
+    flight.fly(ONSET_S + 9.0)
+    assert flight.told.alert == "peer doubtful", "two sources that contradict each other without one"
+
+
+def test_of_a_cause_and_its_consequences_only_the_cause_is_an_alarm(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    flight.bus = False
+    peers()(flight)
+    flight.fly(ONSET_S + 5.0)
+    assert [note.partition(":")[0] for note in flight.notes()] == ["bus lost"]
+    outlook = flight.status.outlook
+    assert outlook is not None
+    assert flight.told.alert == "bus lost"
+    assert set(outlook.also) == {"all peers silent", "leader lost", "peer silent"}
+    flight.bus = True
+    flight.fly(ONSET_S + 5.5)
+    assert flight.told.alert == "all peers silent"
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.fly(ONSET_S + 7.0)
+    (refusal,) = (note for note in flight.notes(kind="command"))
+    assert "refused: all peers silent" in refusal, "a consequence that goes on is an alarm of its own"
+    assert flight.notes(ONSET_S + 5.0)[1].startswith("all peers silent: vehicle 1, vehicle 2")
+
+
+def test_all_peers_that_fall_silent_at_once_are_one_alarm(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.PEERS_SILENT)
+    peers()(flight)
+    flight.fly(ONSET_S + 5.0)
+    peers(1, 2)(flight)
+    flight.fly(ONSET_S + 8.0)
+    began, over = flight.notes()
+    assert began.startswith("all peers silent: vehicle 1, vehicle 2")
+    assert over == "all peers silent: cleared; resume continues the mission"
+
+
+def test_a_condition_that_returns_while_the_vehicle_still_holds_is_noted_again(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(Condition.TELEMETRY_STALE)
+    for onset_s in (0.0, 4.0):
+        flight.telemetry = False
+        flight.fly(ONSET_S + onset_s + 2.0)
+        flight.telemetry = True
+        flight.fly(ONSET_S + onset_s + 4.0)
+    assert [note.partition(";")[0].rpartition(":")[2] for note in flight.notes()] == [" hold", " cleared"] * 2
 
 
 def test_peers_that_land_or_stand_down_are_not_missed(make_flight: Callable[..., Flight]) -> None:
