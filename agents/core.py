@@ -57,6 +57,8 @@ from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 _NOTHING_DUE = Outlook()
+_GOES_ON = ("start", "resume", "formation")
+"""With any other verb an operator takes the decision to resume."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)  # RecordedCore
@@ -93,6 +95,7 @@ class VehicleCore:
         self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
+        self._restarts = 0
         self._now_s = 0.0
         self._time_scale = 1.0
         self._takes: dict[type, Callable[[Any], None]] = {
@@ -146,11 +149,15 @@ class VehicleCore:
 
     def _decide(self, situation: Situation, faults: Faults) -> Task:
         """Decide on the tactic, first by the faults, then by the mission; and on the altitude layer."""
+        if (restarts := self._estimator.own.resets) != self._restarts:
+            self._restarts = restarts
+            self._failsafe.leave_to_operator()
         event = self._failsafe.react(situation.now_s, faults, self._tactic)
         for change in self._failsafe.news():
             self._notes.add(situation.now_s, change)
         if event is not None:
-            self._change(event, cause=LandingCause(self.alert))
+            because = f"{self.alert} is over" if event is Event.RESUME else ""
+            self._change(event, because, cause=LandingCause(self.alert))
         self._follow_mission(situation)
         self._layer_m = self._chosen_layer_m(situation)
         return Task(self._tactic, situation, self._layer_m, self._team.members())
@@ -339,8 +346,10 @@ class VehicleCore:
     def _take_start(self, item: Start) -> None:
         self._start_s = item.at_s
         self._planner.start(item.at_s)
+        self._failsafe.start(item.at_s)
 
     def _take_event(self, item: TacticEvent) -> None:
+        self._failsafe.leave_to_operator()
         self._change(item.event)
 
     def _take_autopilot(self, item: AutopilotStatus) -> None:
@@ -407,6 +416,8 @@ class VehicleCore:
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
+        if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
+            self._failsafe.leave_to_operator()
         refused, change = self._failsafe.refuse_resume(), self._next_change(now_s)
         if refused and change is not None:
             refused = f"{refused}; {change.text(now_s)}"

@@ -105,7 +105,7 @@ class RingChange(msgspec.Struct, frozen=True):
 
 
 class GuardAction(msgspec.Struct, frozen=True):
-    """The guard moves a planned aim, because of these causes; `evaded` are the vehicles that it keeps apart from."""
+    """The guard moves a planned aim for these causes, and keeps apart from vehicles `evaded`."""
 
     kind: ClassVar[Kind] = "guard"
     causes: tuple[GuardCause, ...]

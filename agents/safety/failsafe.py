@@ -122,6 +122,8 @@ def _degraded(status: VehicleStatus, _limits: FailsafeSettings) -> str:
 RESUME = "by `resume`, refused while it lasts"
 BY_ITSELF = "by itself, once it is over"
 NOT_IN_THE_AIR = "not in the air"
+RESUMES_MAX = 3
+"""A vehicle resumes by itself so many times in a flight: a fault that returns more often is the operator's to judge."""
 _GRADUALLY = (Reaction.ASIDE, Reaction.HOLD, Reaction.LAND)
 
 
@@ -135,7 +137,8 @@ class Row:
     passes faster. Each further reaction follows after another `failsafe.escalation_s` if the condition persists; if
     `choice` names a setting, that setting selects one of them instead. `descending` is the reaction of a vehicle that
     is already returning (None: it continues); a row with `shell` is carried out outside the core. While a condition of
-    `explained_by` is present, this one is its consequence: it acts, but is no alert of its own.
+    `explained_by` is present, this one is its consequence: it acts, but is no alert of its own. A condition that
+    `resumes` leaves nothing in doubt once it is over: the vehicle may resume by itself if `failsafe.resume` says so.
     """
 
     condition: Condition
@@ -148,6 +151,7 @@ class Row:
     descending: Reaction | None = None
     shell: bool = False
     choice: str = ""
+    resumes: bool = False
     explained_by: tuple[Condition, ...] = ()
     reported: Callable[[VehicleStatus, FailsafeSettings], str] | None = None
 
@@ -163,6 +167,7 @@ TABLE = (
         by_wall=True,
         # A returning vehicle without a position estimate lands where it is.
         descending=Reaction.LAND,
+        resumes=True,
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
@@ -323,6 +328,7 @@ TABLE = (
         RESUME,
         "check its computer's network; Ctrl-C in its terminal lands it",
         by_wall=True,
+        resumes=True,
     ),
     Row(
         Condition.PEERS_SILENT,
@@ -334,6 +340,7 @@ TABLE = (
         "check its computer's network; Ctrl-C in its terminal lands it",
         by_wall=True,
         explained_by=(Condition.BUS_LOST,),
+        resumes=True,
     ),
     Row(
         Condition.LATE_TICKS,
@@ -343,6 +350,7 @@ TABLE = (
         f"{BY_ITSELF}; when aside or worse {RESUME}",
         "close other programs on its computer; land it if this persists",
         by_wall=True,
+        resumes=True,
     ),
     Row(
         Condition.BUS_FLOODED,
@@ -425,7 +433,7 @@ TABLE = (
     Row(
         Condition.PEER_DOUBTFUL,
         f"{CONFIRMED} states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
-        f"them; lasts until {REPORTED_FOR_S:g} s after the last one, or until the peer's own alert explains it",
+        f"them; lasts until {REPORTED_FOR_S:g} s after the last one",
         "failsafe.doubt_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,

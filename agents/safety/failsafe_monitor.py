@@ -6,7 +6,7 @@ from math import inf
 from typing import NamedTuple
 
 from agents.notes import AlertChange
-from agents.safety.failsafe import TABLE, Condition, Reaction, Row, chosen, grace_s
+from agents.safety.failsafe import RESUMES_MAX, TABLE, Condition, Reaction, Row, chosen, grace_s
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic, next_tactic
 from agents.team.messages import NextChange
@@ -26,7 +26,9 @@ _AMOUNTS_TO = {
     Tactic.LAND: Reaction.LAND,
     Tactic.PILOT_OVERRIDE: Reaction.HAND_OVER,
 }
+_STOPPED = (Tactic.ASIDE, Tactic.HOLD)
 _ROUNDING_S = 1e-9
+SETTLED_S = 0.5
 OUTLASTS_S = 1.0
 """A consequence that outlasts its cause by more is an alert of its own."""
 COUNTED_SHARE, COUNTED_MIN_S = 0.5, 2.0
@@ -45,7 +47,7 @@ class _Alert:
     """A condition whose grace time is over: the reaction reached, and whether the condition is still present.
 
     `noted` is the reaction that was noted last, None before: a consequence of another condition, as it was last at
-    `explained_s`, is not noted.
+    `explained_s`, is not noted. `over_s` is when the condition was last found to be over.
     """
 
     row: Row
@@ -54,6 +56,7 @@ class _Alert:
     present: bool
     noted: int | None = None
     explained_s: float = -inf
+    over_s: float = inf
 
     @property
     def reaction(self) -> Reaction:
@@ -82,7 +85,7 @@ class _Alert:
 
 def _first(change: NextChange) -> tuple[float, int]:
     """The order of changes: the earliest, of several at once the most severe."""
-    return change.at_s, -_SEVERITY[_AMOUNTS_TO[Tactic(change.tactic)]]
+    return change.at_s, -_SEVERITY[_AMOUNTS_TO.get(Tactic(change.tactic), Reaction.DEGRADE)]
 
 
 class FailsafeMonitor:
@@ -92,6 +95,10 @@ class FailsafeMonitor:
         self._rows = {row.condition: chosen(row, config) for row in TABLE}
         self._grace_s = {row.condition: grace_s(row, config) for row in TABLE}
         self._escalation_s = config.failsafe.escalation_s
+        # By then the own filter agrees with what it receives, or has restarted.
+        self._resume_s = max(config.failsafe.resume_s, config.own_filter.gate_timeout_s + SETTLED_S)
+        self._resumes_left = RESUMES_MAX if config.failsafe.resume == "auto" else 0
+        self._stopped_itself, self._start_s = False, inf
         self._time_scale = 1.0
         self._present: Mapping[Condition, Symptom] = {}
         self._alerts: dict[Condition, _Alert] = {}
@@ -119,15 +126,19 @@ class FailsafeMonitor:
     def waits_for_resume(self, tactic: Tactic) -> bool:
         """Return whether the vehicle stopped by itself, and all conditions of that are over."""
         stopped = [alert.present for alert in self._alerts.values() if alert.sticky]
-        return tactic in (Tactic.ASIDE, Tactic.HOLD) and bool(stopped) and not any(stopped)
+        return tactic in _STOPPED and bool(stopped) and not any(stopped)
 
     @property
     def active(self) -> Container[Condition]:
         """The conditions whose grace time is over, until the vehicle has left their reaction."""
         return self._alerts
 
+    def start(self, at_s: float) -> None:
+        """Set the mission's start: no vehicle resumes by itself before."""
+        self._start_s = at_s
+
     def react(self, now_s: float, present: Mapping[Condition, Symptom], tactic: Tactic) -> Event | None:
-        """Return the event that is due, None if the present tactic is severe enough.
+        """Return the event that is due: a reaction or, without one, a resume; None if neither is.
 
         A landing vehicle does not react any more.
         """
@@ -138,8 +149,18 @@ class FailsafeMonitor:
         for condition in lasting:
             self._note_change(self._alerts[condition], now_s)
         for condition in [c for c, alert in self._alerts.items() if alert.present and c not in lasting]:
-            self._end(condition)
-        return self._due(tactic)
+            self._end(condition, now_s)
+        event = self._due(tactic)
+        if event is not None:
+            # An operator's hold before or after stays the operator's.
+            self._stopped_itself |= event in (Event.STEP_ASIDE, Event.HOLD) and tactic not in _STOPPED
+        elif now_s >= self._resumes_s(tactic):
+            event, self._resumes_left = Event.RESUME, self._resumes_left - 1
+        return event
+
+    def leave_to_operator(self) -> None:
+        """Leave the next resume to the operator, who has commanded the vehicle or has to judge its position."""
+        self._stopped_itself = False
 
     def latch(self, condition: Condition, detail: str) -> None:
         """Record a condition that the shell has already reacted to."""
@@ -157,10 +178,13 @@ class FailsafeMonitor:
             for condition, symptom in self._present.items()
             if (change := self._change_by(condition, symptom, tactic, now_s)) is not None
         ]
+        if (resumes_s := self._resumes_s(tactic)) < inf:
+            changes.append(NextChange(Tactic.FORMATION.value, resumes_s, f"{self.alerts[0]} is over"))
         return min(changes, key=_first) if changes else None
 
     def resume(self) -> None:
         """Drop the conditions that stopped the vehicle and are over."""
+        self._stopped_itself = False
         for condition in [c for c, alert in self._alerts.items() if not alert.binds]:
             del self._alerts[condition]
 
@@ -227,9 +251,20 @@ class FailsafeMonitor:
             alert.noted = alert.reached
             self._news.append(AlertChange(alert.row.condition.value, alert.detail, alert.reaction.value))
 
-    def _end(self, condition: Condition) -> None:
+    def _resumes_s(self, tactic: Tactic) -> float:
+        """Return when the vehicle resumes by itself, infinity if that is the operator's to decide."""
+        if tactic not in _STOPPED or not self._stopped_itself or self._resumes_left <= 0:
+            return inf
+        stopped = [alert for alert in self._alerts.values() if alert.sticky]
+        if any(alert.present or not alert.row.resumes for alert in stopped):
+            return inf
+        if any(self._rows[condition].reactions != (Reaction.DEGRADE,) for condition in self._present):
+            return inf  # it may be about to stop the vehicle again
+        return max(max((alert.over_s for alert in stopped), default=inf) + self._resume_s, self._start_s)
+
+    def _end(self, condition: Condition, now_s: float) -> None:
         alert = self._alerts[condition]
-        alert.present = False
+        alert.present, alert.over_s = False, now_s
         if alert.noted is not None:
             waits = alert.sticky and not self._blocking()
             self._news.append(AlertChange(condition.value, is_over=True, waits_for_resume=waits))

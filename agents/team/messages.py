@@ -37,8 +37,9 @@ DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
 CONDITIONS_LIMIT = 16
 LINK_SILENT_S = 0.8
 """Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
+RESUMES = "resumes"
 _DOES = {
-    Tactic.FORMATION.value: "resumes",
+    Tactic.FORMATION.value: RESUMES,
     Tactic.ASIDE.value: "steps aside",
     Tactic.HOLD.value: "holds",
     Tactic.RETURN_AND_LAND.value: "returns and lands",
@@ -220,9 +221,9 @@ class NextChange(msgspec.Struct, frozen=True):
 class Outlook(msgspec.Struct, frozen=True):
     """What a vehicle does next, and what holds it beside its alert.
 
-    `blocks` is the condition that refuses a resume. A vehicle `waits_for_resume` if it stopped by itself and all
-    conditions of that are over. `also` are its other conditions, the most severe first, and the alerts of peers
-    that explain what they do. `guard` is why its aim is bent, `evaded` are the vehicles that it keeps apart from.
+    `blocks` is the condition that refuses a resume; it `waits_for_resume` if it stopped by itself and none does. `also`
+    are its other conditions, and peers' alerts that explain their states. `guard` is why its aim is bent, `evaded`
+    whom it keeps apart from.
     """
 
     next: NextChange | None = None

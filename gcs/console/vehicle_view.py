@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from agents.notes import GuardAction
 from agents.safety.failsafe import Condition
 from agents.safety.fence import Fence
-from agents.team.messages import AutopilotReport, MemberState, Outlook, VehicleReport
+from agents.team.messages import RESUMES, AutopilotReport, MemberState, Outlook, VehicleReport
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
 from gcs.mission.geometry import nearest_other
@@ -161,6 +161,8 @@ def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
     An alert that is over is one that the vehicle waits for a resume.
     """
     if alert and view.waits_for_resume and not is_lost:
+        if view.next is not None and view.next.does == RESUMES:
+            return replace(view, alert=WAITS, advice="hold it if it must not continue its mission", severity="warning")
         return replace(view, alert=WAITS, advice=f"{alert} is over: resume continues its mission", severity="alarm")
     level: Severity = "alarm" if alert and is_lost else severity(alert)
     return replace(view, alert=alert, advice=advice(_ADVISED_AS.get(alert, alert)), severity=level)

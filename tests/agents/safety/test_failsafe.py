@@ -29,6 +29,7 @@ from agents.tactics import Event, Tactic
 from agents.team.codec import decode
 from agents.team.messages import MemberState, NextChange, OperatorCommand, Outlook
 from agents.team.team import GONE_S
+from agents.team.verbs import Verb
 from estimation.plant.model import exact_step
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 from gcs.flight.simulated import fly_simulated
@@ -436,6 +437,121 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     flight.fly(flight.now_s + 0.3)
     assert flight.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
     assert flight.told.alert == ""
+
+
+RESUMING = (Condition.TELEMETRY_STALE, Condition.BUS_LOST, Condition.PEERS_SILENT, Condition.LATE_TICKS)
+"""Links and computers: what they leave behind is known once they are back."""
+RESUME_S = 2.5
+
+
+def resuming(make_config: Maker, **changes: object) -> Flight:
+    """Return a healthy flight that may resume by itself, just before the onset."""
+    settings = SETTINGS.model_copy(update={"resume": "auto", "resume_s": RESUME_S, **changes})
+    flight = Flight(make_config(vehicle_id=3, failsafe=settings, safety={"guard": False}))
+    flight.fly(ONSET_S)
+    return flight
+
+
+@pytest.mark.parametrize("condition", [*RESUMING, Condition.ESTIMATOR_FAILING, Condition.TILTED, Condition.WINDY])
+def test_where_the_mission_says_so_a_vehicle_resumes_by_itself_after_what_leaves_nothing_in_doubt(
+    condition: Condition, make_config: Maker
+) -> None:
+    assert {row.condition for row in TABLE if row.resumes} == set(RESUMING)
+    case, flight = CASES[condition], resuming(make_config)
+    case.begin(flight)
+    late_s = ESCALATION_S if condition is Condition.LATE_TICKS else 0.0
+    flight.fly(ONSET_S + case.after_s + late_s + 0.3)
+    assert flight.status.tactic in (Tactic.ASIDE, Tactic.HOLD)
+    case.end(flight)
+    over_s = flight.now_s
+    stopped = flight.fly(over_s + RESUME_S - 0.3)
+    assert Tactic.FORMATION not in {each.status.tactic for each in stopped}
+    resumes = condition in RESUMING
+    outlook = stopped[-1].status.outlook
+    assert outlook is not None
+    assert outlook.waits_for_resume
+    announced = None if outlook.next is None else (outlook.next.tactic, outlook.next.cause)
+    assert announced == (("formation", f"{condition.value} is over") if resumes else None)
+    flown = flight.fly(over_s + RESUME_S + 20.0)
+    assert (flight.status.tactic.value == "formation") is resumes
+    if resumes:
+        assert outlook.next is not None
+        resumed_s = next(each.status.time_s for each in flown if each.status.tactic is Tactic.FORMATION)
+        assert resumed_s == pytest.approx(over_s + RESUME_S, abs=0.3)
+        assert resumed_s == pytest.approx(outlook.next.at_s, abs=PERIOD_S)
+        assert (flight.told.alert, flight.status.outlook) == ("", None)
+
+
+def test_a_vehicle_resumes_by_itself_three_times_and_then_waits_for_its_operator(make_config: Maker) -> None:
+    flight = resuming(make_config)
+    tactics = []
+    for _ in range(5):
+        flight.telemetry = False
+        flight.fly(flight.now_s + 2.0)
+        assert flight.status.tactic is Tactic.HOLD
+        flight.telemetry = True
+        flight.fly(flight.now_s + RESUME_S + 2.0)
+        tactics.append(flight.status.tactic)
+    assert tactics == [Tactic.FORMATION] * 3 + [Tactic.HOLD] * 2
+    assert flight.status.outlook == Outlook(waits_for_resume=True)
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.fly(flight.now_s + 0.3)
+    assert flight.status.tactic is Tactic.FORMATION
+
+
+@pytest.mark.parametrize("verb", ["hold", "abort"])
+@pytest.mark.parametrize("held_s", [-1.0, 1.5, 3.0])
+def test_what_an_operator_has_stopped_before_or_after_resumes_by_the_operator_alone(
+    held_s: float, verb: Verb, make_config: Maker
+) -> None:
+    flight = resuming(make_config)
+    faults = ((0.0, set_to(telemetry=False)), (2.0, set_to(telemetry=True)))
+    command = OperatorCommand(ONSET_S, verb, None, "pat", 1)
+    holds = (
+        held_s,
+        lambda each: each.core.take(Message(each.now_s, msgspec.structs.replace(command, time_s=each.now_s))),
+    )
+    for at_s, act in sorted((*faults, holds), key=lambda pair: pair[0]):
+        flight.fly(ONSET_S + 1.0 + at_s)
+        act(flight)
+    flown = flight.fly(ONSET_S + 20.0)
+    assert Tactic.FORMATION not in {each.status.tactic for each in flown}
+
+
+def test_a_stop_at_this_computer_is_an_operators_too(make_config: Maker) -> None:
+    flight = resuming(make_config)
+    flight.telemetry = False
+    flight.fly(ONSET_S + 2.0)
+    flight.core.take(TacticEvent(Event.HOLD))
+    flight.telemetry = True
+    flown = flight.fly(ONSET_S + 20.0)
+    assert {each.status.tactic for each in flown} == {Tactic.HOLD}
+
+
+def test_a_position_that_has_jumped_meanwhile_is_the_operators_to_judge(make_config: Maker) -> None:
+    flight = resuming(make_config)
+    flight.telemetry = False
+    flight.fly(ONSET_S + 2.0)
+    flight.telemetry = True
+    jump(flight)
+    flown = flight.fly(ONSET_S + 20.0)
+    assert {each.status.tactic for each in flown} == {Tactic.HOLD}
+    assert flight.status.outlook is not None
+    assert flight.status.outlook.waits_for_resume
+
+
+def test_a_vehicle_that_stopped_before_the_start_resumes_by_itself_not_before_it(make_config: Maker) -> None:
+    settings = SETTINGS.model_copy(update={"resume": "auto", "resume_s": RESUME_S})
+    flight = Flight(make_config(vehicle_id=3, failsafe=settings, safety={"guard": False}))
+    flight.core.take(Start(15.0))
+    flight.fly(3.0)
+    flight.telemetry = False
+    flight.fly(5.0)
+    assert flight.status.tactic is Tactic.HOLD
+    flight.telemetry = True
+    flown = flight.fly(20.0)
+    resumed_s = next(each.status.time_s for each in flown if each.status.tactic is Tactic.FORMATION)
+    assert resumed_s == pytest.approx(15.0, abs=PERIOD_S)
 
 
 @pytest.mark.parametrize(
