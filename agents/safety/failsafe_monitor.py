@@ -152,8 +152,7 @@ class FailsafeMonitor:
             self._end(condition, now_s)
         event = self._due(tactic)
         if event is not None:
-            # An operator's hold before or after stays the operator's.
-            self._stopped_itself |= event in (Event.STEP_ASIDE, Event.HOLD) and tactic not in _STOPPED
+            self._stopped_itself |= event in (Event.STEP_ASIDE, Event.HOLD)
         elif now_s >= self._resumes_s(tactic):
             event, self._resumes_left = Event.RESUME, self._resumes_left - 1
         return event

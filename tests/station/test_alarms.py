@@ -89,6 +89,15 @@ def test_the_same_alert_of_several_vehicles_is_one_row(page: Page, served: Canne
     )
 
 
+def test_a_vehicle_that_waits_for_a_resume_is_the_first_alarm_and_the_first_card(
+    page: Page, served: CannedStation
+) -> None:
+    over = {"alert": "waits for resume", "advice": "Resume it.", "severity": "alarm", "waits_for_resume": True}
+    served.team = lambda time_s: changed(link_lost(time_s), 3, **over)
+    expect(page.locator("#alarm-bar li")).to_contain_text(["Vehicle 3: waits for resume", "Vehicle 2: link lost"])
+    expect(page.locator(".card h3")).to_contain_text(["3", "2", "1"])
+
+
 def test_an_alarm_counts_down_to_what_follows_and_names_what_refuses_a_resume(
     page: Page, served: CannedStation
 ) -> None:

@@ -95,12 +95,12 @@ export class Alarms {
   }
 }
 
-/** New alarms first, then acknowledged ones, then those that are over. */
-const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2);
+/** New alarms first, then acknowledged ones, then those that are over; of each, what waits for the operator first. */
+const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2) - (alarm.waits ? 0.5 : 0);
 
 function ofVehicle(vehicle) {
-  const { vehicle_id, alert, advice } = vehicle;
-  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, alert, advice, due: due(vehicle) };
+  const { vehicle_id, alert, advice, waits_for_resume } = vehicle;
+  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, alert, advice, due: due(vehicle), waits: waits_for_resume };
 }
 
 /** Alarms in groups, in their order: vehicles with the same alert, as alike seen and over, have one cause, and one row. */
