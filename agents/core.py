@@ -52,7 +52,7 @@ from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reas
 from agents.team.clock_watch import ClockWatch
 from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
-from agents.team.messages import CommandAnswer, MemberState, NextChange, OperatorCommand, Outlook
+from agents.team.messages import CONDITIONS_LIMIT, CommandAnswer, MemberState, NextChange, OperatorCommand, Outlook
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
@@ -236,11 +236,12 @@ class VehicleCore:
         """Return what holds the vehicle and what it does next, None while nothing is due."""
         failsafe, tactic = self._failsafe, self._tactic
         bent = self._interventions.lasting(now_s, tactic)
+        also = *failsafe.alerts[1:], *[f"vehicle {i} {alert}" for i, alert in self._team.explained.items()]
         outlook = Outlook(
             self._next_change(now_s),
             failsafe.blocks,
             failsafe.waits_for_resume(tactic),
-            (*failsafe.alerts[1:], *[f"vehicle {i} {alert}" for i, alert in self._team.explained.items()]),
+            also[:CONDITIONS_LIMIT],
             () if bent is None else bent.causes,
             () if bent is None else bent.evaded,
         )
