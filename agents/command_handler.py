@@ -87,6 +87,11 @@ class CommandHandler:
         """Whether the motors are to be cut: from the command until the shell reports its outcome."""
         return bool(self._kills)
 
+    @property
+    def abort_lands_s(self) -> float | None:
+        """When the landing after an abort's hover is due, None without one."""
+        return None if self._abort is None else self._abort[0]
+
     def take(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances = IN_FLIGHT
     ) -> Event | None:

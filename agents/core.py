@@ -52,9 +52,13 @@ from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reas
 from agents.team.clock_watch import ClockWatch
 from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
-from agents.team.messages import CommandAnswer, MemberState, OperatorCommand
+from agents.team.messages import CONDITIONS_LIMIT, CommandAnswer, MemberState, NextChange, OperatorCommand, Outlook
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
+
+_NOTHING_DUE = Outlook()
+_GOES_ON = ("start", "resume", "formation")
+"""With any other verb an operator takes the decision to resume."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)  # RecordedCore
@@ -93,6 +97,7 @@ class VehicleCore:
         self._bus_drops = NO_DROPS
         self._reference: Reference | None = None
         self._jumps = 0
+        self._restarts = 0
         self._now_s = 0.0
         self._time_scale = 1.0
         self._was_armed = self._ends = self._is_over = False
@@ -156,11 +161,15 @@ class VehicleCore:
 
     def _decide(self, situation: Situation, faults: Faults) -> Task:
         """Decide on the tactic, first by the faults, then by the mission; and on the altitude layer."""
+        if (restarts := self._estimator.own.resets) != self._restarts:
+            self._restarts = restarts
+            self._failsafe.leave_to_operator()
         event = self._failsafe.react(situation.now_s, faults, self._tactic)
         for change in self._failsafe.news():
             self._notes.add(situation.now_s, change)
         if event is not None:
-            self._change(event, cause=LandingCause(self.alert))
+            because = f"{self.alert} is over" if event is Event.RESUME else ""
+            self._change(event, because, cause=LandingCause(self.alert))
         self._follow_mission(situation)
         self._layer_m = self._chosen_layer_m(situation)
         return Task(self._tactic, situation, self._layer_m, self._team.members())
@@ -186,15 +195,13 @@ class VehicleCore:
     def _kept_apart(self, situation: Situation, aim_m: Vector) -> Guarded:
         """Guard an aim against the vehicles that it could bring too close; if that changes it, against all near."""
         lost = self._team.lost(situation.now_s, self._config.safety.lost_avoided_s)
-        inconsistencies = self._team.inconsistencies
+        doubtful = {*self._team.inconsistencies, *self._team.explained}
         near = self._team.near()
-        exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or inconsistencies) else near
-        guarded = self._guard.check(
-            situation, aim_m, self._neighbours.bodies(situation, exposed, lost, inconsistencies)
-        )
+        exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubtful) else near
+        guarded = self._guard.check(situation, aim_m, self._neighbours.bodies(situation, exposed, lost, doubtful))
         if guarded.aim_m is aim_m or len(exposed) == len(near):
             return guarded
-        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, inconsistencies))
+        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, doubtful))
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
         """Make the setpoint from the guarded aim; record and publish what is sent."""
@@ -229,12 +236,35 @@ class VehicleCore:
             angles=self._team.ring.angles,
             drops=self._drops,
             alert=self.alert,
+            outlook=self._outlook(now_s),
             notes=self._notes.drained(),
             answers=answers,
             target_altitude_m=self._altitude.target_m,
             turning_rad_s=self._estimator.ring_frequency_rad_s,
         )
         return TickOutput(setpoint, (*map(command_answer, self.commands.answers(now_s)), *messages), status)
+
+    def _outlook(self, now_s: float) -> Outlook | None:
+        """Return what holds the vehicle and what it does next, None while nothing is due."""
+        failsafe, tactic = self._failsafe, self._tactic
+        bent = self._interventions.lasting(now_s, tactic)
+        also = *failsafe.alerts[1:], *[f"vehicle {i} {alert}" for i, alert in self._team.explained.items()]
+        outlook = Outlook(
+            self._next_change(now_s),
+            failsafe.blocks,
+            failsafe.waits_for_resume(tactic),
+            also[:CONDITIONS_LIMIT],
+            () if bent is None else bent.causes,
+            () if bent is None else bent.evaded,
+        )
+        return None if outlook == _NOTHING_DUE else outlook
+
+    def _next_change(self, now_s: float) -> NextChange | None:
+        """Return the next change of tactic that the vehicle makes by itself: by a failsafe, or after an abort."""
+        change, lands_s = self._failsafe.next_change(self._tactic, now_s), self.commands.abort_lands_s
+        if lands_s is None or (change is not None and change.at_s <= lands_s):
+            return change
+        return NextChange(Tactic.LAND.value, lands_s, "abort")
 
     # Parts of the stages
 
@@ -307,7 +337,8 @@ class VehicleCore:
     @property
     def alert(self) -> str:
         """The most severe active condition of the failsafe table, empty if there is none."""
-        return self._failsafe.alert
+        alerts = self._failsafe.alerts
+        return alerts[0] if alerts else ""
 
     @property
     def _resume_refused(self) -> str | None:
@@ -333,10 +364,12 @@ class VehicleCore:
     def _take_start(self, item: Start) -> None:
         self._start_s = item.at_s
         self._planner.start(item.at_s)
+        self._failsafe.start(item.at_s)
 
     def _take_event(self, item: TacticEvent) -> None:
         self._ends = self._ends or item.event is Event.HOLD
         self._is_over = self._is_over or item.event is Event.END
+        self._failsafe.leave_to_operator()
         self._change(item.event)
 
     def _take_autopilot(self, item: AutopilotStatus) -> None:
@@ -415,16 +448,20 @@ class VehicleCore:
 
     def _command(self, command: OperatorCommand, now_s: float) -> None:
         self._now_s = now_s
-        if (event := self.commands.take(command, self._tactic, now_s, self._circumstances)) is not None:
+        if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
+            self._failsafe.leave_to_operator()
+        if (event := self.commands.take(command, self._tactic, now_s, self._circumstances(now_s))) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
 
-    @property
-    def _circumstances(self) -> Circumstances:
+    def _circumstances(self, now_s: float) -> Circumstances:
         status = self._fault_detector.vehicle.status
+        refused, change = self._resume_refused or "", self._next_change(now_s)
+        if refused and change is not None:
+            refused = f"{refused}; {change.text(now_s)}"
         return Circumstances(
-            resume_refused=self._resume_refused or "",
+            resume_refused=refused,
             is_down=status.connected and self._was_armed and not status.armed,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
             link_lost=self._was_armed and not status.connected,

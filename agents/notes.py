@@ -3,11 +3,21 @@
 An event is noted with its values. Notes are collected here and drained once a tick.
 """
 
+from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 import msgspec
 
 Kind = Literal["tactic", "command", "failsafe", "guard", "ring"]
+GuardCause = Literal["separation", "fence", "keep out", "speed", "reach"]
+_GUARDED: Mapping[GuardCause, str] = {
+    "separation": "evading",
+    "fence": "kept inside the fence",
+    "keep out": "kept out of the target's zone",
+    "speed": "slowed to the speed limit",
+    "reach": "setpoint kept near the vehicle",
+}
+"""What the guard does for each cause, as text."""
 
 
 class TacticChange(msgspec.Struct, frozen=True):
@@ -95,15 +105,18 @@ class RingChange(msgspec.Struct, frozen=True):
 
 
 class GuardAction(msgspec.Struct, frozen=True):
-    """The guard moves a planned aim, because of these causes."""
+    """The guard moves a planned aim for these causes, and keeps apart from vehicles `evaded`."""
 
     kind: ClassVar[Kind] = "guard"
-    causes: tuple[str, ...]
+    causes: tuple[GuardCause, ...]
+    evaded: tuple[int, ...] = ()
 
     @property
     def text(self) -> str:
-        """It as text."""
-        return ", ".join(self.causes)
+        """It as text: "evading 1, 3, kept inside the fence"."""
+        words = [_GUARDED[cause] for cause in self.causes]
+        evaded = f"{_GUARDED['separation']} {', '.join(map(str, self.evaded))}".rstrip()
+        return ", ".join(evaded if each == _GUARDED["separation"] else each for each in words)
 
 
 class ReferenceChange(msgspec.Struct, frozen=True):
@@ -145,6 +158,7 @@ class Note(msgspec.Struct, frozen=True):
     alert: AlertChange | None = None
     command: CommandOutcome | None = None
     reference: ReferenceChange | None = None
+    guard: GuardAction | None = None
 
 
 class Notes:
@@ -164,6 +178,7 @@ class Notes:
             event if isinstance(event, AlertChange) else None,
             event if isinstance(event, CommandOutcome) else None,
             event if isinstance(event, ReferenceChange) else None,
+            event if isinstance(event, GuardAction) else None,
         )
         self._notes.append(note)
 

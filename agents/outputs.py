@@ -15,7 +15,7 @@ from agents.safety.guard import Guarded
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.codec import decode
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, Outlook
 from estimation.polar import Polar
 from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
 
@@ -35,10 +35,10 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The results of a tick's stages, for displays, logs and metrics.
 
     `situation`, `plan` and `guarded` are None before any telemetry; `plan` and `guarded` are as sent. `alert` is the
-    failsafe condition that it reacts to, empty if none; `notes` are the events, `answers` the peers' answers to
-    operators, both since the last tick. `target_altitude_m` is the estimate of the target's altitude if the mission
-    follows it, `drops` are the messages dropped so far, `turning_rad_s` is the assumed frequency of the ring-frequency
-    disturbance. `angles` are the places of `peers` on the ring, by sender.
+    failsafe condition that it reacts to, empty if none; `outlook` is None while nothing is due; `notes` are the events,
+    `answers` the peers' answers to operators, both since the last tick. `target_altitude_m` is the estimate of the
+    target's altitude if the mission follows it, `drops` are the messages dropped so far, `turning_rad_s` is the assumed
+    frequency of the ring-frequency disturbance. `angles` are the places of `peers` on the ring, by sender.
     """
 
     vehicle_id: int
@@ -51,6 +51,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     angles: Mapping[int, NeighbourAngle] = {}
     drops: Drops = NO_DROPS
     alert: str = ""
+    outlook: Outlook | None = None
     notes: tuple[Note, ...] = ()
     answers: tuple[CommandAnswer, ...] = ()
     target_altitude_m: float | None = None

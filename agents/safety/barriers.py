@@ -4,11 +4,12 @@ Each is derived from a barrier h that has to stay positive: `h'' + 2 k h' + k^2 
 second-order plant. All values are at the moment when the setpoint acts.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from enum import IntEnum
 from math import hypot, sqrt
 from typing import Final
 
+from agents.notes import GuardCause
 from agents.safety.fence import NearestPoint
 from estimation.vectors import Pair
 
@@ -28,19 +29,34 @@ class Cause(IntEnum):
     REACH = 4
 
     @property
-    def words(self) -> str:
+    def words(self) -> GuardCause:
         """The cause as text."""
-        return self.name.lower().replace("_", " ")
+        return _WORDS[self]
+
+
+_WORDS: Mapping[Cause, GuardCause] = {
+    Cause.SPEED: "speed",
+    Cause.KEEP_OUT: "keep out",
+    Cause.FENCE: "fence",
+    Cause.SEPARATION: "separation",
+    Cause.REACH: "reach",
+}
 
 
 class Demand:
-    """`normal . acceleration >= least_m_s2`, with a unit normal; with `evades` the vehicle passes on the right."""
+    """`normal . acceleration >= least_m_s2`, with a unit normal; with `evades` the vehicle passes on the right.
 
-    def __init__(self, cause: Cause, normal: Pair, least_m_s2: float, evades: bool = False) -> None:
+    `vehicle_id` is the vehicle that the demand keeps apart from, 0 without one.
+    """
+
+    def __init__(
+        self, cause: Cause, normal: Pair, least_m_s2: float, evades: bool = False, vehicle_id: int = 0
+    ) -> None:
         self.cause: Final = cause
         self.normal: Final = normal
         self.least_m_s2: Final = least_m_s2
         self.evades: Final = evades
+        self.vehicle_id: Final = vehicle_id
 
     def met_by(self, acceleration_m_s2: Pair) -> bool:
         """Return whether an acceleration meets the demand."""
@@ -50,17 +66,24 @@ class Demand:
 class Body:
     """A body to keep away from: its position, velocity and acceleration, and the distance to keep.
 
-    A body that `shares` evades as well: each vehicle then takes half of the demand.
+    A body that `shares` evades as well: each vehicle then takes half of the demand. `vehicle_id` is 0 if it is none.
     """
 
     def __init__(
-        self, position_m: Pair, velocity_m_s: Pair, acceleration_m_s2: Pair, distance_m: float, shares: bool
+        self,
+        position_m: Pair,
+        velocity_m_s: Pair,
+        acceleration_m_s2: Pair,
+        distance_m: float,
+        shares: bool,
+        vehicle_id: int = 0,
     ) -> None:
         self.position_m: Final = position_m
         self.velocity_m_s: Final = velocity_m_s
         self.acceleration_m_s2: Final = acceleration_m_s2
         self.distance_m: Final = distance_m
         self.shares: Final = shares
+        self.vehicle_id: Final = vehicle_id
 
 
 def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, cause: Cause) -> Demand:
@@ -75,9 +98,9 @@ def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, c
     # The condition without its acceleration terms, divided by 2 |dp|.
     rest = (rel_x**2 + rel_y**2) / away_m + 2.0 * rate_per_s * opening_m_s + rate_per_s**2 * gap_m2 / (2.0 * away_m)
     if body.shares:
-        return Demand(cause, normal, -rest / 2.0, evades=True)
+        return Demand(cause, normal, -rest / 2.0, evades=True, vehicle_id=body.vehicle_id)
     its = normal[0] * body.acceleration_m_s2[0] + normal[1] * body.acceleration_m_s2[1]
-    return Demand(cause, normal, its - rest, evades=True)
+    return Demand(cause, normal, its - rest, evades=True, vehicle_id=body.vehicle_id)
 
 
 def inside(points: Iterable[NearestPoint], velocity_m_s: Pair, margin_m: float, rate_per_s: float) -> Iterator[Demand]:

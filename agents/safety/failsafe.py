@@ -132,6 +132,8 @@ def _degraded(status: VehicleStatus, _limits: FailsafeSettings) -> str:
 RESUME = "by `resume`, refused while it lasts"
 BY_ITSELF = "by itself, once it is over"
 NOT_IN_THE_AIR = "not in the air"
+RESUMES_MAX = 3
+"""A vehicle resumes by itself so many times in a flight: a fault that returns more often is the operator's to judge."""
 _GRADUALLY = (Reaction.ASIDE, Reaction.HOLD, Reaction.LAND)
 
 
@@ -144,7 +146,9 @@ class Row:
     the grace time (empty: none); with `by_wall` it is in wall time, because links take wall time also when mission time
     passes faster. Each further reaction follows after another `failsafe.escalation_s` if the condition persists; if
     `choice` names a setting, that setting selects one of them instead. `descending` is the reaction of a vehicle that
-    is already returning (None: it continues); a row with `shell` is carried out outside the core.
+    is already returning (None: it continues); a row with `shell` is carried out outside the core. While a condition of
+    `explained_by` is present, this one is its consequence: it acts, but is no alert of its own. A condition that
+    `resumes` leaves nothing in doubt once it is over: the vehicle may resume by itself if `failsafe.resume` says so.
     """
 
     condition: Condition
@@ -157,6 +161,8 @@ class Row:
     descending: Reaction | None = None
     shell: bool = False
     choice: str = ""
+    resumes: bool = False
+    explained_by: tuple[Condition, ...] = ()
     reported: Callable[[VehicleStatus, FailsafeSettings], str] | None = None
 
 
@@ -171,6 +177,7 @@ TABLE = (
         by_wall=True,
         # A returning vehicle without a position estimate lands where it is.
         descending=Reaction.LAND,
+        resumes=True,
     ),
     Row(
         Condition.ESTIMATOR_JUMPED,
@@ -244,6 +251,7 @@ TABLE = (
         (Reaction.RETURN,),
         NOT_IN_THE_AIR,
         "it returns and lands: clear its landing place",
+        explained_by=(Condition.BATTERY_CRITICAL,),
     ),
     Row(
         Condition.NO_WAY_HOME,
@@ -253,6 +261,7 @@ TABLE = (
         (Reaction.RETURN,),
         NOT_IN_THE_AIR,
         "it returns and lands: clear its way and landing place",
+        explained_by=(Condition.BATTERY_CRITICAL, Condition.BATTERY_LOW),
     ),
     Row(
         Condition.ESTIMATOR_FAILING,
@@ -353,6 +362,7 @@ TABLE = (
         RESUME,
         "check its computer's network; Ctrl-C in its terminal lands it",
         by_wall=True,
+        resumes=True,
     ),
     Row(
         Condition.PEERS_SILENT,
@@ -363,6 +373,8 @@ TABLE = (
         RESUME,
         "check its computer's network; Ctrl-C in its terminal lands it",
         by_wall=True,
+        explained_by=(Condition.BUS_LOST,),
+        resumes=True,
     ),
     Row(
         Condition.LATE_TICKS,
@@ -372,6 +384,7 @@ TABLE = (
         f"{BY_ITSELF}; when aside or worse {RESUME}",
         "close other programs on its computer; land it if this persists",
         by_wall=True,
+        resumes=True,
     ),
     Row(
         Condition.BUS_FLOODED,
@@ -409,6 +422,7 @@ TABLE = (
         BY_ITSELF,
         "watch its position; return if it gets worse",
         reported=_degraded,
+        explained_by=(Condition.ESTIMATOR_FAILING,),
     ),
     Row(
         Condition.LINK_DEGRADED,
@@ -419,6 +433,7 @@ TABLE = (
         BY_ITSELF,
         "move the antenna nearer to it; land it if the link gets worse",
         reported=lambda status, _: status.link_fault,
+        explained_by=(Condition.TELEMETRY_STALE,),
     ),
     Row(
         Condition.COMPUTER_SHORT,
@@ -438,6 +453,7 @@ TABLE = (
         BY_ITSELF,
         "look for the silent vehicle; the next in line leads",
         by_wall=True,
+        explained_by=(Condition.BUS_LOST, Condition.PEERS_SILENT),
     ),
     Row(
         Condition.PEER_SILENT,
@@ -447,12 +463,13 @@ TABLE = (
         BY_ITSELF,
         "look for the silent vehicle; the others keep clear of it",
         by_wall=True,
+        explained_by=(Condition.BUS_LOST, Condition.PEERS_SILENT),
     ),
     Row(
         Condition.PEER_DOUBTFUL,
         f"{CONFIRMED} states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
         f"them; lasts until {REPORTED_FOR_S:g} s after the last one",
-        "",
+        "failsafe.doubt_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
         "count the vehicles in the air; return if one is not in the team",
@@ -461,10 +478,11 @@ TABLE = (
         Condition.SIGHTINGS_CONTRADICT,
         f"{CONTRADICTED} sightings of a peer or an external source are farther from the own sensor's than their "
         f"covariances allow; lasts until {CONTRADICTS_S:g} s after the last one",
-        "",
+        "failsafe.doubt_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
         "check the sensors: one reports a wrong target position",
+        explained_by=(Condition.ESTIMATOR_JUMPED, Condition.ESTIMATOR_FAILING),
     ),
     Row(
         Condition.TARGET_FROM_OUTSIDE,
@@ -483,6 +501,7 @@ TABLE = (
         "join its network with an operator's keys, then resume",
         by_wall=True,
         choice="failsafe.no_operator",
+        explained_by=(Condition.BUS_LOST,),
     ),
     Row(
         Condition.OPERATOR_LOST,
@@ -518,9 +537,11 @@ POSITION_ALERTS = frozenset(
         Condition.ESTIMATOR_JUMPED,
         Condition.ORIGIN_MOVED,
         Condition.ESTIMATOR_FAILING,
+        Condition.NOT_FOLLOWING,
+        Condition.TILTED,
     )
 )
-"""The alerts with which a vehicle's position may jump."""
+"""The alerts with which a vehicle's position may jump, or its motion be none that its plant allows."""
 
 
 def reported_faults(status: VehicleStatus, limits: FailsafeSettings) -> dict[Condition, str]:

@@ -1,12 +1,12 @@
 """Fault detection: which conditions of the failsafe table are present, and since when."""
 
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Mapping
 from math import hypot, inf
 
 from agents.drops import NO_DROPS
 from agents.notes import ReferenceChange
 from agents.safety.failsafe import Condition
-from agents.safety.failsafe_monitor import Symptom
+from agents.safety.failsafe_monitor import COUNTED_SHARE, Symptom
 from agents.safety.fence import Fence
 from agents.safety.neighbours import GOING_ON_S
 from agents.safety.vehicle_watch import VehicleWatch
@@ -80,11 +80,12 @@ class FaultDetector:
         self._check_loop(faults, now_s)
         self._check_flood(faults, now_s, time_scale)
         self._check_target(faults, situation, tactic, active)
+        inconsistencies = self._team.inconsistencies
         if gone_s := self._team.gone_s:
-            self._check_peers(faults, gone_s)
+            self._check_peers(faults, gone_s, inconsistencies)
         if self._clocks.off or self._drifted_s or now_s >= self._compare_s:
             self._check_clocks(faults, now_s, time_scale)
-        if inconsistencies := self._team.inconsistencies:
+        if inconsistencies:
             since_s = min(inconsistency.since_s for inconsistency in inconsistencies.values())
             detail = ", ".join(
                 f"vehicle {sender} {inconsistency.why}" for sender, inconsistency in sorted(inconsistencies.items())
@@ -141,23 +142,27 @@ class FaultDetector:
             self._add(faults, now_s, Condition.BUS_FLOODED, self.bus_drops.text())
 
     def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
-        on_ring = tactic is Tactic.ENCIRCLE
-        if situation.target is None and (on_ring or Condition.TARGET_STALE in active):
-            sighted_s = self._target.sighted_s
+        on_ring, sighted_s = tactic is Tactic.ENCIRCLE, self._target.sighted_s
+        fading = on_ring and situation.now_s - sighted_s > COUNTED_SHARE * self._stale_after_s
+        if fading or (situation.target is None and (on_ring or Condition.TARGET_STALE in active)):
             faults[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
         jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:
             faults[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings disagree with the estimate")
         if situation.target is not None and situation.now_s - self._own_sensor.team_saw_s > self._stale_after_s:
             self._add(faults, situation.now_s, Condition.TARGET_FROM_OUTSIDE, "no sensor of the team sees it")
-        if contradictions := self._own_sensor.contradictions(situation.now_s):
+        contradictions = self._own_sensor.contradictions(situation.now_s)
+        contradictions = {i: each for i, each in contradictions.items() if not self._team.explanation(i)}
+        if contradictions:
             since_s = min(each.since_s for each in contradictions.values())
             detail = ", ".join(f"{_sensor(i)} by {each.off_m:.1f} m" for i, each in sorted(contradictions.items()))
             faults[Condition.SIGHTINGS_CONTRADICT] = Symptom(since_s, detail)
 
-    def _check_peers(self, faults: Faults, gone_s: dict[int, float]) -> None:
+    def _check_peers(self, faults: Faults, gone_s: Mapping[int, float], doubtful: Container[int]) -> None:
         if not self._team.members() and self._team.count_received == self._others:
             faults[Condition.PEERS_SILENT] = Symptom(max(gone_s.values()), _vehicles(gone_s))
+        # One whose states are refused is not silent but doubtful.
+        gone_s = {sender: received_s for sender, received_s in gone_s.items() if sender not in doubtful}
         if self._leader in gone_s:
             faults[Condition.LEADER_LOST] = Symptom(gone_s[self._leader], f"vehicle {self._leader}")
         followers_s = {sender: received_s for sender, received_s in gone_s.items() if sender != self._leader}

@@ -18,6 +18,7 @@ from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, uns
 from agents.safety.fence import Fence
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
+from agents.tactics import Tactic
 from estimation.state import POSITION, Vector
 from estimation.vectors import Pair, clipped_pair
 
@@ -98,7 +99,7 @@ class GuardStatus(Enum):
 
 
 class Guarded:
-    """The guarded aim (2,), the causes of a change, and the highest cause whose demands were relaxed."""
+    """The guarded aim (2,), the causes of a change, the highest cause that was relaxed, and the vehicles evaded."""
 
     def __init__(
         self,
@@ -106,20 +107,23 @@ class Guarded:
         status: GuardStatus = GuardStatus.PASSED,
         causes: tuple[Cause, ...] = (),
         yielded: Cause | None = None,
+        evaded: tuple[int, ...] = (),
     ) -> None:
         self.aim_m: Final = aim_m
         self.status: Final = status
         self.causes: Final = causes
         self.yielded: Final = yielded
+        self.evaded: Final = evaded
 
 
 class _Row:
     """A demand as a half-plane of the lead, in metres."""
 
-    def __init__(self, plane: HalfPlane, cause: Cause, evades: bool = False) -> None:
+    def __init__(self, plane: HalfPlane, cause: Cause, evades: bool = False, vehicle_id: int = 0) -> None:
         self.plane: Final = plane
         self.cause: Final = cause
         self.evades: Final = evades
+        self.vehicle_id: Final = vehicle_id
 
 
 class Guard:
@@ -180,7 +184,8 @@ class Guard:
         causes = {row.cause for row in missed}
         if hypot(*lead) > self._safety.setpoint_lead_max_m:
             causes.add(Cause.REACH)
-        return Guarded(aim, status, tuple(sorted(causes)), yielded)
+        evaded = tuple(sorted({row.vehicle_id for row in missed if row.vehicle_id}))
+        return Guarded(aim, status, tuple(sorted(causes)), yielded, evaded)
 
     def _reached(self, lead: Pair) -> Pair:
         """Limit the lead of the aim: a wrong estimate must not send the vehicle far away."""
@@ -223,7 +228,8 @@ class Guard:
         pull_x, pull_y = normal_x * self._axes[0].a0_per_s2, normal_y * self._axes[1].a0_per_s2
         pull = hypot(pull_x, pull_y)
         least_m = (least_m_s2 - normal_x * drift[0] - normal_y * drift[1]) / pull
-        return _Row(HalfPlane((pull_x / pull, pull_y / pull), least_m), demand.cause, demand.evades)
+        plane = HalfPlane((pull_x / pull, pull_y / pull), least_m)
+        return _Row(plane, demand.cause, demand.evades, demand.vehicle_id)
 
 
 def _evading(lead: Pair, missed: Sequence[_Row]) -> Pair:
@@ -300,21 +306,40 @@ class _ElasticQp:
 
 QUIET_S = 5.0
 """After this long without an intervention the next one is reported again."""
+BENT_M, BENT_FOR_S, STRAIGHT_AFTER_S = 0.5, 3.0, 1.0
+"""An aim is bent if it is moved by so much; on the way it is shown after so long, and until so long after the end."""
+_ON_THE_WAY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.RETURN_AND_LAND)
+"""In these tactics vehicles pass each other: a short evasion belongs to them."""
+_EVASIONS = (Cause.SEPARATION, Cause.FENCE, Cause.KEEP_OUT)
+"""What leads a vehicle elsewhere than planned; the other causes only slow it down."""
 
 
 class Interventions:
-    """Monitors one vehicle's guard; its state is the time of the last intervention."""
+    """Monitors one vehicle's guard: the last intervention, and the aim that it keeps bending."""
 
     def __init__(self) -> None:
         self._last_s = -inf
+        self._bent_since_s = self._bent_s = -inf
+        self._bent: GuardAction | None = None
 
     def news(self, now_s: float, aim_m: Vector, guarded: Guarded) -> tuple[GuardAction, str] | None:
         """Return the action, and the change of the planned aim (2,) as text; None if there is nothing new."""
         if not guarded.causes:
             return None
         quiet_s, self._last_s = now_s - self._last_s, now_s
+        (x, y), moved_m = aim_m.tolist(), hypot(*(guarded.aim_m - aim_m).tolist())
+        evasions = tuple([cause.words for cause in guarded.causes if cause in _EVASIONS])
+        if evasions and moved_m >= BENT_M:
+            if now_s - self._bent_s > STRAIGHT_AFTER_S:
+                self._bent_since_s = now_s
+            self._bent_s, self._bent = now_s, GuardAction(evasions, guarded.evaded)
         if quiet_s <= QUIET_S:
             return None
-        (x, y), moved_m = aim_m.tolist(), hypot(*(guarded.aim_m - aim_m).tolist())
-        action = GuardAction(tuple([cause.words for cause in guarded.causes]))
+        action = GuardAction(tuple([cause.words for cause in guarded.causes]), guarded.evaded)
         return action, f"the planned aim ({x:.2f}, {y:.2f}) m was moved by {moved_m:.2f} m"
+
+    def lasting(self, now_s: float, tactic: Tactic) -> GuardAction | None:
+        """Return why the aim is bent at present, None if it is not, or on the way only for a moment."""
+        if now_s - self._bent_s > STRAIGHT_AFTER_S:
+            return None
+        return None if tactic in _ON_THE_WAY and self._bent_s - self._bent_since_s < BENT_FOR_S else self._bent

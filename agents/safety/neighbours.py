@@ -154,7 +154,8 @@ class Neighbours:
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
         distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
-        return Body((x, y), (x_rate, y_rate), (x_acceleration, y_acceleration), distance_m, shares)
+        acceleration_m_s2 = x_acceleration, y_acceleration
+        return Body((x, y), (x_rate, y_rate), acceleration_m_s2, distance_m, shares, member.sender)
 
     def _ahead(self, axis: int, member: MemberState, ahead_s: float) -> tuple[float, float, float]:
         """Return position, velocity and acceleration along one axis, from the plant's response to the published aim."""

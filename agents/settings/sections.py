@@ -142,6 +142,13 @@ class FailsafeSection(Settings):
         "go_on", description="reaction when the last operator has left the bus"
     )
     no_operator_s: float = Field(10.0, ge=1.0, le=3600.0, description="grace time of *no operator on the bus*")
+    resume: Literal["operator", "auto"] = Field(
+        "operator",
+        description="who resumes a vehicle that stopped by itself; `auto`: itself, where the table allows it",
+    )
+    resume_s: float = Field(
+        5.0, ge=1.0, le=600.0, description="with `auto`: time from the condition's end to the resume"
+    )
 
 
 class FailsafeSettings(FailsafeSection, FailsafeTuning):

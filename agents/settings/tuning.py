@@ -317,6 +317,14 @@ class FailsafeTuning(Settings):
         ge=1.0,
         le=1000.0,
     )
+    doubt_s: float = tuned(
+        2.0,
+        "*peer doubtful*, *sightings contradict*: grace time",
+        "A vehicle that does not follow, or whose estimate jumps, mostly reports that itself by then. The guard keeps "
+        "clear of both places at once.",
+        ge=0.0,
+        le=60.0,
+    )
     flood_per_s: float = tuned(
         100.0,
         "*bus flooded*: refused messages a second",

@@ -30,7 +30,7 @@ from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
 from agents.team import external_positions
-from agents.team.messages import START_BLOCKERS_LIMIT, BusMessage, OperatorCommand
+from agents.team.messages import START_BLOCKERS_LIMIT, BusMessage, OperatorCommand, Outlook
 from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
 
@@ -194,6 +194,11 @@ class Agent:
     def ended_s(self) -> float | None:
         """When the mission ended and the return began, on the shared clock."""
         return self._ended_s
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """What holds the vehicle and what it does next, with the mission's end; None while nothing is due."""
+        return self._reporter.outlook
 
     @property
     def clock_lags_s(self) -> dict[int, float]:
@@ -426,6 +431,7 @@ class Agent:
 
     def _hold(self) -> None:
         self._core.take(TacticEvent(Event.HOLD))
+        self._reporter.end_at(self._clock.now_s() + HOLD_BEFORE_LANDING_S, "stop")
         self._activities.start(ActivityKind.HOLD, self._come_to_rest)
 
     def _end_mission(self) -> None:

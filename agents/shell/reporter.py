@@ -2,6 +2,9 @@
 
 import asyncio
 from collections.abc import Callable, Mapping
+from math import inf
+
+from msgspec.structs import replace
 
 from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus, TickOutput
@@ -9,8 +12,18 @@ from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from agents.shell.control_loop import AgentParts
 from agents.shell.outcome import Outcome
+from agents.tactics import Tactic
 from agents.team.codec import encode
-from agents.team.messages import ENDED_LIMIT, LINK_SILENT_S, REPORT_TOPIC, TOPICS, TargetReport, VehicleReport
+from agents.team.messages import (
+    ENDED_LIMIT,
+    LINK_SILENT_S,
+    REPORT_TOPIC,
+    TOPICS,
+    NextChange,
+    Outlook,
+    TargetReport,
+    VehicleReport,
+)
 from agents.team.text import printable
 from estimation.state import POSITION, VELOCITY
 
@@ -18,6 +31,9 @@ PERIOD_S = 1.0
 """The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
 _WORDS_LIMIT = 32
+ANNOUNCED_S = 60.0
+"""The mission's end is announced so long before [s of the mission clock]."""
+_UNTIL_THE_END = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 
 
 class Reporter:
@@ -37,6 +53,7 @@ class Reporter:
         self._newest = newest
         self._clock_lags_s = clock_lags_s
         self._mission: tuple[float | None, float] = (None, 0.0)
+        self._end: tuple[float, str] = (-inf, "")
         self._ended, self._is_completed = "", False
         self._start_blockers: str | None = None
         self._motion_s: float | None = None
@@ -55,6 +72,26 @@ class Reporter:
     def start_mission(self, start_s: float, duration_s: float) -> None:
         """Take the mission's begin on the team's clock, and its duration."""
         self._mission = (start_s, duration_s)
+        self.end_at(start_s + duration_s, "mission's end")
+
+    def end_at(self, at_s: float, cause: str) -> None:
+        """Take when the vehicle returns or lands as at the mission's end, on the team's clock, and why."""
+        self._end = (at_s, cause)
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """What holds the vehicle and what it does next: by its core, or at the mission's end; None: nothing is due."""
+        output, now_s, (end_s, cause) = self._newest(), self._parts.clock.now_s(), self._end
+        if output is None:
+            return None
+        outlook = output.status.outlook
+        if output.status.tactic not in _UNTIL_THE_END or not 0.0 < end_s - now_s <= ANNOUNCED_S:
+            return outlook
+        if outlook is not None and outlook.next is not None and outlook.next.at_s <= end_s:
+            return outlook
+        returns = self._parts.config.choreography.landing == "return"
+        after = Tactic.RETURN_AND_LAND if returns else Tactic.LAND
+        return replace(outlook or Outlook(), next=NextChange(after.value, end_s, cause))
 
     def wait(self, start_blockers: str | None) -> None:
         """Take what forbids the start that the vehicle waits for, None if it waits for none."""
@@ -94,6 +131,7 @@ class Reporter:
             status.connected,
             is_silent,
             alert,
+            self.outlook,
             self._ended,
             self._start_blockers,
         )
@@ -126,6 +164,7 @@ class Reporter:
             self._start_blockers,
             None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
             self._is_completed if self._ended else None,
+            None if self._ended else self.outlook,
         )
 
 

@@ -138,7 +138,7 @@ class ConsistencyCheck:
     """Keeps the tracks about every peer, and selects the one that is the peer's state."""
 
     def __init__(self, limits: Limits, clocks: ClockWatch, excuses: Container[str]) -> None:
-        """Take the limits, the clock steps, and `excuses`: the alerts with which a vehicle's position may jump."""
+        """Take the limits, the clock steps, and `excuses`: the alerts that explain contradictions."""
         self._limits = limits
         self._clocks = clocks
         self._excuses = excuses
@@ -169,7 +169,7 @@ class ConsistencyCheck:
             confirmed = [each for each in tracks[1:] if each.accepted or each.count >= CONFIRMED]
             tracks[1:] = [*confirmed[2 - TRACKS_MAX :], track]
         self.contested.add(state.sender)
-        excused = state.alert in self._excuses or state.tactic == _PILOT
+        excused = self.explains(state) or state.tactic == _PILOT
         if not excused:
             inconsistency = self._inconsistencies.setdefault(
                 state.sender, Inconsistency(state.time_s, state.time_s, 0, why)
@@ -194,6 +194,10 @@ class ConsistencyCheck:
                 del self._inconsistencies[sender]
             elif inconsistency is None and len(tracks) == 1:
                 self.contested.discard(sender)
+
+    def explains(self, state: MemberState) -> bool:
+        """Return whether a vehicle's own alert explains why its states contradict each other."""
+        return state.alert in self._excuses
 
     @property
     def inconsistencies(self) -> Mapping[int, Inconsistency]:

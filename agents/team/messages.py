@@ -5,11 +5,13 @@ Text with control characters is refused there.
 """
 
 from dataclasses import dataclass
+from math import ceil
 from typing import Annotated, Literal
 
 import msgspec
 
 from agents.drops import NO_DROPS, Drops
+from agents.notes import GuardCause
 from agents.settings.shapes import Shape
 from agents.tactics import Tactic
 from agents.team.packing import FLAT, PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit, Within
@@ -32,8 +34,17 @@ _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 
 DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
+CONDITIONS_LIMIT = 16
 LINK_SILENT_S = 0.8
 """Operators and observers consider a link cut without a sample of the vehicle's motion for this long [wall s]."""
+RESUMES = "resumes"
+_DOES = {
+    Tactic.FORMATION.value: RESUMES,
+    Tactic.ASIDE.value: "steps aside",
+    Tactic.HOLD.value: "holds",
+    Tactic.RETURN_AND_LAND.value: "returns and lands",
+    Tactic.LAND.value: "lands",
+}
 Metres2 = tuple[_Metres, _Metres]
 Outcome = Literal["begun", "obeyed", "refused"]
 
@@ -190,6 +201,39 @@ class AutopilotReport(msgspec.Struct, frozen=True):
     satellites: Annotated[int, Within(0, 255)] | None = None
 
 
+class NextChange(msgspec.Struct, frozen=True):
+    """The change that a vehicle makes by itself next, unless its `cause` ends before."""
+
+    tactic: Annotated[_Name, OneOf(tuple(each.value for each in Tactic))]
+    at_s: Annotated[TimeS, Age(1e6)]
+    cause: _Name
+
+    @property
+    def does(self) -> str:
+        """What the vehicle does then, as text."""
+        return _DOES.get(self.tactic, self.tactic)
+
+    def text(self, now_s: float) -> str:
+        """It as text: "lands in 18 s"."""
+        return f"{self.does} in {max(ceil(self.at_s - now_s), 0)} s"
+
+
+class Outlook(msgspec.Struct, frozen=True):
+    """What a vehicle does next, and what holds it beside its alert.
+
+    `blocks` is the condition that refuses a resume; it `waits_for_resume` if it stopped by itself and none does. `also`
+    are its other conditions, and peers' alerts that explain their states. `guard` is why its aim is bent, `evaded`
+    whom it keeps apart from.
+    """
+
+    next: NextChange | None = None
+    blocks: _Name = ""
+    waits_for_resume: bool = False
+    also: Annotated[tuple[_Name, ...], msgspec.Meta(max_length=CONDITIONS_LIMIT)] = ()
+    guard: tuple[GuardCause, ...] = ()
+    evaded: tuple[VehicleId, ...] = ()
+
+
 class VehicleReport(msgspec.Struct, frozen=True):
     """A vehicle's report to operators and observers, in addition to its state; vehicles do not receive it.
 
@@ -198,7 +242,7 @@ class VehicleReport(msgspec.Struct, frozen=True):
     `ended` is how the vehicle's flight ended, empty during the flight, and `is_completed` whether it was over as
     planned, which earlier versions do not send. While it waits on the ground for an operator's start, `start_blockers`
     forbid the start, empty if nothing does, and `clock_off_s` is the largest offset of a peer's computer's clock from
-    its own [wall s]. Unknown values are None, or empty.
+    its own [wall s]. `outlook` is None while nothing is due. Unknown values are None, or empty.
     """
 
     sender: VehicleId
@@ -219,6 +263,7 @@ class VehicleReport(msgspec.Struct, frozen=True):
     ] = None
     clock_off_s: Annotated[_Seconds | None, Added(2)] = None
     is_completed: Annotated[bool | None, Added(3)] = None
+    outlook: Annotated[Outlook | None, Added(4)] = None
 
     @property
     def is_link_cut(self) -> bool:

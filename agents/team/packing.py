@@ -195,7 +195,7 @@ class _MessageColumns:
         if _is_packed(bare):
             part, name = Packing(bare), bare.__name__
             self.names |= {f"pack_{name}": part.packed, f"unpack_{name}": part.unpacked}
-            return _Form(part.wire, f"pack_{name}({{0}}, m)", f"unpack_{name}({{0}}, w)")
+            return _Form(part.wire, f"pack_{name}({{0}}, whole or m)", f"unpack_{name}({{0}}, whole or w)")
         return _Form(hint) if _mark(hint, Unit) is None and _mark(hint, Within) is None else _number(hint)
 
 
@@ -234,11 +234,12 @@ def _some(hint: Any) -> Any:
 
 
 def _is_packed(kind: Any) -> bool:
-    """Return whether a type is a struct with annotations of this module."""
+    """Return whether a type is a struct with annotations of this module, or with a part that has them."""
     if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
         return False
     hints = get_type_hints(kind, include_extras=True).values()
-    return any(not isinstance(mark, Meta) for hint in hints for mark in _marks(hint))
+    marked = any(not isinstance(mark, Meta) for hint in hints for mark in _marks(hint))
+    return marked or any(_is_packed(_some(_bare(hint))) for hint in hints)
 
 
 def _above(value: float, units: float) -> int:

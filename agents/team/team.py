@@ -153,8 +153,22 @@ class Team:
 
     @property
     def inconsistencies(self) -> Mapping[int, Inconsistency]:
-        """The peers whose states contradict each other."""
-        return self._consistency.inconsistencies if self._consistency.contested else {}
+        """The peers whose states contradict each other, unless their own alert explains it."""
+        if not self._consistency.contested:
+            return {}
+        found = self._consistency.inconsistencies
+        return {sender: each for sender, each in found.items() if not self.explanation(sender)}
+
+    @property
+    def explained(self) -> dict[int, str]:
+        """The peers whose own alert explains why their states contradict each other, and the alert."""
+        contested = self._consistency.contested
+        return {sender: alert for sender in sorted(contested) if (alert := self.explanation(sender))}
+
+    def explanation(self, sender: int) -> str:
+        """Return a member's alert if it explains a wrong position, else an empty text."""
+        member = self._members.get(sender)
+        return member.alert if member is not None and self._consistency.explains(member) else ""
 
     @property
     def gone_s(self) -> dict[int, float]:

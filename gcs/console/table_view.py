@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import degrees
+from math import degrees, inf
 from types import TracebackType
 from typing import Self
 
@@ -217,7 +217,7 @@ def motion_numbers(row: TeamRow) -> tuple[PlainNumber, ...]:
 def plain_row(row: TeamRow, tactic: str, also: str, numbers: Iterable[PlainNumber]) -> str:
     """Return a vehicle as plain text, without the numbers that are unknown."""
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, row.alert, row.note]))
+    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, row.alert, row.due, row.guard, row.note]))
 
 
 def in_degrees(angle_rad: float | None) -> float | None:
@@ -234,18 +234,35 @@ def empty_table(columns: Iterable[Column]) -> Table:
 
 
 def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
-    """Return a line for each alert with the next step, the most severe first."""
+    """Return a line for each alert with what is due and the next step, the most severe first."""
     whose = _vehicles({row.vehicle_id: row.alert for row in rows})
-    alerts = {row.alert: row for row in rows if row.alert}
+    alerts: dict[str, TeamRow] = {}
+    for row in rows:
+        if row.alert and (row.alert not in alerts or _due_s(row) < _due_s(alerts[row.alert])):
+            alerts[row.alert] = row
     lines = [
-        Text(f"{WORDS[row.severity]}{whose[row.alert]}: {row.alert}: {row.advice}", style=STYLES[row.severity])
-        for row in sorted(alerts.values(), key=lambda row: _MOST_SEVERE_FIRST.index(row.severity))
+        Text(
+            f"{WORDS[row.severity]}{whose[row.alert]}: {'; '.join(filter(None, [row.alert, row.due]))}: {row.advice}",
+            style=STYLES[row.severity],
+        )
+        for row in sorted(alerts.values(), key=_rank)
     ]
     return _first(lines, _ALERTS_MAX, "alerts")
 
 
+def _due_s(row: TeamRow) -> float:
+    return inf if row.next is None else row.next.in_s
+
+
+def _rank(row: TeamRow) -> tuple[int, bool]:
+    """Alarms come first, and among them those that wait for the operator."""
+    return _MOST_SEVERE_FIRST.index(row.severity), not row.waits_for_resume
+
+
 def _notes(rows: Sequence[TeamRow]) -> list[Text]:
-    whose = _vehicles({row.vehicle_id: row.note for row in rows})
+    """Return a line for each note, for the guard's action, and for what is due without an alert."""
+    shown = {row.vehicle_id: ("" if row.alert else row.due, row.guard, row.note) for row in rows}
+    whose = _vehicles({vehicle_id: ", ".join(filter(None, texts)) for vehicle_id, texts in shown.items()})
     return _first([Text(f"{whose[note]}: {note}", style="yellow") for note in whose], _NOTES_MAX, "notes")
 
 

@@ -6,10 +6,19 @@ from dataclasses import dataclass, field
 
 from agents.ports import VehicleRefusedError
 from agents.safety.fence import Fence
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, MissionIdentity, OperatorCommand, StartProposal
+from agents.team.messages import (
+    BusMessage,
+    CommandAnswer,
+    MemberState,
+    MissionIdentity,
+    OperatorCommand,
+    Outlook,
+    StartProposal,
+    VehicleReport,
+)
 from agents.team.verbs import VERBS
 from gcs.console.advice import Severity, severity
-from gcs.console.vehicle_view import TeamRow, with_alert, with_state, with_surroundings
+from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_state, with_surroundings
 from gcs.mission.geometry import Place
 from gcs.mission.mission import Mission
 
@@ -100,6 +109,7 @@ class TeamState:
     vehicle_ids: Sequence[int]
     fences: Mapping[int, Fence] = field(default_factory=dict)
     _latest: dict[int, _LatestMessages] = field(default_factory=dict)
+    _outlooks: dict[int, Outlook | None] = field(default_factory=dict)
     _known: OrderedDict[tuple[object, ...], None] = field(default_factory=OrderedDict)
     _events: deque[TeamEvent] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
 
@@ -113,6 +123,8 @@ class TeamState:
         match message:
             case MemberState():
                 self._receive_state(message, now_s)
+            case VehicleReport():
+                self._outlooks[message.sender] = message.outlook
             case OperatorCommand() | CommandAnswer():
                 self._receive_command(message)
             case _:
@@ -186,4 +198,5 @@ class TeamState:
         dropped = f"messages dropped: {state.drops.text()}" if state.drops.total else ""
         note = ", ".join(filter(None, [silent, dropped]))
         row = with_state(TeamRow(vehicle_id, age_s=age_s, is_stale=is_stale, note=note), state)
+        row = with_outlook(row, self._outlooks.get(vehicle_id), state.time_s + age_s)
         return with_alert(with_surroundings(row, places_m, self.fences), state.alert)

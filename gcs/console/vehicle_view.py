@@ -1,22 +1,33 @@
 """A vehicle as an onlooker sees it: the one type that the terminals' tables and the operator's page show."""
 
 from collections.abc import Mapping
-from math import hypot
+from math import ceil, hypot
 from typing import TypeVar
 
 import msgspec
 from msgspec.structs import replace
 
+from agents.notes import GuardAction
 from agents.safety.failsafe import Condition
 from agents.safety.fence import Fence
-from agents.team.messages import AutopilotReport, MemberState, VehicleReport
+from agents.team.messages import RESUMES, AutopilotReport, MemberState, Outlook, VehicleReport
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
 from gcs.mission.geometry import nearest_other
 
 Pair = tuple[float, float]
-SILENT, LINK_CUT = "silent", "link cut"
+SILENT, LINK_CUT, WAITS = "silent", "link cut", "waits for resume"
+PAST_S = 2.0
+"""A change that has been due for so long without a report of it is no longer shown."""
 _ADVISED_AS = {SILENT: Condition.PEER_SILENT.value, LINK_CUT: Condition.TELEMETRY_STALE.value}
+
+
+class NextView(msgspec.Struct, frozen=True):
+    """What a vehicle `does` by itself next ("lands"), after `in_s`, because of its `cause`."""
+
+    does: str
+    in_s: float
+    cause: str
 
 
 class VehicleView(msgspec.Struct, frozen=True):
@@ -26,8 +37,9 @@ class VehicleView(msgspec.Struct, frozen=True):
     a link. `aim_m` is the undisturbed aim, which its peers receive, `setpoint_m` the setpoint sent, which a log holds;
     `yaw_rad` is that of the setpoint. `link_age_s` is how long its agent has received nothing from its autopilot.
     `nearest_m` is the horizontal distance to the nearest other flying vehicle, `fence_margin_m` that to the fence
-    (negative: outside). `advice` is the operator's action for the alert. `ending` is how its flight ended, empty
-    before. Unknown values are None, or empty.
+    (negative: outside). `advice` is the operator's action for the alert. `blocks` is the condition that refuses a
+    resume, `also` are its other conditions, `guard` is why its aim is bent. `ending` is how its flight ended,
+    empty before. Unknown values are None, or empty.
     """
 
     vehicle_id: int
@@ -53,7 +65,25 @@ class VehicleView(msgspec.Struct, frozen=True):
     alert: str = ""
     advice: str = ""
     severity: Severity = "information"
+    next: NextView | None = None
+    blocks: str = ""
+    also: tuple[str, ...] = ()
+    waits_for_resume: bool = False
+    guard: str = ""
     ending: str = ""
+
+    @property
+    def due(self) -> str:
+        """What it does next, what refuses its resume, its other alerts: "lands in 18 s; also link degraded"."""
+        texts = []
+        if self.next is not None:
+            cause = f" ({self.next.cause})" if self.next.cause != self.alert else ""
+            texts.append(f"{self.next.does} in {ceil(self.next.in_s)} s{cause}")
+        if self.blocks not in ("", self.alert):
+            texts.append(f"resume refused: {self.blocks}")
+        if others := ", ".join(each for each in self.also if each != self.blocks):
+            texts.append(f"also {others}" if self.alert else others)
+        return "; ".join(texts)
 
     @property
     def height_m(self) -> float | None:
@@ -96,11 +126,11 @@ def with_state(view: ViewT, state: MemberState) -> ViewT:
     )
 
 
-def with_report(view: ViewT, report: VehicleReport, age_s: float) -> ViewT:
-    """Return a view with what a vehicle's report holds; the report was received `age_s` ago."""
+def with_report(view: ViewT, report: VehicleReport, age_s: float, now_s: float) -> ViewT:
+    """Return a view with what a vehicle's report holds; it was received `age_s` ago, `now_s` is the team's clock."""
     silent_s = age_s if report.is_link_cut else 0.0
     return replace(
-        view,
+        with_outlook(view, report.outlook, now_s),
         mode=report.mode,
         yaw_rad=report.yaw_rad,
         autopilot=report.autopilot,
@@ -109,8 +139,31 @@ def with_report(view: ViewT, report: VehicleReport, age_s: float) -> ViewT:
     )
 
 
+def with_outlook(view: ViewT, outlook: Outlook | None, now_s: float) -> ViewT:
+    """Return a view with what holds a vehicle and what it does next, at a time on the team's clock."""
+    if outlook is None:
+        return view
+    change = outlook.next
+    is_past = change is None or now_s - change.at_s > PAST_S
+    return replace(
+        view,
+        next=None if change is None or is_past else NextView(change.does, max(change.at_s - now_s, 0.0), change.cause),
+        blocks=outlook.blocks,
+        also=outlook.also,
+        waits_for_resume=outlook.waits_for_resume,
+        guard=GuardAction(outlook.guard, outlook.evaded).text,
+    )
+
+
 def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
-    """Return a view with an alert, its advice and severity; of a vehicle that `is_lost` in flight it is an alarm."""
+    """Return a view with an alert, its advice and severity; of a vehicle that `is_lost` in flight it is an alarm.
+
+    An alert that is over is one that the vehicle waits for a resume.
+    """
+    if alert and view.waits_for_resume and not is_lost:
+        if view.next is not None and view.next.does == RESUMES:
+            return replace(view, alert=WAITS, advice="hold it if it must not continue its mission", severity="warning")
+        return replace(view, alert=WAITS, advice=f"{alert} is over: resume continues its mission", severity="alarm")
     level: Severity = "alarm" if alert and is_lost else severity(alert)
     return replace(view, alert=alert, advice=advice(_ADVISED_AS.get(alert, alert)), severity=level)
 

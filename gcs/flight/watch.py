@@ -15,10 +15,9 @@ from estimation.state import Telemetry
 from gcs.console.advice import event_severity
 from gcs.console.live import flight_title
 from gcs.console.table_view import NO_HINT
-from gcs.console.vehicle_view import TeamRow, with_alert, with_surroundings
+from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_surroundings
 from gcs.flight.team import FlightTeam, Member
 from gcs.metrics.journal import event_line
-from gcs.metrics.record import FlightEvent
 from gcs.mission.geometry import Place, fences
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.senders import impostor, moved
@@ -40,7 +39,6 @@ class Watch:
         self._hint = hint
         mission = team.plan.mission
         self._fences = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
-        self._over: dict[int, set[str]] = {member.vehicle.id: set() for member in team.members}
         self._log_fault = ""
         self._rates = {member.vehicle.section.url: member.link.pace.rates for member in team.members}
         self._links_reported: dict[int, tuple[int, int]] = {}
@@ -67,15 +65,8 @@ class Watch:
     def _show_events(self) -> None:
         """Print the new events."""
         for event in self._team.journal.new_events():
-            self._note_alert(event)
             line = event_line(event, self._team.start_s)
             self._team.view.print_line(line, event_severity(event))
-
-    def _note_alert(self, event: FlightEvent) -> None:
-        """Store which conditions are cleared: a vehicle keeps such a condition as its alert until it resumes."""
-        if event.alert is not None and event.vehicle in self._over:
-            over = self._over[event.vehicle]
-            (over.add if event.alert.is_over else over.discard)(event.alert.condition)
 
     def _update(self, hint: Text) -> None:
         team, mission = self._team, self._team.plan.mission
@@ -136,7 +127,6 @@ class Watch:
         polar, place = (None, None) if status is None else (status.polar, status.place)
         motion = member.link.motion
         alert = "" if status is None or ending else status.alert
-        is_over = alert in self._over[vehicle_id]
         link_age_s = None if motion is None else self._age_s(motion)
         row = TeamRow(
             vehicle_id,
@@ -153,12 +143,13 @@ class Watch:
             angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
             lead_rad=None if place is None else place.lead_rad,
             ending=ending,
-            note="" if status is None or ending else _remark(status, alert if is_over else ""),
+            note="" if status is None or ending else _remark(status),
             gps_threat=vehicle.gps_threat.value,
             lag_rad=None if place is None else place.lag_rad,
             round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.time_scale,
         )
-        return with_alert(with_surroundings(row, places_m, self._fences), "" if is_over else alert)
+        row = with_outlook(row, None if ending else member.agent.outlook, self._team.clock.now_s())
+        return with_alert(with_surroundings(row, places_m, self._fences), alert)
 
     def _age_s(self, motion: Telemetry) -> float:
         """Return the age of a sample [wall s]."""
@@ -197,7 +188,6 @@ def _ending(member: Member) -> str:
     return "handed over" if status.armed else DISARMED
 
 
-def _remark(status: CoreStatus, over: str) -> str:
-    ended = f"{over} cleared: resume continues the mission" if over else ""
+def _remark(status: CoreStatus) -> str:
     dropped = f"messages dropped: {status.drops.text()}" if status.drops.total else ""
-    return ", ".join(filter(None, [ended, status.slowed, dropped]))
+    return ", ".join(filter(None, [status.slowed, dropped]))

@@ -10,10 +10,11 @@ import msgspec
 
 from agents.drops import Drops
 from agents.inputs import Command, CoreInput, Message
-from agents.notes import AlertChange, CommandOutcome, Note, ReferenceChange
+from agents.notes import AlertChange, CommandOutcome, GuardAction, Note, ReferenceChange
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.team.codec import encode
+from agents.team.messages import NextChange, Outlook
 from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flightlog.audit import AuditEntry
@@ -161,6 +162,7 @@ class Decision(msgspec.Struct, frozen=True):
     `target_altitude_m` is the estimate of the target's altitude, None if the vehicle followed none.
     `turning_rad_s` is the estimated rate at which the vehicle circles, 0 off the ring.
     `drops` are the messages dropped so far by reason, `messages_dropped` their number.
+    `outlook` is None while nothing is due.
     """
 
     time_s: float
@@ -184,6 +186,7 @@ class Decision(msgspec.Struct, frozen=True):
     target_altitude_m: float | None = None
     turning_rad_s: float | None = None
     drops: Drops | None = None
+    outlook: Outlook | None = None
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -284,6 +287,7 @@ def decision_of(output: TickOutput) -> Decision:
         status.target_altitude_m,
         status.turning_rad_s,
         status.drops,
+        status.outlook,
     )
 
 
@@ -296,11 +300,29 @@ def notes_of(decision: Any) -> list[Note]:
             note.text,
             note.because,
             alert=_values(note, "alert", AlertChange),
+            guard=_guard_of(note),
             command=_values(note, "command", CommandOutcome),
             reference=_values(note, "reference", ReferenceChange),
         )
         for note in decision.notes
     ]
+
+
+def outlook_of(decision: Any) -> Outlook | None:
+    """Return what holds the vehicle and what it does next of a decision that was read as a Protobuf message.
+
+    Logs of 0.2.0 do not hold it.
+    """
+    if "outlook" not in decision.DESCRIPTOR.fields_by_name or not decision.HasField("outlook"):
+        return None
+    held = decision.outlook
+    change = NextChange(held.next.tactic, held.next.at_s, held.next.cause) if held.HasField("next") else None
+    return Outlook(change, held.blocks, held.waits_for_resume, tuple(held.also), tuple(held.guard), tuple(held.evaded))
+
+
+def _guard_of(note: Any) -> GuardAction | None:
+    known = "guard" in note.DESCRIPTOR.fields_by_name and note.HasField("guard")
+    return GuardAction(tuple(note.guard.causes), tuple(note.guard.evaded)) if known else None
 
 
 def _values(note: Any, name: str, kind: type[ValuesT]) -> ValuesT | None:

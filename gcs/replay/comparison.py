@@ -19,7 +19,7 @@ COVARIANCE_TOLERANCE = 1e-6
 
 Same = Callable[[str, Any, Any], bool]
 """Return whether a field, given by its path, has the same value in two decisions."""
-_VALUES = ("tactic", "alert", "command")
+_VALUES = ("tactic", "alert", "command", "guard")
 _NUMBER = re.compile(r"-?\d+(?:\.(\d+))?")
 
 
@@ -45,13 +45,17 @@ def versions_that_differ(run: Run) -> tuple[str, ...]:
 def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:
     """Return every field that differs between two decisions."""
     one, other = _readable(recorded), _readable(replayed)
-    # Logs of 0.2.0 have neither the outcome of an answer nor the values of a note.
+    # Logs of 0.2.0 have neither the outcome of an answer, nor the values of a note, nor the outlook.
     for sent, again in zip(one["sent"], other["sent"], strict=False):
         if isinstance(sent["message"], dict) and sent["message"].get("outcome", "") is None and sent != again:
             again["message"]["outcome"] = None
     for note, again in zip(one["notes"], other["notes"], strict=False):
         if all(note[name] is None for name in _VALUES):
             again.update(dict.fromkeys(_VALUES))
+            if note["kind"] == "guard":  # its text named the causes alone
+                again["text"] = note["text"]
+    if one["outlook"] is None:
+        other["outlook"] = None
     return list(_compared("", one, other, same))
 
 

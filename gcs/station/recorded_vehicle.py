@@ -13,9 +13,9 @@ from agents.team.messages import LINK_SILENT_S, AutopilotReport
 from estimation.state import MOTION, Telemetry
 from gcs.console.advice import Severity, event_severity
 from gcs.console.team_state import SILENT_AFTER_S
-from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView, with_alert
+from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView, with_alert, with_outlook
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Decision, VehicleEnd, notes_of
+from gcs.flightlog.records import Decision, VehicleEnd, notes_of, outlook_of
 from gcs.station.picture import TargetPicture
 
 _ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
@@ -104,6 +104,7 @@ class RecordedVehicle:
             link_age_s=_rounded(link_age_s),
             ending=self._end.reason if has_ended and self._end is not None else "",
         )
+        view = with_outlook(view, None if has_ended else outlook_of(decision), time_s)
         alert = "" if has_ended else decision.alert or lost
         return with_alert(_with_status(_with_motion(view, tick), tick.status), alert, is_lost=bool(lost))
 

@@ -196,7 +196,9 @@ class TeamPictures:
         if received.state is not None:
             view = with_state(view, received.state)
         if received.report is not None:
-            view = with_report(view, received.report, now_s - received.report_s)
+            since_s = now_s - max(received.state_s, received.report_s)
+            clock_s = max(_time_s(received.state), received.report.time_s) + since_s
+            view = with_report(view, received.report, now_s - received.report_s, clock_s)
         alert = "" if has_ended else own_alert or lost
         return with_alert(with_surroundings(view, places_m, self._fences), alert, is_lost=bool(lost))
 

@@ -473,3 +473,35 @@ def test_a_target_too_fast_for_the_ring_slows_it_and_this_is_published(make_conf
     assert rates == sorted(rates, reverse=True)
     assert rates[-1] == pytest.approx(0.075)
     assert -np.diff(rates).min() <= 0.015 * PERIOD_S + 1e-9
+
+
+def test_a_vehicle_that_is_pushed_out_of_its_hold_tells_by_whom(make_config: Maker) -> None:
+    pilot = Pilot(make_config(safety={"separation_m": 3.0}))
+    pilot.core.take(TacticEvent(Event.HOLD))
+    pilot.fly(2.0)
+    assert pilot.core.tactic is Tactic.HOLD
+    outputs = []
+    for tick in range(150):
+        # It passes through the place that is held, and lands: it does not evade.
+        x = 8.0 - 0.1 * tick
+        passing = MemberState(3, pilot.now_s, "land", (x, 0.0), (-1.0, 0.0), (x, 0.0), (-1.0, 0.0), 8.0)
+        pilot.core.take(Message(pilot.now_s, passing))
+        outputs += pilot.fly(pilot.now_s + PERIOD_S)
+    pushed = [hypot(*each.status.motion[:2]) > 1.0 for each in outputs if each.status.motion is not None]
+    assert sum(pushed) > 20
+    outlooks = [each.status.outlook for each in outputs]
+    told = [each is not None and (each.guard, each.evaded) == (("separation",), (3,)) for each in outlooks]
+    assert told.index(True) < pushed.index(True), "from the beginning"
+    assert (outlooks[0], outlooks[-1]) == (None, None)
+    (note,) = [each for output in outputs for each in output.status.notes if each.kind == "guard"]
+    assert note.guard is not None
+    assert (note.guard.evaded, note.text) == ((3,), "evading 3")
+
+
+def test_a_formation_that_is_led_out_of_the_fence_tells_why_it_stays_behind(make_config: Maker) -> None:
+    fence_m = ((-20.0, -20.0), (6.0, -20.0), (6.0, 20.0), (-20.0, 20.0))
+    pilot = Pilot(make_config(safety={"fence_m": fence_m}))
+    outlook = pilot.fly(45.0)[-1].status.outlook
+    assert pilot.core.tactic is Tactic.FORMATION
+    assert outlook is not None
+    assert outlook.guard == ("fence",)

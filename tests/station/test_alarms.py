@@ -6,6 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
+from gcs.console.vehicle_view import NextView
 from gcs.station.picture import EventPicture, LostPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import RATE_HZ, CannedStation
@@ -69,6 +70,45 @@ def tones_in(page: Page, served: CannedStation, time_ms: float) -> int:
         pass_time(page, 1000.0 / RATE_HZ)
     after: int = page.evaluate("window.tones")
     return after - before
+
+
+def test_the_same_alert_of_several_vehicles_is_one_row(page: Page, served: CannedStation) -> None:
+    def stale(time_s: float) -> TeamPicture:
+        team = well(time_s)
+        for vehicle_id in (1, 2, 3):
+            team = changed(team, vehicle_id, alert="target stale", advice="Find it.", severity="alarm")
+        return changed(team, 3, alert="battery empty", advice="Land it.")
+
+    served.team = stale
+    rows = page.locator("#alarm-bar li")
+    expect(rows).to_have_text(
+        ["■ ALARM Vehicles 1, 2: target stale. Find it.", "■ ALARM Vehicle 3: battery empty. Land it."]
+    )
+    expect(page.locator("#assertive")).to_have_text(
+        "Alarm. Vehicles 1, 2: target stale. Find it. Alarm. Vehicle 3: battery empty. Land it."
+    )
+
+
+def test_a_vehicle_that_waits_for_a_resume_is_the_first_alarm_and_the_first_card(
+    page: Page, served: CannedStation
+) -> None:
+    over = {"alert": "waits for resume", "advice": "Resume it.", "severity": "alarm", "waits_for_resume": True}
+    served.team = lambda time_s: changed(link_lost(time_s), 3, **over)
+    expect(page.locator("#alarm-bar li")).to_contain_text(["Vehicle 3: waits for resume", "Vehicle 2: link lost"])
+    expect(page.locator(".card h3")).to_contain_text(["3", "2", "1"])
+
+
+def test_an_alarm_counts_down_to_what_follows_and_names_what_refuses_a_resume(
+    page: Page, served: CannedStation
+) -> None:
+    lands = {"next": NextView("lands", 17.2, "estimator failing"), "blocks": "estimator failing"}
+    served.team = lambda time_s: changed(link_lost(time_s), 2, also=("estimator failing", "tilt too large"), **lands)
+    words = "lands in 18 s (estimator failing); resume refused: estimator failing; also tilt too large"
+    expect(page.locator(".card[data-vehicle='2'] .due")).to_have_text(words)
+    expect(page.locator("#alarm-bar li")).to_contain_text(f"link lost. {words}.")
+    served.team = lambda time_s: changed(link_lost(time_s), 2, next=NextView("lands", 3.9, "link lost"))
+    expect(page.locator("#alarm-bar li")).to_contain_text("link lost. lands in 4 s.")
+    expect(page.locator(".card[data-vehicle='1'] .due")).to_be_hidden()
 
 
 def test_alarm_sounds_until_it_is_acknowledged(page: Page, served: CannedStation) -> None:

@@ -43,6 +43,7 @@ def with_own_values(team: TeamPicture) -> TeamPicture:
         2,
         age_s=0.2,
         tactic="hold",
+        guard="evading 1",
         autopilot=AutopilotReport(0.57, 667.9, 0, 17),
         position_m=(31.5, 4.25, -7.3),
         velocity_m_s=(3.0, -4.0),
@@ -105,11 +106,11 @@ def test_every_field_is_on_the_card_and_in_the_table(open_page: OpenPage) -> Non
         page = open_page(served.url, script=NO_WEBGL)
         expect(page.locator(".card")).to_have_count(3)
         served.team = lambda _: with_own_values(ring_team(ring_mission(), 100.0))
-        expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("hold")
+        expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("hold, evading 1")
         shows(page, ".card[data-vehicle='2']", SHOWN)
         assert texts(page, ".card[data-vehicle='1']")["gps"] == "3D, 14 sat"
         page.get_by_role("tab", name="Table").click()
-        in_table = {"tactic": "hold", "x": "31.5 m", "y": "4.3 m", "alert": "no alert"}
+        in_table = {"tactic": "hold, evading 1", "x": "31.5 m", "y": "4.3 m", "alert": "no alert"}
         shows(page, "#table [data-vehicle='2']", SHOWN | in_table)
 
 

@@ -151,7 +151,7 @@ def _failsafe(row: Row) -> str:
         _grace(row),
         _reactions(row),
         _descending(row),
-        "" if row.left in (RESUME, BY_ITSELF) else row.left,
+        "; ".join(filter(None, ["`auto`" * row.resumes, "" if row.left in (RESUME, BY_ITSELF) else row.left])),
     )
     return f"| {' | '.join(cells)} |"
 

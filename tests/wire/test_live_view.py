@@ -102,11 +102,17 @@ async def test_rows_are_as_the_vehicles_are_and_an_alert_and_the_flight_end(
             with subtests.test("an alert is over that holds its vehicle until it resumes"):
                 faults.estimator_ratio = 1.5
                 await until(lambda: shown.alerts() == {2: "estimator failing"}, 40.0, "the alert", clock=clock)
-                assert shown.rows[2].note == ""
+                change = shown.rows[2].next
+                assert change is not None
+                assert (change.does, change.cause) == ("lands", "mission's end"), "sooner than the next reaction"
+                left_s = float(shown.titles[-1].partition(" s left")[0].rpartition(" ")[2])
+                assert change.in_s == pytest.approx(left_s, abs=1.0)
                 faults.estimator_ratio = 0.0
-                await until(lambda: not shown.alerts(), 40.0, "the end of the alert", clock=clock)
-                assert shown.rows[2].tactic == "hold"
-                assert "estimator failing cleared: resume" in shown.rows[2].note
+                await until(
+                    lambda: shown.alerts() == {2: "waits for resume"}, 40.0, "the end of the condition", clock=clock
+                )
+                assert (shown.rows[2].tactic, shown.rows[2].severity) == ("hold", "alarm")
+                assert shown.rows[2].advice.startswith("estimator failing is over: resume")
             await flight
     assert {row.ending for row in shown.rows.values()} == {"disarmed"}
     assert all(row.height_m == pytest.approx(0.0, abs=0.3) for row in shown.rows.values())

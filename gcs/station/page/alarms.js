@@ -1,7 +1,7 @@
 /** Alarms: a sound, a sign and a word until they are acknowledged; removed when they are over and acknowledged. */
 
 import { byId, element, setText } from "./dom.js";
-import { trouble } from "./vehicles.js";
+import { due, trouble } from "./vehicles.js";
 
 const SOUND_EVERY_MS = 2000;
 const TONES_HZ = [880, 660];
@@ -71,7 +71,7 @@ export class Alarms {
   }
 
   #state() {
-    return [...this.alarms.values()].map((alarm) => `${alarm.key}${alarm.isPresent}${alarm.advice}`).join();
+    return [...this.alarms.values()].map((alarm) => `${alarm.key}${alarm.isPresent}${alarm.advice}${alarm.due}`).join();
   }
 
   #removeOld() {
@@ -79,7 +79,7 @@ export class Alarms {
   }
 
   #announce(news) {
-    setText(this.live, news.map((alarm) => `Alarm. ${alarm.text}. ${alarm.advice}`).join(" "));
+    setText(this.live, grouped(news).map((group) => `Alarm. ${words(group)}. ${group[0].advice}`).join(" "));
     this.sound.play();
   }
 
@@ -88,26 +88,45 @@ export class Alarms {
   }
 
   #show() {
-    const alarms = [...this.alarms.values()];
+    const alarms = [...this.alarms.values()].toSorted((a, b) => rank(a) - rank(b));
     this.list.parentElement.hidden = alarms.length === 0;
     byId("acknowledge").hidden = alarms.every((alarm) => alarm.isSeen);
-    this.list.replaceChildren(...alarms.toSorted((a, b) => rank(a) - rank(b)).map(row));
+    this.list.replaceChildren(...grouped(alarms).map(row));
   }
 }
 
-/** New alarms first, then acknowledged ones, then those that are over. */
-const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2);
+/** New alarms first, then acknowledged ones, then those that are over; of each, what waits for the operator first. */
+const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2) - (alarm.waits ? 0.5 : 0);
 
 function ofVehicle(vehicle) {
-  const { vehicle_id, alert, advice } = vehicle;
-  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
+  const { vehicle_id, alert, advice, waits_for_resume } = vehicle;
+  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, alert, advice, due: due(vehicle), waits: waits_for_resume };
+}
+
+/** Alarms in groups, in their order: vehicles with the same alert, as alike seen and over, have one cause, and one row. */
+function grouped(alarms) {
+  const groups = new Map();
+  for (const alarm of alarms) {
+    const cause = `${alarm.alert ?? alarm.key} ${alarm.isPresent} ${alarm.isSeen}`;
+    groups.set(cause, [...(groups.get(cause) ?? []), alarm]);
+  }
+  return [...groups.values()];
+}
+
+function words(group) {
+  const [{ text, alert }] = group;
+  if (text) return text;
+  const ids = group.map(({ subject }) => subject).toSorted((a, b) => a - b);
+  return `Vehicle${ids.length > 1 ? "s" : ""} ${ids.join(", ")}: ${alert}`;
 }
 
 const LOST = { key: "lost", subject: "flight", text: "The flight was lost: only the autopilots control the vehicles", advice: "" };
 
-function row(alarm) {
+function row(group) {
+  const [alarm] = group;
   const word = alarm.isPresent ? "ALARM" : "OVER";
-  const parts = [element("strong", {}, `${alarm.isPresent ? "■" : "□"} ${word}`), ` ${alarm.text}. `];
+  const parts = [element("strong", {}, `${alarm.isPresent ? "■" : "□"} ${word}`), ` ${words(group)}. `];
+  if (alarm.isPresent && alarm.due) parts.push(`${alarm.due}. `);
   if (alarm.isPresent && alarm.advice) parts.push(element("em", {}, alarm.advice));
   if (alarm.isSeen) parts.push(" (acknowledged)");
   return element("li", { "data-state": alarm.isPresent ? (alarm.isSeen ? "seen" : "new") : "over" }, ...parts);

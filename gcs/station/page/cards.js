@@ -2,7 +2,7 @@
 
 import { element, SEVERITIES, setAttribute, setText } from "./dom.js";
 import { age, clock, degrees, metres, nearest, percent, positioning, quantity, speed, UNKNOWN } from "./units.js";
-import { byTrouble, headline, tactic, trouble } from "./vehicles.js";
+import { byTrouble, due, headline, tactic, trouble } from "./vehicles.js";
 
 const SIGNS = { ...SEVERITIES, stale: { sign: "◌", word: "STALE" }, ended: { sign: "□", word: "Ended" } };
 
@@ -58,6 +58,7 @@ export class Cards {
       badge: element("span", { class: "badge" }),
       tactic: element("span", { class: "tactic" }),
       headline: element("p", { class: "headline" }),
+      due: element("p", { class: "due", hidden: true }),
       advice: element("p", { class: "advice", hidden: true }),
       select: element("input", { type: "checkbox", "aria-label": `Select vehicle ${id}` }),
     };
@@ -70,7 +71,7 @@ export class Cards {
     });
     const head = element("div", { class: "card-head" }, title, select);
     const item = element("li", { class: "card", "data-vehicle": id, "aria-labelledby": `card-${id}` });
-    item.append(head, parts.headline, parts.advice, element("dl", {}, ...values));
+    item.append(head, parts.headline, parts.due, parts.advice, element("dl", {}, ...values));
     return { item, parts };
   }
 
@@ -84,6 +85,8 @@ export class Cards {
     setText(parts.tactic, tactic(vehicle));
     setText(parts.badge, state === "information" ? "" : `${SIGNS[state].sign} ${SIGNS[state].word}`);
     setText(parts.headline, headline(vehicle, team));
+    setText(parts.due, due(vehicle));
+    parts.due.hidden = state === "ended" || !parts.due.textContent;
     setText(parts.advice, vehicle.advice);
     parts.advice.hidden = !vehicle.advice || state === "ended";
     for (const [name, , text] of QUANTITIES) setText(parts[name], text(vehicle, this.mission));

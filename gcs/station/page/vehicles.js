@@ -20,7 +20,8 @@ export function agedTeam(team, since_s) {
 function agedVehicle(vehicle, since_s) {
   const age_s = vehicle.age_s === null ? null : vehicle.age_s + since_s;
   const link_age_s = vehicle.link_age_s === null ? null : vehicle.link_age_s + since_s;
-  return { ...vehicle, age_s, link_age_s, is_stale: true };
+  const next = vehicle.next && { ...vehicle.next, in_s: Math.max(vehicle.next.in_s - since_s, 0) };
+  return { ...vehicle, age_s, link_age_s, next, is_stale: true };
 }
 
 /** "ended", "stale" or the severity of its alert: it determines the look and the order of a vehicle. */
@@ -40,9 +41,17 @@ function warning(vehicle) {
   return battery !== null && battery < CHARGE_LOW ? "battery low" : "";
 }
 
-/** Vehicles with the gravest trouble first, then by number. */
+/** What a vehicle does next, what refuses its resume, its other alerts: "lands in 18 s; also link degraded"; or empty. */
+export function due({ alert, also, blocks, next }) {
+  const refused = blocks && blocks !== alert && `resume refused: ${blocks}`;
+  const others = also.filter((each) => each !== blocks).join(", ");
+  const change = next && `${next.does} in ${Math.ceil(next.in_s)}\u00a0s${next.cause === alert ? "" : ` (${next.cause})`}`;
+  return [change, refused, others && alert ? `also ${others}` : others].filter(Boolean).join("; ");
+}
+
+/** Vehicles with the gravest trouble first, among them those that wait for a resume, then by number. */
 export function byTrouble(team) {
-  const rank = (vehicle) => RANKS[trouble(vehicle, team)];
+  const rank = (vehicle) => RANKS[trouble(vehicle, team)] - (vehicle.waits_for_resume ? 0.5 : 0);
   return team.vehicles.toSorted((a, b) => rank(a) - rank(b) || a.vehicle_id - b.vehicle_id);
 }
 
@@ -59,4 +68,5 @@ export function headline(vehicle, team) {
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
-export const tactic = (vehicle) => vehicle.tactic || UNKNOWN;
+/** The tactic, and what the guard keeps doing meanwhile: "hold, evading 1". */
+export const tactic = (vehicle) => [vehicle.tactic || UNKNOWN, vehicle.guard].filter(Boolean).join(", ");

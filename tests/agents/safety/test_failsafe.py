@@ -4,6 +4,8 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
 from typing import Any
 
 import msgspec
@@ -18,13 +20,16 @@ from agents.inputs import AutopilotStatus, Bus, Computer, LateTicks, Message, Pr
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import Connection, ModeSource, Reference, VehicleStatus
 from agents.safety.failsafe import TABLE, Condition
+from agents.safety.failsafe_monitor import COUNTED_MIN_S, COUNTED_SHARE
 from agents.safety.guard import GuardStatus
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings, FailsafeSettings
 from agents.situation.task import Task
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
-from agents.team.messages import MemberState, OperatorCommand
+from agents.team.messages import MemberState, NextChange, OperatorCommand, Outlook
+from agents.team.team import GONE_S
+from agents.team.verbs import Verb
 from estimation.plant.model import exact_step
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 from gcs.flight.simulated import fly_simulated
@@ -82,6 +87,7 @@ class Flight:
         self.outputs: list[TickOutput] = []
         self.on_ring = on_ring
         self.peers = {1: "formation", 2: "formation"}
+        self.peer_alert = ""
         self.telemetry = True
         self.offset_m = 0.0
         self.target_m: tuple[float, float] | None = (6.0, -5.0) if on_ring else None
@@ -171,7 +177,8 @@ class Flight:
             place = float(self.motion[0]), float(self.motion[1]) + 0.5
         dated_s = self.now_s + (self.clock_ahead_s * self.time_scale if peer == 1 else 0.0)
         ahead = place[0] + 0.2 * self.plant.x.a1_per_s / self.plant.x.a0_per_s2, place[1]
-        return MemberState(peer, dated_s, tactic, place, (0.2, 0.0), ahead, (0.2, 0.0), altitude_m=self.peer_height_m)
+        alert, height_m = self.peer_alert if peer == 1 else "", self.peer_height_m
+        return MemberState(peer, dated_s, tactic, place, (0.2, 0.0), ahead, (0.2, 0.0), height_m, alert=alert)
 
 
 def set_to(**values: object) -> Callable[[Flight], None]:
@@ -289,10 +296,10 @@ CASES = {
     Condition.PEER_SILENT: Case(peers(2), peers(1, 2), 2.6, AS_BEFORE * 3, wall=True),
     # The third contradiction counts: two places in turn in one vehicle's name. It lasts until 5 s after the last one.
     Condition.PEER_DOUBTFUL: Case(
-        set_to(second_source=True), set_to(second_source=False), 0.2, AS_BEFORE * 3, over_s=5.4
+        set_to(second_source=True), set_to(second_source=False), 2.0, AS_BEFORE * 3, over_s=5.4
     ),
     Condition.SIGHTINGS_CONTRADICT: Case(
-        set_to(target_m=(25.0, -5.0), outside_m=(40.0, -5.0)), set_to(outside_m=None), 0.2, AS_BEFORE * 3, over_s=5.4
+        set_to(target_m=(25.0, -5.0), outside_m=(40.0, -5.0)), set_to(outside_m=None), 2.1, AS_BEFORE * 3, over_s=5.4
     ),
     Condition.TARGET_FROM_OUTSIDE: Case(
         set_to(outside_m=(40.0, -5.0)), set_to(target_m=(40.0, -5.0)), 0.0, AS_BEFORE * 3
@@ -303,6 +310,9 @@ CASES = {
 }
 BY_THE_SHELL = {Condition.OPERATOR_LOST}
 """Ended by a signal, see the test at the end."""
+GRACE_S = {row.condition: getattr(SETTINGS, row.grace.partition(".")[2], 0.0) for row in TABLE} | {
+    Condition.TARGET_STALE: 4.0
+}
 STICKY = [condition for condition, case in CASES.items() if case.tactics[0] in (Tactic.HOLD, Tactic.ASIDE)]
 PASSING = [condition for condition, case in CASES.items() if case.tactics[0] is Tactic.FORMATION]
 
@@ -431,6 +441,121 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     assert flight.told.alert == ""
 
 
+RESUMING = (Condition.TELEMETRY_STALE, Condition.BUS_LOST, Condition.PEERS_SILENT, Condition.LATE_TICKS)
+"""Links and computers: what they leave behind is known once they are back."""
+RESUME_S = 2.5
+
+
+def resuming(make_config: Maker, **changes: object) -> Flight:
+    """Return a healthy flight that may resume by itself, just before the onset."""
+    settings = SETTINGS.model_copy(update={"resume": "auto", "resume_s": RESUME_S, **changes})
+    flight = Flight(make_config(vehicle_id=3, failsafe=settings, safety={"guard": False}))
+    flight.fly(ONSET_S)
+    return flight
+
+
+@pytest.mark.parametrize("condition", [*RESUMING, Condition.ESTIMATOR_FAILING, Condition.TILTED, Condition.WINDY])
+def test_where_the_mission_says_so_a_vehicle_resumes_by_itself_after_what_leaves_nothing_in_doubt(
+    condition: Condition, make_config: Maker
+) -> None:
+    assert {row.condition for row in TABLE if row.resumes} == set(RESUMING)
+    case, flight = CASES[condition], resuming(make_config)
+    case.begin(flight)
+    late_s = ESCALATION_S if condition is Condition.LATE_TICKS else 0.0
+    flight.fly(ONSET_S + case.after_s + late_s + 0.3)
+    assert flight.status.tactic in (Tactic.ASIDE, Tactic.HOLD)
+    case.end(flight)
+    over_s = flight.now_s
+    stopped = flight.fly(over_s + RESUME_S - 0.3)
+    assert Tactic.FORMATION not in {each.status.tactic for each in stopped}
+    resumes = condition in RESUMING
+    outlook = stopped[-1].status.outlook
+    assert outlook is not None
+    assert outlook.waits_for_resume
+    announced = None if outlook.next is None else (outlook.next.tactic, outlook.next.cause)
+    assert announced == (("formation", f"{condition.value} is over") if resumes else None)
+    flown = flight.fly(over_s + RESUME_S + 20.0)
+    assert (flight.status.tactic.value == "formation") is resumes
+    if resumes:
+        assert outlook.next is not None
+        resumed_s = next(each.status.time_s for each in flown if each.status.tactic is Tactic.FORMATION)
+        assert resumed_s == pytest.approx(over_s + RESUME_S, abs=0.3)
+        assert resumed_s == pytest.approx(outlook.next.at_s, abs=PERIOD_S)
+        assert (flight.told.alert, flight.status.outlook) == ("", None)
+
+
+def test_a_vehicle_resumes_by_itself_three_times_and_then_waits_for_its_operator(make_config: Maker) -> None:
+    flight = resuming(make_config)
+    tactics = []
+    for _ in range(5):
+        flight.telemetry = False
+        flight.fly(flight.now_s + 2.0)
+        assert flight.status.tactic is Tactic.HOLD
+        flight.telemetry = True
+        flight.fly(flight.now_s + RESUME_S + 2.0)
+        tactics.append(flight.status.tactic)
+    assert tactics == [Tactic.FORMATION] * 3 + [Tactic.HOLD] * 2
+    assert flight.status.outlook == Outlook(waits_for_resume=True)
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.fly(flight.now_s + 0.3)
+    assert flight.status.tactic is Tactic.FORMATION
+
+
+@pytest.mark.parametrize("verb", ["hold", "abort"])
+@pytest.mark.parametrize("held_s", [-1.0, 1.5, 3.0])
+def test_what_an_operator_has_stopped_before_or_after_resumes_by_the_operator_alone(
+    held_s: float, verb: Verb, make_config: Maker
+) -> None:
+    flight = resuming(make_config)
+    faults = ((0.0, set_to(telemetry=False)), (2.0, set_to(telemetry=True)))
+    command = OperatorCommand(ONSET_S, verb, None, "pat", 1)
+    holds = (
+        held_s,
+        lambda each: each.core.take(Message(each.now_s, msgspec.structs.replace(command, time_s=each.now_s))),
+    )
+    for at_s, act in sorted((*faults, holds), key=lambda pair: pair[0]):
+        flight.fly(ONSET_S + 1.0 + at_s)
+        act(flight)
+    flown = flight.fly(ONSET_S + 20.0)
+    assert Tactic.FORMATION not in {each.status.tactic for each in flown}
+
+
+def test_a_stop_at_this_computer_is_an_operators_too(make_config: Maker) -> None:
+    flight = resuming(make_config)
+    flight.telemetry = False
+    flight.fly(ONSET_S + 2.0)
+    flight.core.take(TacticEvent(Event.HOLD))
+    flight.telemetry = True
+    flown = flight.fly(ONSET_S + 20.0)
+    assert {each.status.tactic for each in flown} == {Tactic.HOLD}
+
+
+def test_a_position_that_has_jumped_meanwhile_is_the_operators_to_judge(make_config: Maker) -> None:
+    flight = resuming(make_config)
+    flight.telemetry = False
+    flight.fly(ONSET_S + 2.0)
+    flight.telemetry = True
+    jump(flight)
+    flown = flight.fly(ONSET_S + 20.0)
+    assert {each.status.tactic for each in flown} == {Tactic.HOLD}
+    assert flight.status.outlook is not None
+    assert flight.status.outlook.waits_for_resume
+
+
+def test_a_vehicle_that_stopped_before_the_start_resumes_by_itself_not_before_it(make_config: Maker) -> None:
+    settings = SETTINGS.model_copy(update={"resume": "auto", "resume_s": RESUME_S})
+    flight = Flight(make_config(vehicle_id=3, failsafe=settings, safety={"guard": False}))
+    flight.core.take(Start(15.0))
+    flight.fly(3.0)
+    flight.telemetry = False
+    flight.fly(5.0)
+    assert flight.status.tactic is Tactic.HOLD
+    flight.telemetry = True
+    flown = flight.fly(20.0)
+    resumed_s = next(each.status.time_s for each in flown if each.status.tactic is Tactic.FORMATION)
+    assert resumed_s == pytest.approx(15.0, abs=PERIOD_S)
+
+
 @pytest.mark.parametrize(
     ("policy", "tactic"),
     [("go_on", Tactic.FORMATION), ("hold", Tactic.HOLD), ("return", Tactic.RETURN_AND_LAND)],
@@ -494,6 +619,110 @@ def test_nothing_turns_a_descent_into_hovering(condition: Condition, make_flight
     down = flight.fly(ONSET_S + case.after_s + 2.0)
     assert {output.status.tactic for output in down} <= {Tactic.RETURN_AND_LAND, case.grave}
     assert flight.status.tactic is case.grave
+
+
+@pytest.mark.parametrize("time_scale", [1.0, 3.0])
+@pytest.mark.parametrize("condition", CASES, ids=by_name)
+def test_every_change_by_itself_is_announced_before_and_comes_when_it_was_announced(
+    condition: Condition, time_scale: float, make_flight: Callable[..., Flight]
+) -> None:
+    """Grace times below two seconds are too short to be read."""
+    case, flight = CASES[condition], make_flight(condition, time_scale=time_scale)
+    case.begin(flight)
+    scale = time_scale if case.wall else 1.0
+    flown = flight.fly(ONSET_S + scale * (case.after_s + 3.0 * ESCALATION_S) + 1.0)
+    grace_s = GRACE_S.get(condition, 0.0)
+    for before, after in pairwise(flown):
+        by_itself = after.status.tactic is not before.status.tactic
+        taken_over = after.status.tactic is Tactic.PILOT_OVERRIDE
+        first = before.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
+        if by_itself and not taken_over and not (first and grace_s < COUNTED_MIN_S):
+            assert before.status.outlook is not None
+            change = before.status.outlook.next
+            assert change is not None
+            assert (change.tactic, change.cause) == (after.status.tactic.value, condition.value)
+            assert change.at_s == pytest.approx(after.status.time_s, abs=PERIOD_S)
+            announced_s = [
+                each.status.time_s for each in flown if each.status.outlook and each.status.outlook.next == change
+            ]
+            known_s = max(COUNTED_SHARE * grace_s, GONE_S if condition is Condition.PEERS_SILENT else 0.0)
+            notice_s = scale * (grace_s - known_s if first else ESCALATION_S)
+            assert change.at_s - announced_s[0] == pytest.approx(notice_s, abs=3.0 * PERIOD_S)
+    last = flown[-1].status.outlook
+    assert last is None or last.next is None, "nothing is announced that does not come"
+
+
+def test_a_fault_that_passes_within_its_grace_time_is_announced_once_half_of_it_is_over(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(Condition.BATTERY_LOW)
+    flight.battery = 0.18
+    flown = flight.fly(ONSET_S + 3.5)
+    flight.battery = 0.5
+    flown += flight.fly(ONSET_S + 8.0)
+    counted_s = [each.status.time_s - ONSET_S for each in flown if each.status.outlook is not None]
+    assert (counted_s[0], counted_s[-1]) == pytest.approx((2.0, 3.4), abs=0.05)
+
+
+def test_what_refuses_a_resume_is_told_where_another_condition_stopped_the_vehicle_and_when_it_lands(
+    make_flight: Callable[..., Flight],
+) -> None:
+    """A GPS jump: the position has settled, and the estimator still rejects it."""
+    flight = make_flight(Condition.ESTIMATOR_JUMPED)
+    jump(flight)
+    reporting(estimator_ratio=1.2, estimator_sensor="position")(flight)
+    flight.fly(ONSET_S + 6.0)
+    assert "estimator jumped: cleared" in flight.notes(), "and no word of a resume"
+    outlook = flight.status.outlook
+    assert outlook is not None
+    assert (flight.told.alert, outlook.blocks, outlook.also) == (
+        "estimator failing",
+        "estimator failing",
+        ("estimator jumped", "estimator degraded"),
+    )
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    lands_s = ONSET_S + SETTINGS.estimator_s + ESCALATION_S
+    flown = flight.fly(flight.now_s + PERIOD_S)
+    (refusal,) = (note for note in flight.notes(kind="command") if "refused" in note)
+    assert refusal.endswith(f"estimator failing: position rejected (test ratio 1.2); lands in {ceil(lands_s - 14.0)} s")
+    flown += flight.fly(lands_s + 1.0)
+    landed_s = next(each.status.time_s for each in flown if each.status.tactic is Tactic.LAND)
+    assert landed_s == pytest.approx(lands_s, abs=PERIOD_S)
+
+
+def test_a_vehicle_taken_by_its_pilot_tells_what_would_refuse_a_resume(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.PILOT_TOOK_OVER)
+    flight.core.take(TacticEvent(Event.HANDED_OVER))
+    flight.battery = 0.05
+    flight.fly(ONSET_S + 5.0)
+    assert flight.status.outlook is not None
+    assert (flight.told.alert, flight.status.outlook.blocks) == ("pilot took over", "battery critical")
+
+
+def test_a_vehicle_whose_condition_is_over_waits_for_a_resume_and_one_whose_operator_held_it_does_not(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(Condition.TELEMETRY_STALE)
+    flight.core.take(TacticEvent(Event.HOLD))
+    flight.fly(ONSET_S + 1.0)
+    assert flight.status.outlook is None
+    flight.telemetry = False
+    flight.fly(ONSET_S + 3.0)
+    assert flight.status.outlook is not None
+    assert not flight.status.outlook.waits_for_resume
+    flight.telemetry = True
+    flight.fly(ONSET_S + 4.0)
+    assert flight.status.outlook == Outlook(waits_for_resume=True)
+
+
+def test_the_landing_after_an_abort_is_announced_until_a_resume(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "abort", None, "pat", 1)))
+    flight.fly(ONSET_S + 1.0)
+    assert flight.status.outlook == Outlook(NextChange("land", ONSET_S + 5.0, "abort"))
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 2)))
+    flight.fly(ONSET_S + 2.0)
+    assert flight.status.outlook is None
 
 
 def test_a_vehicle_that_was_held_and_is_sent_down_blind_lands(make_flight: Callable[..., Flight]) -> None:
@@ -587,6 +816,68 @@ def test_a_guard_that_finds_no_solution_is_a_plan_that_fails(
     assert not any("plan failing" in note for note in flight.notes())
     flight.fly(ONSET_S + 1.6)
     assert any("plan failing" in note for note in flight.notes())
+
+
+@pytest.mark.parametrize("told_after_s", [0.5, 3.0])
+def test_a_peer_whose_own_alert_explains_its_contradictions_is_not_doubted_but_kept_clear_of(
+    told_after_s: float, make_flight: Callable[..., Flight]
+) -> None:
+    """One cause, one alarm: that of the vehicle itself. It comes a while after the first contradictions."""
+    flight = make_flight(Condition.PEER_DOUBTFUL)
+    flight.second_source = True
+    flown = flight.fly(ONSET_S + told_after_s)
+    flight.peer_alert = "not following"
+    explained = flight.fly(ONSET_S + 6.0)
+    doubted = {each.status.alert for each in flown} == {"", "peer doubtful"}
+    assert doubted is (told_after_s > 2.0)
+    assert {each.status.alert for each in explained[3:]} == {""}
+    assert {each.status.outlook for each in explained[3:]} == {Outlook(also=("vehicle 1 not following",))}
+    flight.peer_alert = ""
+    flight.fly(ONSET_S + 9.0)
+    assert flight.told.alert == "peer doubtful", "two sources that contradict each other without one"
+
+
+def test_of_a_cause_and_its_consequences_only_the_cause_is_an_alarm(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(None)
+    flight.bus = False
+    peers()(flight)
+    flight.fly(ONSET_S + 5.0)
+    assert [note.partition(":")[0] for note in flight.notes()] == ["bus lost"]
+    outlook = flight.status.outlook
+    assert outlook is not None
+    assert flight.told.alert == "bus lost"
+    assert set(outlook.also) == {"all peers silent", "leader lost", "peer silent"}
+    flight.bus = True
+    flight.fly(ONSET_S + 5.5)
+    assert flight.told.alert == "all peers silent"
+    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.fly(ONSET_S + 7.0)
+    (refusal,) = (note for note in flight.notes(kind="command"))
+    assert "refused: all peers silent" in refusal, "a consequence that goes on is an alarm of its own"
+    assert flight.notes(ONSET_S + 5.0)[1].startswith("all peers silent: vehicle 1, vehicle 2")
+
+
+def test_all_peers_that_fall_silent_at_once_are_one_alarm(make_flight: Callable[..., Flight]) -> None:
+    flight = make_flight(Condition.PEERS_SILENT)
+    peers()(flight)
+    flight.fly(ONSET_S + 5.0)
+    peers(1, 2)(flight)
+    flight.fly(ONSET_S + 8.0)
+    began, over = flight.notes()
+    assert began.startswith("all peers silent: vehicle 1, vehicle 2")
+    assert over == "all peers silent: cleared; resume continues the mission"
+
+
+def test_a_condition_that_returns_while_the_vehicle_still_holds_is_noted_again(
+    make_flight: Callable[..., Flight],
+) -> None:
+    flight = make_flight(Condition.TELEMETRY_STALE)
+    for onset_s in (0.0, 4.0):
+        flight.telemetry = False
+        flight.fly(ONSET_S + onset_s + 2.0)
+        flight.telemetry = True
+        flight.fly(ONSET_S + onset_s + 4.0)
+    assert [note.partition(";")[0].rpartition(":")[2] for note in flight.notes()] == [" hold", " cleared"] * 2
 
 
 def test_peers_that_land_or_stand_down_are_not_missed(make_flight: Callable[..., Flight]) -> None:

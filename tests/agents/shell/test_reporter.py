@@ -14,7 +14,13 @@ from agents.shell.reporter import ended_words, estimator_words, target_report
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.codec import decode
-from agents.team.messages import LINK_SILENT_S, REPORT_TOPIC, AutopilotReport, TargetReport, VehicleReport
+from agents.team.messages import (
+    LINK_SILENT_S,
+    REPORT_TOPIC,
+    AutopilotReport,
+    TargetReport,
+    VehicleReport,
+)
 from estimation.state import OwnEstimate, TargetEstimate
 from tests.support.fake_flight import EPOCH_S, FakeFlight
 from tests.support.simulated_loop import run_simulated
@@ -78,6 +84,35 @@ def test_a_flight_is_reported_once_a_second_and_changes_at_once() -> None:
 
         await flight.outcome()
         assert listener.newest.ended == "landed"
+
+    run_simulated(main())
+
+
+def test_the_mission_s_end_and_the_landing_after_a_stop_are_announced() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        listener = Listener(flight)
+        await flight.begin(80.0)
+        await flight.until(Phase.FLYING)
+        await asyncio.sleep(5.0)
+        assert (listener.newest.outlook, flight.agent.outlook) == (None, None)
+        await asyncio.sleep(17.0)
+        start_s = listener.newest.start_s
+        assert start_s is not None
+        assert listener.newest.outlook is not None
+        change = listener.newest.outlook.next
+        assert change is not None
+        assert (change.tactic, change.cause) == ("land", "mission's end")
+        assert change.at_s == pytest.approx(start_s + 80.0)
+        flight.stop.request()
+        await asyncio.sleep(ON_TIME_S + 0.1)
+        stopped = listener.newest
+        assert stopped.outlook is not None
+        assert stopped.outlook.next is not None
+        assert (stopped.outlook.next.tactic, stopped.outlook.next.cause) == ("land", "stop")
+        assert 2.6 <= stopped.outlook.next.at_s - stopped.time_s <= 3.0
+        await flight.outcome()
+        assert listener.newest.outlook is None
 
     run_simulated(main())
 

@@ -103,7 +103,15 @@ def test_a_clock_that_steps_a_little_is_not_doubted(step_s: float) -> None:
     assert not team.lost(10.0, 60.0)
 
 
-@pytest.mark.parametrize("excuse", [{"alert": "estimator jumped"}, {"tactic": "pilot override"}])
+@pytest.mark.parametrize(
+    "excuse",
+    [
+        {"alert": "estimator jumped"},
+        {"alert": "not following"},
+        {"alert": "tilt too large"},
+        {"tactic": "pilot override"},
+    ],
+)
 def test_a_jump_that_the_vehicle_announces_is_not_doubted_and_both_places_count(excuse: dict[str, str]) -> None:
     team = a_team()
     receive(team, 0.0, 5.0)

@@ -19,7 +19,9 @@ from agents.team.messages import (
     CommandAnswer,
     MemberState,
     NeighbourAngle,
+    NextChange,
     OperatorCommand,
+    Outlook,
     StartProposal,
     TargetPackage,
     TargetReport,
@@ -219,6 +221,18 @@ REPORT_BYTES = bytes.fromhex(
     "a17202cb4029666666666666a86f6666626f617264c3c364cd05dccd1f40cd0258030ca4676f6f64cb4024000000000000ce00030d40a098"
     "cd88b8d1ec786400ce000186a000ce000186a0cd01f4a66e6f2066697864"
 )
+
+
+def test_what_is_due_takes_a_byte_while_nothing_is_and_is_as_exact_as_a_count_down_needs() -> None:
+    known = structs.replace(REPORT, is_completed=False)
+    due = Outlook(NextChange("land", 12.7 + 18.2504, "not following"), "not following", also=("link degraded",))
+    again = decode(encode(structs.replace(known, outlook=due)))
+    assert isinstance(again, VehicleReport)
+    assert again.outlook is not None
+    assert again.outlook.next is not None
+    assert again.outlook.next.at_s == pytest.approx(12.7 + 18.2504, abs=6e-4)
+    assert structs.replace(again.outlook, next=due.next) == due
+    assert len(encode(structs.replace(known, outlook=due))) - len(encode(known)) <= 60
 
 
 def test_the_bytes_of_a_state_and_a_report_are_those_that_earlier_versions_send() -> None:

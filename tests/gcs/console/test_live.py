@@ -13,10 +13,10 @@ from rich.console import Console, RenderableType
 from rich.text import Text
 
 from agents.safety.failsafe import Condition
-from agents.team.messages import AutopilotReport
+from agents.team.messages import AutopilotReport, NextChange, Outlook
 from gcs.console.live import LiveView, flight_title, live_table, plain_line
 from gcs.console.summary import summary
-from gcs.console.vehicle_view import TeamRow, with_alert
+from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
@@ -117,6 +117,41 @@ def test_eighty_columns_show_what_an_operator_needs_with_its_unit() -> None:
         "h hold",
     ]
     assert max(map(len, lines)) <= 80
+
+
+def due(vehicle_id: int, alert: str, outlook: Outlook, now_s: float = 100.0) -> TeamRow:
+    return with_alert(with_outlook(structs.replace(ROWS[0], vehicle_id=vehicle_id), outlook, now_s), alert)
+
+
+def test_what_acts_what_blocks_a_resume_and_what_comes_next_are_in_the_line_of_the_alert() -> None:
+    blocked = Outlook(NextChange("land", 117.2, "estimator failing"), "estimator failing", also=("estimator failing",))
+    lines = shown_at(200, [due(1, "too close", blocked)])
+    assert lines[4] == (
+        "ALARM: vehicle 1: too close; lands in 18 s (estimator failing); resume refused: estimator failing: "
+        "hold all; land one of the two if they stay close"
+    )
+    acting = Outlook(NextChange("land", 117.2, "tilt too large"), "tilt too large", also=("link degraded",))
+    later = structs.replace(acting, next=NextChange("land", 120.0, "tilt too large"))
+    rows = [due(1, "tilt too large", later), due(2, "tilt too large", acting, 101.0)]
+    assert shown_at(200, rows)[5].startswith(
+        "ALARM: vehicles 1, 2: tilt too large; lands in 17 s; also link degraded: check"
+    ), "the first of several"
+    assert "tilt too large lands in 17 s; also link degraded" in plain_line([rows[1]], 1.0, "")
+
+
+def test_what_is_due_without_an_alert_is_a_note_until_it_has_come() -> None:
+    end = Outlook(NextChange("return and land", 130.0, "mission's end"))
+    assert "vehicle 1: returns and lands in 30 s (mission's end)" in shown_at(100, [due(1, "", end)])
+    pushed = Outlook(guard=("separation", "fence"), evaded=(2, 3))
+    assert "vehicle 1: evading 2, 3, kept inside the fence" in shown_at(100, [due(1, "", pushed)])
+    assert "mission's end" not in " ".join(shown_at(100, [due(1, "", end, 132.1)]))
+
+
+def test_a_vehicle_that_waits_for_a_resume_asks_for_it_first_of_all_alarms() -> None:
+    rows = [alerted(1, "too close"), due(2, "telemetry stale", Outlook(waits_for_resume=True))]
+    asked, close = shown_at(200, rows)[5:7]
+    assert asked == "ALARM: vehicle 2: waits for resume: telemetry stale is over: resume continues its mission"
+    assert close.startswith("ALARM: vehicle 1: too close")
 
 
 def test_a_hundred_and_twenty_columns_show_everything() -> None:

@@ -8,9 +8,17 @@ from rich.console import Console
 
 from agents.drops import Drops
 from agents.safety.fence import Fence
-from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
+from agents.team.messages import (
+    CommandAnswer,
+    MemberState,
+    NeighbourAngle,
+    NextChange,
+    OperatorCommand,
+    Outlook,
+    VehicleReport,
+)
 from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamEvent, TeamState
-from gcs.console.vehicle_view import TeamRow, with_alert
+from gcs.console.vehicle_view import NextView, TeamRow, with_alert
 from gcs.console.watch import WatchView, watch_line, watch_table
 
 UNKNOWN = TeamRow(3, note="not received")
@@ -67,6 +75,16 @@ def test_a_row_is_the_last_words_and_their_age() -> None:
     picture.receive(state(time_s=101.5), 6.0)
     (row,) = picture.rows(6.0)
     assert (row.radius_m, row.angular_rate_rad_s) == (None, None), "it has left the ring"
+
+
+def test_what_a_vehicle_reports_to_do_next_counts_down_by_the_age_of_its_state() -> None:
+    picture = TeamState((1,))
+    picture.receive(
+        VehicleReport(1, 99.5, "offboard", outlook=Outlook(NextChange("land", 118.0, "not following"))), 4.5
+    )
+    picture.receive(state(alert="not following"), 5.0)
+    (row,) = picture.rows(5.5)
+    assert row.next == NextView("lands", 17.5, "not following")
 
 
 def test_silence_is_news_once_and_so_is_its_end() -> None:

@@ -6,6 +6,8 @@ from math import dist
 import pytest
 
 from agents.flight_end import FlightEnd
+from gcs.flight.faults.catalogue import required_fault
+from gcs.flight.faults.team_faults import TeamInFlight
 from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from tests.support.mission_text import LOW_M, content, parsed, put
@@ -191,5 +193,35 @@ def test_on_its_way_up_one_vehicle_is_landed_and_another_killed() -> None:
             assert endings == {1: FlightEnd.REFUSED, 2: FlightEnd.OPERATOR, 3: FlightEnd.KILLED}
             assert outcomes[1].reason.endswith(": 2, 3")
             assert not any(autopilot.armed for autopilot in autopilots.values())
+
+    run_simulated(fly())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fault", "alert"), [("not following", "not following"), ("GPS jump", "estimator jumped")])
+def test_a_vehicle_that_reports_its_own_fault_raises_no_alarm_of_the_others(fault: str, alert: str) -> None:
+    """One cause, one alarm: the others name it under their own quantities."""
+
+    async def fly() -> None:
+        async with SimulatedTeam(low_flight(target={"start_m": [7.0, -4.0]})) as team:
+            await team.begin()
+            began_s = await team.until(lambda: team.tactics() == ["encircle"] * 3, 120.0)
+            await team.until_s(began_s + 30.0)
+            places_m = {i: link.autopilot.airframe.position_m for i, link in team.links.items()}
+            injection = required_fault(fault).inject(TeamInFlight(team.mission, 3, (1, 2, 3), places_m))
+            team.links[3].inject(injection.vehicles[3])
+            alerts, explained = {1: set[str](), 2: set[str](), 3: set[str]()}, set[str]()
+            injected_s = asyncio.get_running_loop().time()
+            while asyncio.get_running_loop().time() < injected_s + 12.0:
+                for i, status in team.newest.items():
+                    alerts[i].add(status.alert)
+                    if i != 3 and status.outlook is not None:
+                        explained.update(status.outlook.also)
+                await asyncio.sleep(0.1)
+            assert alert in alerts[3]
+            assert (alerts[1], alerts[2]) == ({""}, {""})
+            assert f"vehicle 3 {alert}" in explained
+            team.stop.request()
+            team.stop.request()
 
     run_simulated(fly())

@@ -13,11 +13,15 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from agents.inputs import AutopilotStatus, Command, CoreInput, Ground, Message
+from agents.notes import GuardAction, Notes
+from agents.outputs import CoreStatus, TickOutput
 from agents.ports import FlightMode, Setpoint, VehicleStatus
+from agents.tactics import Tactic
+from agents.team.messages import NextChange, Outlook
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
-from gcs.flightlog.records import VEHICLE_TOPICS, Decision, LocalCommand, Place
-from gcs.flightlog.schema import Codec, Decoder
+from gcs.flightlog.records import VEHICLE_TOPICS, Decision, LocalCommand, Place, decision_of, notes_of, outlook_of
+from gcs.flightlog.schema import Codec, Decoder, codec_of
 from tests.support.flight_logs import engaging, record_simulation
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -42,6 +46,27 @@ def bits(values: tuple[float, ...]) -> list[str]:
 def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> None:
     again = back(Telemetry(time_s, position, velocity))
     assert bits((again.time_s, *again.position_m, *again.velocity_m_s)) == bits((time_s, *position, *velocity))
+
+
+@pytest.mark.parametrize(
+    "outlook",
+    [
+        None,
+        Outlook(waits_for_resume=True),
+        Outlook(NextChange("land", 118.25, "not following"), "tilt too large", False, ("a", "b"), ("fence",), (2, 3)),
+    ],
+)
+def test_what_comes_next_and_what_the_guard_did_are_read_as_they_were_written(outlook: Outlook | None) -> None:
+    """By the quick way, which the page and the report take."""
+    action = GuardAction(("separation", "fence"), (2, 3))
+    notes = Notes()
+    notes.add(99.0, action)
+    output = TickOutput(None, (), CoreStatus(vehicle_id=1, time_s=100.0, tactic=Tactic.HOLD, outlook=outlook))
+    decision = msgspec.structs.replace(decision_of(output), notes=notes.drained())
+    codec = codec_of(Decision)
+    read = Decoder(codec.name, codec.schema).message(codec.encode(decision, 1))
+    assert outlook_of(read) == outlook == back(decision).outlook
+    assert [each.guard for each in notes_of(read)] == [action]
 
 
 @given(st.binary(max_size=300), NUMBERS)

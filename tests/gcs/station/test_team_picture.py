@@ -12,13 +12,15 @@ from agents.team.messages import (
     CommandAnswer,
     MemberState,
     NeighbourAngle,
+    NextChange,
     OperatorCommand,
+    Outlook,
     StartProposal,
     TargetPackage,
     TargetReport,
     VehicleReport,
 )
-from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView
+from gcs.console.vehicle_view import LINK_CUT, SILENT, NextView, VehicleView
 from gcs.metrics.ending import LostFlight
 from gcs.mission.mission import Mission
 from gcs.station.picture import (
@@ -124,9 +126,10 @@ def test_what_is_not_known_is_null_and_never_zero() -> None:
     page.hears(1.0, StartProposal(1, START_S, None, ready=False))
     shown = msgspec.to_builtins(page.vehicle(1, 1.0))
     shown |= shown.pop("autopilot")
-    assert {name for name, value in shown.items() if value not in (None, "", False)} == {"vehicle_id", "severity"} | (
-        {"age_s"} if shown["age_s"] else set()
-    )
+    assert {name for name, value in shown.items() if value not in (None, "", False, ())} == {
+        "vehicle_id",
+        "severity",
+    } | ({"age_s"} if shown["age_s"] else set())
     page.hears(1.5, state(1, START_S))
     assert page.vehicle(1, 1.5).fence_margin_m is None, "this mission has no fence"
     assert page.vehicle(1, 1.5).nearest_m is None, "no other was heard"
@@ -204,6 +207,17 @@ def test_alerts_have_advice_and_severity_and_disappear() -> None:
     assert one.advice != two.advice
     page.hears(1.2, state(1, START_S + 0.2))
     assert (page.vehicle(1, 1.2).alert, page.vehicle(1, 1.2).advice) == ("", "")
+
+
+def test_what_comes_next_is_counted_down_by_the_newest_message_and_the_age_of_it() -> None:
+    page, lands = Page(), Outlook(NextChange("land", START_S + 20.0, "not following"), "not following")
+    page.hears(1.0, report(1, START_S + 1.0, outlook=lands), state(1, START_S + 1.0, alert="not following"))
+    shown = page.vehicle(1, 1.25)
+    assert (shown.next, shown.blocks) == (NextView("lands", 18.75, "not following"), "not following")
+    page.hears(1.5, state(1, START_S + 1.5, alert="not following"))
+    assert page.vehicle(1, 1.5).next == NextView("lands", 18.5, "not following")
+    page.hears(2.0, report(1, START_S + 2.0, ended="landed"))
+    assert page.vehicle(1, 2.0).next is None
 
 
 def test_how_flights_end_and_how_the_next_one_begins() -> None:
