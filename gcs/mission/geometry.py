@@ -97,11 +97,15 @@ def _neighbours_in_range(
 
 
 def ring_in_range(ring: EncirclementSettings, network: NetworkSection, count: int) -> Iterator[KeyFault]:
-    """Check that neighbours on the ring, which keep their spacing to each other, are in radio range."""
-    if count > 1 and (apart_m := chord_m(ring.radius_m, count)) > network.range_m:
+    """Check that neighbours on the ring, which keep their spacing to each other, are in radio range.
+
+    The first two are opposite each other until more come. In simulations of three, four and six vehicles that did not
+    hear each other there, no ring became even, and teams of three and four were ended by failsafes.
+    """
+    if count > 1 and (apart_m := chord_m(ring.radius_m, 2)) > network.range_m:
         yield KeyFault(
             "encirclement.radius_m",
-            f"{count} vehicles on a ring of {ring.radius_m:g} m are {apart_m:.2f} m apart, out of "
+            f"the first two vehicles on a ring of {ring.radius_m:g} m are {apart_m:g} m apart, out of "
             f"network.range_m = {network.range_m:g} m: neighbours keep their spacing to each other",
         )
 

@@ -186,23 +186,23 @@ def test_who_keeps_station_on_a_neighbour_can_hear_it() -> None:
     parsed(changed(far | {("formation", "station"): "line"}))
 
 
-@pytest.mark.parametrize(("shape", "apart_m"), [("line", 20.0), ("wedge", 20.0), ("column", 40.0)])
+@pytest.mark.parametrize(("shape", "apart_m"), [("line", 30.0), ("wedge", 30.0), ("column", 60.0)])
 def test_neighbours_in_every_shape_hear_each_other(shape: str, apart_m: float) -> None:
-    spaced: Changes = {("formation", "spacing_m"): 20.0, ("formation", "shape"): shape}
+    spaced: Changes = {("formation", "spacing_m"): 30.0, ("formation", "shape"): shape}
     (told,) = faults(changed(spaced | {("network", "range_m"): apart_m - 0.1}))
-    assert told.startswith("formation.spacing_m: 20 m")
+    assert told.startswith("formation.spacing_m: 30 m")
     assert f" {shape} up to {apart_m:g} m apart, out of network.range_m = {apart_m - 0.1:g} m" in told
     heard = parsed(changed(spaced | {("network", "range_m"): apart_m + 0.1}))
     shapes = heard.agent_config(heard.vehicles[0]).shapes
-    assert shapes == (("line", "wedge") if apart_m == 20.0 else ("line", "column", "wedge"))
-    parsed(changed(spaced | {("network", "range_m"): 18.0, ("formation", "station"): "line"}))
+    assert shapes == (("line", "wedge") if apart_m == 30.0 else ("line", "column", "wedge"))
+    parsed(changed(spaced | {("network", "range_m"): 28.0, ("formation", "station"): "line"}))
 
 
 def test_neighbours_on_the_ring_hear_each_other() -> None:
-    (told,) = faults(changed({("network", "range_m"): 17.3}))
-    assert told.startswith("encirclement.radius_m: 3 vehicles on a ring of 10 m are 17.32 m apart")
-    assert "network.range_m = 17.3 m" in told
-    parsed(changed({("network", "range_m"): 17.4}))
+    (told,) = faults(changed({("network", "range_m"): 19.9}))
+    assert told.startswith("encirclement.radius_m: the first two vehicles on a ring of 10 m are 20 m apart")
+    assert "network.range_m = 19.9 m" in told
+    parsed(changed({("network", "range_m"): 20.1}))
 
 
 def test_with_places_of_their_own_vehicles_need_no_spacing() -> None:
