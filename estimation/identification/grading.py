@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.identification.excerpts import Excerpt, MotionRecording
 from estimation.identification.identified import Identified, ParameterEstimate
-from estimation.identification.output_error import DELAY_MAX_S
+from estimation.identification.output_error import DELAY_MAX_S, DELAY_MIN_S
 from estimation.plant.model import FEEDFORWARD_MAX, PlantGrade
 from estimation.state import Vector
 
@@ -115,7 +115,7 @@ def _of_delay(found: ParameterEstimate, unbounded_s: float, deviation_s: float) 
     if delay.value > DELAY_MAX_S - 0.01:
         words = f"the delay is at its bound of {DELAY_MAX_S:g} s"
         return [(PlantGrade.DO_NOT_FLY, f"{words}: the clocks differ, or the vehicle was not flown by these setpoints")]
-    if unbounded_s < min(-EARLY_GOOD_S, -3.0 * deviation_s):
+    if unbounded_s < min(-EARLY_GOOD_S, -3.0 * deviation_s) or unbounded_s < DELAY_MIN_S + 0.01:
         return [
             (
                 PlantGrade.USABLE if unbounded_s > -EARLY_USABLE_S else PlantGrade.DO_NOT_FLY,
