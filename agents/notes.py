@@ -129,10 +129,15 @@ class ReferenceChange(msgspec.Struct, frozen=True):
     up_m: float
 
     @property
+    def by(self) -> str:
+        """By how much, as text."""
+        north, east, up = (round(each, 1) + 0.0 for each in (self.north_m, self.east_m, self.up_m))  # no -0.0
+        return f"{north} m north, {east} m east, {up} m up"
+
+    @property
     def text(self) -> str:
         """It as text."""
-        north, east, up = (round(each, 1) + 0.0 for each in (self.north_m, self.east_m, self.up_m))  # no -0.0
-        return f"{self.what} {north} m north, {east} m east, {up} m up"
+        return f"{self.what} {self.by}"
 
 
 NotedEvent = (

@@ -111,12 +111,12 @@ class FaultDetector:
         jumped_s = self._own_jumps.see(self._own.jumps, now_s)
         if jumped_s is not None:
             reference = self.vehicle.status.reference
-            detail = ReferenceChange("position jumped", *reference.jumped_m).text if reference.jumps else _JUMPED
+            detail = ReferenceChange("position jumped", *reference.jumped_m).by if reference.jumps else _JUMPED
             faults[Condition.ESTIMATOR_JUMPED] = Symptom(jumped_s, detail)
         moved_s = self._moves.see(self.origin_moves, now_s)
         if moved_s is not None:
             moved = ReferenceChange("origin moved", *self.vehicle.status.reference.moved_m)
-            faults[Condition.ORIGIN_MOVED] = Symptom(moved_s, moved.text)
+            faults[Condition.ORIGIN_MOVED] = Symptom(moved_s, moved.by)
         battery = self.vehicle.status.battery
         if battery is not None and battery < self._settings.battery_low:
             self._add(faults, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")

@@ -5,9 +5,8 @@ import json
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import pairwise
 from math import dist, hypot, isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 from mavsdk.plugins.telemetry import BatteryFunction
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
@@ -88,12 +87,15 @@ ROUND_TRIP_STEP_S = 0.01
 """Smaller changes of the round trip are not reported: they do not change a prediction noticeably."""
 
 
-class NedSample(NamedTuple):
-    """A sample of motion as it is received, in the vehicle's NED."""
+_STILL_M = (0.0, 0.0, 0.0)
 
-    time_s: float
-    position_m: Triple
-    velocity_m_s: Triple
+
+def _sum(one: Triple, other: Triple) -> Triple:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
+
+
+def _difference(there: Triple, here: Triple) -> Triple:
+    return there[0] - here[0], there[1] - here[1], there[2] - here[2]
 
 
 class VehicleFeed:
@@ -139,8 +141,10 @@ class VehicleFeed:
         self._origin_m: Triple | None = None
         self._located_m: Triple | None = None
         self._height_off_m = 0.0
-        self._last: Telemetry | None = None
-        self._doubted: NedSample | None = None
+        self._origin_before_m: Triple | None = None
+        self._received: Telemetry | None = None
+        self._jumped_m = _STILL_M
+        self._is_jumping = False
         self._stood_m: tuple[float, float] | None = None
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
@@ -283,7 +287,8 @@ class VehicleFeed:
 
     def lose(self) -> None:
         """Reset the vehicle's origin: positions from now on may refer to another one."""
-        self._origin_m = self._last = self._doubted = None
+        self._origin_m = self._origin_before_m = self._received = None
+        self._is_jumping, self._jumped_m = False, _STILL_M
         self._refer(is_known=True)
         self.clock_received = False
         if self.on_loss is not None:
@@ -308,12 +313,13 @@ class VehicleFeed:
             origin_m, before_m = (x, y, z - self._height_off_m), self._located_m
             self._located_m = origin_m
             if before_m is not None and dist(origin_m, before_m) > ORIGIN_STEP_M:
-                self._refer(moves=self.status.reference.moves + 1, moved_m=self._north_east_up(before_m, origin_m))
+                self._refer(
+                    moves=self.status.reference.moves + 1, moved_m=self._north_east_up(_difference(origin_m, before_m))
+                )
         self._origin_m = origin_m
 
-    def _north_east_up(self, here_m: Triple, there_m: Triple) -> Triple:
-        x, y, z = (there - here for here, there in zip(here_m, there_m, strict=True))
-        north, east, down = self._frame.ned_from_mission((x, y, z))
+    def _north_east_up(self, mission_m: Triple) -> Triple:
+        north, east, down = self._frame.ned_from_mission(mission_m)
         return round(north, 3) + 0.0, round(east, 3) + 0.0, round(-down, 3) + 0.0  # no -0.0
 
     def _refer(self, **changes: Any) -> None:
@@ -334,52 +340,51 @@ class VehicleFeed:
         if self._transit is not None:
             rates_m_s = (velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)
             time_s = self._transit.sent_s(position.north_m, position.east_m, position.down_m, rates_m_s)
-        if self.origin_m is None:
-            return
-        rates_m_s = (velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)
-        received = NedSample(time_s, (position.north_m, position.east_m, position.down_m), rates_m_s)
         try:
-            sample = self._checked(received, self.origin_m)
+            received = Telemetry(
+                time_s,
+                self._frame.mission_from_ned((position.north_m, position.east_m, position.down_m)),
+                self._frame.mission_from_ned((velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)),
+            )
         except ValueError:
             self.dropped += 1
             return
+        sample = self._checked(received)
         if sample is None:
             return
-        self.motion = self._last = sample
+        self.motion = sample
         if self.on_telemetry is not None:
             self.on_telemetry(sample)
 
-    def _checked(self, received: NedSample, origin_m: Triple) -> Telemetry | None:
-        """Return a sample in the mission frame, None if it puts the origin in doubt, which is then read again.
+    def _checked(self, received: Telemetry) -> Telemetry | None:
+        """Return a sample, received relative to the origin, in the mission frame; None while the origin is unknown.
 
-        A jump that is still there once the origin has been read is the position's own: it is counted. Its vertical part
+        Its jumps since the last one that was returned, and the move of the origin, cancel if only the origin has moved.
+        If not, the origin is read again. What is left then is a jump of the position: it is counted. Its vertical part
         moves the origin instead, since no vehicle climbs or sinks that fast: the height is that before the jump.
-        Raises ValueError for numbers that are not finite.
         """
-        sample = self._in_mission(received, origin_m)
-        doubted, self._doubted = self._doubted, None
-        samples = [self._last, None if doubted is None else self._in_mission(doubted, origin_m), sample]
-        jumps = [jump_m(*each) for each in pairwise(each for each in samples if each is not None)]
-        x, y, z = (sum(each) for each in zip((0.0, 0.0, 0.0), *filter(None, jumps), strict=True))
-        jumped = hypot(x, y, z) > JUMP_M
-        if jumped and doubted is None and self.doubt():
-            self._doubted = received
+        before, self._received = self._received, received
+        if before is not None and (jump := jump_m(before, received)) is not None:
+            self._jumped_m = _sum(self._jumped_m, jump)
+        if (origin_m := self.origin_m) is None:
             return None
-        if jumped:
-            reference, jumped_m = self.status.reference, self._north_east_up((0.0, 0.0, 0.0), (x, y, z))
-            self._refer(jumps=reference.jumps + 1, jumped_m=jumped_m)
+        x, y, z = (
+            self._jumped_m
+            if self._origin_before_m is None
+            else _sum(self._jumped_m, _difference(origin_m, self._origin_before_m))
+        )
+        if hypot(x, y, z) > JUMP_M:
+            if not self._is_jumping and self.doubt():
+                self._is_jumping = True
+                return None
+            jumps = self.status.reference.jumps + 1
+            self._refer(jumps=jumps, jumped_m=self._north_east_up((x, y, z)))
             self._height_off_m += z
-            self._located_m = self._origin_m = origin_m[0], origin_m[1], origin_m[2] - z
-            sample = self._in_mission(received, self._origin_m)
+            self._located_m = self._origin_m = origin_m = origin_m[0], origin_m[1], origin_m[2] - z
+        self._is_jumping, self._jumped_m, self._origin_before_m = False, _STILL_M, origin_m
         if self.is_doubted:
             self._refer(is_known=True)
-        return sample
-
-    def _in_mission(self, received: NedSample, origin_m: Triple) -> Telemetry:
-        x, y, z = self._frame.mission_from_ned(received.position_m)
-        x0, y0, z0 = origin_m
-        velocity_m_s = self._frame.mission_from_ned(received.velocity_m_s)
-        return Telemetry(received.time_s, (x + x0, y + y0, z + z0), velocity_m_s)
+        return replace(received, position_m=_sum(received.position_m, origin_m))
 
     def _take_mode(self, mode: Any) -> None:
         self._mode = mode
@@ -424,18 +429,18 @@ class VehicleFeed:
         self._update(battery=self.batteries.charge, endurance_s=self.batteries.endurance_s)
 
     def _take_origin(self, message: Any) -> None:
-        """Take an origin that the autopilot sends: one that has moved is read again, and with it the next sample."""
+        """Take an origin that the autopilot sends: the one in doubt, or one that has moved and is read again."""
         with suppress(ValueError, KeyError, TypeError):  # malformed bytes are dropped here
             fields = json.loads(message.fields_json)
             place = Geodetic(fields["latitude"] * 1e-7, fields["longitude"] * 1e-7, fields["altitude"] * 1e-3)
-            if self.origin_m is None or message.system_id != self.reports.system_id:
+            if message.system_id != self.reports.system_id or (self.origin_m is None and not self.is_doubted):
                 return
             x, y, z = self._frame.mission_from_geodetic(place)
-            origin_m = x, y, z - self._height_off_m
-            if dist(origin_m, self.origin_m) > ORIGIN_STEP_M:
-                self.doubt()
+            height_m = z - self._height_off_m
+            if self.origin_m is None or dist((x, y, height_m), self.origin_m) <= ORIGIN_STEP_M:
+                self.locate((x, y, z))
             else:
-                self._origin_m = self._located_m = origin_m
+                self.doubt()
 
     def _take_text(self, text: Any) -> None:
         self.texts.take(text.text, text.type)

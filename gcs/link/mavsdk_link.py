@@ -136,6 +136,7 @@ class MavsdkLink:
         self._asking = 0
         self._sent = 0
         self._unsent = 0
+        self._newest: Setpoint | None = None
         self._ground_z_m = 0.0
         self._rates: Rates | None = None
 
@@ -207,7 +208,7 @@ class MavsdkLink:
         await self._request_rates()
         await self._locate()
         feed.on_telemetry = on_telemetry
-        feed.on_loss, feed.on_return = self._mute, self._watch_period.notify
+        feed.on_loss, feed.on_return = self._mute, self._on_return
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
     def locate(self, position: ExternalPosition) -> None:
@@ -330,6 +331,7 @@ class MavsdkLink:
                 self._hub.mute(self._config.url, self._config.system_id, False)
                 self._muted = False
             ned_m = parts.send(setpoint, origin_m, self._config.frame)
+            self._newest = setpoint
             self._sent += 1
             # One that waits in the transmit queue may never be sent: a newer one replaces it.
             if self._transit is not None and not self._config.pace.is_bound:
@@ -415,6 +417,12 @@ class MavsdkLink:
             self._asking -= 1
             if self._silent or (feed.origin_m is None and not feed.is_doubted):
                 self._mute()
+
+    def _on_return(self) -> None:
+        """Read what is missing now; stop a vehicle whose origin is in doubt, as MAVSDK repeats the old position."""
+        if self._sent and self._newest is not None and self._connected().feed.is_doubted:
+            self.send(self._newest)
+        self._watch_period.notify()
 
     def _mute(self) -> None:
         """Stop MAVSDK from repeating the last setpoint, which it would continue for a while; none is under way.

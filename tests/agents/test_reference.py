@@ -86,7 +86,7 @@ def test_resume_is_refused_while_the_origin_is_read_again(pilot: Referring) -> N
     (refused,) = [each for each in notes(pilot.fly_with(moved, PERIOD_S)) if each.kind == "command"]
     assert refused.command is not None
     assert refused.command.is_refused
-    assert note.reference.text in refused.command.did
+    assert note.reference.by in refused.command.did
     pilot.fly_with(moved, 10.0)
     pilot.fly_with(Reference(is_known=False, moves=1), PERIOD_S)
     pilot.resume(2)

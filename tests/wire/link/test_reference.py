@@ -160,14 +160,12 @@ async def test_a_height_that_drifts_is_compared_with_the_barometer() -> None:
         ]
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-async def test_a_vehicle_stays_while_its_origin_cannot_be_read(
-    autopilot: AutopilotName, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def unreadable(*_: Any) -> Triple:
-        raise VehicleRefusedError("has no position", "wait")
+async def unreadable(*_: Any) -> Triple:
+    raise VehicleRefusedError("has no position", "wait")
 
-    async with in_flight(autopilot) as flight:
+
+async def test_a_vehicle_stays_while_its_origin_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with in_flight("ardupilot") as flight:
         monkeypatch.setattr(mavsdk_link, "find_origin", unreadable)
         flight.stub.faults.origin_moved_m = (8.0, 0.0, 0.0)
         assert await flight.hold() < STAYS_M
@@ -177,6 +175,18 @@ async def test_a_vehicle_stays_while_its_origin_cannot_be_read(
         assert await flight.hold() < STAYS_M
         assert (flight.reference.is_known, flight.reference.moves) == (True, 1)
         assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
+
+
+async def test_an_origin_that_is_sent_unasked_is_as_good_as_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with in_flight() as flight:
+        monkeypatch.setattr(mavsdk_link, "find_origin", unreadable)
+        flight.stub.faults.estimate_offset_m = (5.0, 0.0, 0.0)
+        await flight.clock.sleep(2.0)
+        assert not flight.reference.is_known
+        flight.stub.faults.estimate_offset_m = NONE
+        flight.stub.faults.origin_moved_m = (8.0, 0.0, 0.0)
+        assert await flight.hold() < STAYS_M
+        assert (flight.reference.is_known, flight.reference.moves, flight.reference.jumps) == (True, 1, 0)
 
 
 def odometry(resets: int) -> bytes:
