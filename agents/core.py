@@ -267,7 +267,8 @@ class VehicleCore:
         if event is Event.RESUME:
             self._failsafe.resume()
         if event is Event.PILOT_TOOK_OVER:
-            self._failsafe.latch(Condition.PILOT_TOOK_OVER, "a pilot has the vehicle")
+            if self._fault_detector.vehicle.status.lost is not Connection.SETPOINTS:
+                self._failsafe.latch(Condition.PILOT_TOOK_OVER, "a pilot has the vehicle")
             self._name_override()
         self._planner.begin(after, to_home=event is Event.RETURN)
         self._estimator.follow_ring(self._planner.ring_rate_rad_s)

@@ -41,6 +41,7 @@ class Connection(Enum):
     NONE = ""
     REMOTE_CONTROL = "remote control"
     GROUND_STATION = "ground station"
+    SETPOINTS = "stream of setpoints"
 
 
 class VehicleStatus(AutopilotReport, frozen=True):
@@ -51,7 +52,8 @@ class VehicleStatus(AutopilotReport, frozen=True):
     tilt of its attitude; `estimator_ratio` is the highest innovation test ratio of its estimator (above 1 the sensor is
     rejected), that of `estimator_sensor`, and `estimator_fault` names the output that is invalid; `gps_dimensions` is
     the type of the fix (0 without one, 2 or 3), with the number of `satellites`, and `gps_threat` names jamming or
-    spoofing; `lost` names the connection whose loss it has reported; `wind_m_s` is the estimated horizontal wind.
+    spoofing; `lost` names the connection whose loss it has reported, or which explains its failsafe; `wind_m_s` is the
+    estimated horizontal wind.
     `round_trip_s` is the time from a message to its answer [s of the mission clock], and `link_fault` describes how the
     link is degraded.
     """

@@ -27,6 +27,7 @@ class Condition(Enum):
     ESTIMATOR_JUMPED = "estimator jumped"
     REMOTE_CONTROL_LOST = "remote control lost"
     GROUND_STATION_LOST = "ground station lost"
+    SETPOINTS_LOST = "setpoints not received"
     PILOT_TOOK_OVER = "pilot took over"
     BATTERY_CRITICAL = "battery critical"
     BATTERY_LOW = "battery low"
@@ -82,6 +83,8 @@ ALTITUDE_TOLERANCE_M = 1.0
 """The guard keeps setpoints within the limits; the height error of an autopilot is up to half a metre."""
 LINK_LOSS_MAX = 0.1
 """Share of the messages on a link that are lost."""
+SILENCES_PER_HOUR_MAX = 1.0
+"""Silences of a link that end offboard, or hold a vehicle, which its losses make likely in an hour."""
 MEMORY_SHARE_MIN = 0.05
 """Share of all memory. Below, Linux swaps and then kills processes."""
 DISK_MIN_BYTES = 200e6
@@ -117,6 +120,12 @@ def _degraded(status: VehicleStatus, _limits: FailsafeSettings) -> str:
     if status.gps_threat is GpsThreat.JAMMED:
         found.append("GPS jammed")
     return ", ".join(found)
+
+
+def _without_setpoints(status: VehicleStatus, _limits: FailsafeSettings) -> str:
+    if status.lost is not Connection.SETPOINTS:
+        return ""
+    return ": ".join(filter(None, ("its autopilot left offboard without them", status.link_fault)))
 
 
 RESUME = "by `resume`, refused while it lasts"
@@ -181,11 +190,22 @@ TABLE = (
     ),
     Row(
         Condition.GROUND_STATION_LOST,
-        "the same, and the autopilot reports that its ground station is lost",
+        "the same, and the autopilot reports that its ground station is lost, or its failsafe acted while the link was "
+        "lost",
         "",
         (Reaction.HAND_OVER,),
         "by `resume`, which requests offboard again",
         "check its link, then resume",
+    ),
+    Row(
+        Condition.SETPOINTS_LOST,
+        "the autopilot's failsafe left offboard, its link has lost messages, and nothing else explains it: offboard is "
+        "requested again",
+        "",
+        (Reaction.HOLD,),
+        RESUME,
+        "improve its link, then resume",
+        reported=_without_setpoints,
     ),
     Row(
         Condition.PILOT_TOOK_OVER,
@@ -377,8 +397,9 @@ TABLE = (
     ),
     Row(
         Condition.LINK_DEGRADED,
-        f"more than {100 * LINK_LOSS_MAX:.0f} % of the messages on the link are lost, its radio reports a full buffer, "
-        f"or its round trip takes more than {LINK_DELAY_MAX_S:g} s",
+        f"more than {100 * LINK_LOSS_MAX:.0f} % of the messages on the link are lost, or so many in a row that more "
+        f"than {SILENCES_PER_HOUR_MAX:g} silence an hour is likely, its radio reports a full buffer, messages wait, or "
+        f"its round trip takes more than {LINK_DELAY_MAX_S:g} s",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -467,6 +488,7 @@ _REPORTED = sorted((row for row in TABLE if row.reported), key=lambda row: row.c
 LOST = {
     Connection.REMOTE_CONTROL: Condition.REMOTE_CONTROL_LOST,
     Connection.GROUND_STATION: Condition.GROUND_STATION_LOST,
+    Connection.SETPOINTS: Condition.SETPOINTS_LOST,
 }
 ROWS = {row.condition: row for row in TABLE}
 _CHOICES = {"hold": Reaction.HOLD, "return": Reaction.RETURN}

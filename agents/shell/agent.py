@@ -24,7 +24,7 @@ from agents.inputs import (
 )
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.control_loop import AgentParts, ControlLoop
-from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
+from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed, without_setpoints
 from agents.shell.outcome import FAILED, KILLED, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
@@ -110,7 +110,7 @@ class Activities:
 def override_reason(status: VehicleStatus) -> str:
     """Return the change of flight mode or arming by a pilot or the autopilot, as text."""
     what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
-    lost = f": it reports that its {status.lost.value} is lost" if status.lost.value else ""
+    lost = f": its {status.lost.value} is lost" if status.lost.value else ""
     return f"{what}, which cordon did not request{lost}"
 
 
@@ -312,8 +312,11 @@ class Agent:
 
     async def _tick_in_control(self) -> None:
         async for tick in self._loop.control_ticker():
-            if pilot_took_over(self._link.status):
-                self._happen(LifeEvent.PILOT_TOOK_OVER)
+            if pilot_took_over(status := self._link.status):
+                if not without_setpoints(status):
+                    self._happen(LifeEvent.PILOT_TOOK_OVER)
+                elif not self._activities.running(ActivityKind.CALL):
+                    self._happen(LifeEvent.SETPOINTS_LOST)
             if resumed(self._phase, self._core.tactic):
                 self._happen(LifeEvent.RESUME)
             if self._loop.tick_control(tick.skipped):

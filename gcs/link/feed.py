@@ -71,6 +71,8 @@ NEEDS_GPS = (HealthItem.GLOBAL_POSITION, HealthItem.HOME_POSITION, HealthItem.AR
 CLOCK_BACK_S = 0.5
 """A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
 
+LATE_UNTIL = 0.8
+"""Share of the limit of the round trip below which it is no longer reported as late."""
 ROUND_TRIP_STEP_S = 0.01
 """Smaller changes of the round trip are not reported: they do not change a prediction noticeably."""
 
@@ -100,6 +102,7 @@ class VehicleFeed:
         self.on_telemetry: Callable[[Telemetry], None] | None = None
         self.on_loss: Callable[[], None] | None = None
         self.on_return: Callable[[], None] | None = None
+        self.on_offboard_left: Callable[[], None] | None = None
         self._clock = clock
         self._transit = transit
         self._motion_received_s = self.link_s()
@@ -117,6 +120,7 @@ class VehicleFeed:
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
         self._posted_calls = posted_calls
+        self._is_late = False
 
     def subscribe(self) -> None:
         """Subscribe only to what the control loop uses: MAVSDK drops callbacks near 1500 per second."""
@@ -281,8 +285,10 @@ class VehicleFeed:
             self.on_telemetry(sample)
 
     def _take_mode(self, mode: Any) -> None:
-        self._mode = mode
+        self._mode, before = mode, self.status.mode
         self._update(mode=MODES.get(mode, FlightMode.OTHER))
+        if before is FlightMode.OFFBOARD is not self.status.mode and self.on_offboard_left is not None:
+            self.on_offboard_left()
 
     def _take_health(self, health: Any) -> None:
         self._health = health
@@ -317,7 +323,10 @@ class VehicleFeed:
 
         The status holds the round trip in whole steps of the mission clock, which runs `speed` times as fast.
         """
-        if round_trip_s is not None and round_trip_s > LINK_DELAY_MAX_S:
+        self._is_late = (
+            round_trip_s is not None and round_trip_s > (LATE_UNTIL if self._is_late else 1.0) * LINK_DELAY_MAX_S
+        )
+        if self._is_late:
             fault = fault or f"its round trip is {round_trip_s:.1f} s"
         in_steps_s = self.status.round_trip_s
         if round_trip_s is not None:

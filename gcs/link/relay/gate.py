@@ -15,6 +15,7 @@ from gcs.link.relay.frames import (
     buffer_free,
     header,
     is_autopilot_heartbeat,
+    is_failsafe,
     is_hil,
     sequence,
     timesync_answer,
@@ -31,6 +32,8 @@ class Sequences:
     def __init__(self) -> None:
         self.received = 0
         self.missed = 0
+        self.bursts = 0
+        """How often some were missed in a row."""
         self._back = 0
         self._last: dict[int, int] = {}
 
@@ -46,12 +49,15 @@ class Sequences:
         self._last[component] = number
         if 0 < step < 128:
             self.missed += step - 1
+            self.bursts += step > 1
         else:
             self._back += 1
 
 
 KEPT = 15
 """Number of round trips in the median: half a minute of them."""
+NEWEST = 3
+"""Number of those that show a growth."""
 PENDING = 16
 
 
@@ -61,6 +67,13 @@ class RoundTrips:
     def __init__(self) -> None:
         self._asked_ns: deque[int] = deque(maxlen=PENDING)
         self._newest_s: deque[float] = deque(maxlen=KEPT)
+        self._shortest_s = inf
+
+    @property
+    def grown_s(self) -> float:
+        """By how much the newest round trips are longer than the shortest [wall s]: messages wait somewhere."""
+        newest_s = list(self._newest_s)[-NEWEST:]
+        return median(newest_s) - self._shortest_s if len(newest_s) == NEWEST else 0.0
 
     @property
     def median_s(self) -> float | None:
@@ -77,6 +90,7 @@ class RoundTrips:
             return False
         self._asked_ns.remove(asked_ns)
         self._newest_s.append((now_ns - asked_ns) * 1e-9)
+        self._shortest_s = min(self._shortest_s, self._newest_s[-1])
         return True
 
 
@@ -108,7 +122,8 @@ class LinkReport:
     `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
     `moves` are the addresses from which the vehicle continued after a silence; `dropped` counts frames by reason.
     `doubled`: two vehicles send with this system id from one address, so that sequence numbers jump back and forth.
-    `hil`: the newest heartbeat has the flag of a simulated body. `round_trip_s` is the time from a request to its
+    `hil`: the newest heartbeat has the flag of a simulated body, `failsafe`: it states that a failsafe of the autopilot
+    acts. `round_trip_s` is the time from a request to its
     answer [wall s], None before the first answer.
     """
 
@@ -120,6 +135,7 @@ class LinkReport:
     doubled: bool = False
     hil: bool = False
     round_trip_s: float | None = None
+    failsafe: bool = False
 
 
 class Claim:
@@ -145,7 +161,7 @@ class Claim:
         self.sequences = Sequences()
         """Of the frames from the verified address."""
         self.round_trips = RoundTrips()
-        self._hil = False
+        self._hil = self._failsafe = False
 
     def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
         """Return whether a frame with this system id is the vehicle's, and for MAVSDK."""
@@ -166,7 +182,7 @@ class Claim:
         self._received_s = now_s
         self.sequences.take(header(frame).component, sequence(frame))
         if is_autopilot_heartbeat(frame):
-            self._hil = is_hil(frame)
+            self._hil, self._failsafe = is_hil(frame), is_failsafe(frame)
             self._heartbeat, self._heartbeat_s = frame, now_s
             self._passed_s = now_s
         asked_ns = timesync_answer(frame)
@@ -220,6 +236,7 @@ class Claim:
             self.sequences.is_doubled,
             self._hil,
             self.round_trips.median_s,
+            self._failsafe,
         )
 
     def _move(self, address: Address, verdict: SignatureCheck) -> None:

@@ -237,6 +237,7 @@ CASES = {
     Condition.ESTIMATOR_JUMPED: Case(jump, nothing, 1.1, (Tactic.HOLD, Tactic.HOLD)),
     Condition.REMOTE_CONTROL_LOST: taken_over_after(Connection.REMOTE_CONTROL),
     Condition.GROUND_STATION_LOST: taken_over_after(Connection.GROUND_STATION),
+    Condition.SETPOINTS_LOST: Case(reporting(lost=Connection.SETPOINTS), reporting(), 0.0, (Tactic.HOLD, Tactic.HOLD)),
     Condition.PILOT_TOOK_OVER: Case(
         lambda flight: flight.core.take(TacticEvent(Event.PILOT_TOOK_OVER)),
         nothing,
