@@ -83,7 +83,7 @@ ALTITUDE_TOLERANCE_M = 1.0
 """The guard keeps setpoints within the limits; the height error of an autopilot is up to half a metre."""
 LINK_LOSS_MAX = 0.1
 """Share of the messages on a link that are lost."""
-SILENCES_PER_HOUR_MAX = 1.0
+SILENCES_PER_HOUR_MAX = 0.3
 """Silences of a link that end offboard, or hold a vehicle, which its losses make likely in an hour."""
 MEMORY_SHARE_MIN = 0.05
 """Share of all memory. Below, Linux swaps and then kills processes."""
@@ -398,7 +398,7 @@ TABLE = (
     Row(
         Condition.LINK_DEGRADED,
         f"more than {100 * LINK_LOSS_MAX:.0f} % of the messages on the link are lost, or so many in a row that more "
-        f"than {SILENCES_PER_HOUR_MAX:g} silence an hour is likely, its radio reports a full buffer, messages wait, or "
+        f"than {SILENCES_PER_HOUR_MAX:g} silences an hour are likely, its radio reports a full buffer, messages wait, or "
         f"its round trip takes more than {LINK_DELAY_MAX_S:g} s",
         "",
         (Reaction.DEGRADE,),

@@ -79,7 +79,7 @@ STATUS_MIN_HZ, TELEMETRY_MIN_HZ, SETPOINT_MIN_HZ = 0.5, 5.0, 5.0
 """The least rates on a connection that loses nothing; losses in bursts require more."""
 RAISED_MAX_HZ, RAISED_STEP_HZ = 50.0, 5.0
 """Motion and setpoints are raised to this for losses in bursts, in steps: each change is requested again."""
-STATUS_STEP, STEP = 0.5, 0.75
+STATUS_STEP, STEP, SMALL_STEP = 0.5, 0.75, 0.9
 
 
 @dataclass(frozen=True, slots=True)
@@ -385,7 +385,7 @@ def _lower(rates: Rates) -> tuple[Rates, ...]:
     """Return the rates below those that losses require: motion and setpoints degrade alike."""
     lower = replace(
         rates,
-        telemetry_hz=min(rates.telemetry_hz, max(STEP * rates.telemetry_hz, TELEMETRY_MIN_HZ)),
-        setpoint_hz=min(rates.setpoint_hz, max(STEP * rates.setpoint_hz, SETPOINT_MIN_HZ)),
+        telemetry_hz=min(rates.telemetry_hz, max(SMALL_STEP * rates.telemetry_hz, TELEMETRY_MIN_HZ)),
+        setpoint_hz=min(rates.setpoint_hz, max(SMALL_STEP * rates.setpoint_hz, SETPOINT_MIN_HZ)),
     )
     return () if lower == rates else (lower, *_lower(lower))

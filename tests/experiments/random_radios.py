@@ -75,6 +75,7 @@ def mission_text(spec: RadioSpec, duration_s: float, ports: list[int], endpoints
     text = (MISSIONS / "px4-trio.toml").read_text(encoding="utf-8")
     mission = content(text if px4 else ring_mission(VEHICLES, duration_s, endpoints, endpoints))
     mission["mission"]["duration_s"] = duration_s
+    mission["network"] = {"team": f"radio-{ports[0]}"}
     mission["link"] = {"rates": "auto", "bytes_per_s": spec.bytes_s}
     if spec.shared:
         mission["links"] = {"radio": {"url": f"udpin://127.0.0.1:{ports[0]}"}}
@@ -238,7 +239,6 @@ async def flown(seed: int, spec: RadioSpec, duration_s: float, checkout: Path, *
             within_s = duration_s + WAIT_S + PATIENCE_S
             code, result, said = await flight(path, log, checkout, within_s)
         if code == Exit.REFUSED and "vehicles" not in result:
-            Path(f"/work/out/h42/e/refused-{seed}.txt").write_text(said)
             return Flown(seed, spec, REFUSED, _refusals(said))
         if not result.get("vehicles"):
             return Flown(seed, spec, f"exit code {code}", said.strip().splitlines()[-1] if said.strip() else "")
@@ -267,9 +267,10 @@ def _stops(event: dict[str, Any]) -> bool:
 
 
 def _refusals(said: str) -> str:
-    """Return what the first refusal of a table of findings says."""
-    rows = [line.split(maxsplit=1)[1].strip() for line in said.splitlines() if line.startswith("refuse ")]
-    return "; ".join(dict.fromkeys(rows))[:140]
+    """Return what the refusals in a table of findings say, or the last message."""
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    rows = [" ".join(line.split()[1:]) for line in lines if line.startswith("refuse ")]
+    return "; ".join(dict.fromkeys(rows or lines[-1:]))[:160]
 
 
 async def main(count: int, first: int, duration_s: float, jobs: int, checkout: Path, *, px4: bool) -> int:
