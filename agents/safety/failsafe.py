@@ -398,8 +398,8 @@ TABLE = (
     Row(
         Condition.LINK_DEGRADED,
         f"more than {100 * LINK_LOSS_MAX:.0f} % of the messages on the link are lost, or so many in a row that more "
-        f"than {SILENCES_PER_HOUR_MAX:g} silences an hour are likely, its radio reports a full buffer, messages wait, or "
-        f"its round trip takes more than {LINK_DELAY_MAX_S:g} s",
+        f"than {SILENCES_PER_HOUR_MAX:g} silences an hour are likely, its radio reports a full buffer, messages wait, "
+        f"or its round trip takes more than {LINK_DELAY_MAX_S:g} s",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,

@@ -23,8 +23,8 @@ class Losses:
 
     @property
     def burst(self) -> float:
-        """The mean number of frames lost in a row, as if one burst of two had been seen besides: few show no length."""
-        return (self.lost + 2.0) / (self.bursts + 1.0)
+        """The mean number of frames lost in a row, as if another burst of three had been seen: few show no length."""
+        return (self.lost + 3.0) / (self.bursts + 1.0)
 
     def silences_per_hour(self, frames_hz: float, silence_s: float) -> float:
         """Return how many times an hour none of `frames_hz` frames a second arrives for `silence_s`, on average.
@@ -215,8 +215,8 @@ SILENCES_PER_HOUR = SILENCES_PER_HOUR_MAX / 10.0
 LOSSY_SHARE = 0.9
 """The share of a connection for planned messages where losses in bursts require it."""
 LOOK_PERIOD_S = 2.0
-LOSSES_KEPT = 0.95
-"""Of earlier losses, at each look: those of the last 40 s count."""
+LOSSES_KEPT = 0.97
+"""Of earlier losses, at each look: those of the last minute count."""
 ADAPT_PERIOD_S = 20.0
 FRAMES_MIN = 100
 """Fewer frames do not show losses."""
@@ -374,7 +374,7 @@ class RateController:
         silences, text = self.silences_per_hour, str(self.losses)
         if self.losses.frames < FRAMES_MIN or (self.losses.share <= share_max and silences <= silences_max):
             return ""
-        return text if silences <= silences_max else f"{text}: {silences:.0f} silences an hour"
+        return text if silences <= silences_max else f"{text}: {silences:.1g} silences an hour are likely"
 
 
 def _raised(full_hz: float, least_hz: float) -> float:

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from math import cos, isfinite, sin, tau
 from typing import Any, NamedTuple
@@ -23,6 +24,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
+from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
 from agents.shell.clock import MissionClock, WallClock
 from estimation.frames import Geodetic, MissionFrame
 from gcs.autopilots.autopilot import Autopilot
@@ -175,8 +177,10 @@ ORIGIN_TIMEOUT_S = 5.0
 STATUS_TIMEOUT_S = 4.0
 LISTENING_S = 1.5
 TRAFFIC_S = 2.0
-LOSSES_LONGEST_S, BURSTS_ENOUGH = 12.0, 12
-"""How long a connection that loses frames is listened to at most, and the number of bursts that shows their length."""
+LOSSES_LONGEST_S, FRAMES_ENOUGH, BURSTS_ENOUGH = 25.0, 300, 12
+"""How long the losses of a connection are counted at most, the number of frames without any that shows that there are
+few, and the number of bursts that shows their length.
+"""
 PARAMETERS_TIMEOUT_S = 3.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter timeouts for the preflight check in `fly`, whose links are connected already."""
@@ -185,15 +189,24 @@ GPS_PERIODS = 4.0
 CIRCLE_CORNERS = 36
 
 
-async def listened(losses: Callable[[], Losses], clock: MissionClock, *, is_radio: bool) -> Losses:
-    """Return the losses of a connection once they are known: on a radio by enough frames, and by enough bursts."""
+def are_known(losses: Losses, pace: RateController) -> bool:
+    """Return whether enough frames or bursts have been counted; where the data rate is unknown, only if some are lost.
+
+    Losses that would refuse the connection are counted for as long as possible.
+    """
+    if not losses.lost:
+        return pace.capacity_bytes_s is None or losses.frames >= FRAMES_ENOUGH
+    chosen = copy(pace)
+    chosen.adapt(losses)
+    return losses.bursts >= BURSTS_ENOUGH and chosen.silences_per_hour <= SILENCES_PER_HOUR_MAX
+
+
+async def known_losses(count: Callable[[], Losses], pace: RateController, clock: MissionClock) -> Losses:
+    """Return the losses of a connection once they are known, or `LOSSES_LONGEST_S` of the link have passed."""
     end_s = clock.now_s() + LOSSES_LONGEST_S * clock.time_scale
-    while clock.now_s() < end_s:
-        known = losses()
-        if not (0 < known.bursts < BURSTS_ENOUGH or (is_radio and known.frames < FRAMES_MIN)):
-            break
+    while clock.now_s() < end_s and not are_known(count(), pace):
         await clock.sleep(_PARAMETER_REQUEST_PERIOD_S * clock.time_scale)
-    return losses()
+    return count()
 
 
 async def _nothing() -> None:
@@ -258,13 +271,11 @@ class _Connection:
         """
         await self._quiet.wait()
         before, began_s, bytes_s = self.hub.traffic(self._url), time.monotonic(), None
-        if is_radio := self.pace.capacity_bytes_s is not None:
+        if self.pace.capacity_bytes_s is not None:
             await asyncio.sleep(TRAFFIC_S)
             down_bytes = self.hub.traffic(self._url).down_bytes - before.down_bytes
             bytes_s = down_bytes / (time.monotonic() - began_s)
-        losses = await listened(
-            lambda: self.hub.traffic(self._url).losses(self._streaming), WallClock(), is_radio=is_radio
-        )
+        losses = await known_losses(lambda: self.hub.traffic(self._url).losses(self._streaming), self.pace, WallClock())
         await self._quiet.wait()  # the first query that ends may close the connection
         return bytes_s, losses
 
@@ -279,8 +290,7 @@ class CheckedLink(MavsdkLink):
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.pace.rates)
         facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
         pace = self._config.pace
-        is_radio = pace.capacity_bytes_s is not None
-        losses = await listened(lambda: pace.losses, self._clock, is_radio=is_radio)
+        losses = await known_losses(lambda: pace.losses, pace, self._clock)
         if losses.frames >= FRAMES_MIN:
             pace.adapt(losses)
         return replace(facts, link=self.report, losses=losses)

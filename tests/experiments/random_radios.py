@@ -3,8 +3,9 @@
 A seed determines a radio: data rate, delay, jitter, losses and how many in a row, and whether three vehicles share it.
 A team flies well if its radii are within 0.3 m rms from the middle of the mission on, no autopilot's failsafe acts, and
 no vehicle stops its mission. Stubs are judged by their true paths, PX4 simulators (--px4, from the environment variable
-CORDON_PX4) by the result of the flight. All fly on the wall's clock. Exit code 1 if a team neither flies well nor is
-refused.
+CORDON_PX4) by the result of the flight. All fly on the wall's clock, so the computer has to keep up. With --links only
+the links are simulated, in simulated time: rates, queue, losses and silences. Exit code 1 if a team neither flies well
+nor is refused.
 """
 
 import asyncio
@@ -40,6 +41,7 @@ from tests.support.mission_text import content, text_of
 from tests.support.paths import MISSIONS, ROOT
 from tests.support.px4 import Px4Missing, Px4Simulator, px4_build
 from tests.support.ring_mission import ring_mission
+from tests.support.simulated_link import SimulatedLink
 from tests.support.wire import free_ports
 
 VEHICLES = 3
@@ -261,6 +263,22 @@ async def flown(seed: int, spec: RadioSpec, duration_s: float, checkout: Path, *
     return Flown(seed, spec, fault, faults.get(fault, ""), rms_m, warnings)
 
 
+def simulated(seed: int, spec: RadioSpec, duration_s: float) -> Flown:
+    """Simulate the links of a team, without flights."""
+    shares = [(spec, VEHICLES)]
+    if not spec.shared:
+        shares = [(spec.model_copy(update={"seed": spec.seed + number}), 1) for number in range(VEHICLES)]
+    links = [SimulatedLink(*share) for share in shares]
+    if refusals := list(filter(None, (link.check() for link in links))):
+        return Flown(seed, spec, REFUSED, refusals[0])
+    silences = [link.fly(duration_s) for link in links]
+    offboard, motion = sum(len(each.offboard_s) for each in silences), sum(len(each.motion_s) for each in silences)
+    warnings = sum(len(link.faults) for link in links)
+    outcome = "left offboard" if offboard else "stopped" if motion else FLEW
+    detail = f"{offboard} silences of setpoints, {motion} of motion" if outcome != FLEW else ""
+    return Flown(seed, spec, outcome, detail, warnings=warnings)
+
+
 def _stops(event: dict[str, Any]) -> bool:
     _, _, after = event["text"].partition(" -> ")
     return any(after.startswith(tactic) for tactic in STOPPED)
@@ -273,7 +291,9 @@ def _refusals(said: str) -> str:
     return "; ".join(dict.fromkeys(rows or lines[-1:]))[:160]
 
 
-async def main(count: int, first: int, duration_s: float, jobs: int, checkout: Path, *, px4: bool) -> int:
+async def main(
+    count: int, first: int, duration_s: float, jobs: int, checkout: Path, *, px4: bool, only_links: bool
+) -> int:
     """Fly a number of teams, some at a time, and print the table."""
     print("| seed | baud | line | delay, ms | lost | in a row | outcome | radius rms, m | warnings | |")
     print(f"{'|---' * 10}|", flush=True)
@@ -281,7 +301,12 @@ async def main(count: int, first: int, duration_s: float, jobs: int, checkout: P
 
     async def fly_one(seed: int) -> None:
         async with at_once:
-            teams.append(team := await flown(seed, drawn(seed), duration_s, checkout, px4=px4))
+            spec = drawn(seed)
+            if only_links:
+                team = simulated(seed, spec, duration_s)
+            else:
+                team = await flown(seed, spec, duration_s, checkout, px4=px4)
+            teams.append(team)
             print(team, flush=True)
 
     await asyncio.gather(*map(fly_one, range(first, first + count)))
@@ -296,13 +321,22 @@ if __name__ == "__main__":
     reader.add_argument("--seed", type=int, default=0, help="first seed (default: %(default)s)")
     reader.add_argument("--duration", type=float, default=90.0, help="mission duration, s (default: %(default)s)")
     reader.add_argument("--jobs", type=int, default=1, help="flights at a time (default: %(default)s)")
+    reader.add_argument("--links", action="store_true", help="simulate the links only")
     reader.add_argument("--px4", action="store_true", help="fly PX4 simulators, one team at a time")
     reader.add_argument("--cordon", type=Path, default=ROOT, help="checkout whose cordon flies (default: this one)")
     given = reader.parse_args()
     try:
         if given.px4:
             px4_build()
-        jobs = 1 if given.px4 else given.jobs
-        sys.exit(asyncio.run(main(given.count, given.seed, given.duration, jobs, given.cordon, px4=given.px4)))
+        running = main(
+            given.count,
+            given.seed,
+            given.duration,
+            1 if given.px4 else given.jobs,
+            given.cordon,
+            px4=given.px4,
+            only_links=given.links,
+        )
+        sys.exit(asyncio.run(running))
     except Px4Missing as reason:
         sys.exit(str(reason))
