@@ -75,7 +75,7 @@ def losses(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> It
     for timeout_s in TIMEOUTS_S if likely > SILENCES_PER_HOUR else ():
         pace.telemetry_s, pace.offboard_s = max(timeout_s, pace.telemetry_s), max(timeout_s, pace.offboard_s)
         pace.adapt(known)
-        if pace.silences_per_hour <= SILENCES_PER_HOUR:
+        if pace.silences_per_hour <= SILENCES_PER_HOUR_MAX:
             step += f", or set safety.telemetry_timeout_s {f'and {name} ' if name else ''}to {timeout_s:g} s"
             break
     grade = limited(likely, SILENCES_PER_HOUR_MAX, SILENCES_PER_HOUR / SILENCES_PER_HOUR_MAX)

@@ -5,7 +5,6 @@ The vehicles only send what was requested of them, and note when setpoints arriv
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from math import inf
 
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
@@ -111,11 +110,14 @@ class SimulatedLink:
         self.faults: list[str] = []
         """The connection's faults, one for each time that it began."""
         shared = Air(spec.bytes_s)
-        air = (lambda: shared) if spec.shared else partial(Air, spec.bytes_s)
+
+        def channel(number: int) -> Channel:
+            return Channel(spec, shared if spec.shared else Air(spec.bytes_s), (spec.seed, number))
+
         self._buffer_bytes = spec.buffer_bytes
-        self._up = Channel(spec, air(), (spec.seed, 0))
+        self._up = channel(0)
         self._vehicles = [
-            SimulatedVehicle(number, list(_streams(number / 100.0)), Channel(spec, air(), (spec.seed, number)))
+            SimulatedVehicle(number, list(_streams(number / 100.0)), channel(number))
             for number in range(1, vehicles + 1)
         ]
         self._queue = TransmitQueue()
