@@ -190,8 +190,7 @@ TABLE = (
     ),
     Row(
         Condition.GROUND_STATION_LOST,
-        "the same, and the autopilot reports that its ground station is lost, or its failsafe acted while the link was "
-        "lost",
+        "the same, and the autopilot reports that its ground station is lost, or the link was",
         "",
         (Reaction.HAND_OVER,),
         "by `resume`, which requests offboard again",
@@ -199,8 +198,7 @@ TABLE = (
     ),
     Row(
         Condition.SETPOINTS_LOST,
-        "the autopilot's failsafe left offboard, its link has lost messages, and nothing else explains it: offboard is "
-        "requested again",
+        "the autopilot's failsafe left offboard, and only its link's losses explain it",
         "",
         (Reaction.HOLD,),
         RESUME,
@@ -397,13 +395,13 @@ TABLE = (
     ),
     Row(
         Condition.LINK_DEGRADED,
-        f"more than {100 * LINK_LOSS_MAX:.0f} % of the messages on the link are lost, or so many in a row that more "
-        f"than {SILENCES_PER_HOUR_MAX:g} silences an hour are likely, its radio reports a full buffer, messages wait, "
-        f"or its round trip takes more than {LINK_DELAY_MAX_S:g} s",
+        f"the link loses more than {100 * LINK_LOSS_MAX:.0f} % of the messages, or likely has more than "
+        f"{SILENCES_PER_HOUR_MAX:g} silences an hour, its radio's buffer is full, or its round trip grows or takes "
+        f"more than {LINK_DELAY_MAX_S:g} s",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "move the antenna nearer to it; land it if the link gets worse",
+        "move the antenna nearer; land it if the link gets worse",
         reported=lambda status, _: status.link_fault,
     ),
     Row(

@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
-from math import hypot, nan
+from math import hypot, isnan, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Thread
@@ -248,8 +248,9 @@ async def flown(seed: int, spec: RadioSpec, duration_s: float, checkout: Path, *
     rms_m = seen.radius_error_m(mission.encirclement.radius_m, start_s + duration_s / 2.0, start_s + duration_s)
     if px4:
         rms_m = max((each["radius_error_rms_m"] or nan for each in result["vehicles"]), default=nan)
-    # Those of the landing do not count; of PX4's the time is not known.
-    failed = {i: at_s - start_s for at_s, i in reversed(seen.failsafes) if not at_s > start_s + duration_s}
+    # Only those of the mission count; of PX4's the time is not known.
+    failed = {i: at_s - start_s for at_s, i in reversed(seen.failsafes)}
+    failed = {i: after_s for i, after_s in failed.items() if isnan(after_s) or 0.0 <= after_s <= duration_s}
     events = [each for each in result["events"] if each["time_s"] < duration_s]
     stops = [f"{each['vehicle']} {each['text']}" for each in events if each["kind"] == "tactic" and _stops(each)]
     warnings = sum(each["kind"] == "failsafe" and each["text"].startswith("link degraded: ") for each in events)
