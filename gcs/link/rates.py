@@ -217,7 +217,7 @@ LOSSY_SHARE = 0.9
 LOOK_PERIOD_S = 2.0
 LOSSES_KEPT = 0.97
 """Of earlier losses, at each look: those of the last minute count."""
-ADAPT_PERIOD_S = 20.0
+ADAPT_PERIOD_S = 10.0
 FRAMES_MIN = 100
 """Fewer frames do not show losses."""
 LOSS_LOW = 0.7 * LINK_LOSS_MAX
@@ -278,6 +278,7 @@ class RateController:
         self._before: Traffic | None = None
         self._look_next_s = self._adapt_next_s = -inf
         self._room_since_s = self._ill_s = -inf
+        self._lossy, self._loses_little = "", True
 
     @property
     def rates(self) -> Rates:
@@ -345,11 +346,12 @@ class RateController:
         if now_s >= self._adapt_next_s and self.losses.frames >= FRAMES_MIN:
             self._adapt_next_s = now_s + ADAPT_PERIOD_S
             self.adapt(self.losses)
+            self._lossy = self._exceeding(LINK_LOSS_MAX, SILENCES_PER_HOUR_MAX)
+            self._loses_little = not self._exceeding(LOSS_LOW, SILENCES_PER_HOUR)
         waits, has_room = self._follow(traffic, now_s)
-        lossy = self._lossy(LINK_LOSS_MAX, SILENCES_PER_HOUR_MAX)
-        if waits or lossy:
-            self.fault, self._ill_s = ", ".join(filter(None, (lossy, waits))), now_s
-        elif not has_room or self._lossy(LOSS_LOW, SILENCES_PER_HOUR):
+        if waits or self._lossy:
+            self.fault, self._ill_s = ", ".join(filter(None, (self._lossy, waits))), now_s
+        elif not (has_room and self._loses_little):
             self._ill_s = now_s
         elif now_s - self._ill_s >= UP_AFTER_S:
             self.fault = ""
@@ -369,10 +371,10 @@ class RateController:
             self._down, self._room_since_s = max(self._down - 1, 0), now_s
         return waits, has_room
 
-    def _lossy(self, share_max: float, silences_max: float) -> str:
+    def _exceeding(self, share_max: float, silences_max: float) -> str:
         """Return the losses as text if they exceed one of the limits."""
         silences, text = self.silences_per_hour, str(self.losses)
-        if self.losses.frames < FRAMES_MIN or (self.losses.share <= share_max and silences <= silences_max):
+        if self.losses.share <= share_max and silences <= silences_max:
             return ""
         return text if silences <= silences_max else f"{text}: {silences:.1g} silences an hour are likely"
 
