@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from agents.inputs import Start
+from agents.safety.failsafe import Reaction
 from agents.shell.clock import WallClock
 from agents.tactics import Tactic
 from gcs.errors import Exit
@@ -253,10 +254,12 @@ async def flown(seed: int, spec: RadioSpec, duration_s: float, checkout: Path, *
     failed = {i: after_s for i, after_s in failed.items() if isnan(after_s) or 0.0 <= after_s <= duration_s}
     events = [each for each in result["events"] if each["time_s"] < duration_s]
     stops = [f"{each['vehicle']} {each['text']}" for each in events if each["kind"] == "tactic" and _stops(each)]
-    warnings = sum(each["kind"] == "failsafe" and each["text"].startswith("link degraded: ") for each in events)
+    alerts = [f"{each['vehicle']} {each['text']}" for each in events if each["kind"] == "failsafe" and _begins(each)]
+    warnings = sum("link degraded" in alert for alert in alerts)
+    alerts = [alert for alert in alerts if not alert.endswith(Reaction.DEGRADE.value)]
     faults = {
         "left offboard": ", ".join(f"vehicle {i} at {at_s:.0f} s" for i, at_s in failed.items()),
-        "stopped": "; ".join(stops[:2]),
+        "stopped": "; ".join((*stops[:1], *alerts[:2])) if stops else "",
         "radius": "" if rms_m <= RADIUS_RMS_MAX_M else "its ring",
         "ended": "" if code in (Exit.HOLDS, Exit.VERDICT_FAILED) else str(result["ended"]["reason"]),
     }
@@ -283,6 +286,11 @@ def simulated(seed: int, spec: RadioSpec, duration_s: float) -> Flown:
 def _stops(event: dict[str, Any]) -> bool:
     _, _, after = event["text"].partition(" -> ")
     return any(after.startswith(tactic) for tactic in STOPPED)
+
+
+def _begins(event: dict[str, Any]) -> bool:
+    alert = event.get("alert")
+    return alert is not None and not alert["is_over"]
 
 
 def _refusals(said: str) -> str:
