@@ -206,7 +206,8 @@ UP_HZ = HEARTBEAT_HZ + ROUND_TRIP_HZ
 def least_hz(losses: Losses, beside_hz: float, silence_s: float) -> float:
     """Return the least rate of motion, or of setpoints, with few enough silences; the highest if none has."""
     rates_hz = (step * RAISED_STEP_HZ for step in range(1, round(RAISED_MAX_HZ / RAISED_STEP_HZ)))
-    few = (hz for hz in rates_hz if losses.silences_per_hour(hz + beside_hz, silence_s) <= SILENCES_PER_HOUR)
+    allowed = SILENCES_PER_HOUR / 2.0  # those of motion and of setpoints together
+    few = (hz for hz in rates_hz if losses.silences_per_hour(hz + beside_hz, silence_s) <= allowed)
     return next(few, RAISED_MAX_HZ)
 
 

@@ -638,6 +638,7 @@ def losses_found(losses: Losses, rates: str = "auto", **facts: Any) -> Finding:
         (Losses(500.0), "auto", Grade.PASS),
         (Losses(500.0, 50.0, 45.0), "fixed", Grade.PASS),
         (Losses(500.0, 25.0, 8.0), "auto", Grade.PASS),
+        (Losses(600.0, 30.0, 10.0), "auto", Grade.PASS),
         (Losses(500.0, 25.0, 8.0), "fixed", Grade.REFUSE),
         (Losses(500.0, 50.0, 5.0), "auto", Grade.REFUSE),
     ],
