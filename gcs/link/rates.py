@@ -224,7 +224,7 @@ FRAMES_MIN = 100
 LOSS_LOW = 0.7 * LINK_LOSS_MAX
 BUFFER_LOW, BUFFER_HIGH = 0.2, 0.6
 """Free shares of the radio's transmit buffer: below the first the rates go down, above the second they may go up."""
-DELAY_HIGH_S, DELAY_LOW_S = 0.4, 0.2
+DELAY_HIGH_S, DELAY_LOW_S = 0.6, 0.3
 """Growth of the round trip, by messages that wait: likewise."""
 UP_AFTER_S = 20.0
 """How long a connection must be well before its rates go up by a step, which may overload it again, and before its

@@ -169,7 +169,7 @@ def test_where_not_all_fits_motion_and_setpoints_go_below_what_losses_require_to
     assert "silences an hour" in pace.fault
 
 
-@pytest.mark.parametrize(("free", "late_s"), [(0.1, 0.0), (None, 0.5)])
+@pytest.mark.parametrize(("free", "late_s"), [(0.1, 0.0), (None, 0.7)])
 def test_messages_that_wait_lower_the_rates_and_a_quiet_time_raises_them_no_higher_than_where_they_began(
     free: float | None, late_s: float
 ) -> None:
