@@ -41,6 +41,7 @@ class Connection(Enum):
     NONE = ""
     REMOTE_CONTROL = "remote control"
     GROUND_STATION = "ground station"
+    SETPOINTS = "stream of setpoints"
 
 
 class ModeSource(Enum):
@@ -72,9 +73,9 @@ class VehicleStatus(AutopilotReport, frozen=True):
     empty; `estimator_ratio` the highest innovation test ratio of its estimator, that of `estimator_sensor`;
     `estimator_fault` names an invalid output; `height_off_m` is its height above that of `height_sensor`, from where it
     stood; `gps_dimensions` the type of the fix (0, 2 or 3), with the number of `satellites`; `gps_threat` names jamming
-    or spoofing, `lost` the connection whose loss it has reported, `mode_by` what changed its flight mode last.
-    `round_trip_s` is the time from a message to its answer [s of the mission clock]; `link_fault` describes how the
-    link is degraded.
+    or spoofing, `lost` the connection whose loss it has reported or which explains its failsafe, `mode_by` what changed
+    its flight mode last. `round_trip_s` is the time from a message to its answer [s of the mission clock]; `link_fault`
+    describes how the link is degraded.
     """
 
     connected: bool = False

@@ -28,6 +28,7 @@ class Condition(Enum):
     ORIGIN_MOVED = "origin moved"
     REMOTE_CONTROL_LOST = "remote control lost"
     GROUND_STATION_LOST = "ground station lost"
+    SETPOINTS_LOST = "setpoints not received"
     AUTOPILOT_FAILSAFE = "autopilot failsafe"
     PILOT_TOOK_OVER = "pilot took over"
     MODE_CHANGED = "mode changed"
@@ -87,6 +88,8 @@ ALTITUDE_TOLERANCE_M = 1.0
 """The guard keeps setpoints within the limits; the height error of an autopilot is up to half a metre."""
 LINK_LOSS_MAX = 0.1
 """Share of the messages on a link that are lost."""
+SILENCES_PER_HOUR_MAX = 0.3
+"""Silences of a link that end offboard, or hold a vehicle, which its losses make likely in an hour."""
 MEMORY_SHARE_MIN = 0.05
 """Share of all memory. Below, Linux swaps and then kills processes."""
 DISK_MIN_BYTES = 200e6
@@ -127,6 +130,12 @@ def _degraded(status: VehicleStatus, _limits: FailsafeSettings) -> str:
     if status.gps_threat is GpsThreat.JAMMED:
         found.append("GPS jammed")
     return ", ".join(found)
+
+
+def _without_setpoints(status: VehicleStatus, _limits: FailsafeSettings) -> str:
+    if status.lost is not Connection.SETPOINTS:
+        return ""
+    return ": ".join(filter(None, ("its autopilot left offboard without them", status.link_fault)))
 
 
 RESUME = "by `resume`, refused while it lasts"
@@ -206,11 +215,20 @@ TABLE = (
     ),
     Row(
         Condition.GROUND_STATION_LOST,
-        "the same for its ground station",
+        "the same for its ground station, or the link was lost",
         "",
         (Reaction.HAND_OVER,),
         "by `resume`",
         "check its link, then resume",
+    ),
+    Row(
+        Condition.SETPOINTS_LOST,
+        "the autopilot's failsafe left offboard, and only its link's losses explain it",
+        "",
+        (Reaction.HOLD,),
+        RESUME,
+        "improve its link, then resume",
+        reported=_without_setpoints,
     ),
     Row(
         Condition.AUTOPILOT_FAILSAFE,
@@ -426,12 +444,13 @@ TABLE = (
     ),
     Row(
         Condition.LINK_DEGRADED,
-        f"more than {100 * LINK_LOSS_MAX:.0f} % of the messages on the link are lost, its radio reports a full buffer, "
-        f"or its round trip takes more than {LINK_DELAY_MAX_S:g} s",
+        f"the link loses more than {100 * LINK_LOSS_MAX:.0f} % of the messages, or likely has more than "
+        f"{SILENCES_PER_HOUR_MAX:g} silences an hour, its radio's buffer is full, or its round trip grows or takes "
+        f"more than {LINK_DELAY_MAX_S:g} s",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "move the antenna nearer to it; land it if the link gets worse",
+        "move the antenna nearer; land it if the link gets worse",
         reported=lambda status, _: status.link_fault,
         explained_by=(Condition.TELEMETRY_STALE,),
     ),
@@ -521,6 +540,7 @@ _REPORTED = sorted((row for row in TABLE if row.reported), key=lambda row: row.c
 _OVERRIDES = {
     Connection.REMOTE_CONTROL: Condition.REMOTE_CONTROL_LOST,
     Connection.GROUND_STATION: Condition.GROUND_STATION_LOST,
+    Connection.SETPOINTS: Condition.SETPOINTS_LOST,
     ModeSource.FAILSAFE: Condition.AUTOPILOT_FAILSAFE,
     ModeSource.PILOT: Condition.PILOT_TOOK_OVER,
     ModeSource.STATION: Condition.MODE_CHANGED,

@@ -24,7 +24,7 @@ from agents.inputs import (
 )
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.control_loop import AgentParts, ControlLoop
-from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
+from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed, without_setpoints
 from agents.shell.outcome import FAILED, KILLED, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
@@ -112,7 +112,7 @@ def override_reason(status: VehicleStatus) -> str:
     what = f"the flight mode became '{status.mode.value}'" if status.armed else "it disarmed"
     why = f": by {status.mode_by.value}" if status.mode_by.value else ""
     if status.lost.value:
-        why = f": it reports that its {status.lost.value} is lost"
+        why = f": its {status.lost.value} is lost"
     return f"{what}, which cordon did not request{why}"
 
 
@@ -324,8 +324,11 @@ class Agent:
 
     async def _tick_in_control(self) -> None:
         async for tick in self._loop.control_ticker():
-            if pilot_took_over(self._link.status):
-                self._happen(LifeEvent.PILOT_TOOK_OVER)
+            if pilot_took_over(status := self._link.status):
+                if not without_setpoints(status):
+                    self._happen(LifeEvent.PILOT_TOOK_OVER)
+                elif not self._activities.running(ActivityKind.CALL):
+                    self._happen(LifeEvent.SETPOINTS_LOST)
             if resumed(self._phase, self._core.tactic):
                 self._happen(LifeEvent.RESUME)
             if self._loop.tick_control(tick.skipped):

@@ -9,7 +9,7 @@ the link ends as refused. A restart of the autopilot appears as a flight mode th
 
 from enum import Enum
 
-from agents.ports import FlightMode, VehicleStatus
+from agents.ports import Connection, FlightMode, VehicleStatus
 from agents.tactics import Tactic
 
 
@@ -37,7 +37,7 @@ class Phase(Enum):
 class LifeEvent(Enum):
     """The events that may change an agent's phase.
 
-    SETPOINT_SENT, PILOT_TOOK_OVER and LAND_DECIDED are reported on each tick on which they are true.
+    SETPOINT_SENT, PILOT_TOOK_OVER, SETPOINTS_LOST and LAND_DECIDED are reported on each tick on which they are true.
     """
 
     FLY = "fly"
@@ -56,6 +56,8 @@ class LifeEvent(Enum):
     HOLD_OVER = "hold over"
     LAND_DECIDED = "land decided"
     PILOT_TOOK_OVER = "pilot took over"
+    SETPOINTS_LOST = "setpoints not received"
+    """The autopilot's failsafe left offboard for lack of setpoints."""
     RESUME = "resume"
     ARMED = "armed"
     DISARMED = "disarmed"
@@ -130,11 +132,14 @@ _HAND_OVER_AT_END: Transition = (
     (Action.HAND_OVER, Action.END_MISSION, Action.REPORT_OVERRIDE, Action.END_SUPERVISION),
 )
 _KILL: Transition = (Phase.KILLING, (Action.CUT_MOTORS, Action.PREPARE_LANDING))
+_WITHOUT_SETPOINTS = (Phase.AGREEING_START, Phase.FLYING, Phase.STOPPING, Phase.RETURNING)
 _KILL_IN_LANDING: Transition = (Phase.KILLING, (Action.CUT_MOTORS,))
 # The supervisor is not released: it lands the vehicle.
 _GIVE_UP: Transition = (Phase.ENDED, ())
 
 TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
+    # Nobody else has the vehicle: it stays in its phase.
+    **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     (Phase.GROUND, LifeEvent.KILL): (Phase.KILLING, (Action.CUT_MOTORS,)),
     (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_AGREE): (Phase.TAKE_OFF, (Action.TAKE_OFF,)),
@@ -262,6 +267,11 @@ def pilot_took_over(status: VehicleStatus) -> bool:
     """
     own = status.armed and status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN)
     return status.connected and not own
+
+
+def without_setpoints(status: VehicleStatus) -> bool:
+    """Return whether a vehicle in the air has left offboard only because setpoints did not arrive."""
+    return status.lost is Connection.SETPOINTS and status.armed and status.in_air
 
 
 def resumed(phase: Phase, tactic: Tactic) -> bool:

@@ -4,7 +4,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Literal, NamedTuple
 
 STUB_UID = 0x5354_5542
@@ -117,7 +117,8 @@ class Autopilot:
     `name` is that of its profile and its files, `number` its MAV_AUTOPILOT. Its simulators send to `simulator_port` and
     those above. In its `guided_mode` it takes off and follows setpoints, None if take-off has a mode of its own. `mode`
     names a mode's number, `external_mode` is the one that follows setpoints. `leaves_offboard_s` is how long it does
-    without an agent. `failed_check` is a pattern of its texts. `failsafe_parameters` are those that docs/hardware.md
+    without an agent, `setpoint_timeout` names the parameter of how long without setpoints, with its default [s].
+    `failed_check` is a pattern of its texts. `failsafe_parameters` are those that docs/hardware.md
     requires, given how many of its seconds pass in one of its link. `fence` reads the values of `fence_parameters`.
     `station_failsafe` is the parameter of the failsafe of a silent station, if that monitors one of `station_ids`.
     """
@@ -142,6 +143,7 @@ class Autopilot:
     speed_limits: Limits
     acceleration_limits: Limits
     advice: Mapping[Topic, str]
+    setpoint_timeout: tuple[str, float] = ("", inf)
     station_failsafe: str = ""
     station_ids: tuple[str, ...] = ()
 
@@ -158,6 +160,12 @@ class Autopilot:
         limits = (tuple(name for name, _ in table) for table in (self.speed_limits, self.acceleration_limits))
         single = (self.advice["simulation"], *self.judges, *self.fence_parameters)
         return (*((name,) for name in single), *limits, *((self.station_ids,) if self.station_ids else ()))
+
+    def setpoint_timeout_s(self, parameters: Mapping[str, float | None]) -> float:
+        """Return the time without setpoints after which it leaves `external_mode` [s]; infinity: it stays."""
+        name, default_s = self.setpoint_timeout
+        value_s = parameters.get(name)
+        return default_s if value_s is None else value_s
 
     def parameter(self, wire_type: int, value: float) -> int | float | None:
         """Decode a PARAM_VALUE, None if it is no number: integers come as the bytes of a float, or as a float."""

@@ -120,6 +120,7 @@ AUTOPILOT = Autopilot(
     external_mode="offboard",
     parameters_bytewise=True,
     leaves_offboard_s=2.0,
+    setpoint_timeout=("COM_OF_LOSS_T", 1.0),
     failed_check=r"\b(preflight fail|arming denied|not ready)\b",
     truth=TruthMessage(
         "HIL_STATE_QUATERNION",

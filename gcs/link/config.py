@@ -57,6 +57,8 @@ def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, RateContro
             signed=link.signing_key_file is not None,
             limits_setpoints=link.setpoint_rate_hz is not None,
             positions_hz=EXTERNAL_HZ if mission.frame.external_positions else 0.0,
+            telemetry_s=mission.safety.telemetry_timeout_s,
+            offboard_s=min(autopilot_of(each.autopilot).setpoint_timeout_s({}) for each in carried),
             truth_bytes_s=sum(TRUTH_HZ * autopilot_of(each.autopilot).truth.size_bytes for each in carried if truth),
         )
 

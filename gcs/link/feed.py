@@ -78,6 +78,8 @@ NOT_FOR_FLIGHT = (BatteryFunction.AVIONICS, BatteryFunction.PAYLOAD)
 CLOCK_BACK_S = 0.5
 """A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
 
+LATE_UNTIL = 0.8
+"""Share of the limit of the round trip below which it is no longer reported as late."""
 BAROMETER, RANGEFINDER = "barometer", "rangefinder"
 HEIGHT_OFF_STEP_M = 0.5
 """Smaller changes of a height's offset from another sensor's are not reported: they are noise."""
@@ -124,6 +126,7 @@ class VehicleFeed:
         self.on_telemetry: Callable[[Telemetry], None] | None = None
         self.on_loss: Callable[[], None] | None = None
         self.on_return: Callable[[], None] | None = None
+        self.on_offboard_left: Callable[[], None] | None = None
         self._clock = clock
         self._transit = transit
         self._began_s = self._motion_received_s = self.link_s()
@@ -149,6 +152,7 @@ class VehicleFeed:
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
         self._posted_calls = posted_calls
+        self._is_late = False
 
     def subscribe(self) -> None:
         """Subscribe only to what the control loop uses: MAVSDK drops callbacks near 1500 per second."""
@@ -387,8 +391,10 @@ class VehicleFeed:
         return replace(received, position_m=_sum(received.position_m, origin_m))
 
     def _take_mode(self, mode: Any) -> None:
-        self._mode = mode
+        self._mode, before = mode, self.status.mode
         self._update(mode=MODES.get(mode, FlightMode.OTHER))
+        if before is FlightMode.OFFBOARD is not self.status.mode and self.on_offboard_left is not None:
+            self.on_offboard_left()
 
     def _take_health(self, health: Any) -> None:
         self._health = health
@@ -451,7 +457,10 @@ class VehicleFeed:
 
         The status holds the round trip in whole steps of the mission clock, which runs `speed` times as fast.
         """
-        if round_trip_s is not None and round_trip_s > LINK_DELAY_MAX_S:
+        self._is_late = (
+            round_trip_s is not None and round_trip_s > (LATE_UNTIL if self._is_late else 1.0) * LINK_DELAY_MAX_S
+        )
+        if self._is_late:
             fault = fault or f"its round trip is {round_trip_s:.1f} s"
         in_steps_s = self.status.round_trip_s
         if round_trip_s is not None:

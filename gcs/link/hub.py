@@ -109,7 +109,7 @@ class MavsdkHub:
     def set_pace(self, url: str, pace: RateController, speed: float) -> None:
         """Set a connection's pace of sending; the mission clock runs `speed` times as fast as the wall's."""
         if pace.is_bound and url in self._relays:
-            self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed)
+            self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed, pace.copies)
 
     def mute(self, url: str, system_id: int, muted: bool) -> None:
         """Send a vehicle no setpoint from now on, or again."""

@@ -5,6 +5,7 @@ before it carries it out. Mode and armed are up to a second old.
 """
 
 import asyncio
+import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -17,7 +18,7 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
 from msgspec.structs import replace
 
-from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
+from agents.ports import Connection, FlightMode, ModeSource, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
 from estimation.frames import MissionFrame, Triple, wrap_signed_rad
@@ -112,6 +113,9 @@ WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
 """Without motion for this long on a live link, the autopilot has lost the rates: they are requested again."""
 RENEWAL_TIMEOUT_S = 5.0
+EXPLAINED_S, BATTERY_FAILSAFE = 3.0, 0.15
+"""Status texts of this time, and this share of the battery (PX4's BAT_LOW_THR), explain a failsafe."""
+_FENCE = re.compile("fence", re.IGNORECASE)
 
 
 class MavsdkLink:
@@ -209,6 +213,7 @@ class MavsdkLink:
         await self._locate()
         feed.on_telemetry = on_telemetry
         feed.on_loss, feed.on_return = self._mute, self._on_return
+        feed.on_offboard_left = self._explain_failsafe
         self._keeper = asyncio.get_running_loop().create_task(self._keep())
 
     def locate(self, position: ExternalPosition) -> None:
@@ -356,7 +361,8 @@ class MavsdkLink:
         if self._keeper is not None:
             self._keeper.cancel()
         if parts is not None:
-            parts.feed.on_telemetry = parts.feed.on_loss = parts.feed.on_return = None
+            feed = parts.feed
+            feed.on_telemetry = feed.on_loss = feed.on_return = feed.on_offboard_left = None
             await parts.calls.close()
             await asyncio.to_thread(parts.destroy)
             await self._hub.release(self._config.url, self._config.system_id)
@@ -435,6 +441,25 @@ class MavsdkLink:
             self._sent = 0
             self._parts.offboard.destroy()
             self._parts = self._parts._replace(offboard=Offboard(self._parts.system))
+
+    def _explain_failsafe(self) -> None:
+        """Note the lost connection that explains why the autopilot's failsafe left offboard, if nothing else does.
+
+        Setpoints are not acknowledged. A pilot's change of the flight mode is no failsafe, and a return may be that of
+        another one.
+        """
+        feed = self._connected().feed
+        status, texts = feed.status, feed.texts.refusing(time.monotonic() - EXPLAINED_S)
+        told = status.lost is not Connection.NONE or status.mode_by in (ModeSource.PILOT, ModeSource.STATION)
+        returns = status.mode is FlightMode.RETURN
+        explained = told or returns or status.estimator_fault or _FENCE.search(" ".join(texts))
+        charged = status.battery is None or status.battery > BATTERY_FAILSAFE
+        if self._silent or explained or not charged or not self.report.failsafe:
+            return
+        if feed.origin_m is None:
+            feed.reports.note_lost(Connection.GROUND_STATION)
+        elif self._config.pace.losses.lost >= 1.0:
+            feed.reports.note_lost(Connection.SETPOINTS)
 
     async def _keep(self) -> None:
         """Request rates and origin again after a reconnection, after a restart, and without motion on a live link.

@@ -132,6 +132,10 @@ class SelfReports:
             if words.search(text) and _LOST.search(text) and not _OVER.search(text):
                 self._keep("lost", connection, Connection.NONE, LOST_S)
 
+    def note_lost(self, connection: Connection) -> None:
+        """Take the connection whose loss explains a failsafe."""
+        self._keep("lost", connection, Connection.NONE, LOST_S)
+
     def close(self) -> None:
         """Unsubscribe; blocks until running callbacks have returned."""
         self.direct.destroy()

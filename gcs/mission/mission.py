@@ -63,7 +63,7 @@ class LinkSection(Settings):
         None, description="data rate of a connection, both directions; none: that of a serial device, else unlimited"
     )
     rates: RateChoice = Field(
-        "fixed", description="`auto`: the rates are upper limits, and are lowered to what the connection carries"
+        "fixed", description="`auto`: lowered to what the connection carries, raised for losses in bursts"
     )
     feedforward: bool | None = Field(None, description="refuse profiles without velocities (true) or with them (false)")
     signing_key_file: str | None = Field(

@@ -10,6 +10,7 @@ from estimation.frames import Triple
 from gcs.autopilots.autopilot import Autopilot, Evidence, VehicleKind
 from gcs.autopilots.registry import UNKNOWN
 from gcs.link.batteries import BatteryReport
+from gcs.link.rates import Losses
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
@@ -109,7 +110,8 @@ class VehicleFacts:
     the autopilot's time, whose rate relative to wall time is `clock_ratio`. `firmware` is a version, empty if it is not
     reported. Parameters, `estimator` and `fence_areas` that could not be read are None. `link` is the traffic with its
     system id, from it and from others; `link_bytes_s` is the traffic per second on its connection, from all vehicles
-    there. `uid` and `vendor_id` are those of its AUTOPILOT_VERSION. Raises ValueError for numbers that are not finite.
+    there, and `losses` what the connection loses. `uid` and `vendor_id` are those of its AUTOPILOT_VERSION. Raises
+    ValueError for numbers that are not finite.
     """
 
     vehicle_id: int
@@ -134,6 +136,7 @@ class VehicleFacts:
     fence_areas: tuple[FenceArea, ...] | None = ()
     link: LinkReport = field(default_factory=LinkReport)
     link_bytes_s: float | None = None
+    losses: Losses = field(default_factory=Losses)
     system_id: int = 0
     uid: int | None = None
     vendor_id: int | None = None

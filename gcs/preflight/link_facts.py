@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from math import cos, inf, sin, tau
 from typing import Any, NamedTuple
@@ -23,7 +24,8 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, Mav
 from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
-from agents.shell.clock import WallClock
+from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
+from agents.shell.clock import MissionClock, WallClock
 from estimation.frames import Geodetic, MissionFrame
 from gcs.autopilots.autopilot import Autopilot
 from gcs.link.calls import AUTOPILOT_COMPONENT, NotReadyError, VehicleCalls, command_long, find_origin, request_rates
@@ -31,7 +33,7 @@ from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.rates import RateController, Rates
+from gcs.link.rates import FRAMES_MIN, Losses, RateController, Rates, Traffic
 from gcs.link.received_fields import PARAMETER, UNIQUE_ID
 from gcs.link.self_reports import DIMENSIONS, EstimatorReport, estimator_report, satellites
 from gcs.link.signing_keys import signing_keys
@@ -178,12 +180,36 @@ ORIGIN_TIMEOUT_S = 5.0
 STATUS_TIMEOUT_S = 4.0
 LISTENING_S = 1.5
 TRAFFIC_S = 2.0
+LOSSES_LONGEST_S, FRAMES_ENOUGH, BURSTS_ENOUGH = 25.0, 300, 12
+"""How long the losses of a connection are counted at most, the number of frames without any that shows that there are
+few, and the number of bursts that shows their length.
+"""
 PARAMETERS_TIMEOUT_S = 3.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter timeouts for the preflight check in `fly`, whose links are connected already."""
 SLOW_PERIODS = 4.0
 """Timeout in periods of the status rate: GPS and battery status come at half of it, and one message may be lost."""
 CIRCLE_CORNERS = 36
+
+
+def are_known(losses: Losses, pace: RateController) -> bool:
+    """Return whether enough frames or bursts have been counted; where the data rate is unknown, only if some are lost.
+
+    Losses that would refuse the connection are counted for as long as possible.
+    """
+    if not losses.lost:
+        return pace.capacity_bytes_s is None or losses.frames >= FRAMES_ENOUGH
+    chosen = copy(pace)
+    chosen.adapt(losses)
+    return losses.bursts >= BURSTS_ENOUGH and chosen.silences_per_hour <= SILENCES_PER_HOUR_MAX
+
+
+async def known_losses(count: Callable[[], Losses], pace: RateController, clock: MissionClock) -> Losses:
+    """Return the losses of a connection once they are known, or `LOSSES_LONGEST_S` of the link have passed."""
+    end_s = clock.now_s() + LOSSES_LONGEST_S * clock.time_scale
+    while clock.now_s() < end_s and not are_known(count(), pace):
+        await clock.sleep(_PARAMETER_REQUEST_PERIOD_S * clock.time_scale)
+    return count()
 
 
 async def _nothing() -> None:
@@ -234,20 +260,27 @@ class _Connection:
         self.hub, self.pace, self.streaming = hub, pace, streaming
         self._url = url
         self._quiet = asyncio.Barrier(pace.vehicles)
+        self._streaming = Traffic()
 
-    async def received_bytes_s(self) -> float | None:
-        """Return the traffic from all vehicles once all queries are answered; None if the data rate is unknown.
+    def note_rates(self) -> None:
+        """Count losses from now on: before the rates are set, default streams may fill a slow connection."""
+        self._streaming = self.hub.traffic(self._url)
 
-        Every vehicle's query has to await this, also one without an answer.
+    async def measured(self) -> tuple[float | None, Losses]:
+        """Return the traffic per second from all vehicles once all queries are answered, and the losses.
+
+        The traffic is None if the data rate is unknown. Every vehicle's query has to await this, also one without an
+        answer.
         """
-        if self.pace.capacity_bytes_s is None:
-            return None
         await self._quiet.wait()
-        before, began_s = self.hub.traffic(self._url), time.monotonic()
-        await asyncio.sleep(TRAFFIC_S)
-        down_bytes = self.hub.traffic(self._url).down_bytes - before.down_bytes
+        before, began_s, bytes_s = self.hub.traffic(self._url), time.monotonic(), None
+        if self.pace.capacity_bytes_s is not None:
+            await asyncio.sleep(TRAFFIC_S)
+            down_bytes = self.hub.traffic(self._url).down_bytes - before.down_bytes
+            bytes_s = down_bytes / (time.monotonic() - began_s)
+        losses = await known_losses(lambda: self.hub.traffic(self._url).losses(self._streaming), self.pace, WallClock())
         await self._quiet.wait()  # the first query that ends may close the connection
-        return down_bytes / (time.monotonic() - began_s)
+        return bytes_s, losses
 
 
 class CheckedLink(MavsdkLink):
@@ -259,7 +292,11 @@ class CheckedLink(MavsdkLink):
         await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s * self._clock.time_scale)
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.pace.rates)
         facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
-        return replace(facts, link=self.report)
+        pace = self._config.pace
+        losses = await known_losses(lambda: pace.losses, pace, self._clock)
+        if losses.frames >= FRAMES_MIN:
+            pace.adapt(losses)
+        return replace(facts, link=self.report, losses=losses)
 
     async def _locate(self) -> None:
         """Look up the vehicle's origin; without one, its facts state that it is not ready."""
@@ -278,7 +315,7 @@ async def _facts(
     try:
         system = await hub.find(url, system_id, HEARTBEAT_TIMEOUT_S, signing_key=signing_key)
     except VehicleRefusedError as refusal:
-        await connection.received_bytes_s()
+        await connection.measured()
         await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
@@ -289,12 +326,13 @@ async def _facts(
         with suppress(VehicleRefusedError):  # the measured rate shows a refusal
             hub.set_pace(url, pace, 1.0)
             await request_rates(calls, feed, pace.rates)
+        connection.note_rates()
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)
         facts = await query.facts(LISTENING_S, PARAMETERS_TIMEOUT_S, lost)
-        received_bytes_s = await connection.received_bytes_s()
+        bytes_s, losses = await connection.measured()
         await connection.streaming.over()
-        return replace(facts, link=hub.report(system_id), link_bytes_s=received_bytes_s)
+        return replace(facts, link=hub.report(system_id), link_bytes_s=bytes_s, losses=losses)
     finally:
         await calls.close()
         await asyncio.to_thread(feed.close)

@@ -5,9 +5,21 @@ from math import hypot, sqrt
 
 from agents.control.excitation import preview
 from agents.ring.place import chord_m
+from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
 from gcs.autopilots.registry import advice
 from gcs.link.config import link_paces
-from gcs.link.rates import LOAD_SHARE, SETPOINT_MIN_HZ, Load, RateController, Rates, fitting, load, rate_levels
+from gcs.link.rates import (
+    FRAMES_MIN,
+    LOAD_SHARE,
+    SETPOINT_MIN_HZ,
+    SILENCES_PER_HOUR,
+    Load,
+    RateController,
+    Rates,
+    fitting,
+    load,
+    rate_levels,
+)
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
@@ -37,6 +49,37 @@ def _fits(url: str, pace: RateController, capacity_bytes_s: float) -> Finding:
         f"above {LOAD_SHARE:.0%}, setpoints and commands are delayed",
         _step(pace, capacity_bytes_s),
     )
+
+
+TIMEOUTS_S = (1.5, 2.0)
+"""Longer timeouts that may be proposed: cordon warns of longer ones."""
+
+
+def losses(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Check that losses in bursts seldom silence the link for long enough to end offboard, or to hold the vehicle."""
+    known, pace = facts.losses, link_paces(mission)[vehicle.section.url]
+    if known.frames < FRAMES_MIN:
+        return
+    name, _ = facts.autopilot.setpoint_timeout
+    pace.offboard_s = facts.autopilot.setpoint_timeout_s(facts.parameters)
+    pace.adapt(known)
+    likely, found = pace.silences_per_hour, f"of {known.frames:.0f} messages none was lost"
+    why = f"after {pace.telemetry_s:g} s without motion it holds (safety.telemetry_timeout_s)"
+    if name:
+        why += f", and after {pace.offboard_s:g} s without setpoints it leaves offboard ({name})"
+    step = "move the antennas nearer, or use a faster radio, or one for each vehicle"
+    if not pace.automatic:
+        step += ', or set rates = "auto" in [link]'
+    if known.lost:
+        found = f"{known}: {likely:.2g} silences an hour are likely with {_shown(pace.rates)}"
+    for timeout_s in TIMEOUTS_S if likely > SILENCES_PER_HOUR else ():
+        pace.telemetry_s, pace.offboard_s = max(timeout_s, pace.telemetry_s), max(timeout_s, pace.offboard_s)
+        pace.adapt(known)
+        if pace.silences_per_hour <= SILENCES_PER_HOUR_MAX:
+            step += f", or set safety.telemetry_timeout_s {f'and {name} ' if name else ''}to {timeout_s:g} s"
+            break
+    grade = limited(likely, SILENCES_PER_HOUR_MAX, SILENCES_PER_HOUR / SILENCES_PER_HOUR_MAX)
+    yield Finding.graded(grade, facts.vehicle_id, "losses", found, why, step, temporary=True)
 
 
 def _step(pace: RateController, capacity_bytes_s: float) -> str:

@@ -15,7 +15,7 @@ from gcs.metrics.json_output import json_output
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer import ComputerFacts, judge_computer
 from gcs.preflight.findings import MISSION, Finding, Grade, Subject, VehicleFacts, subjects_text
-from gcs.preflight.mission import autopilot_limits, feasibility, link_budget
+from gcs.preflight.mission import autopilot_limits, feasibility, link_budget, losses
 from gcs.preflight.parameters import estimator, failsafes, fence, fence_areas, kinds, profile, station
 from gcs.preflight.senders import senders
 from gcs.preflight.vehicle import (
@@ -44,6 +44,7 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, _vehicle: battery(facts),
     lambda facts, _mission, _vehicle: telemetry(facts),
     lambda facts, _mission, vehicle: latency(facts, vehicle),
+    losses,
     lambda facts, _mission, _vehicle: clock_rate(facts),
 )
 """The checks of every vehicle that is received."""

@@ -15,10 +15,12 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 _MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
 HEAD_V1, HEAD_V2, CHECKSUM_LENGTH, SIGNATURE_LENGTH = 6, 10, 2, 13
 SIGNED_FLAG = 1
-HEARTBEAT, _BASE_MODE_AT = 0, 6
+HEARTBEAT, _BASE_MODE_AT, _STATE_AT = 0, 6, 7
 TIMESYNC, TIMESYNC_LENGTH = 111, 16
 HIL_ENABLED = 32
 """MAV_MODE_FLAG_HIL_ENABLED."""
+CRITICAL = 5
+"""MAV_STATE_CRITICAL: a failsafe acts."""
 AUTOPILOT_COMPONENT = 1
 STATION_SYSTEM, STATION_COMPONENT = 245, 190
 """cordon's own ids, those of MAVSDK's ground station."""
@@ -88,6 +90,11 @@ def _payload_byte(frame: bytes, at: int) -> int:
 def is_hil(frame: bytes) -> bool:
     """Return whether a heartbeat has the flag of a simulated body."""
     return bool(_payload_byte(frame, _BASE_MODE_AT) & HIL_ENABLED)
+
+
+def is_failsafe(frame: bytes) -> bool:
+    """Return whether a heartbeat states that a failsafe of the autopilot acts."""
+    return _payload_byte(frame, _STATE_AT) == CRITICAL
 
 
 def is_signed(frame: bytes) -> bool:

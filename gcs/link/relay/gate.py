@@ -16,6 +16,7 @@ from gcs.link.relay.frames import (
     estimator_resets,
     header,
     is_autopilot_heartbeat,
+    is_failsafe,
     is_hil,
     sequence,
     timesync_answer,
@@ -32,6 +33,8 @@ class Sequences:
     def __init__(self) -> None:
         self.received = 0
         self.missed = 0
+        self.bursts = 0
+        """How often some were missed in a row."""
         self._back = 0
         self._last: dict[int, int] = {}
 
@@ -47,12 +50,15 @@ class Sequences:
         self._last[component] = number
         if 0 < step < 128:
             self.missed += step - 1
+            self.bursts += step > 1
         else:
             self._back += 1
 
 
 KEPT = 15
 """Number of round trips in the median: half a minute of them."""
+NEWEST = 3
+"""Number of those that show a growth."""
 PENDING = 16
 
 
@@ -62,6 +68,13 @@ class RoundTrips:
     def __init__(self) -> None:
         self._asked_ns: deque[int] = deque(maxlen=PENDING)
         self._newest_s: deque[float] = deque(maxlen=KEPT)
+        self._shortest_s = inf
+
+    @property
+    def grown_s(self) -> float:
+        """By how much the newest round trips are longer than the shortest [wall s]: messages wait somewhere."""
+        newest_s = list(self._newest_s)[-NEWEST:]
+        return median(newest_s) - self._shortest_s if len(newest_s) == NEWEST else 0.0
 
     @property
     def median_s(self) -> float | None:
@@ -78,6 +91,7 @@ class RoundTrips:
             return False
         self._asked_ns.remove(asked_ns)
         self._newest_s.append((now_ns - asked_ns) * 1e-9)
+        self._shortest_s = min(self._shortest_s, self._newest_s[-1])
         return True
 
 
@@ -109,9 +123,9 @@ class LinkReport:
     `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
     `moves` are the addresses from which the vehicle continued after a silence; `dropped` counts frames by reason.
     `doubled`: two vehicles send with this system id from one address, so that sequence numbers jump back and forth.
-    `hil`: the newest heartbeat has the flag of a simulated body. `round_trip_s` is the time from a request to its
-    answer [wall s], None before the first answer. `estimator_resets` is the newest count of its estimator's resets,
-    None where none is sent.
+    `hil`: the newest heartbeat has the flag of a simulated body, `failsafe`: it states that a failsafe of the autopilot
+    acts. `round_trip_s` is the time from a request to its answer [wall s], None before the first answer.
+    `estimator_resets` is the newest count of its estimator's resets, None where none is sent.
     """
 
     address: str = ""
@@ -123,6 +137,7 @@ class LinkReport:
     hil: bool = False
     round_trip_s: float | None = None
     estimator_resets: int | None = None
+    failsafe: bool = False
 
 
 class Claim:
@@ -148,7 +163,7 @@ class Claim:
         self.sequences = Sequences()
         """Of the frames from the verified address."""
         self.round_trips = RoundTrips()
-        self._hil = False
+        self._hil = self._failsafe = False
         self._estimator_resets: int | None = None
 
     def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
@@ -170,7 +185,7 @@ class Claim:
         self._received_s = now_s
         self.sequences.take(header(frame).component, sequence(frame))
         if is_autopilot_heartbeat(frame):
-            self._hil = is_hil(frame)
+            self._hil, self._failsafe = is_hil(frame), is_failsafe(frame)
             self._heartbeat, self._heartbeat_s = frame, now_s
             self._passed_s = now_s
         if (resets := estimator_resets(frame)) is not None:
@@ -227,6 +242,7 @@ class Claim:
             self._hil,
             self.round_trips.median_s,
             self._estimator_resets,
+            self._failsafe,
         )
 
     def _move(self, address: Address, verdict: SignatureCheck) -> None:

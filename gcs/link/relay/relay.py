@@ -51,11 +51,13 @@ class TransmitQueue:
     """Frames that wait to be sent on a connection that carries `bytes_s` to the vehicles, `extra_bytes` with each.
 
     Commands go before setpoints, and setpoints before the rest. Of each vehicle's setpoints the newest is kept, and one
-    is sent `setpoint_hz` times a second; MAVSDK repeats the last one more often. Vehicles take turns.
+    is sent `setpoint_hz` times a second, each `copies` times at most: a copy has left a burst of losses behind. MAVSDK
+    repeats the last one more often. Vehicles take turns.
     """
 
     def __init__(self, bytes_s: float = inf, setpoint_hz: float = inf, extra_bytes: int = 0) -> None:
         self.bytes_s, self.setpoint_hz, self.extra_bytes = bytes_s, setpoint_hz, extra_bytes
+        self.copies = 1
         self.dropped = 0
         self._commands: deque[Outgoing] = deque()
         self._others: deque[Outgoing] = deque()
@@ -67,7 +69,7 @@ class TransmitQueue:
         """Add a frame to send."""
         message = header(frame).message
         if message == SETPOINT:
-            self._setpoints.setdefault((target_system(frame), address), _Slot()).put(frame)
+            self._setpoints.setdefault((target_system(frame), address), _Slot()).put(frame, self.copies)
         elif message == HEARTBEAT or message in COMMANDS:
             self._commands.append((frame, address))
         elif sum(len(each) for each, _ in self._others) + len(frame) <= OTHERS_MAX_BYTES:
@@ -104,27 +106,27 @@ class TransmitQueue:
 
 
 class _Slot:
-    """One vehicle's newest unsent setpoint, and when it may be sent."""
+    """One vehicle's newest setpoint, how many times it may still be sent, and when."""
 
     def __init__(self) -> None:
-        self._frame: bytes | None = None
+        self._frame = b""
+        self._left = 0
         self._target = b""
         self._is_new = True
         self._next_s = -inf
 
-    def put(self, frame: bytes) -> None:
+    def put(self, frame: bytes, copies: int) -> None:
         target = _target(frame)
         self._is_new = self._is_new or target != self._target
-        self._frame, self._target = frame, target
+        self._frame, self._left, self._target = frame, copies, target
 
     def due_s(self, period_s: float) -> float:
-        if self._frame is None:
+        if not self._left:
             return inf
         return self._next_s - (EARLY_SHARE * period_s if self._is_new else 0.0)
 
     def take(self, now_s: float, period_s: float) -> bytes:
-        frame, self._frame, self._is_new = self._frame, None, False
-        assert frame is not None
+        frame, self._left, self._is_new = self._frame, self._left - 1, False
         planned_s = self._next_s + period_s
         self._next_s = planned_s if planned_s > now_s else now_s + period_s
         return frame
@@ -290,16 +292,27 @@ class Relay:
         """Return the counts of this connection."""
         with self._lock:
             every = [claim.sequences for claim in self._gate.claims.values()]
-            received, missed = sum(each.received for each in every), sum(each.missed for each in every)
-            return Traffic(self._up_bytes, self._down_bytes, received, missed, self._gate.buffer_free)
+            return Traffic(
+                self._up_bytes,
+                self._down_bytes,
+                sum(each.received for each in every),
+                sum(each.missed for each in every),
+                sum(each.bursts for each in every),
+                self._gate.buffer_free,
+                max((claim.round_trips.grown_s for claim in self._gate.claims.values()), default=0.0),
+            )
 
-    def pace(self, up_bytes_s: float | None, setpoint_hz: float) -> None:
-        """Limit sending from now on to this many bytes a second, and this many setpoints a second to each vehicle."""
+    def pace(self, up_bytes_s: float | None, setpoint_hz: float, copies: int = 1) -> None:
+        """Limit sending from now on to this many bytes a second, and this many setpoints a second to each vehicle.
+
+        Each setpoint is sent `copies` times at most.
+        """
         with self._lock:
             signed = any(claim.signing is not None for claim in self._gate.claims.values())
         queue = self._queue or TransmitQueue()
         queue.bytes_s = inf if up_bytes_s is None else up_bytes_s
-        queue.setpoint_hz, queue.extra_bytes = setpoint_hz, SIGNATURE_LENGTH if signed else 0
+        queue.setpoint_hz, queue.copies = setpoint_hz, copies
+        queue.extra_bytes = SIGNATURE_LENGTH if signed else 0
         self._queue = queue
 
     def send_heartbeats(self) -> None:

@@ -248,6 +248,7 @@ CASES = {
     Condition.ORIGIN_MOVED: Case(
         reporting(reference=Reference(moves=1, moved_m=(8.0, 0.0, -2.0))), nothing, 0.0, (Tactic.HOLD, Tactic.HOLD)
     ),
+    Condition.SETPOINTS_LOST: Case(reporting(lost=Connection.SETPOINTS), reporting(), 0.0, (Tactic.HOLD, Tactic.HOLD)),
     Condition.REMOTE_CONTROL_LOST: taken_over(lost=Connection.REMOTE_CONTROL),
     Condition.GROUND_STATION_LOST: taken_over(lost=Connection.GROUND_STATION),
     Condition.AUTOPILOT_FAILSAFE: taken_over(mode_by=ModeSource.FAILSAFE),

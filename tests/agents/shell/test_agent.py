@@ -8,7 +8,7 @@ import pytest
 
 from agents.flight_end import FlightEnd
 from agents.inputs import ReceivedInput, Start, TacticEvent, Tick, TimeScale
-from agents.ports import FlightMode
+from agents.ports import Connection, FlightMode
 from agents.shell.life import Phase
 from agents.shell.outcome import Outcome
 from agents.tactics import Event, Tactic
@@ -489,6 +489,33 @@ def test_a_pilot_and_a_decision_to_land_between_two_ticks_leave_the_vehicle_to_t
     _, calls, outcome = fly_disturbed(P.FLYING, disturb)
     assert steered(calls) == ["hand_over"]
     assert outcome.how is X.PILOT
+
+
+def test_offboard_is_requested_again_where_only_setpoints_were_lost() -> None:
+    async def main() -> None:
+        flight = await reach(P.FLYING)
+        flight.link.stuck.add("start_offboard")
+        before = len(flight.link.calls)
+        flight.link.change(mode=FlightMode.LAND, lost=Connection.SETPOINTS)
+        await asyncio.sleep(1.0)
+        assert steered(flight.link.calls[before:]) == ["start_offboard"], "one request at a time"
+        assert flight.agent.phase is P.FLYING
+        flight.link.release()
+        await asyncio.sleep(0.5)
+        flight.link.change(lost=Connection.NONE)
+        assert (await flight.outcome()).how is X.LANDED
+        assert "hand_over" not in flight.link.calls
+
+    run_simulated(main())
+
+
+@pytest.mark.parametrize("changes", [{"lost": Connection.NONE}, {"armed": False}, {"in_air": False}])
+def test_a_vehicle_that_left_offboard_otherwise_or_is_down_is_left_alone(changes: dict[str, object]) -> None:
+    def disturb(flight: FakeFlight) -> None:
+        flight.link.change(**{"mode": FlightMode.LAND, "lost": Connection.SETPOINTS, **changes})
+
+    _, calls, _ = fly_disturbed(P.FLYING, disturb)
+    assert steered(calls) == ["hand_over"]
 
 
 def test_resume_takes_the_vehicle_back_once_setpoints_flow() -> None:

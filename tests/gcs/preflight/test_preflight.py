@@ -18,6 +18,7 @@ from gcs.autopilots.autopilot import STUB_UID, Autopilot
 from gcs.autopilots.px4 import SITL_UID
 from gcs.errors import Exit
 from gcs.link.batteries import BatteryReport
+from gcs.link.rates import Losses
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
@@ -659,6 +660,53 @@ def test_rates_that_fit_are_named_and_fit() -> None:
     # Bytes of the messages as MAVLink 2 has them: 40 for motion, 97 and half of 330 for status, 65 for setpoints.
     asked = 3 * (40 * telemetry_hz + (97 + 165) * status_hz + 65 * setpoint_hz + 21) + 21
     assert 0.6 * 5760 < asked <= 0.7 * 5760
+
+
+LINES = 115200
+"""The rate of the line below, of which one vehicle's full rates take a quarter."""
+
+
+def losses_found(losses: Losses, rates: str = "auto", **facts: Any) -> Finding:
+    """What is found of the losses of a serial line of one vehicle."""
+    link = CASE2.link.model_copy(update={"rates": rates})
+    (first, *_), own = CASE2.vehicles, SERIAL % LINES
+    alone = replace(first, section=first.section.model_copy(update={"url": own}))
+    mission = replace(CASE2, vehicles=(alone, *CASE2.vehicles[1:]), link=link)
+    found = preflight(mission, [well(first.id, losses=losses, **facts)])
+    (finding,) = [each for each in found if each.check == "losses"]
+    return finding
+
+
+@pytest.mark.parametrize(
+    ("losses", "rates", "grade"),
+    [
+        (Losses(500.0), "auto", Grade.PASS),
+        (Losses(500.0, 50.0, 45.0), "fixed", Grade.PASS),
+        (Losses(500.0, 25.0, 8.0), "auto", Grade.PASS),
+        (Losses(600.0, 30.0, 10.0), "auto", Grade.PASS),
+        (Losses(500.0, 25.0, 8.0), "fixed", Grade.REFUSE),
+        (Losses(500.0, 50.0, 5.0), "auto", Grade.REFUSE),
+    ],
+)
+def test_losses_refuse_a_link_that_would_be_silent_for_too_long(losses: Losses, rates: str, grade: Grade) -> None:
+    assert losses_found(losses, rates).grade is grade
+
+
+def test_what_is_said_of_losses_holds_the_figures_and_what_helps() -> None:
+    found = losses_found(Losses(500.0, 25.0, 8.0), "fixed")
+    assert "5% of its messages are lost, 3.1 in a row" in found.found
+    assert "COM_OF_LOSS_T" in found.why
+    assert 'rates = "auto"' in found.next_step
+    assert "COM_OF_LOSS_T to 2 s" in found.next_step
+    assert (
+        losses_found(Losses(500.0, 25.0, 8.0), "fixed", parameters={**PX4, "COM_OF_LOSS_T": 30.0}).found != found.found
+    )
+    other = losses_found(Losses(500.0, 25.0, 8.0), autopilot=ardupilot.AUTOPILOT, parameters=ARDUCOPTER)
+    assert "offboard" not in other.why
+
+
+def test_few_frames_do_not_show_losses() -> None:
+    assert not [each for each in team(losses=Losses(50.0, 10.0, 1.0)) if each.check == "losses"]
 
 
 def test_a_line_that_is_too_slow_at_any_rate_is_told_so() -> None:

@@ -91,10 +91,10 @@ class Restarting:
 
 
 class Relay(asyncio.DatagramProtocol):
-    """Carries datagrams between a vehicle and its ground station, until it is cut."""
+    """Carries datagrams between a vehicle and its ground station, until it is cut, or one end is deaf."""
 
     def __init__(self, there: tuple[str, int] | None = None) -> None:
-        self.cut = False
+        self.cut = self.deaf = False
         self.there = there
         self.other = self
         self._transport: asyncio.DatagramTransport | None = None
@@ -118,7 +118,7 @@ class Relay(asyncio.DatagramProtocol):
             self.other.send(data)
 
     def send(self, data: bytes) -> None:
-        if self._transport is not None and self.there is not None:
+        if self._transport is not None and self.there is not None and not self.deaf:
             self._transport.sendto(data, self.there)
 
     def close(self) -> None:
@@ -265,6 +265,32 @@ async def test_a_link_cut_for_five_seconds(team: Team) -> None:
         assert team.links[1].status.mode is FlightMode.OFFBOARD
         await clock.sleep(2.5)
         assert team.stubs[1].setpoint_s <= stood_down_s
+    relay.close()
+
+
+async def test_setpoints_that_do_not_arrive_are_told_as_that_and_offboard_is_requested_again(team: Team) -> None:
+    (relayed,) = free_ports(1)
+    relay = await Relay.between(relayed, team.configs[3].client_port)
+    team.configs[3] = replace(team.configs[3], client_port=relayed)
+    async with team.flying(600.0):
+        clock, vehicle, link = team.clock, team.stubs[3].vehicle, team.links[3]
+        vehicle.parameters.set("COM_OBL_RC_ACT", HOLD_ON_LOSS)
+        relay.other.deaf = True  # the link loses what the vehicle sends
+        await clock.sleep(0.3)
+        relay.other.deaf = False
+        await until(lambda: link.pace.losses.lost >= 1.0, waiting_for="the count of what was lost")
+        relay.deaf = True
+        await team.until(lambda: vehicle.mode is NavMode.HOLD, 30.0, "the failsafe")
+        await team.until(lambda: bool(team.holds_s(3)), 30.0, "holding")
+        assert link.status.mode is FlightMode.HOLD
+        relay.deaf = False
+        await team.until(lambda: vehicle.mode is NavMode.OFFBOARD, 30.0, "offboard")
+        await clock.sleep(5.0)
+        assert team.tactics(3) == ["hold"], "neither handed over nor resumed by itself"
+        assert vehicle.mode is NavMode.OFFBOARD
+        told = [each.text for each in team.events if each.vehicle == 3 and each.kind == "failsafe"]
+        assert any(text.startswith("setpoints not received") for text in told), told
+        assert not any(text.startswith("pilot") for text in told)
     relay.close()
 
 

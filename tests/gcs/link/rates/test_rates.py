@@ -1,10 +1,12 @@
 """The rates of a connection: in what order they go down, what they take, which fit, and how they follow the link."""
 
 from itertools import pairwise
+from math import inf
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
 from gcs.autopilots import ardupilot, px4
 from gcs.link.rates import (
     LOOK_PERIOD_S,
@@ -13,6 +15,7 @@ from gcs.link.rates import (
     STATUS_BYTES,
     TELEMETRY_BYTES,
     UP_AFTER_S,
+    Losses,
     RateController,
     Rates,
     Traffic,
@@ -20,6 +23,7 @@ from gcs.link.rates import (
     load,
     rate_levels,
 )
+from sitl.radio import Air, Channel, RadioSpec
 
 FULL = Rates(telemetry_hz=20.0, status_hz=2.0, setpoint_hz=20.0)
 
@@ -80,52 +84,133 @@ def test_rates_that_fit_leave_a_reserve_and_the_next_higher_do_not() -> None:
 
 
 class Line:
-    """A connection whose counts are made up: 100 frames arrive between two looks, `missed` do not."""
+    """A connection whose counts are made up: of 100 frames between two looks `missed` do not arrive."""
 
     def __init__(self, pace: RateController) -> None:
         self.pace, self.now_s = pace, 0.0
-        self._received = self._missed = 0
+        self._count = Traffic()
 
-    def looks(self, count: int, missed: int = 0, free: float | None = None) -> Rates:
+    def looks(
+        self, count: int, missed: int = 0, bursts: int = 0, free: float | None = None, late_s: float = 0.0
+    ) -> Rates:
         for _ in range(count):
-            self._received, self._missed, self.now_s = self._received + 100, self._missed + missed, self.now_s + 2.0
-            self.pace.look(Traffic(0, 0, self._received, self._missed, free), self.now_s)
+            self.now_s += LOOK_PERIOD_S
+            self._count = Traffic(
+                received=self._count.received + 100 - missed,
+                missed=self._count.missed + missed,
+                bursts=self._count.bursts + bursts,
+                buffer_free=free,
+                delay_grown_s=late_s,
+            )
+            self.pace.look(self._count, self.now_s)
         return self.pace.rates
 
 
-def test_losses_lower_the_rates_and_a_quiet_time_raises_them_no_higher_than_where_they_began() -> None:
+def of_emulated_channel(spec: RadioSpec, frames_hz: float, duration_s: float) -> tuple[Losses, list[float]]:
+    """Send frames evenly through an emulated radio; return what is lost, and when the others arrive."""
+    channel, arrived_s, frames = Channel(spec, Air(None), (1,)), list[float](), round(duration_s * frames_hz)
+    burst = bursts = 0
+    for number in range(frames):
+        channel.send(b"", number / frames_hz)
+        arrives = bool(channel.arrived(number / frames_hz))
+        if arrives:
+            arrived_s.append(number / frames_hz)
+        bursts += burst > 0 and arrives
+        burst = 0 if arrives else burst + 1
+    return Losses(frames, frames - len(arrived_s), bursts), arrived_s
+
+
+@pytest.mark.parametrize(("loss", "burst", "frames_hz"), [(0.1, 6.0, 10.0), (0.05, 3.0, 5.0), (0.1, 5.0, 12.5)])
+def test_silences_are_as_often_as_the_formula_says(loss: float, burst: float, frames_hz: float) -> None:
+    losses, arrived_s = of_emulated_channel(RadioSpec(loss=loss, burst=burst), frames_hz, 4 * 3600.0)
+    assert (losses.share, losses.burst) == pytest.approx((loss, burst), rel=0.1)
+    silences = sum(later - earlier >= 1.0 - 1e-6 for earlier, later in pairwise(arrived_s)) / 4.0
+    assert silences > 50
+    assert losses.silences_per_hour(frames_hz, 1.0) == pytest.approx(silences, rel=0.2)
+
+
+def test_nothing_lost_and_no_timeout_make_no_silence() -> None:
+    assert Losses(1000.0).silences_per_hour(1.0, 0.1) == 0.0
+    assert Losses(1000.0, 100.0, 10.0).silences_per_hour(20.0, inf) == 0.0
+
+
+def test_losses_that_do_not_depend_on_the_load_leave_the_rates_where_they_are() -> None:
+    pace = RateController(FULL, 1, automatic=True)
+    assert Line(pace).looks(200, missed=20, bursts=20) == FULL
+
+
+@pytest.mark.parametrize(("baud", "vehicles"), [(38400, 1), (57600, 1), (115200, 1), (115200, 3)])
+def test_a_line_with_bursts_of_three_has_few_silent_seconds(baud: int, vehicles: int) -> None:
+    pace = RateController(FULL, vehicles, baud / 10.0, automatic=True, telemetry_s=1.0, offboard_s=1.0)
+    rates = Line(pace).looks(60, missed=5, bursts=2)
+    losses = Losses(1e6, 5e4, 2e4)
+    assert losses.silences_per_hour(rates.setpoint_hz, 1.0) < SILENCES_PER_HOUR_MAX
+    assert losses.silences_per_hour(rates.telemetry_hz, 1.0) < SILENCES_PER_HOUR_MAX
+    assert load(rates, vehicles).bytes_s <= 0.9 * baud / 10.0
+
+
+def test_bursts_raise_the_rates_above_those_of_the_mission_and_their_end_lowers_them() -> None:
+    pace = RateController(FULL, 1, 11520.0, automatic=True, telemetry_s=1.0, offboard_s=1.0)
+    line = Line(pace)
+    raised = line.looks(60, missed=5, bursts=1)
+    assert raised.setpoint_hz > FULL.setpoint_hz
+    assert raised.telemetry_hz > FULL.telemetry_hz
+    assert (pace.copies - 1) * FULL.setpoint_hz < raised.setpoint_hz <= pace.copies * FULL.setpoint_hz
+    assert line.looks(200) == FULL
+    assert pace.copies == 1
+
+
+def test_where_not_all_fits_motion_and_setpoints_go_below_what_losses_require_together() -> None:
+    pace = RateController(FULL, 1, 1920.0, automatic=True, telemetry_s=1.0, offboard_s=1.0)
+    rates = Line(pace).looks(60, missed=10, bursts=2)
+    assert load(rates, 1).bytes_s <= 0.9 * 1920.0
+    assert rates.telemetry_hz == pytest.approx(rates.setpoint_hz, rel=0.3)
+    assert pace.silences_per_hour > SILENCES_PER_HOUR_MAX
+    assert "silences an hour" in pace.fault
+
+
+@pytest.mark.parametrize(("free", "late_s"), [(0.1, 0.0), (None, 0.7)])
+def test_messages_that_wait_lower_the_rates_and_a_quiet_time_raises_them_no_higher_than_where_they_began(
+    free: float | None, late_s: float
+) -> None:
     pace = RateController(FULL, 1, automatic=True)
     line, levels = Line(pace), rate_levels(FULL)
     assert line.looks(1) == FULL
-    assert line.looks(3, missed=20) == levels[3]
-    assert line.looks(5, missed=7) == levels[3]  # neither well nor bad
+    assert line.looks(3, free=free, late_s=late_s) == levels[3]
+    assert line.looks(5, free=0.4) == levels[3]  # neither well nor bad
     assert line.looks(int(UP_AFTER_S / LOOK_PERIOD_S)) == levels[2]
     assert line.looks(100) == FULL
-
-
-def test_a_full_radio_lowers_the_rates_to_the_last_and_no_further() -> None:
-    pace = RateController(FULL, 1, automatic=True)
-    assert Line(pace).looks(50, free=0.1) == rate_levels(FULL)[-1]
+    assert line.looks(50, free=free, late_s=late_s) == levels[-1]
 
 
 def test_few_frames_show_no_losses() -> None:
     pace = RateController(FULL, 1, automatic=True)
     for second in range(0, 20, 2):
-        pace.look(Traffic(received=second, missed=second * 3, buffer_free=None), float(second))
-    assert pace.rates == FULL
+        pace.look(Traffic(received=second, missed=second * 3, bursts=second), float(second))
+    assert (pace.rates, pace.fault) == (FULL, "")
 
 
-def test_fixed_rates_stay_and_what_the_connection_lacks_is_stated_until_it_is_well() -> None:
+def test_what_the_connection_lacks_is_stated_until_it_has_been_well_for_a_while() -> None:
     pace = RateController(FULL, 3, 3840.0)
     line = Line(pace)
-    assert line.looks(20, missed=50, free=0.0) == FULL
-    assert "33%" in pace.fault  # 50 of 150
-    line.looks(1, missed=7)
-    assert pace.fault  # neither well nor bad
-    line.looks(1)
-    assert not pace.fault
-    line.looks(1, free=0.1)
+    assert line.looks(60, missed=33, bursts=11, free=0.0) == FULL
+    assert "33% of its messages are lost, 3.0 in a row" in pace.fault
     assert "buffer" in pace.fault
+    line.looks(60, missed=8, bursts=8)
+    assert pace.fault  # neither well nor bad
+    line.looks(60)
+    assert not pace.fault
+
+
+def test_losses_that_come_and_go_are_one_fault() -> None:
+    pace = RateController(FULL, 1)
+    line, stated = Line(pace), list[bool]()
+    for _ in range(100):
+        for missed in (18, 4):
+            line.looks(1, missed=missed, bursts=missed)
+            stated.append(bool(pace.fault))
+    assert stated == sorted(stated)
+    assert stated[-1]
 
 
 def test_simulators_are_asked_for_the_truth_where_there_is_room() -> None:

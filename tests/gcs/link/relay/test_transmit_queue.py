@@ -1,5 +1,6 @@
 """What waits for a slow connection: at what rate it leaves, in what order, and how old it is."""
 
+from itertools import pairwise
 from math import inf
 
 import pytest
@@ -65,6 +66,24 @@ def test_setpoints_leave_at_their_rate_whatever_is_repeated_and_the_newest_does(
     assert all(value == now_s // 0.1 for now_s, value in sent)
 
 
+@pytest.mark.parametrize(("setpoint_hz", "copies"), [(20.0, 2), (25.0, 3), (15.0, 2)])
+def test_copies_of_a_setpoint_leave_apart_in_time_and_only_until_they_are_used_up(
+    setpoint_hz: float, copies: int
+) -> None:
+    queue, sent = TransmitQueue(setpoint_hz=setpoint_hz), list[tuple[float, float]]()
+    queue.copies = copies
+    for index in range(2000):  # a new one each 100 ms, for a second
+        now_s = index * 0.001
+        if now_s <= 1.0 and index % 100 == 0:
+            queue.put(setpoint(1, now_s), PLACE)
+        sent += [(now_s, north_m(frame)) for frame, _ in queue.due(now_s)]
+    assert sum(now_s < 1.0 for now_s, _ in sent) == pytest.approx(setpoint_hz, abs=1.0)
+    assert all(later - earlier >= 0.7 / setpoint_hz for (earlier, _), (later, _) in pairwise(sent))
+    assert all(now_s - value < 0.1 for now_s, value in sent[: -copies + 1])
+    assert [value for _, value in sent].count(1.0) == copies
+    assert queue.due_s(2.0) == inf
+
+
 def test_a_tick_that_is_a_little_early_is_not_skipped() -> None:
     queue, sent = TransmitQueue(setpoint_hz=10.0), 0
     for index in range(100):
@@ -122,7 +141,7 @@ def test_one_sender_counts_on_and_gaps_are_what_was_lost() -> None:
     one = Sequences()
     for number in [*range(250, 256), *range(10), 13, 14]:
         one.take(1, number)
-    assert (one.received, one.missed, one.is_doubled) == (18, 3, False)
+    assert (one.received, one.missed, one.bursts, one.is_doubled) == (18, 3, 1, False)
 
 
 @pytest.mark.parametrize("apart", [0, 1, 100, 200])
