@@ -46,7 +46,7 @@ def test_metrics_are_grouped_by_what_they_are_drawn_over(plan: SweepPlan, rows: 
     assert picture.places(RADIUS) == [8, 12]
     assert picture.places(SHAPE) == ["line", "a wedge"]
     np.testing.assert_array_equal(picture.groups(closest)[12,], [2.5, 6.0, 7.0])
-    np.testing.assert_array_equal(picture.groups(holds)[12,], [0.0, 0.0, 1.0, 1.0], "a run that failed does not hold")
+    np.testing.assert_array_equal(picture.groups(holds)[12,], [0.0, 1.0, 1.0], "a run without a result is neither")
     assert set(picture.groups(settling)) == {(8,)}, "what has no value is left out"
 
 
@@ -71,15 +71,15 @@ def test_the_worst_cases_come_with_what_flies_them(plan: SweepPlan, rows: dict[i
             f"{C} {always}=8 --set 'formation.shape=a wedge' --seed 0 --duration 30",
         ),
         (
-            ("worst in closest_approach_m (2.5)", "does not hold: C3"),
+            ("worst in closest_approach_m (2.5)", "fails: C3"),
             f"{C} {always}=12 --set formation.shape=line --seed 1 --duration 30",
         ),
-        (("failed: it failed",), f"{C} {always}=12 --set formation.shape=line --seed 0 --duration 30"),
+        (("error: it failed",), f"{C} {always}=12 --set formation.shape=line --seed 0 --duration 30"),
     ]
 
 
 def test_a_summary_counts_each_run_once(rows: dict[int, Row]) -> None:
     summary = SweepSummary.of(8, rows.values())
-    assert summary.line == "7 of 8 runs: 5 hold, 1 does not (C3 1), 1 failed"
-    assert not summary.all_hold
+    assert summary.line == "7 of 8 runs: 5 pass, 1 fails (C3 1), 1 without a result"
+    assert not summary.all_pass
     assert summary.to_dict()["errors"] == {"it failed": 1}
