@@ -61,7 +61,9 @@ def departures(record: FlightRecord) -> tuple[Departure, ...] | None:
 
 
 def departures_line(found: Sequence[Departure] | None) -> str:
-    """Return which vehicles left, when and why; empty if none did."""
+    """Return which vehicles left, when and why; empty if none was in formation or on the ring."""
+    if found is not None and not found:
+        return "no vehicle left its place"
     alike: dict[tuple[str, str], list[Departure]] = {}
     for each in found or ():
         alike.setdefault((each.place, each.cause), []).append(each)

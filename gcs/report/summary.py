@@ -107,7 +107,7 @@ def _engaged(result: FlightResult) -> list[str]:
 
 def _left(result: FlightResult) -> list[str]:
     left = departures_line(result.departures)
-    return [f"{left[:1].upper()}{left[1:]}."] if left else []
+    return [f"{left[:1].upper()}{left[1:]}."] if result.departures else []
 
 
 def _ring(result: FlightResult, criteria: Criteria) -> list[str]:

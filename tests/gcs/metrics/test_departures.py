@@ -145,7 +145,7 @@ def test_those_that_left_alike_are_named_together() -> None:
     assert departures_line(found) == "vehicles 1 and 3 left the ring from 30.0 to 31.5 s (target stale)"
     back = [Departure(2, 50.0, "formation", "too close", 55.0)]
     assert departures_line(back) == "vehicle 2 left the formation at 50.0 s (too close), back at 55.0 s"
-    assert departures_line(()) == departures_line(None) == ""
+    assert (departures_line(()), departures_line(None)) == ("no vehicle left its place", "")
 
 
 # Real agents, with the reason to leave injected
