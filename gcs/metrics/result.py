@@ -175,7 +175,8 @@ def judged_line(result: FlightResult) -> str:
     if ring.judged_s is None or ring.judged_share is None:
         return ""
     if ring.judged_from_s is None:
-        return "not judged: no vehicle was on it at the end"
+        measured = any(vehicle.radius_error_rms_m is not None for vehicle in result.vehicles)
+        return "not every vehicle on the ring was measured" if measured else "no vehicle was on the ring at the end"
     only = "only " if is_briefly_judged(ring) else ""
     # Its whole time is 100 %: a share is not rounded up to it.
     share = min(ring.judged_share, 0.99) if ring.judged_share < 1.0 else 1.0
@@ -191,9 +192,9 @@ def window_line(result: FlightResult) -> str:
     if result.window_s is None:
         return ""
     begins_s, ring = result.window_s[0], result.ring
-    window = f"ring {judged_line(result)}"
     if ring.judged_from_s is None:
-        return window
+        return f"ring not judged: {judged_line(result)}"
+    window = f"ring {judged_line(result)}"
     if ring.unsettled_at_s is None:
         settles = ring.settling_time_s is not None
         why = "from settling to the end" if settles else "did not settle: last quarter of the flight"

@@ -107,10 +107,13 @@ def _engage(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep
 
 
 def _keep(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]:
-    for vehicle_id in dict.fromkeys(each.vehicle for each in result.departures or ()):
-        causes = dict.fromkeys(each.cause for each in result.departures or () if each.vehicle == vehicle_id)
-        text = f"Vehicle {vehicle_id} left its place ({', '.join(causes)}): the reasons are in"
-        yield NextStep(text, _explained(evidence, vehicle_id))
+    left: dict[str, list[int]] = {}
+    for each in result.departures or ():
+        left.setdefault(each.cause, []).append(each.vehicle)
+    for cause, vehicles in left.items():
+        whose = named(sorted({*vehicles}))
+        text = f"{whose[:1].upper()}{whose[1:]} left formation or ring ({cause}): the reasons are in"
+        yield NextStep(text, _explained(evidence, vehicles[0]))
 
 
 def _identify(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]:
@@ -137,7 +140,7 @@ _APART = ("separation", "engaged", "kept")
 
 
 def _judge(result: FlightResult) -> Iterator[NextStep]:
-    if result.not_judged and not result.ended_early:
+    if result.passes is None and not result.ended_early:
         yield NextStep(f"{listed(result.not_judged)} could not be judged: fly for longer.")
 
 

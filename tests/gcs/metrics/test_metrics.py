@@ -662,6 +662,24 @@ def test_a_ring_that_settled_once_or_never_left_nothing() -> None:
     window = "ring judged over only 150.0 s from 450.0 s on, 25% of its time"
     assert window_line(never) == f"{window}: did not settle: last quarter of the flight"
     assert window_line(judged(line(1), line(2))) == ""
+    wide = ring_of_three(radius_m=12.0)
+    disbanded = judged(*(replace(each, tactic=np.where(TIME_S > 400.0, "hold", each.tactic)) for each in wide))
+    assert window_line(disbanded) == "ring not judged: no vehicle was on the ring at the end"
+    assert (disbanded.ring.judged_s, disbanded.not_judged) == (0.0, ("C1", "C2", "C3"))
+
+
+def test_a_ring_that_begins_within_its_window_is_judged_from_there_and_with_those_who_were_there() -> None:
+    """The last quarter of 600 s begins at 450 s; two engage at 590 s and 2 s later leave again, by order."""
+    third = replace(line(3), position_m=line(3).position_m - (0.0, 50.0))
+    late = [orbit(each, each * pi, radius_m=12.0, engaged_s=590.0) for each in (1, 2)]
+    brief = [replace(each, tactic=np.where(TIME_S > 592.0 + 1e-9, "hold", each.tactic)) for each in late]
+    result = judged(*brief, third)
+    assert result.window_s == (450.0, 600.0)
+    assert (result.ring.judged_from_s, result.ring.judged_s, result.ring.judged_share) == (590.0, 2.0, 1.0)
+    assert window_line(result) == (
+        "ring judged over only 2.0 s from 590.0 s on, 100% of its time, with 2 of 3 vehicles: "
+        "did not settle: last quarter of the flight"
+    )
 
 
 def test_a_gap_in_the_data_settles_nothing() -> None:

@@ -50,6 +50,39 @@ def test_metrics_are_grouped_by_what_they_are_drawn_over(plan: SweepPlan, rows: 
     assert set(picture.groups(settling)) == {(8,)}, "what has no value is left out"
 
 
+def test_runs_that_were_not_judged_do_not_pass_and_values_without_a_mission_are_set_apart(
+    plan: SweepPlan, rows: dict[int, Row]
+) -> None:
+    holds, settling, _ = METRICS
+    judged, unjudged = rows[2], {"not_judged": "C1, C2, C3", "closest_approach_m": 5.0}
+    rows |= {0: {"error": "no mission"}, 1: {"error": "no mission"}, 3: dict(unjudged), 4: dict(unjudged), 5: unjudged}
+    picture = Picture("", METRICS, (RADIUS, SHAPE), full_rows(plan, rows))
+    assert picture.invalid() == [(12, "line")]
+    np.testing.assert_array_equal(picture.groups(holds)[12, "a wedge"], [1.0, 0.0], "one of two was judged")
+    assert (8, "line") not in picture.groups(holds), "none of two was judged"
+    assert picture.lacking(holds) == {(12, "a wedge"): 0.5, (8, "line"): 1.0}
+    assert picture.lacking(settling) == {(12, "a wedge"): 1.0, (8, "line"): 1.0}
+    assert judged["holds"] is True
+    summary = SweepSummary.of(8, rows.values())
+    assert summary.line == "7 of 8 runs: 2 pass, 3 not judged, 2 without a result"
+    assert (summary.hold, summary.do_not_hold, summary.not_judged, summary.failed) == (2, 0, 3, 2)
+    reasons = [case.reasons for case in worst_cases(plan, rows, (), "mine.toml", 1)]
+    assert reasons == [("not judged: C1, C2, C3",), ("error: no mission",)]
+
+
+def test_a_map_hatches_what_was_not_judged_and_leaves_what_has_no_mission_grey(
+    plan: SweepPlan, rows: dict[int, Row], tmp_path: Path
+) -> None:
+    rows |= {0: {"error": "no mission"}, 1: {"error": "no mission"}, 6: {"closest_approach_m": 5.0}}
+    drawn = {}
+    for name, shown in (("all", rows), ("valid", {i: rows[i] for i in (2, 3)})):
+        path = tmp_path / f"{name}.svg"
+        save_sweep_figure(Picture("", METRICS[:1], (RADIUS, SHAPE), full_rows(plan, shown)), path)
+        drawn[name] = path.read_text()
+    assert ("#h" in drawn["all"], "#h" in drawn["valid"]) == (True, False), "a hatch is a pattern"
+    assert ("no valid mission" in drawn["all"], "no valid mission" in drawn["valid"]) == (True, False)
+
+
 def test_figures_are_drawn_over_one_key_over_two_and_over_the_seed(
     plan: SweepPlan, rows: dict[int, Row], tmp_path: Path
 ) -> None:

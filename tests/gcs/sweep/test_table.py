@@ -105,6 +105,8 @@ def test_a_table_has_a_row_for_each_run(swept: tuple[SweepPlan, dict[int, Row]])
     assert [row["error"] is None for row in rows] == 2 * [True, True, False, False]
     assert all("target.velocity_m_s" in row["error"] for row in rows if row["error"])
     assert [row["duration_s"] for row in rows] == 2 * [2.0, 2.0, None, None]
+    assert [row["holds"] for row in rows] == 8 * [None], "in 2 s nothing can be judged"
+    assert [row["not_judged"] for row in rows] == 2 * [*2 * ["C1, C2, C3, engaged"], None, None]
     assert {each.name for each in TEAM} < set(rows[0])
 
 
