@@ -17,6 +17,7 @@ from gcs.metrics.references import (
 )
 from gcs.metrics.vehicles import engagement_times_s
 from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
 from tests.support.mission_text import content, parsed, put
 
 SPEED_M_S, TARGET_X_M, DISTANCE_M = 0.5, 50.0, 12.0
@@ -129,15 +130,16 @@ def test_the_plan_brings_a_team_near_as_soon_as_one_of_it(subtests: pytest.Subte
             mission = parsed(put(case2, ("mission", "duration_s"), duration_s))
             assert engagement_reference(mission).planned == planned
     apart = put(case2, ("vehicles", 0, "decision"), {"distance_max_m": 5.0})
-    for mission, planned in (
+    rows: tuple[tuple[Mission, tuple[int, ...]], ...] = (
         (load_mission("crossing"), ()),
         (load_mission("case1"), (1,)),
         (load_mission("case2", {"target.start_m": [300.0, 0.0]}), ()),
         (parsed(apart), (2, 3)),
         (load_mission("case2", {"target.source": "external", "target.start_m": [300.0, 0.0]}), (1, 2, 3)),
-    ):
-        with subtests.test(planned=planned):
-            assert engagement_reference(mission).planned == planned
+    )
+    for mission, near in rows:
+        with subtests.test(near=near):
+            assert engagement_reference(mission).planned == near
 
 
 @pytest.mark.parametrize(

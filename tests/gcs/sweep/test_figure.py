@@ -54,7 +54,8 @@ def test_runs_that_were_not_judged_do_not_pass_and_values_without_a_mission_are_
     plan: SweepPlan, rows: dict[int, Row]
 ) -> None:
     holds, settling, _ = METRICS
-    judged, unjudged = rows[2], {"not_judged": "C1, C2, C3", "closest_approach_m": 5.0}
+    judged = rows[2]
+    unjudged: Row = {"not_judged": "C1, C2, C3", "closest_approach_m": 5.0}
     rows |= {0: {"error": "no mission"}, 1: {"error": "no mission"}, 3: dict(unjudged), 4: dict(unjudged), 5: unjudged}
     picture = Picture("", METRICS, (RADIUS, SHAPE), full_rows(plan, rows))
     assert picture.invalid() == [(12, "line")]
