@@ -11,7 +11,7 @@ import numpy as np
 from agents.flight_end import FlightEnd
 from agents.notes import AlertChange
 from agents.safety.failsafe import TABLE, Reaction
-from agents.tactics import NO_TACTIC, Tactic
+from agents.tactics import NO_TACTIC, Event, Tactic
 from gcs.metrics.ending import named
 from gcs.metrics.record import FlightEvent, FlightRecord, VehicleTrack, grid_time
 from gcs.metrics.ring import LOST_AFTER_S
@@ -22,8 +22,7 @@ _NEVER_ORDERED = (Tactic.ASIDE.value, Tactic.PILOT_OVERRIDE.value)
 _ORDERED_ENDS = frozenset({
     FlightEnd.LANDED, FlightEnd.SIMULATED, FlightEnd.OPERATOR, FlightEnd.ABORTED, FlightEnd.KILLED, FlightEnd.UNKNOWN
 })  # fmt: skip
-"""The ends in which a vehicle was in its place as long as its mission lasted; of a killed one an operator cut the
-motors."""
+"""The ends by order; of a killed vehicle an operator cut the motors."""
 _FLIES_ON = frozenset(row.condition.value for row in TABLE if row.reactions == (Reaction.DEGRADE,))
 _EVENT_GRAIN_S = 1e-3
 """Times of events are rounded to this."""
@@ -50,8 +49,8 @@ def departures(record: FlightRecord) -> tuple[Departure, ...] | None:
     """Return the departures that were not by order, by time; None if no vehicle was in formation or on the ring.
 
     By order are operators' commands and the end of the mission. Not by order are reactions of the failsafe table, a
-    pilot override, a vehicle of which nothing is known for `LOST_AFTER_S` or more until the end of the record, and a
-    flight that ended in its place, as with its process.
+    pilot override, the end of a flight otherwise, as with its process, and that nothing is known of a vehicle for more
+    than `LOST_AFTER_S` until the end of the record.
     """
     flown = [track for track in record.vehicles if np.isin(track.tactic, list(_IN_PLACE)).any()]
     if not flown:
@@ -82,15 +81,22 @@ def _departures(record: FlightRecord, track: VehicleTrack) -> Iterator[Departure
     known = np.flatnonzero(track.tactic != NO_TACTIC)
     in_place = np.isin(track.tactic[known], list(_IN_PLACE))
     events = [event for event in record.events if event.vehicle == track.vehicle_id]
+    ends = (each for each in record.endings if each.vehicle == track.vehicle_id and each.how not in _ORDERED_ENDS)
+    ended = next((each.reason or each.how.value for each in ends), "")
     for leaves in np.flatnonzero(in_place[:-1] & ~in_place[1:]):
         before, after = known[leaves], known[leaves + 1]
         span_s = record.time_s[before] - _EVENT_GRAIN_S, record.time_s[after] + _EVENT_GRAIN_S
+        then = [event for event in events if span_s[0] <= event.time_s <= span_s[1]]
         tactic = str(track.tactic[after])
-        cause = _condition(event for event in events if span_s[0] <= event.time_s <= span_s[1])
-        if cause := cause or (tactic if tactic in _NEVER_ORDERED else ""):
+        taken = _condition(then) or (tactic if tactic in _NEVER_ORDERED else "")
+        if cause := taken or ("" if any(map(_is_order, then)) else ended):
             yield _departure(record, track, before, after, cause)
-    if in_place[-1] and (cause := _lost(record, track.vehicle_id, float(record.time_s[known[-1]]), events)):
-        yield _departure(record, track, known[-1], known[-1], cause)
+    last_s = float(record.time_s[known[-1]])
+    # A later change of its tactic is the end of its mission: the record ends with that of the team.
+    if in_place[-1] and not any(each.kind == "tactic" and each.time_s > last_s + _EVENT_GRAIN_S for each in events):
+        lost = NO_DATA if record.time_s[-1] - last_s > LOST_AFTER_S else ""
+        if cause := ended or lost:
+            yield _departure(record, track, known[-1], known[-1], cause)
 
 
 def _departure(record: FlightRecord, track: VehicleTrack, before: int, after: int, cause: str) -> Departure:
@@ -110,20 +116,13 @@ def _condition(events: Iterable[FlightEvent]) -> str:
     return causes[-1] if causes else ""
 
 
+def _is_order(event: FlightEvent) -> bool:
+    """Whether an operator commanded a vehicle, or its mission ended."""
+    commanded = event.command is not None and not event.command.is_refused
+    return commanded or (event.tactic is not None and event.tactic.event == Event.END.value)
+
+
 def _takes_away(alert: AlertChange) -> bool:
     """Whether the vehicle leaves its place; the state that a vehicle of another process sends names no reaction."""
     reacts = alert.reaction != Reaction.DEGRADE.value if alert.reaction else alert.condition not in _FLIES_ON
     return reacts and not alert.is_over
-
-
-def _lost(record: FlightRecord, vehicle_id: int, last_s: float, events: Sequence[FlightEvent]) -> str:
-    """Return why a vehicle that was in its place when it was known last was lost there; empty if it was not.
-
-    A later change of its tactic is the end of its mission: the record ends with that of the team.
-    """
-    if any(event.kind == "tactic" and event.time_s >= last_s + _EVENT_GRAIN_S for event in events):
-        return ""
-    for ending in record.endings:
-        if ending.vehicle == vehicle_id and ending.how not in _ORDERED_ENDS:
-            return ending.reason or ending.how.value
-    return NO_DATA if record.time_s[-1] - last_s > LOST_AFTER_S else ""

@@ -12,7 +12,7 @@ from msgspec import structs
 from agents.core import VehicleCore
 from agents.flight_end import FlightEnd
 from agents.inputs import AutopilotStatus, Command, ReceivedInput, TacticEvent
-from agents.notes import AlertChange
+from agents.notes import AlertChange, CommandOutcome, TacticChange
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event
@@ -138,6 +138,29 @@ def test_a_flight_that_ended_in_its_place_is_not_kept_unless_by_order(subtests: 
             at_the_end = FlightEvent(100.05, 1, "tactic", "encircle -> return and land: end")
             assert departures(replace(flown, events=(at_the_end,))) == ()
     assert departures(record(track(1), ended="in flight")) == (Departure(1, 100.0, "ring", "why"),)
+
+
+def test_a_vehicle_that_its_dead_supervisor_or_an_error_landed_did_not_leave_by_order(
+    subtests: pytest.Subtests,
+) -> None:
+    """The shell lands it, so no alert says why; the same is by order where an operator or the mission says so."""
+    held = CommandOutcome("hold", "pat", "holds")
+    orders = {
+        "nothing": None,
+        "a command": FlightEvent(50.0, 1, "command", held.text, command=held),
+        "the mission's end": FlightEvent(50.0, 1, "tactic", "", tactic=TacticChange("encircle", "land", "end")),
+    }
+    for how in ("watchdog", "error", "battery", "operator"):
+        for name, event in orders.items():
+            with subtests.test(how=how, because=name):
+                flown = record(track(1, (50.0, "land")), events=(event,) if event else (), ended=how)
+                by_order = how == "operator" or event is not None
+                assert departures(flown) == (() if by_order else (Departure(1, 50.0, "ring", "why"),))
+    refused = structs.replace(held, is_refused=True)
+    flown = record(
+        track(1, (50.0, "land")), events=(FlightEvent(50.0, 1, "command", "", command=refused),), ended="error"
+    )
+    assert departures(flown)
 
 
 def test_those_that_left_alike_are_named_together() -> None:
