@@ -20,6 +20,7 @@ from gcs.mission.mission import Mission
 
 if TYPE_CHECKING:
     from gcs.flightlog.reader import FlightLog
+    from gcs.preflight.findings import Finding
     from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 _PROGRESS_STEP_S = 1.0
@@ -154,6 +155,11 @@ def confirmed(question: str) -> bool:
         raise InputError(["--yes: there is no terminal to ask for confirmation; give --yes to confirm"])
     STDERR.print(f"{question} [y/N] ", markup=False, highlight=False, soft_wrap=True, end="")
     return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def print_warning(finding: "Finding", whose: str = "") -> None:
+    """Print a finding of a mission that flies nevertheless."""
+    print_line(f"warning: {whose}{finding.found}: {finding.why}; next: {finding.next_step}", "yellow")
 
 
 def print_log_faults(log: "FlightLog") -> None:

@@ -10,7 +10,7 @@ import msgspec
 
 from agents.drops import Drops
 from agents.inputs import Command, CoreInput, Message
-from agents.notes import AlertChange, CommandOutcome, Note
+from agents.notes import AlertChange, CommandOutcome, Note, TacticChange
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.team.codec import encode
@@ -18,7 +18,7 @@ from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flightlog.audit import AuditEntry
 
-ValuesT = TypeVar("ValuesT", AlertChange, CommandOutcome)
+ValuesT = TypeVar("ValuesT", TacticChange, AlertChange, CommandOutcome)
 
 PROFILE = "cordon"
 """The profile name in the MCAP file."""
@@ -295,6 +295,7 @@ def notes_of(decision: Any) -> list[Note]:
             note.kind,
             note.text,
             note.because,
+            tactic=_values(note, "tactic", TacticChange),
             alert=_values(note, "alert", AlertChange),
             command=_values(note, "command", CommandOutcome),
         )

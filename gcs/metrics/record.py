@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.notes import AlertChange, CommandOutcome, Kind, Note
+from agents.notes import AlertChange, CommandOutcome, Kind, Note, TacticChange
 from agents.safety.guard import Guarded
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
@@ -68,7 +68,7 @@ class GuardTally:
 
 @dataclass(frozen=True, slots=True)
 class FlightEvent:
-    """An event of a vehicle: its time, kind and text, and the values of an alert or a command (`agents.notes.Note`)."""
+    """An event of a vehicle: its time, kind and text, and the values of what it is (`agents.notes.Note`)."""
 
     time_s: float
     vehicle: int
@@ -76,11 +76,12 @@ class FlightEvent:
     text: str
     alert: AlertChange | None = None
     command: CommandOutcome | None = None
+    tactic: TacticChange | None = None
 
     @classmethod
     def of(cls, vehicle_id: int, note: Note) -> "FlightEvent":
         """Return a note of a vehicle as an event."""
-        return cls(note.time_s, vehicle_id, note.kind, note.text, note.alert, note.command)
+        return cls(note.time_s, vehicle_id, note.kind, note.text, note.alert, note.command, note.tactic)
 
     def to_dict(self) -> dict[str, object]:
         """Return it as plain data; `alert` and `command` only where the event has one."""

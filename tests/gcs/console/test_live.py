@@ -51,7 +51,7 @@ RESULT = FlightResult(
         VehicleResult(1, 284.8, "encircle", 0.012, 0.034, 0.0501, 0.0007, 0.013, None),
         VehicleResult(2, None, "formation", formation_speed_error_rms_m_s=0.014, formation_spacing_error_rms_m=0.02),
     ),
-    ring=RingResult(6.1, 0.58, 4.96),
+    ring=RingResult(6.1, 0.58, 4.96, judged_s=309.1, judged_from_s=290.9, judged_share=0.84, members_min=2),
     transitions=(),
     reynolds=ReynoldsResult(flight=FlockingResult(1.37, 17.321, 0.50149, 0.1, 10.0, 12.345)),
     closest_approach_m=1.37,
@@ -333,11 +333,13 @@ def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
         ["✗", "separation", "closest approach 1.370 m"],
     ]
     assert lines[7].split() == ["–", "engaged"]
-    assert lines[8].strip() == "ring judged over 309.1 s, from 290.9 to 600.0 s: from settling to the end"
-    assert lines[12].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
-    assert lines[13].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
-    assert lines[17].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
-    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[19]
+    assert lines[8].split() == ["–", "kept"]
+    told = "ring judged over 309.1 s from 290.9 s on, 84% of its time: from settling to the end"
+    assert " ".join(lines[9:11]).split() == told.split()
+    assert lines[14].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
+    assert lines[15].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
+    assert lines[19].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
+    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[21]
 
 
 def test_the_summary_writes_a_high_speed_without_an_exponent() -> None:

@@ -78,17 +78,17 @@ def test_a_log_that_does_not_say_how_a_vehicle_ended_ends_in_flight(log: FlightL
 
 def all_held(ending: TeamEnding | None) -> FlightResult:
     _, result, _ = flown(3, duration_s=60.0, rate_hz=5.0)
-    return replace(result, verdicts=Verdicts(True, True, True, True, True, True), ended=ending)
+    return replace(result, verdicts=Verdicts(True, True, True, True, True, True, True), ended=ending)
 
 
 def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
     evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
     result = all_held(KILLED)
-    assert headline(result) == "Until then: all verdicts hold"
+    assert headline(result) == "Until then: all verdicts pass"
     page = report_html(evidence, result, criteria, ring_flight())
-    assert page.index("Killed by the operator: vehicle 2") < page.index("all verdicts hold")
-    assert "All verdicts hold" not in page
-    assert page.index("an operator had its motors cut") < page.index("all verdicts hold")
+    assert page.index("Killed by the operator: vehicle 2") < page.index("all verdicts pass")
+    assert "All verdicts pass" not in page
+    assert page.index("an operator had its motors cut") < page.index("all verdicts pass")
     console = Console(file=StringIO(), width=100)
     console.print(terminal_summary(result))
     assert isinstance(console.file, StringIO)
