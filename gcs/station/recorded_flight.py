@@ -24,6 +24,7 @@ from gcs.station.picture import (
     mission_picture,
 )
 from gcs.station.recorded_vehicle import RecordedVehicle, Sampled
+from gcs.station.seen_target import SeenTarget
 
 PICTURES_HZ = 5.0
 _VEHICLE_PICTURES, _STEP_MAX_S = 4200, 1.0
@@ -85,8 +86,9 @@ def recorded_flight(
     vehicles = [RecordedVehicle(*each) for each in sorted(_recorded(logs), key=lambda each: mission.ids.index(each[1]))]
     samples = [each.sampled(clock.times_s()) for each in vehicles]
     fence_of = fences([each.section for each in mission.vehicles], mission.safety)
+    seen_target = SeenTarget(mission)
     teams = [
-        _team(clock, time_s, mission.ids, row, fence_of, duration_s)
+        _team(clock, time_s, mission.ids, row, fence_of, duration_s, seen_target)
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
     teams[-1] = replace(teams[-1], ending=_ending(logs))
@@ -101,6 +103,7 @@ def _team(
     sampled: Sequence[Sampled],
     fence_of: Mapping[int, Fence],
     duration_s: float,
+    seen_target: SeenTarget,
 ) -> TeamPicture:
     flying = [each.vehicle for each in sampled if not each.vehicle.has_ended]
     places_m = {each.vehicle_id: each.position_m[:2] for each in flying if each.position_m is not None}
@@ -110,7 +113,9 @@ def _team(
         since_s,
         clock.wall_s(time_s),
         tuple(vehicles.get(vehicle_id) or VehicleView(vehicle_id) for vehicle_id in ids),
-        _target([each.target for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]),
+        seen_target.picture(
+            _target([each.target for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]), time_s
+        ),
         sum(each.radius_m is not None and not each.is_stale for each in flying),
         remaining_s=None if since_s is None else round(max(duration_s - since_s, 0.0), 3),
     )

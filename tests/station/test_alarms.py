@@ -176,10 +176,10 @@ def test_a_lost_flight_is_shown_with_what_controls_the_vehicles_and_a_clock_that
     expect(banner).to_be_hidden()
     served.team = lost
     expect(banner).to_be_visible()
-    for part in ("Vehicle 1, 2, 3", "No tick of the control loop of vehicle 2 for 0.7 s", "only their autopilots"):
+    for part in ("Vehicles 1, 2, 3", "No tick of the control loop of vehicle 2 for 0.7 s", "only their autopilots"):
         expect(banner).to_contain_text(part, ignore_case=True)
     expect(page.locator("#lost-advice")).to_contain_text("Watch them.")
-    expect(page.locator("#alarms li")).to_contain_text(["The flight was lost"])
+    expect(page.locator("#alarms li")).to_contain_text(["unaccounted for"])
     expect(page.locator(".card .headline").first).to_contain_text("last seen 71 s ago")
     expect(page.locator("#ending")).to_be_hidden()
     expect(page.locator("#lost-since")).to_have_text("1:11")

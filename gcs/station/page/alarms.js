@@ -1,7 +1,7 @@
 /** Alarms: a sound, a sign and a word until they are acknowledged; removed when they are over and acknowledged. */
 
 import { byId, element, setText } from "./dom.js";
-import { trouble } from "./vehicles.js";
+import { byTrouble, trouble } from "./vehicles.js";
 
 const SOUND_EVERY_MS = 2000;
 const TONES_HZ = [880, 660];
@@ -26,7 +26,9 @@ export class Alarms {
 
   /** Update from a team and from whether the station answers. */
   update(team, isConnected) {
-    const present = team ? team.vehicles.filter((vehicle) => trouble(vehicle, team) === "alarm").map(ofVehicle) : [];
+    const vehicles = team ? byTrouble(team).filter((vehicle) => trouble(vehicle, team) === "alarm") : [];
+    // Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
+    const present = vehicles.filter((vehicle) => !(team.lost && vehicle.is_unaccounted)).map(ofVehicle);
     if (team?.lost) present.unshift(LOST);
     if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
     if (this.#take(present)) this.#show();
@@ -103,7 +105,7 @@ function ofVehicle(vehicle) {
   return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
 }
 
-const LOST = { key: "lost", subject: "flight", text: "The flight was lost: only the autopilots control the vehicles", advice: "" };
+const LOST = { key: "lost", subject: "flight", text: "Vehicles are unaccounted for, and cordon does not fly them", advice: "" };
 
 function row(alarm) {
   const word = alarm.isPresent ? "ALARM" : "OVER";

@@ -1,4 +1,4 @@
-/** A flight whose process is gone while its vehicles may be in the air: why, since when, and what controls them now. */
+/** Vehicles that may be in the air while cordon no longer flies them: why, since when, and what controls them now. */
 
 import { byId, setText } from "./dom.js";
 import { clock } from "./units.js";
@@ -7,11 +7,11 @@ import { clock } from "./units.js";
 export function showLost(lost, wall_s) {
   byId("lost").hidden = !lost;
   if (!lost) return;
-  const vehicles = lost.vehicles.length ? `Vehicle ${lost.vehicles.join(", ")}: ` : "";
-  setText(byId("lost-what"), `${vehicles}no longer flown by cordon. The flight was lost`);
+  const vehicles = `Vehicle${lost.vehicles.length > 1 ? "s" : ""} ${lost.vehicles.join(", ")}`;
+  setText(byId("lost-what"), `${vehicles}: unaccounted for. Not flown by cordon for`);
   setText(byId("lost-since"), clock(Math.max(0, wall_s - lost.since_wall_s)));
   setText(byId("lost-reason"), sentence(lost.reason));
-  setText(byId("lost-autopilots"), sentence(lost.autopilots));
+  setText(byId("lost-autopilots"), lost.autopilots && sentence(lost.autopilots));
   setText(byId("lost-advice"), `→ ${sentence(lost.advice)} The page shows their last state.`);
 }
 
