@@ -205,10 +205,7 @@ def _report(
 
 def _over(unaccounted: tuple[int, ...]) -> LostFlight:
     """Return a flight that is over, with vehicles that are unaccounted for, as the page shows it."""
-    are = "are" if len(unaccounted) > 1 else "is"
-    return LostFlight(
-        f"the flight is over, and {named(unaccounted)} {are} {UNACCOUNTED}", unaccounted, time.time(), "", SEARCH
-    )
+    return LostFlight("the flight is over", unaccounted, time.time(), "", SEARCH)
 
 
 def _ending(lost: LostFlight) -> TeamEnding:

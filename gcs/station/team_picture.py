@@ -23,7 +23,7 @@ from gcs.console.vehicle_view import (
     with_surroundings,
     with_unaccounted,
 )
-from gcs.metrics.ending import AUTOPILOTS_ALONE, UNACCOUNTED, WATCH_THEM, LostFlight
+from gcs.metrics.ending import AUTOPILOTS_ALONE, UNACCOUNTED, WATCH_THEM, LostFlight, named
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
 from gcs.station.picture import EventPicture, LostPicture, TargetPicture, TeamPicture
@@ -130,7 +130,7 @@ class TeamPictures:
     def lose(self, flight: LostFlight, now_s: float) -> None:
         """Take the end of the flying process, from its supervisor."""
         self._lost = now_s, flight
-        self._events.append((None, flight.reason, "alarm"))
+        self._events.append((None, f"{named(flight.vehicles)} {UNACCOUNTED}: {flight.reason}", "alarm"))
 
     def recover(self, vehicle_id: int) -> None:
         """Take an operator's confirmation that a vehicle was recovered; no effect on one that is accounted for."""

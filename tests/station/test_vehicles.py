@@ -143,7 +143,7 @@ def test_top_bar(open_page: OpenPage) -> None:
         for name, text in shown.items():
             expect(page.locator(f"#{name}")).to_have_text(text)
         served.team = lambda _: replace(ring_team(ring_mission(), 600.0), ending="killed by the operator")
-        expect(page.locator("#ending")).to_have_text("Ended: killed by the operator")
+        expect(page.locator("#ending")).to_have_text("Flight over: killed by the operator")
         expect(page.locator(".card[data-trouble='ended']")).to_have_count(3)
         served.team = lambda _: replace(ring_team(ring_mission(), 0.0), time_s=None, link="case2 is not flying")
         expect(page.locator("#link")).to_have_text("▲ case2 is not flying")
@@ -182,6 +182,7 @@ def test_a_vehicle_that_is_unaccounted_for_stays_first_until_its_recovery_is_con
         card = page.locator(".card").first
         expect(card).to_have_attribute("data-vehicle", "3")
         expect(card).to_have_attribute("data-trouble", "alarm")
+        expect(card.locator(".tactic")).to_have_text("MISSING")
         expect(card.locator(".headline")).to_have_text("unaccounted for, last seen 35\u00a0s ago")
         expect(card.locator(".advice")).to_be_visible()
         expect(page.locator("#worst")).to_have_text("■ 3: unaccounted for")
@@ -239,7 +240,7 @@ def test_a_lost_target_keeps_its_last_place_in_a_circle_that_grows(open_page: Op
     with station(lost) as served:
         page = open_page(served.url)
         reached_m = 0.5 * 40.0 + 2.0 * math.sqrt(0.6)
-        text = f"target lost, seen 40\u00a0s ago, within {reached_m:.1f}\u00a0m"
+        text = f"target, seen 40\u00a0s ago, within {reached_m:.1f}\u00a0m"
         expect(page.locator(".symbol.target .label")).to_have_text(text)
         expect(page.locator(".symbol.target")).to_have_attribute("data-current", "false")
 

@@ -51,7 +51,7 @@ export function showTarget(symbol, target) {
   const isOld = isLost || target.sighting_age_s > SIGHTING_AGE_MAX_S;
   setAttribute(symbol.root, "data-current", String(!isOld));
   const seen = isOld ? `, seen ${age(target.sighting_age_s)} ago` : "";
-  setText(symbol.label, `target${isLost ? " lost" : ""}${seen}${isLost ? `, within ${metres(reach(target))}` : ""}`);
+  setText(symbol.label, `target${seen}${isLost ? `, within ${metres(reach(target))}` : ""}`);
 }
 
 function hatching(id, colour) {

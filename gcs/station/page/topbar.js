@@ -28,13 +28,13 @@ export class TopBar {
   update(team, isConnected) {
     setLine("link", ...linkWords(team, isConnected));
     if (!team) return;
-    showLost(team.lost, team.wall_s);
+    showLost(team);
     setText(byId("elapsed"), team.time_s === null ? "not started" : `T+ ${clock(team.time_s)}`);
     setText(byId("remaining"), remaining(team, this.mission));
     setText(byId("ring"), `${team.ring_members} of ${team.vehicles.length}`);
     setLine("worst", ...worst(team));
     setText(byId("rights"), rights(this.mission, team));
-    setText(byId("ending"), team.ending ? `Ended: ${team.ending}` : "");
+    setText(byId("ending"), team.ending ? `Flight over: ${team.ending}` : "");
     byId("ending").hidden = !team.ending;
   }
 }

@@ -60,4 +60,4 @@ export function headline(vehicle, team) {
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
-export const tactic = (vehicle) => vehicle.tactic || UNKNOWN;
+export const tactic = (vehicle) => (vehicle.is_unaccounted ? "MISSING" : vehicle.tactic || UNKNOWN);
