@@ -58,6 +58,11 @@ class _Clock:
         pictures = int((ended_s - began_s) / step_s) + 2
         return cls(began_s, step_s, pictures, min(starts_s, default=inf), unix_s, logs[0].run.speed)
 
+    @property
+    def last_s(self) -> float:
+        """The time of the last picture."""
+        return self.began_s + (self.pictures - 1) * self.step_s
+
     def times_s(self) -> Iterator[float]:
         """Return the times of the pictures."""
         return (self.began_s + k * self.step_s for k in range(self.pictures))
@@ -140,7 +145,8 @@ def _events(clock: _Clock, vehicles: Iterable[RecordedVehicle]) -> Iterator[Even
         key=lambda event: event[0],
     )
     for number, (time_s, vehicle_id, text, level) in enumerate(happened, 1):
-        yield EventPicture(number, clock.mission_s(time_s), clock.wall_s(time_s), level, text, vehicle_id)
+        at_s = min(time_s, clock.last_s)  # the end of a vehicle is recorded after the last picture
+        yield EventPicture(number, clock.mission_s(at_s), clock.wall_s(at_s), level, text, vehicle_id)
 
 
 def _ending(logs: Sequence[FlightLog]) -> str:

@@ -101,6 +101,7 @@ export class Cards {
     const state = trouble(vehicle, team);
     setAttribute(item, "data-trouble", state);
     setAttribute(item, "data-current", String(!vehicle.is_stale));
+    setAttribute(item, "data-unaccounted", String(vehicle.is_unaccounted));
     setText(parts.tactic, tactic(vehicle));
     setText(parts.badge, state === "information" ? "" : `${SIGNS[state].sign} ${SIGNS[state].word}`);
     setText(parts.headline, headline(vehicle, team));

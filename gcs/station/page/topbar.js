@@ -52,6 +52,7 @@ function remaining(team, mission) {
 function linkWords(team, isConnected) {
   if (!isConnected) return ["■ no station", "alarm"];
   if (!team) return ["waiting for data", "warning"];
+  if (team.ending) return ["flight over", "information"];
   return team.link ? [`▲ ${team.link}`, "warning"] : ["● connected", "information"];
 }
 
