@@ -34,7 +34,7 @@ class FlightEnd(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LastPosition:
-    """A vehicle's newest position in the mission frame, and its age [wall s]."""
+    """A newest position in the mission frame, and its age [wall s]."""
 
     position_m: tuple[float, float, float]
     age_s: float

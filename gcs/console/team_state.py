@@ -21,7 +21,7 @@ from agents.team.messages import (
 from agents.team.verbs import VERBS
 from estimation.frames import MissionFrame
 from gcs.console.advice import Severity, severity
-from gcs.console.vehicle_view import TeamRow, with_alert, with_state, with_surroundings, with_unaccounted
+from gcs.console.vehicle_view import TeamRow, may_fly, with_alert, with_state, with_surroundings, with_unaccounted
 from gcs.metrics.ending import UNACCOUNTED, Unaccounted
 from gcs.mission.geometry import Place
 from gcs.mission.mission import Mission
@@ -140,10 +140,10 @@ class TeamState:
         """Record that a vehicle's flight has ended: the loss of its messages is then no event."""
         self._latest.pop(vehicle_id, None)
 
-    def rows(self, now_s: float) -> list[TeamRow]:
-        """Return a row for each vehicle of the mission."""
+    def rows(self, now_s: float, *, is_over: bool = False) -> list[TeamRow]:
+        """Return a row for each vehicle of the mission; no flight runs if it `is_over`."""
         places_m = {each: latest.state.position_m for each, latest in self._latest.items()}
-        return [self._row(each, now_s, places_m) for each in sorted(self.vehicle_ids)]
+        return [self._row(each, now_s, places_m, is_over=is_over) for each in sorted(self.vehicle_ids)]
 
     def ring_members(self, now_s: float) -> int:
         """Return how many vehicles fly on the ring, without those whose messages have stopped."""
@@ -210,7 +210,7 @@ class TeamState:
             if len(self._known) > COMMANDS_KEPT:
                 self._known.popitem(last=False)
 
-    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place]) -> TeamRow:
+    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place], *, is_over: bool) -> TeamRow:
         latest = self._latest.get(vehicle_id)
         if latest is None:
             return TeamRow(vehicle_id, note="not received")
@@ -221,10 +221,18 @@ class TeamState:
         note = ", ".join(filter(None, [silent, dropped]))
         row = with_state(TeamRow(vehicle_id, age_s=age_s, is_stale=is_stale, note=note), state)
         row = with_surroundings(row, places_m, self.fences)
-        if not ending:
-            return with_alert(row, state.alert)
-        report, reported_s = self._reports[vehicle_id]
-        if report.unaccounted_m is None:
-            return replace(row, has_ended=True, ending=ending)
-        last = LastPosition(report.unaccounted_m, (report.link_age_s or 0.0) + now_s - reported_s)
-        return with_unaccounted(row, Unaccounted.of(vehicle_id, last, self.frame))
+        last = self._last_position(vehicle_id, now_s, is_gone=is_over and is_stale)
+        if last is not None:
+            return with_unaccounted(row, Unaccounted.of(vehicle_id, last, self.frame))
+        return replace(row, has_ended=True, ending=ending) if ending else with_alert(row, state.alert)
+
+    def _last_position(self, vehicle_id: int, now_s: float, *, is_gone: bool) -> LastPosition | None:
+        """Return where a vehicle was last that is unaccounted for: by its report, or as the flight `is_gone`."""
+        report, reported_s = self._reports.get(vehicle_id, (None, now_s))
+        if report is not None and report.unaccounted_m is not None:
+            return LastPosition(report.unaccounted_m, (report.link_age_s or 0.0) + now_s - reported_s)
+        if is_gone and may_fly(report) and not self._ended(vehicle_id):
+            latest = self._latest[vehicle_id]
+            x, y = latest.state.position_m
+            return LastPosition((x, y, latest.state.altitude_m), now_s - latest.received_s)
+        return None

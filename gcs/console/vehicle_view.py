@@ -113,6 +113,11 @@ def with_report(view: ViewT, report: VehicleReport, age_s: float) -> ViewT:
     )
 
 
+def may_fly(report: VehicleReport | None) -> bool:
+    """Return whether a vehicle whose flight has not ended is in the air by its newest report, or may be without one."""
+    return report is None or report.armed or report.in_air
+
+
 def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
     """Return a view with an alert, its advice and severity; of a vehicle that `is_lost` in flight it is an alarm."""
     level: Severity = "alarm" if alert and is_lost else severity(alert)

@@ -89,7 +89,7 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
                 view.print_line(event.line, event.severity)
             message = bus.refusal or missions.difference or _message(mission, team, now_s - began_s)
             title = watch_title(mission, now_s - began_s, team.ring_members(now_s))
-            view.update(team.rows(now_s), now_s - began_s, message, title=title)
+            view.update(team.rows(now_s, is_over=bool(bus.refusal)), now_s - began_s, message, title=title)
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
 

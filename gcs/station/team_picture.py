@@ -17,6 +17,7 @@ from gcs.console.vehicle_view import (
     SILENT,
     Pair,
     VehicleView,
+    may_fly,
     with_alert,
     with_report,
     with_state,
@@ -59,11 +60,6 @@ class _Received:
     def is_link_cut(self) -> bool:
         """Whether its agent reports that the link to its autopilot is cut."""
         return self.report is not None and self.report.is_link_cut
-
-    @property
-    def may_fly(self) -> bool:
-        """Whether it was in the air by its newest messages, or may have been."""
-        return self.state is not None and (self.report is None or self.report.armed or self.report.in_air)
 
     def received_s(self) -> float:
         """Return the time of its newest state, or of any message if it has sent no state yet."""
@@ -185,7 +181,7 @@ class TeamPictures:
             i
             for i, each in self._received.items()
             if (each.report is not None and each.report.unaccounted_m is not None)
-            or (is_gone and each.may_fly and not each.ended)
+            or (is_gone and each.state is not None and may_fly(each.report) and not each.ended)
         }
         if self._lost is not None:
             found |= self._received.keys() & self._lost[1].vehicles

@@ -118,6 +118,19 @@ def test_a_vehicle_that_is_unaccounted_for_is_first_and_no_longer_silent_and_one
     assert all(part in watch_line([one, two], 21.0, "") for part in ("#1 ended", "#2 MISSING", "x 7.0 m"))
 
 
+def test_of_a_flight_that_is_gone_who_may_be_in_the_air_is_unaccounted_for() -> None:
+    team = TeamState((1, 2))
+    team.receive(VehicleReport(1, 99.0, "offboard", armed=True), 0.0)
+    team.receive(VehicleReport(2, 99.0, "ready"), 0.0)
+    for each in (1, 2):
+        team.receive(state(each), 0.0)
+    assert not any(row.is_unaccounted for row in team.rows(9.0))
+    assert not any(row.is_unaccounted for row in team.rows(0.5, is_over=True)), "their messages may be in transit"
+    one, two = team.rows(9.0, is_over=True)
+    assert (one.is_unaccounted, one.position_m, two.is_unaccounted) == (True, (1.0, -2.0, 8.0), False)
+    assert "9 s ago" in one.advice
+
+
 def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeated() -> None:
     picture = TeamState((1,))
     for _ in range(3):
