@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Mapping
 
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
@@ -12,6 +12,7 @@ from agents.shell.outcome import Outcome
 from agents.team.codec import encode
 from agents.team.messages import ENDED_LIMIT, LINK_SILENT_S, REPORT_TOPIC, TOPICS, TargetReport, VehicleReport
 from agents.team.text import printable
+from estimation.frames import Triple
 from estimation.state import POSITION, VELOCITY
 
 PERIOD_S = 1.0
@@ -31,14 +32,19 @@ class Reporter:
         parts: AgentParts,
         newest: Callable[[], TickOutput | None],
         clock_lags_s: Callable[[], Mapping[int, float]],
+        unaccounted: Callable[[], LastPosition | None] = lambda: None,
     ) -> None:
-        """Take the parts, and the functions that return the newest output and the lags of the peers' clocks."""
+        """Take the parts, and functions that return the newest output, the lags of the peers' clocks, and the last
+        position of a vehicle that is unaccounted for.
+        """
         self._parts = parts
         self._newest = newest
         self._clock_lags_s = clock_lags_s
+        self._unaccounted = unaccounted
         self._mission: tuple[float | None, float] = (None, 0.0)
         self._ended, self._is_completed = "", False
         self._start_blockers: str | None = None
+        self._position_m: Triple | None = None
         self._motion_s: float | None = None
         self._last_report: tuple[object, ...] = ()
         self._sent_s = 0.0
@@ -48,9 +54,16 @@ class Reporter:
         """Send from now on; the clock's speed must be set."""
         self._running = self._running or asyncio.create_task(self._run())
 
-    def sense(self) -> None:
-        """Note that a sample of the vehicle's motion has been received now."""
-        self._motion_s = self._wall_s()
+    @property
+    def last_position(self) -> LastPosition | None:
+        """The newest position that has been received, None before the first."""
+        if self._position_m is None or self._motion_s is None:
+            return None
+        return LastPosition(self._position_m, self._wall_s() - self._motion_s)
+
+    def sense(self, position_m: Triple) -> None:
+        """Note that a sample of the vehicle's motion has been received now, with its position."""
+        self._position_m, self._motion_s = position_m, self._wall_s()
 
     def start_mission(self, start_s: float, duration_s: float) -> None:
         """Take the mission's begin on the team's clock, and its duration."""
@@ -109,6 +122,7 @@ class Reporter:
         output, status = self._newest(), self._parts.link.status
         setpoint = None if output is None else output.setpoint
         start_s, duration_s = self._mission
+        unaccounted = self._unaccounted()
         return VehicleReport(
             self._parts.config.vehicle_id,
             self._parts.clock.now_s(),
@@ -126,6 +140,7 @@ class Reporter:
             self._start_blockers,
             None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
             self._is_completed if self._ended else None,
+            None if unaccounted is None else unaccounted.position_m,
         )
 
 

@@ -196,7 +196,9 @@ class VehicleReport(msgspec.Struct, frozen=True):
     `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint,
     `estimator` the state of the autopilot's estimator as text. The mission began at `start_s` and lasts `duration_s`.
     `ended` is how the vehicle's flight ended, empty during the flight, and `is_completed` whether it was over as
-    planned, which earlier versions do not send. While it waits on the ground for an operator's start, `start_blockers`
+    planned, which earlier versions do not send. `unaccounted_m` is the newest position of a vehicle whose flight has
+    ended without a report that it is down, or that fell; None for all others. While it waits on the ground for an
+    operator's start, `start_blockers`
     forbid the start, empty if nothing does, and `clock_off_s` is the largest offset of a peer's computer's clock from
     its own [wall s]. Unknown values are None, or empty.
     """
@@ -219,6 +221,7 @@ class VehicleReport(msgspec.Struct, frozen=True):
     ] = None
     clock_off_s: Annotated[_Seconds | None, Added(2)] = None
     is_completed: Annotated[bool | None, Added(3)] = None
+    unaccounted_m: Annotated[tuple[_Metres, _Metres, _Metres] | None, Added(4)] = None
 
     @property
     def is_link_cut(self) -> bool:

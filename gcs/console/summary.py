@@ -53,7 +53,8 @@ def _ending(ended: TeamEnding) -> Text:
     """Return how the flight ended, with the reason below unless the mission was completed."""
     if not ended.is_early:
         return Text(ended.headline, style="bold green")
-    return Text.assemble((f"✗ {ended.headline}", "bold red"), f"\n{ended.reason}")
+    lost = [(f"✗ {each.line}\n", "bold red") for each in ended.unaccounted]
+    return Text.assemble(*lost, (f"✗ {ended.headline}", "bold red"), f"\n{ended.reason}")
 
 
 def _headline(result: FlightResult) -> Text:

@@ -26,6 +26,8 @@ WIDE = 110
 """Terminals with at least this many columns show all columns without abbreviations."""
 SHORT_TACTICS = {Tactic.RETURN_AND_LAND.value: "return", Tactic.PILOT_OVERRIDE.value: "PILOT"}
 UNKNOWN_TACTIC = "-"
+MISSING = "MISSING"
+"""Stands for the tactic of a vehicle that is unaccounted for."""
 TACTIC_STYLES = {
     Tactic.FORMATION.value: "cyan",
     Tactic.ENCIRCLE.value: "magenta",
@@ -123,6 +125,7 @@ class TableView:
         self, rows: Sequence[TeamRow], time_s: float, message: str = "", hint: Text = NO_HINT, title: str = ""
     ) -> None:
         """Show the team; a terminal shows the hint below the table, and rings the bell for each new alarm."""
+        rows = sorted(rows, key=lambda row: not row.is_unaccounted)
         self._shown = _Shown(tuple(rows), time_s, message, hint, title or f"{time_s:.1f} s")
         alarms = {(row.vehicle_id, row.alert) for row in rows if row.severity == "alarm"}
         if self._live is not None and alarms - self._alarms:
@@ -145,10 +148,10 @@ class TableView:
         if shown.closed and not shown.rows:
             return Group()
         title = Text(f"{self._form.closed}  {shown.title}" if shown.closed else shown.title, style="bold")
-        below = _notes(shown.rows)
+        alerts = [row for row in shown.rows if row.alert and (row.is_unaccounted or not shown.closed)]
+        below = [*_alerts(alerts), *_notes(shown.rows)]
         if not shown.closed:
-            last = [Text(shown.message, style="yellow"), shown.hint]
-            below = [*_alerts(shown.rows), *below, *filter(None, last)]
+            below += filter(None, [Text(shown.message, style="yellow"), shown.hint])
         room = height - _HEADER_LINES - 1 - sum(-(-text.cell_len // width) or 1 for text in below)
         rows = _most_urgent(shown.rows, max(room, _ROWS_MIN))
         if len(rows) < len(shown.rows):
@@ -185,10 +188,12 @@ def vehicle_cell(row: TeamRow, closed: bool) -> Text:
     return Text(f"{SIGNS[level]}{row.vehicle_id}", style=STYLES[level] or "bold")
 
 
-def tactic_cell(tactic: str, wide: bool) -> Text:
-    """Return a tactic, abbreviated where the table is not wide."""
-    words = tactic if wide else SHORT_TACTICS.get(tactic, tactic)
-    return Text(words or UNKNOWN_TACTIC, style=TACTIC_STYLES.get(tactic, ""))
+def tactic_cell(row: TeamRow, wide: bool) -> Text:
+    """Return a vehicle's tactic, abbreviated where the table is not wide."""
+    if row.is_unaccounted:
+        return Text(MISSING, style=STYLES["alarm"])
+    words = row.tactic if wide else SHORT_TACTICS.get(row.tactic, row.tactic)
+    return Text(words or UNKNOWN_TACTIC, style=TACTIC_STYLES.get(row.tactic, ""))
 
 
 def motion_cells(row: TeamRow, separation_m: float, wide: bool) -> Iterator[Text]:
@@ -217,7 +222,8 @@ def motion_numbers(row: TeamRow) -> tuple[PlainNumber, ...]:
 def plain_row(row: TeamRow, tactic: str, also: str, numbers: Iterable[PlainNumber]) -> str:
     """Return a vehicle as plain text, without the numbers that are unknown."""
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, row.alert, row.note]))
+    alert = f"{row.alert}: {row.advice}" if row.is_unaccounted else row.alert
+    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, alert, row.note]))
 
 
 def in_degrees(angle_rad: float | None) -> float | None:
@@ -234,14 +240,14 @@ def empty_table(columns: Iterable[Column]) -> Table:
 
 
 def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
-    """Return a line for each alert with the next step, the most severe first."""
-    whose = _vehicles({row.vehicle_id: row.alert for row in rows})
-    alerts = {row.alert: row for row in rows if row.alert}
-    lines = [
-        Text(f"{WORDS[row.severity]}{whose[row.alert]}: {row.alert}: {row.advice}", style=STYLES[row.severity])
-        for row in sorted(alerts.values(), key=lambda row: _MOST_SEVERE_FIRST.index(row.severity))
-    ]
-    return _first(lines, _ALERTS_MAX, "alerts")
+    """Return a line for each alert with the next step, the most severe first; one for each unaccounted vehicle."""
+    alerts = {f"{row.alert}: {row.advice}": row for row in rows}
+    whose = _vehicles({row.vehicle_id: f"{row.alert}: {row.advice}" for row in rows})
+    ranked = sorted(
+        alerts.items(), key=lambda each: (not each[1].is_unaccounted, _MOST_SEVERE_FIRST.index(each[1].severity))
+    )
+    lines = [Text(f"{WORDS[row.severity]}{whose[text]}: {text}", style=STYLES[row.severity]) for text, row in ranked]
+    return _first(lines, max(_ALERTS_MAX, sum(row.is_unaccounted for row in rows)), "alerts")
 
 
 def _notes(rows: Sequence[TeamRow]) -> list[Text]:

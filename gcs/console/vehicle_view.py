@@ -12,6 +12,7 @@ from agents.safety.fence import Fence
 from agents.team.messages import AutopilotReport, MemberState, VehicleReport
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
+from gcs.metrics.ending import SEARCH, UNACCOUNTED, Unaccounted
 from gcs.mission.geometry import nearest_other
 
 Pair = tuple[float, float]
@@ -25,6 +26,8 @@ class VehicleView(msgspec.Struct, frozen=True):
     `is_stale` means that its position is out of date: its messages stopped, or its link is cut. `mode` is empty without
     a link. `aim_m` is the undisturbed aim, which its peers receive, `setpoint_m` the setpoint sent, which a log holds;
     `yaw_rad` is that of the setpoint. `link_age_s` is how long its agent has received nothing from its autopilot.
+    `is_unaccounted` means that its flight has ended, and no report, pilot or operator accounts for it: its position is
+    the last one known.
     `nearest_m` is the horizontal distance to the nearest other flying vehicle, `fence_margin_m` that to the fence
     (negative: outside). `advice` is the operator's action for the alert. `ending` is how its flight ended, empty
     before. Unknown values are None, or empty.
@@ -54,6 +57,7 @@ class VehicleView(msgspec.Struct, frozen=True):
     advice: str = ""
     severity: Severity = "information"
     ending: str = ""
+    is_unaccounted: bool = False
 
     @property
     def height_m(self) -> float | None:
@@ -109,10 +113,29 @@ def with_report(view: ViewT, report: VehicleReport, age_s: float) -> ViewT:
     )
 
 
+def may_fly(report: VehicleReport | None) -> bool:
+    """Return whether a vehicle whose flight has not ended is in the air by its newest report, or may be without one."""
+    return report is None or report.armed or report.in_air
+
+
 def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
     """Return a view with an alert, its advice and severity; of a vehicle that `is_lost` in flight it is an alarm."""
     level: Severity = "alarm" if alert and is_lost else severity(alert)
     return replace(view, alert=alert, advice=advice(_ADVISED_AS.get(alert, alert)), severity=level)
+
+
+def with_unaccounted(view: ViewT, lost: Unaccounted | None = None) -> ViewT:
+    """Return a view of a vehicle that is unaccounted for; for a terminal the advice says where it was `lost`."""
+    return replace(
+        view,
+        position_m=view.position_m if lost is None else lost.position_m,
+        is_stale=True,
+        has_ended=False,
+        is_unaccounted=True,
+        alert=UNACCOUNTED,
+        advice=SEARCH if lost is None else f"{lost.place}: search there",
+        severity="alarm",
+    )
 
 
 def with_surroundings(view: ViewT, places_m: Mapping[int, Pair], fences: Mapping[int, Fence]) -> ViewT:

@@ -256,6 +256,7 @@ async def _fly(
         async with supervisor.follow(clock):
             with _at_speed(plan.speed, clock):
                 outcomes = await _fly_members(team, Watch(team, report, hint), injector.run(team, stubs))
+        supervisor.report_unaccounted([i for i, outcome in outcomes.items() if outcome.unaccounted is not None])
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
@@ -305,7 +306,10 @@ async def _fly_members(team: FlightTeam, watch: Watch, injection: Coroutine[None
         for task in beside:
             task.cancel()
         watch.end()
-    return {member.vehicle.id: outcome for member, outcome in zip(team.members, outcomes, strict=True)}
+    return {
+        member.vehicle.id: replace(outcome, unaccounted=member.agent.unaccounted)
+        for member, outcome in zip(team.members, outcomes, strict=True)
+    }
 
 
 async def _fly_member(team: FlightTeam, member: Member) -> Outcome:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, get_args
 import msgspec
 
 from agents.drops import Drops
+from agents.flight_end import LastPosition
 from agents.inputs import Command, CoreInput, Message
 from agents.notes import AlertChange, CommandOutcome, Note, TacticChange
 from agents.outputs import TickOutput
@@ -205,7 +206,7 @@ class Truth(msgspec.Struct, frozen=True):
 class VehicleEnd(msgspec.Struct, frozen=True):
     """The totals of a vehicle's control loop, when its mission ended and the way down began, and how and why.
 
-    `how` is a value of `agents.flight_end.FlightEnd`.
+    `how` is a value of `agents.flight_end.FlightEnd`. `unaccounted` is set if the vehicle is.
     """
 
     ticks: int
@@ -213,6 +214,7 @@ class VehicleEnd(msgspec.Struct, frozen=True):
     ended_s: float | None
     how: str
     reason: str
+    unaccounted: LastPosition | None = None
 
 
 class RunEnd(msgspec.Struct, frozen=True):

@@ -131,7 +131,8 @@ class FlightResult:
         if self.estimate is not None:
             plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
         if self.ended is not None:
-            plain["ended"]["vehicles"] = list(self.ended.vehicles)
+            for key in ("vehicles", "unaccounted"):
+                plain["ended"][key] = list(plain["ended"][key])
         plain["engagement"] = {name: list(ids) for name, ids in plain["engagement"].items()}
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()

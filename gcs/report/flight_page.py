@@ -33,6 +33,7 @@ from gcs.station.picture import FlightPicture
 from gcs.station.recorded_flight import recorded_flight
 
 _AFTER_ENDING = {
+    FlightEnd.LOST: "recover it at its last position, and find out why its link was lost",
     FlightEnd.KILLED: "recover and inspect before the next flight",
     FlightEnd.ERROR: "report the error with this log, and repeat the mission in simulation before the next flight",
     FlightEnd.WATCHDOG: "find out what stopped the agent's process; docs/deadman.md lists causes",

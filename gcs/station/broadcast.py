@@ -25,6 +25,10 @@ class Source(Protocol):
         """Return the constant part of the pictures, with the rights of this operator."""
         ...
 
+    def recover(self, vehicle_id: int) -> None:
+        """Take an operator's confirmation that a vehicle was recovered."""
+        ...
+
     async def run(self, publish: Publish) -> None:
         """Publish pictures of the team and events until cancelled.
 

@@ -69,7 +69,7 @@ class Commands:
     def rights(self) -> OperatorRights:
         """The operator's name and permitted commands."""
         if self._client is None or self._identity is None:
-            return OperatorRights()
+            return OperatorRights(read_only=self._read_only)
         may = tuple(verb for verb in self._identity.may if VERBS[verb].button)
         return OperatorRights(self._identity.participant.name, may)
 

@@ -42,6 +42,10 @@ class LiveTeam:
         self.has_lost_flight = True
         self._pictures.lose(flight, time.monotonic())
 
+    def recover(self, vehicle_id: int) -> None:
+        """Take an operator's confirmation that a vehicle was recovered."""
+        self._pictures.recover(vehicle_id)
+
     async def run(self, publish: Publish) -> None:
         """Publish the team ten times a second, and events as they come, until cancelled.
 

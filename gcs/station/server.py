@@ -27,7 +27,7 @@ from agents.ports import VehicleRefusedError
 from gcs.station.access import Access, AccessGate
 from gcs.station.broadcast import Broadcast, Reading, Source
 from gcs.station.commands import Commands
-from gcs.station.picture import CommandRequest, FlightPicture, MissionPicture, OperatorRights
+from gcs.station.picture import CommandRequest, FlightPicture, MissionPicture, OperatorRights, RecoveredRequest
 from gcs.station.tiles import MapTiles
 
 PAGE = Path(__file__).parent / "page"
@@ -45,10 +45,13 @@ _TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 class Stream:
     """The WebSocket of live pages: pictures, events and answers out, requests of commands in."""
 
-    def __init__(self, broadcast: Broadcast, commands: Commands) -> None:
-        """Take the content for pages, and the receiver of their requests."""
+    def __init__(
+        self, broadcast: Broadcast, commands: Commands, recover: Callable[[int], object] = lambda _vehicle_id: None
+    ) -> None:
+        """Take the content for pages, and the receivers of their requests and of confirmed recoveries of vehicles."""
         self._broadcast = broadcast
         self._commands = commands
+        self._recover = recover
         self.pages = 0
         """Number of open pages."""
 
@@ -78,12 +81,15 @@ class Stream:
     async def _listen(self, page: WebSocket, reading: Reading) -> None:
         while (message := await page.receive())["type"] != "websocket.disconnect":
             try:
-                request = msgspec.json.decode(message.get("text") or "", type=CommandRequest)
+                request = msgspec.json.decode(message.get("text") or "", type=CommandRequest | RecoveredRequest)
             except msgspec.DecodeError as error:  # a msgspec.ValidationError is one
                 with suppress(WebSocketDisconnect, RuntimeError):  # the page has disconnected meanwhile
                     await page.close(_MALFORMED, str(error)[:100])
                 return
-            self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
+            if isinstance(request, RecoveredRequest):
+                self._recover(request.vehicle_id)
+            else:
+                self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
 
 
 def live_app(stream: Stream, page: Path = PAGE, tiles: MapTiles | None = None) -> ASGIApp:
@@ -141,7 +147,7 @@ async def serve_team(
     """
     broadcast = Broadcast()
     ours = commands(broadcast)
-    stream = Stream(broadcast, ours)
+    stream = Stream(broadcast, ours, source.recover)
 
     def publish(rights: OperatorRights) -> None:
         broadcast.publish(_with_tiles(source.mission(rights), tiles))

@@ -127,7 +127,7 @@ def test_alarm_that_a_graver_one_of_its_vehicle_hides_is_not_called_over(page: P
 
 def test_end_of_the_flight_is_no_alarm(page: Page, served: CannedStation) -> None:
     served.team = lambda time_s: replace(link_lost(time_s), ending="landed and disarmed")
-    expect(page.locator("#ending")).to_have_text("Ended: landed and disarmed")
+    expect(page.locator("#ending")).to_have_text("Flight over: landed and disarmed")
     served.is_refusing = True
     served.disconnect()
     expect(page.locator("#link")).to_have_text("■ no station")
@@ -176,10 +176,10 @@ def test_a_lost_flight_is_shown_with_what_controls_the_vehicles_and_a_clock_that
     expect(banner).to_be_hidden()
     served.team = lost
     expect(banner).to_be_visible()
-    for part in ("Vehicle 1, 2, 3", "No tick of the control loop of vehicle 2 for 0.7 s", "only their autopilots"):
+    for part in ("All 3 vehicles", "No tick of the control loop of vehicle 2 for 0.7 s", "only their autopilots"):
         expect(banner).to_contain_text(part, ignore_case=True)
     expect(page.locator("#lost-advice")).to_contain_text("Watch them.")
-    expect(page.locator("#alarms li")).to_contain_text(["The flight was lost"])
+    expect(page.locator("#alarms li")).to_contain_text(["unaccounted for"])
     expect(page.locator(".card .headline").first).to_contain_text("last seen 71 s ago")
     expect(page.locator("#ending")).to_be_hidden()
     expect(page.locator("#lost-since")).to_have_text("1:11")

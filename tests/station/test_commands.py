@@ -267,4 +267,11 @@ def test_only_what_the_operator_may_is_offered(page: Page, served: CannedStation
     expect(page.locator(offered)).to_have_count(0)
     expect(page.locator("#read-only")).to_be_visible()
     expect(page.locator("#rights")).to_have_text("read only")
+    served.send(replace(ring_mission(), operator=OperatorRights(read_only="there are no keys here")))
+    expect(page.locator("#read-only")).to_have_text("Read-only: there are no keys here.")
     expect(page.locator(".card")).to_have_count(3)
+    team = served.team
+    assert team is not None
+    served.team = lambda time_s: replace(team(time_s), ending="landed")
+    expect(page.locator("#read-only")).to_contain_text("Flight over")
+    expect(page.locator("#rights")).to_have_text("flight over")

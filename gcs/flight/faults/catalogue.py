@@ -142,6 +142,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("foreign mode", lambda scene: Injection(vehicles={scene.subject: VehicleInjection(selects_hold=True)})),
     Fault("target lost", _of_team(lambda _: TeamFaults(blind=True)), of_team=True),
     Fault("link cut", _of_subject(lambda _: VehicleFaults(link_cut=True))),
+    Fault("lost in the air", _of_subject(lambda _: VehicleFaults(link_cut=True))),
     Fault("battery low", _drain(lambda m: (m.failsafe.battery_low + m.failsafe.battery_critical) / 2.0)),
     Fault("battery critical", _drain(lambda m: m.failsafe.battery_critical * 0.8)),
     Fault("no way home", _of_subject(lambda s: VehicleFaults(endurance_s=max(s.mission.failsafe.reserve_s, 1.0)))),

@@ -19,6 +19,7 @@ FaultName = Literal[
     "foreign mode",
     "target lost",
     "link cut",
+    "lost in the air",
     "battery low",
     "battery critical",
     "no way home",

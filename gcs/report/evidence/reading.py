@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
 from agents.inputs import AutopilotStatus, LateTicks, Start
 from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle
 from estimation.state import MOTION, Telemetry, Vector
@@ -18,7 +18,7 @@ from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
 from gcs.flightlog.run import mission_of
-from gcs.metrics.ending import VehicleEnding
+from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import injected_faults
 from gcs.mission.mission import Mission
@@ -58,7 +58,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         max(_wall_time_s(log) for log in logs),
         tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
-        tuple(each.ending(start_s) for each in vehicles),
+        tuple(each.ending(start_s, mission) for each in vehicles),
         injected_faults(logs[0].run.faults),
         _kinds(logs),
     )
@@ -195,12 +195,23 @@ class _VehicleReader:
         """Number of missed ticks."""
         return sum(self._rows.skipped) if self._end is None else self._end.missed
 
-    def ending(self, start_s: float) -> VehicleEnding:
+    def ending(self, start_s: float, mission: Mission) -> VehicleEnding:
         """Return how its flight ended: where the log does not say so it ends before that."""
         if self._end is None:
             ends = f"the log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
-            return VehicleEnding(self.vehicle_id, FlightEnd.IN_FLIGHT, ends)
-        return VehicleEnding(self.vehicle_id, FlightEnd(self._end.how), self._end.reason)
+            how, reason, last = FlightEnd.IN_FLIGHT, ends, self._last_position
+        else:
+            how, reason, last = FlightEnd(self._end.how), self._end.reason, self._end.unaccounted
+        unaccounted = None if last is None else Unaccounted.of(self.vehicle_id, last, mission.mission_frame())
+        return VehicleEnding(self.vehicle_id, how, reason, unaccounted)
+
+    @property
+    def _last_position(self) -> LastPosition | None:
+        """The newest position when the log ends, None without one."""
+        if not self._telemetry:
+            return None
+        _, sampled_s, x, y, z = self._telemetry[-1]
+        return LastPosition((x, y, z), max(self.last_s - sampled_s, 0.0) / self._log.run.speed)
 
     def truth(self, mission: Mission) -> TruthTrack | None:
         """Return the true motion of the vehicle, known afterwards or else received in flight; None if not known."""

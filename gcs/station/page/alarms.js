@@ -1,7 +1,8 @@
 /** Alarms: a sound, a sign and a word until they are acknowledged; removed when they are over and acknowledged. */
 
 import { byId, element, setText } from "./dom.js";
-import { trouble } from "./vehicles.js";
+import { capital, vehicleNames } from "./units.js";
+import { byTrouble, trouble } from "./vehicles.js";
 
 const SOUND_EVERY_MS = 2000;
 const TONES_HZ = [880, 660];
@@ -26,8 +27,10 @@ export class Alarms {
 
   /** Update from a team and from whether the station answers. */
   update(team, isConnected) {
-    const present = team ? team.vehicles.filter((vehicle) => trouble(vehicle, team) === "alarm").map(ofVehicle) : [];
-    if (team?.lost) present.unshift(LOST);
+    const vehicles = team ? byTrouble(team).filter((vehicle) => trouble(vehicle, team) === "alarm") : [];
+    // Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
+    const present = vehicles.filter((vehicle) => !(team.lost && vehicle.is_unaccounted)).map(ofVehicle);
+    if (team?.lost) present.unshift(ofFlight(team));
     if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
     if (this.#take(present)) this.#show();
   }
@@ -62,7 +65,7 @@ export class Alarms {
   /** A vehicle shows only its gravest alert: one that another replaced may still be present, so it is removed, not "over". */
   #endAllBut(present) {
     const keys = new Set(present.map((alarm) => alarm.key));
-    const subjects = new Set(present.map((alarm) => alarm.subject));
+    const subjects = new Set(present.flatMap((alarm) => alarm.covers ?? [alarm.subject]));
     for (const [key, alarm] of this.alarms) {
       const isReplaced = alarm.isPresent && !keys.has(key) && subjects.has(alarm.subject);
       if (isReplaced) this.alarms.delete(key);
@@ -103,7 +106,10 @@ function ofVehicle(vehicle) {
   return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, text: `Vehicle ${vehicle_id}: ${alert}`, advice };
 }
 
-const LOST = { key: "lost", subject: "flight", text: "The flight was lost: only the autopilots control the vehicles", advice: "" };
+function ofFlight({ lost, vehicles }) {
+  const names = vehicleNames(lost.vehicles, vehicles);
+  return { key: "lost", subject: "flight", covers: lost.vehicles, text: `${capital(names)}: unaccounted for`, advice: "" };
+}
 
 function row(alarm) {
   const word = alarm.isPresent ? "ALARM" : "OVER";

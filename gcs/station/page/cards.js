@@ -1,6 +1,8 @@
 /** Cards: one per vehicle, the gravest trouble first. */
 
 import { element, SEVERITIES, setAttribute, setText } from "./dom.js";
+import { actWhenHeld } from "./hold_button.js";
+import { copyOnClick, placeText } from "./places.js";
 import { age, clock, degrees, metres, nearest, percent, positioning, quantity, speed, UNKNOWN } from "./units.js";
 import { byTrouble, headline, tactic, trouble } from "./vehicles.js";
 
@@ -23,19 +25,33 @@ export const QUANTITIES = [
   ["radius", "Radius", (vehicle) => metres(vehicle.radius_m)],
   ["rate", "Ring rate", (vehicle) => quantity(vehicle.angular_rate_rad_s, 3, "rad/s")],
   ["lead", "Lead", (vehicle) => degrees(vehicle.lead_rad)],
+  ["place", "Position", (vehicle, mission) => placeText(mission, vehicle.position_m)],
+  ["home", "Home", (vehicle, mission) => placeText(mission, planned(mission, vehicle).start_m)],
 ];
+
+/** The quantities that a click copies. */
+export const COPIED = ["place", "home"];
+
+const COPIES = { type: "button", class: "copies", title: "Copy" };
+
+const planned = (mission, vehicle) => mission.vehicles.find((each) => each.vehicle_id === vehicle.vehicle_id);
 
 function separationMargin(vehicle, mission) {
   return vehicle.nearest_m === null ? null : vehicle.nearest_m - mission.separation_m;
 }
 
 export class Cards {
-  /** @param {HTMLElement} list @param {Selection} selection the vehicles that receive commands */
-  constructor(list, selection) {
+  /**
+   * @param {HTMLElement} list @param {Selection} selection the vehicles that receive commands
+   * @param {function(Object): boolean} send passes a confirmation to the station
+   */
+  constructor(list, selection, send) {
     this.list = list;
     this.selection = selection;
+    this.send = send;
     this.cards = new Map();
     selection.changed(() => this.#showSelection());
+    copyOnClick(list);
   }
 
   /** Show the vehicles of a mission. */
@@ -59,18 +75,22 @@ export class Cards {
       tactic: element("span", { class: "tactic" }),
       headline: element("p", { class: "headline" }),
       advice: element("p", { class: "advice", hidden: true }),
+      recovered: element("button", { type: "button", class: "held recovered", hidden: true }, "Recovered: hold 1 s"),
       select: element("input", { type: "checkbox", "aria-label": `Select vehicle ${id}` }),
     };
     parts.select.addEventListener("change", () => this.selection.set(id, parts.select.checked));
     const title = element("h3", { id: `card-${id}` }, vehicleMark(planned), parts.tactic, parts.badge);
     const select = element("label", { class: "select" }, parts.select);
     const values = QUANTITIES.map(([name, label]) => {
-      parts[name] = element("dd", { "data-quantity": name });
-      return element("div", {}, element("dt", {}, label), parts[name]);
+      const isCopied = COPIED.includes(name);
+      parts[name] = element(isCopied ? "button" : "dd", { "data-quantity": name, ...(isCopied ? COPIES : {}) });
+      const value = isCopied ? element("dd", {}, parts[name]) : parts[name];
+      return element("div", { class: isCopied && "wide" }, element("dt", {}, label), value);
     });
+    actWhenHeld(parts.recovered, () => this.send({ kind: "recovered", vehicle_id: id }));
     const head = element("div", { class: "card-head" }, title, select);
     const item = element("li", { class: "card", "data-vehicle": id, "aria-labelledby": `card-${id}` });
-    item.append(head, parts.headline, parts.advice, element("dl", {}, ...values));
+    item.append(head, parts.headline, parts.advice, parts.recovered, element("dl", {}, ...values));
     return { item, parts };
   }
 
@@ -81,10 +101,12 @@ export class Cards {
     const state = trouble(vehicle, team);
     setAttribute(item, "data-trouble", state);
     setAttribute(item, "data-current", String(!vehicle.is_stale));
+    setAttribute(item, "data-unaccounted", String(vehicle.is_unaccounted));
     setText(parts.tactic, tactic(vehicle));
     setText(parts.badge, state === "information" ? "" : `${SIGNS[state].sign} ${SIGNS[state].word}`);
     setText(parts.headline, headline(vehicle, team));
     setText(parts.advice, vehicle.advice);
+    parts.recovered.hidden = !vehicle.is_unaccounted || this.mission.source === "log";
     parts.advice.hidden = !vehicle.advice || state === "ended";
     for (const [name, , text] of QUANTITIES) setText(parts[name], text(vehicle, this.mission));
   }

@@ -30,13 +30,15 @@ export class Commands {
     if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((verb) => this.#button(verb)));
     this.offered = names;
     byId("commands").hidden = mission.source === "log";
-    byId("read-only").hidden = offered.length > 0;
+    this.readOnly = mission.operator.read_only;
+    this.#showReadOnly();
     byId("target").hidden = byId("answers").hidden = offered.length === 0;
     this.#showTarget();
   }
 
   update(team) {
     this.team = team;
+    this.#showReadOnly();
   }
 
   /** Show an AnswerPicture. */
@@ -53,6 +55,12 @@ export class Commands {
       request.isLost = true;
       this.#showRequest(request);
     }
+  }
+
+  #showReadOnly() {
+    byId("read-only").hidden = this.offered !== "";
+    const reason = this.readOnly || "there is no operator's key for this page";
+    setText(byId("read-only"), this.team?.ending || this.team?.lost ? "Flight over: cordon flies no vehicle." : `Read-only: ${reason}.`);
   }
 
   #button(verb) {

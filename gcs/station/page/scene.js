@@ -1,8 +1,9 @@
 /** The map: the mission's metres with MapLibre's camera, lines from `marks.js` and symbols from `symbols.js`. */
 
-import { byId, element } from "./dom.js";
+import { byId, element, setAttribute, setText } from "./dom.js";
 import { Frame } from "./frame.js";
 import { planMarks, teamMarks, trailMarks } from "./marks.js";
+import { copy, copyOnClick, mapPlaceText, placeText } from "./places.js";
 import { showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
 import { atMostEvery } from "./throttle.js";
 import { Tiles } from "./tiles.js";
@@ -21,6 +22,7 @@ const LINES = [
   ["team", "flown", "--ink", 1.5, null, "ring"],
   ["team", "keep-out", "--alarm", 1.5, [1, 2], "keep-out"],
   ["team", "ellipse", "--ink", 1, null, "uncertainty"],
+  ["team", "reach", "--warning", 2, [4, 3], "uncertainty"],
   ["team", "velocity", "--ink", 3, null, "uncertainty"],
   ["team", "separation", null, 1.5, null, "separation"],
   ["team", "stale", null, 1.5, [2, 3], "separation"],
@@ -29,6 +31,7 @@ const LINES = [
 const AREAS = [
   ["keep-out", "--alarm", 0.12],
   ["ellipse", "--ink", 0.15],
+  ["reach", "--warning", 0.1],
 ];
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
@@ -49,6 +52,10 @@ export class Scene {
     this.map.addControl(new maplibre.NavigationControl({ showCompass: false }), "bottom-right");
     this.map.on("dragstart", () => this.#follow(false));
     this.map.on("resize", () => Object.assign(this, { hasFitted: false }));
+    this.map.on("mousemove", ({ lngLat }) => this.#showCursor(lngLat));
+    this.map.on("click", ({ lngLat }) => this.#copyCursor(lngLat));
+    byId("places").hidden = false;
+    copyOnClick(byId("places"));
     this.isLoaded = this.map.once("load");
     this.#buttons();
     selection.changed(() => this.#showSelection());
@@ -78,6 +85,7 @@ export class Scene {
     for (const vehicle of team.vehicles) this.#showVehicle(vehicle, team);
     this.#place(this.target.marker, team.target?.position_m ?? null);
     if (team.target) showTarget(this.target, team.target);
+    this.#showPlace("target-place", "Target", placeText(this.mission, team.target?.position_m));
     if (this.isFollowing) this.#keepInView(team);
   }
 
@@ -96,6 +104,20 @@ export class Scene {
     for (const [name, colour] of AREAS) this.map.setPaintProperty(`${name}-area`, "fill-color", css(colour));
     this.map.setPaintProperty("ground", "background-color", css("--ground"));
     this.tiles.recolour();
+  }
+
+  #showPlace(id, name, place) {
+    setText(byId(id), `${name} ${place}`);
+    setAttribute(byId(id), "data-copied", place);
+  }
+
+  #showCursor({ lng, lat }) {
+    if (this.mission) this.#showPlace("cursor-place", "Cursor", mapPlaceText(this.mission, [lng, lat]));
+  }
+
+  #copyCursor(lngLat) {
+    this.#showCursor(lngLat);
+    copy(byId("cursor-place").dataset.copied, byId("cursor-place"));
   }
 
   #trails(past) {

@@ -29,7 +29,7 @@ class Page {
     this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), byId("assertive"));
     this.topbar = new TopBar();
     this.strips = new Strips(byId("strips"));
-    this.cards = new Cards(byId("cards"), this.selection);
+    this.cards = new Cards(byId("cards"), this.selection, send);
     this.table = new Table(byId("table"));
     this.scene = null;
     this.tabs = new Tabs(byId("views"), () => this.redraw());

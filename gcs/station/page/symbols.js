@@ -1,7 +1,8 @@
 /** The vehicles and the target on the map: an arrow or a cross with a label, hatched if it is not current. */
 
 import { element, setAttribute, setText } from "./dom.js";
-import { metres, quantity } from "./units.js";
+import { reach } from "./marks.js";
+import { age, metres } from "./units.js";
 import { lastSeen, trouble } from "./vehicles.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -46,10 +47,11 @@ export function targetSymbol() {
 const SIGHTING_AGE_MAX_S = 2;
 
 export function showTarget(symbol, target) {
-  const isOld = target.sighting_age_s > SIGHTING_AGE_MAX_S;
+  const isLost = target.lost_speed_m_s !== null;
+  const isOld = isLost || target.sighting_age_s > SIGHTING_AGE_MAX_S;
   setAttribute(symbol.root, "data-current", String(!isOld));
-  const seen = isOld ? `, seen ${quantity(target.sighting_age_s, 0, "s")} ago` : "";
-  setText(symbol.label, `target${seen}`);
+  const seen = isOld ? `, seen ${age(target.sighting_age_s)} ago` : "";
+  setText(symbol.label, `target${seen}${isLost ? `, within ${metres(reach(target))}` : ""}`);
 }
 
 function hatching(id, colour) {

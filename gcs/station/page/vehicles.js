@@ -25,6 +25,7 @@ function agedVehicle(vehicle, since_s) {
 
 /** "ended", "stale" or the severity of its alert: it determines the look and the order of a vehicle. */
 export function trouble(vehicle, team) {
+  if (vehicle.is_unaccounted) return "alarm";
   if (vehicle.has_ended || team.ending) return "ended";
   if (vehicle.severity === "alarm") return "alarm";
   if (vehicle.is_stale) return "stale";
@@ -42,7 +43,7 @@ function warning(vehicle) {
 
 /** Vehicles with the gravest trouble first, then by number. */
 export function byTrouble(team) {
-  const rank = (vehicle) => RANKS[trouble(vehicle, team)];
+  const rank = (vehicle) => (vehicle.is_unaccounted ? -1 : RANKS[trouble(vehicle, team)]);
   return team.vehicles.toSorted((a, b) => rank(a) - rank(b) || a.vehicle_id - b.vehicle_id);
 }
 
@@ -55,8 +56,8 @@ export function lastSeen(vehicle) {
 
 /** The headline of a card: how it ended, its alert, that it is stale, or "no alert". */
 export function headline(vehicle, team) {
-  if (vehicle.has_ended || team.ending) return ["ended", vehicle.ending].filter(Boolean).join(": ");
+  if (trouble(vehicle, team) === "ended") return ["ended", vehicle.ending].filter(Boolean).join(": ");
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
-export const tactic = (vehicle) => vehicle.tactic || UNKNOWN;
+export const tactic = (vehicle) => (vehicle.is_unaccounted ? "MISSING" : vehicle.tactic || UNKNOWN);

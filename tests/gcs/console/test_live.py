@@ -16,8 +16,9 @@ from agents.safety.failsafe import Condition
 from agents.team.messages import AutopilotReport
 from gcs.console.live import LiveView, flight_title, live_table, plain_line
 from gcs.console.summary import summary
-from gcs.console.vehicle_view import TeamRow, with_alert
+from gcs.console.vehicle_view import TeamRow, with_alert, with_unaccounted
 from gcs.metrics.catalogue import Verdicts
+from gcs.metrics.ending import Unaccounted
 from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
 from gcs.metrics.ring import RingResult
@@ -117,6 +118,22 @@ def test_eighty_columns_show_what_an_operator_needs_with_its_unit() -> None:
         "h hold",
     ]
     assert max(map(len, lines)) <= 80
+
+
+def test_vehicles_that_are_unaccounted_for_come_first_with_their_places_also_after_the_end() -> None:
+    """All of them, however many other alerts there are; the rest of the table has ended."""
+    rows = [structs.replace(ROWS[0], vehicle_id=i, ending="disarmed") for i in (1, 2)]
+    for i in range(3, 9):
+        last = Unaccounted(i, 47.397742, 8.545594, (0.0, 0.0, float(i)), 35.0)
+        rows.append(with_unaccounted(structs.replace(ROWS[0], vehicle_id=i, mode=""), last))
+    for closes in (False, True):
+        lines = shown_at(120, rows, closes=closes, height=40)
+        table = [line.split()[:2] for line in lines if "MISSING" in line or " ended " in line]
+        assert table[-8:] == [*([f"!!{i}", "MISSING"] for i in range(3, 9)), ["1", "ended"], ["2", "ended"]], closes
+        for i in range(3, 9):
+            assert any(f"ALARM: vehicle {i}: unaccounted for: last at 47.397742, 8.545594" in line for line in lines)
+    assert "#3 MISSING" in plain_line(rows, 12.0, "")
+    assert "47.397742, 8.545594, height 3.0 m, 35 s ago" in plain_line(rows, 12.0, "")
 
 
 def test_a_hundred_and_twenty_columns_show_everything() -> None:

@@ -25,7 +25,10 @@ from tests.support.fake_flight import SimulatedClock
 from tests.support.simulated_loop import run_simulated
 from tests.support.simulated_team import SimulatedTeam
 
-ON_SOCKETS = ("stranger", "flood", "impostor", "link cut", "killed agent", "frozen agent", "frozen interpreter")
+ON_SOCKETS = (
+    *("stranger", "flood", "impostor", "link cut", "lost in the air"),
+    *("killed agent", "frozen agent", "frozen interpreter"),
+)
 BELOW = [drill for drill in DRILLS if drill.fault not in ON_SOCKETS]
 REACTIONS_OFF = (
     ("safety", "telemetry_timeout_s", 30.0),

@@ -15,7 +15,15 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
-from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, FlightPicture, MissionPicture, TeamPicture
+from gcs.station.picture import (
+    AnswerPicture,
+    CommandRequest,
+    EventPicture,
+    FlightPicture,
+    MissionPicture,
+    RecoveredRequest,
+    TeamPicture,
+)
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, until_now
 
@@ -36,7 +44,7 @@ class CannedStation:
     """Serves a live team, whose pictures `team` returns for the seconds since the start, or a recorded flight.
 
     Use it as a context manager. Tests may change `team` and `is_silent` at any time; `requests` are the requests of
-    pages.
+    pages, `recovered` the vehicles whose recovery they confirmed.
     """
 
     def __init__(
@@ -50,6 +58,7 @@ class CannedStation:
         self.is_silent = False
         self.is_refusing = False
         self.requests: list[CommandRequest] = []
+        self.recovered: list[int] = []
         self.events: list[EventPicture] = []
         self._connections: set[ServerConnection] = set()
         self._sent = 0
@@ -112,7 +121,11 @@ class CannedStation:
                 if message == MARK:
                     self._marks.release()
                     continue
-                self.requests.append(msgspec.json.decode(message, type=CommandRequest))
+                request = msgspec.json.decode(message, type=CommandRequest | RecoveredRequest)
+                if isinstance(request, RecoveredRequest):
+                    self.recovered.append(request.vehicle_id)
+                else:
+                    self.requests.append(request)
         finally:
             self._connections.discard(connection)
 

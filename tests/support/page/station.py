@@ -43,6 +43,10 @@ class CannedSource:
     def __init__(self) -> None:
         self.publish: Callable[[Published], None] = lambda _picture: None
         self.runs = False
+        self.recovered: list[int] = []
+
+    def recover(self, vehicle_id: int) -> None:
+        self.recovered.append(vehicle_id)
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
         return MissionPicture("canned", "sitl", 60.0, 10.0, None, 0.0, 10.0, 0.05, 3.0, 2.0, None, None, (), operator)
