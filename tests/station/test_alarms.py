@@ -90,12 +90,31 @@ def test_alarm_sounds_until_it_is_acknowledged(page: Page, served: CannedStation
     assert tones_in(page, served, 1.2 * REPEATED_MS) >= 2
 
 
-def test_sound_can_be_turned_off(page: Page, served: CannedStation) -> None:
+def test_press_that_unlocks_the_sound_leaves_it_on(page: Page) -> None:
+    switch = page.locator("#sound")
+    for way in ("pointer", "key", "program"):
+        page.reload()
+        expect(switch).to_have_text("Sound: press once")
+        if way == "pointer":
+            switch.click()
+        elif way == "key":
+            switch.press("Enter")
+        else:
+            switch.dispatch_event("click")
+        expect(switch).to_have_text("Sound on")
+        switch.click()
+        expect(switch).to_have_text("Sound off")
+
+
+def test_sound_can_be_turned_off_and_on(page: Page, served: CannedStation) -> None:
+    page.mouse.click(5, 5)
     page.locator("#sound").click()
     expect(page.locator("#sound")).to_have_text("Sound off")
     served.team = link_lost
     expect(page.locator("#alarms li")).to_have_count(1)
     assert tones_in(page, served, 1.2 * REPEATED_MS) == 0
+    page.locator("#sound").click()
+    assert tones_in(page, served, 1.2 * REPEATED_MS) >= 2
 
 
 def test_alarm_that_is_over_stays_until_it_is_acknowledged(page: Page, served: CannedStation) -> None:

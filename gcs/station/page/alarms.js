@@ -113,7 +113,7 @@ function row(alarm) {
   return element("li", { "data-state": alarm.isPresent ? (alarm.isSeen ? "seen" : "new") : "over" }, ...parts);
 }
 
-/** Two tones. Browsers allow sound only after the first gesture: until then the switch shows it. */
+/** Two tones. Browsers allow sound only after a gesture: until then, and when the system takes it away, the switch shows it. */
 export class Sound {
   #context = null;
   #isOn = true;
@@ -121,10 +121,10 @@ export class Sound {
   /** @param {HTMLButtonElement} button */
   constructor(button) {
     this.button = button;
-    button.addEventListener("click", () => this.turn(!this.#isOn));
-    for (const gesture of ["pointerdown", "keydown"]) {
-      document.addEventListener(gesture, () => this.#unlock(), { once: true, capture: true });
-    }
+    button.addEventListener("click", () => (this.#isLocked ? this.#unlock() : this.turn(!this.#isOn)));
+    // A press of the button itself does what the button said when it was pressed.
+    const unlock = (event) => this.#isLocked && !button.contains(event.target) && this.#unlock();
+    for (const gesture of ["pointerdown", "pointerup", "keydown"]) document.addEventListener(gesture, unlock, { capture: true });
     this.#show();
   }
 
@@ -141,8 +141,15 @@ export class Sound {
     oscillator.stop(from_s + TONE_S);
   }
 
+  get #isLocked() {
+    return this.#isOn && this.#context?.state !== "running";
+  }
+
   #unlock() {
-    this.#context ??= new AudioContext();
+    if (!this.#context) {
+      this.#context = new AudioContext();
+      this.#context.addEventListener("statechange", () => this.#show());
+    }
     this.#context.resume().then(() => this.#show());
   }
 
@@ -153,7 +160,6 @@ export class Sound {
 
   #show() {
     this.button.setAttribute("aria-pressed", String(this.#isOn));
-    const isLocked = this.#isOn && this.#context?.state !== "running";
-    setText(this.button, isLocked ? "Sound: press once" : `Sound ${this.#isOn ? "on" : "off"}`);
+    setText(this.button, this.#isLocked ? "Sound: press once" : `Sound ${this.#isOn ? "on" : "off"}`);
   }
 }
