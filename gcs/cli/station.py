@@ -41,9 +41,12 @@ class StationOptions:
     tiles: Tiles = None
     key: KeyName = None
     vehicles: Annotated[
-        Literal["flight", "sitl", "hybrid", "bench"],
-        Parameter(help="Vehicles as labelled on the page: sitl for stubs, hybrid for some stubs, bench for boards."),
-    ] = "flight"
+        Literal["flight", "sitl", "hybrid", "bench"] | None,
+        Parameter(
+            help="Vehicles as labelled on the page: flight for real ones, sitl for stubs, hybrid for some stubs, bench "
+            "for boards."
+        ),
+    ] = None
 
 
 _DEFAULTS = StationOptions()
@@ -87,7 +90,7 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
 
     mission = bus_mission(options.mission, options.changes)
     tiles = _tiles(options.tiles, origin_deg(mission))
-    team = LiveTeam(mission, options.vehicles)
+    team = LiveTeam(mission, options.vehicles or "unstated")
 
     def commands(broadcast: Broadcast) -> Commands:
         return Commands(mission, options.key, broadcast.publish)

@@ -4,6 +4,7 @@ import math
 import re
 import time
 from collections.abc import Callable
+from itertools import product
 
 import pytest
 from msgspec.structs import replace
@@ -310,3 +311,83 @@ def test_another_mission_replaces_the_vehicles(open_page: OpenPage) -> None:
         expect(page.locator("#mission")).to_have_text("other")
         expect(page.locator(".card")).to_have_count(2)
         expect(page.locator(".symbol[data-vehicle]")).to_have_count(2)
+
+
+def test_labels_of_many_vehicles_do_not_cover_each_other(open_page: OpenPage, subtests: pytest.Subtests) -> None:
+    """Of each vehicle the label or the number on its symbol is seen, and no label covers another one or a symbol."""
+
+    def grave(team: TeamPicture) -> TeamPicture:
+        return changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
+
+    for vehicles, width in ((16, 1024), (32, 1920)):
+        with subtests.test(vehicles=vehicles), station(grave, vehicles) as served:
+            page = open_page(served.url, viewport={"width": width, "height": 800}, reduced_motion="reduce")
+            expect(page.locator(".symbol[data-vehicle]")).to_have_count(vehicles)
+            page.get_by_role("button", name="Fit").click()
+
+            def attempt(page: Page = page, vehicles: int = vehicles) -> None:
+                shown = page.evaluate(SHOWN_LABELS)
+                assert shown["named"] == vehicles
+                assert 5 in shown["labelled"]
+                assert shown["covered"] == []
+
+            repeated_now(attempt)
+
+
+SHOWN_LABELS = """() => {
+  const symbols = [...document.querySelectorAll(".symbol")];
+  const isSeen = (node) => {
+    const { visibility, display } = getComputedStyle(node);
+    return visibility !== "hidden" && display !== "none";
+  };
+  const label = (symbol) => symbol.querySelector(".label");
+  const vehicles = symbols.filter((symbol) => symbol.dataset.vehicle);
+  const named = vehicles.filter((symbol) => isSeen(label(symbol)) || isSeen(symbol.querySelector(".number")));
+  const labelled = symbols.filter((symbol) => isSeen(label(symbol)));
+  const overlap = (one, other) => {
+    const [a, b] = [one, other].map((node) => node.getBoundingClientRect());
+    return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  };
+  const isCovered = (symbol) => symbols.some((other) => other !== symbol && (
+    overlap(label(symbol), other.querySelector(".shape, .target-cross")) ||
+    (labelled.includes(other) && overlap(label(symbol), label(other)))));
+  const calm = labelled.filter((symbol) => symbol.dataset.trouble !== "alarm");
+  return {
+    named: named.length,
+    labelled: labelled.map((symbol) => Number(symbol.dataset.vehicle)),
+    covered: calm.filter(isCovered).map((symbol) => label(symbol).textContent),
+  };
+}"""
+
+
+def test_large_team_is_a_compact_list_with_the_trouble_in_full(open_page: OpenPage) -> None:
+    def grave(team: TeamPicture) -> TeamPicture:
+        return changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
+
+    with station(grave, 16) as served:
+        page = open_page(served.url, script=NO_WEBGL)
+        expect(page.locator(".card").first).to_have_attribute("data-vehicle", "5")
+        expect(page.locator(".card[data-vehicle='5'] .advice")).to_be_visible()
+        calm = page.locator(".card[data-vehicle='12']")
+        expect(calm.locator("[data-quantity='battery']")).to_be_visible()
+        expect(calm.locator("[data-quantity='gps']")).to_be_hidden()
+        styles = page.locator(".mark").evaluate_all("marks => marks.map(m => m.style.borderStyle + m.style.cssText)")
+        assert len(set(styles)) == 16  # colours repeat after eight
+        height = calm.bounding_box()
+        assert height is not None
+        assert height["height"] < 60
+        page.get_by_role("button", name="Compact").click()
+        expect(calm.locator("[data-quantity='gps']")).to_be_visible()
+
+
+def test_kind_of_the_vehicles_is_on_every_size_of_screen(open_page: OpenPage, subtests: pytest.Subtests) -> None:
+    sources = {"sitl": "practice on stubs", "flight": "REAL vehicles", "unstated": "REAL? not stated"}
+    for width, (source, words) in product((1920, 1024, 390), sources.items()):
+        mission = replace(ring_mission(), source=source)
+        with (
+            subtests.test(width=width, source=source),
+            CannedStation(mission, lambda _: ring_team(ring_mission(), 100.0)) as served,
+        ):
+            page = open_page(served.url, script=NO_WEBGL, viewport={"width": width, "height": 800})
+            expect(page.locator("#source")).to_have_text(words)
+            expect(page.locator("#source")).to_be_in_viewport(ratio=1)

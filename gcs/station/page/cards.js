@@ -1,10 +1,15 @@
 /** Cards: one per vehicle, the gravest trouble first. */
 
-import { element, SEVERITIES, setAttribute, setText } from "./dom.js";
+import { byId, element, SEVERITIES, setAttribute, setText } from "./dom.js";
 import { age, clock, degrees, metres, nearest, percent, positioning, quantity, speed, UNKNOWN } from "./units.js";
 import { byTrouble, headline, tactic, trouble } from "./vehicles.js";
 
 const SIGNS = { ...SEVERITIES, stale: { sign: "◌", word: "STALE" }, ended: { sign: "□", word: "Ended" } };
+
+const VEHICLES_LARGE = 8;
+const BRIEF = ["battery", "height"]; // of a compact card
+const COLOURS = 8;
+const BORDERS = ["solid", "double", "dashed", "dotted"];
 
 /** The quantities of a vehicle, as a card and the table show them: name, title, text. */
 export const QUANTITIES = [
@@ -36,11 +41,13 @@ export class Cards {
     this.selection = selection;
     this.cards = new Map();
     selection.changed(() => this.#showSelection());
+    byId("compact").addEventListener("click", () => this.#compact(!list.classList.contains("compact")));
   }
 
-  /** Show the vehicles of a mission. */
+  /** Show the vehicles of a mission; those of a large team as a compact list. */
   start(mission) {
     this.mission = mission;
+    this.#compact(mission.vehicles.length > VEHICLES_LARGE);
     this.cards = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#card(planned)]));
     this.list.replaceChildren(...[...this.cards.values()].map((card) => card.item));
     this.#showSelection();
@@ -62,11 +69,11 @@ export class Cards {
       select: element("input", { type: "checkbox", "aria-label": `Select vehicle ${id}` }),
     };
     parts.select.addEventListener("change", () => this.selection.set(id, parts.select.checked));
-    const title = element("h3", { id: `card-${id}` }, vehicleMark(planned), parts.tactic, parts.badge);
+    const title = element("h3", { id: `card-${id}` }, vehicleMark(planned, this.mission.vehicles.indexOf(planned)), parts.tactic, parts.badge);
     const select = element("label", { class: "select" }, parts.select);
     const values = QUANTITIES.map(([name, label]) => {
       parts[name] = element("dd", { "data-quantity": name });
-      return element("div", {}, element("dt", {}, label), parts[name]);
+      return element("div", { class: BRIEF.includes(name) && "brief" }, element("dt", {}, label), parts[name]);
     });
     const head = element("div", { class: "card-head" }, title, select);
     const item = element("li", { class: "card", "data-vehicle": id, "aria-labelledby": `card-${id}` });
@@ -97,17 +104,24 @@ export class Cards {
     if (this.list.contains(focused)) focused.focus({ preventScroll: true });
   }
 
+  #compact(isCompact) {
+    this.list.classList.toggle("compact", isCompact);
+    byId("compact").setAttribute("aria-pressed", String(isCompact));
+  }
+
   #showSelection() {
     for (const [id, { item, parts }] of this.cards) {
       parts.select.checked = this.selection.has(id);
+      parts.select.disabled = !this.selection.isOpen(id);
       item.classList.toggle("selected", this.selection.has(id));
     }
   }
 }
 
-/** The number of a vehicle on its colour. */
-export function vehicleMark(planned) {
+/** The number of a vehicle on its colour; colours that repeat differ by the border. */
+export function vehicleMark(planned, row) {
   const mark = element("span", { class: "mark" }, String(planned.vehicle_id));
   mark.style.setProperty("--vehicle", planned.colour);
+  mark.style.borderStyle = BORDERS[Math.floor(row / COLOURS) % BORDERS.length];
   return mark;
 }

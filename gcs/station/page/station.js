@@ -3,7 +3,7 @@
 import { Alarms, Sound } from "./alarms.js";
 import { Cards } from "./cards.js";
 import { Commands } from "./commands.js";
-import { byId } from "./dom.js";
+import { byId, setText } from "./dom.js";
 import { Events } from "./events.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
@@ -76,8 +76,16 @@ class Page {
       this.tabs.show(byId("table-tab"));
       return;
     }
-    const { Scene } = await import("./scene.js");
-    this.scene = new Scene(byId("map"), this.selection);
+    byId("map-state").hidden = false;
+    try {
+      const { Scene } = await import("./scene.js");
+      this.scene = new Scene(byId("map"), this.selection);
+      await this.scene.isLoaded;
+    } catch (error) {
+      setText(byId("map-state"), "The map could not be loaded: reload the page. The cards and the table show every quantity.");
+      throw error;
+    }
+    byId("map-state").hidden = true;
     if (this.mission) this.scene.start(this.mission).then(() => this.redraw());
   }
 
@@ -110,6 +118,7 @@ class Live {
   #take(picture) {
     if (picture.kind === "mission") this.#start(picture);
     else if (picture.kind === "event") this.page.events.add(picture);
+    else if (picture.kind === "receipt") this.page.commands.receipt(picture);
     else if (picture.kind === "answer") this.page.commands.answer(picture);
     else if (picture.kind === "team") this.#team(picture);
   }

@@ -6,9 +6,10 @@ import { clock } from "./units.js";
 import { alert, trouble } from "./vehicles.js";
 
 const SOURCES = {
-  flight: "flight",
+  flight: "REAL vehicles",
   sitl: "practice on stubs",
-  hybrid: "some vehicles are stubs",
+  hybrid: "REAL vehicles and stubs",
+  unstated: "REAL? not stated",
   bench: "BENCH: simulated bodies",
   simulation: "simulation",
   log: "recorded flight",
