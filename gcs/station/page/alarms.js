@@ -6,6 +6,7 @@ import { trouble } from "./vehicles.js";
 const SOUND_EVERY_MS = 2000;
 const TONES_HZ = [880, 660];
 const TONE_S = 0.18;
+const VIBRATION_MS = [200, 100, 200];
 export const STATION_LOST = "No connection to the station";
 
 export class Alarms {
@@ -19,7 +20,8 @@ export class Alarms {
     setInterval(() => this.#ring(), SOUND_EVERY_MS);
   }
 
-  start() {
+  start(mission) {
+    this.mission = mission.mission;
     this.alarms.clear();
     this.#show();
   }
@@ -83,6 +85,12 @@ export class Alarms {
     this.sound.play();
   }
 
+  /** Name the alarm, or their number, in the title of the browser's tab, which is seen from another one. */
+  #title(present) {
+    const alarm = present.length === 1 ? `■ ${present[0].text} · ` : present.length ? `■ ${present.length} alarms · ` : "";
+    document.title = `${alarm}${this.mission ?? ""} - cordon`;
+  }
+
   #ring() {
     if ([...this.alarms.values()].some((alarm) => alarm.isPresent && !alarm.isSeen)) this.sound.play();
   }
@@ -91,6 +99,7 @@ export class Alarms {
     const alarms = [...this.alarms.values()];
     this.list.parentElement.hidden = alarms.length === 0;
     byId("acknowledge").hidden = alarms.every((alarm) => alarm.isSeen);
+    this.#title(alarms.filter((alarm) => alarm.isPresent));
     this.list.replaceChildren(...alarms.toSorted((a, b) => rank(a) - rank(b)).map(row));
   }
 }
@@ -128,8 +137,11 @@ export class Sound {
     this.#show();
   }
 
+  /** Vibrate and sound, as far as the device can and the switch is on. */
   play() {
-    if (!this.#isOn || this.#context?.state !== "running") return;
+    if (!this.#isOn) return;
+    if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(VIBRATION_MS);
+    if (this.#context?.state !== "running") return;
     TONES_HZ.forEach((tone_hz, index) => this.#tone(tone_hz, this.#context.currentTime + index * TONE_S));
   }
 

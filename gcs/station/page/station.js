@@ -14,6 +14,7 @@ import { Tabs } from "./tabs.js";
 import { startTheme } from "./theme.js";
 import { TopBar } from "./topbar.js";
 import { agedTeam } from "./vehicles.js";
+import { WakeLock } from "./wake_lock.js";
 
 const PAST_S = 120;
 const PAST_EVERY_S = 0.5;
@@ -109,6 +110,7 @@ class Live {
     this.team = null;
     this.past = [];
     this.arrived_ms = performance.now();
+    this.wakeLock = new WakeLock();
     this.page = new Page((request) => this.stream.send(request));
     const handlers = { picture: (picture) => this.#take(picture), connection: (isOpen) => this.#connection(isOpen) };
     this.stream = openStream(streamUrl(), handlers);
@@ -135,6 +137,7 @@ class Live {
     if (last && (team.time_s ?? 0) < (last.time_s ?? 0)) this.past = []; // another flight has begun
     if (!last || (team.time_s ?? 0) - (last.time_s ?? 0) >= PAST_EVERY_S) this.past.push(team);
     while (this.past.length > PAST_S / PAST_EVERY_S) this.past.shift();
+    this.wakeLock.want(!team.ending);
     this.#warn();
     this.frame ??= requestAnimationFrame(() => this.#draw());
   }

@@ -22,7 +22,6 @@ export class TopBar {
     setText(byId("mission"), mission.mission);
     setText(byId("source"), SOURCES[mission.source]);
     setText(byId("rights"), rights(mission));
-    document.title = `${mission.mission} - cordon`;
   }
 
   /** Show a TeamPicture, or the fault of the connection. */

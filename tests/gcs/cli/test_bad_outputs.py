@@ -5,6 +5,7 @@ import pty
 import subprocess
 import sys
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -30,7 +31,7 @@ def cordon(*words: str, stdout: int, **environment: str) -> subprocess.Completed
 
 @pytest.mark.parametrize("words", [*RESULTS, *((verb, "--help") for verb in VERBS)], ids=" ".join)
 def test_full_output_is_an_error_in_a_line_and_a_closed_one_is_none(words: tuple[str, ...]) -> None:
-    with open("/dev/full", "wb") as full:
+    with Path("/dev/full").open("wb") as full:
         ran = cordon(*words, stdout=full.fileno(), COLUMNS="0")
     assert (ran.returncode, ran.stderr) == (2, "standard output: No space left on device\n")
     reader, writer = os.pipe()
