@@ -277,7 +277,7 @@ class Agent:
         self._happen(LifeEvent.ABORTED if kind in (ActivityKind.CALL, ActivityKind.KILL) else LifeEvent.FAULT)
 
     def _sense(self, telemetry: Telemetry) -> None:
-        self._reporter.sense()
+        self._reporter.sense(telemetry.position_m)
         self._loop.position_m = telemetry.position_m[:2]
         if self._flew:
             self._core.take(telemetry)

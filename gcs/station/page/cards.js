@@ -20,6 +20,7 @@ export const QUANTITIES = [
   ["speed", "Speed", (vehicle) => speed(vehicle.velocity_m_s)],
   ["gps", "GPS", positioning],
   ["estimator", "Estimator", (vehicle) => vehicle.estimator || UNKNOWN],
+  ["wind", "Wind", (vehicle) => quantity(vehicle.autopilot.wind_m_s, 1, "m/s")],
   ["link", "Link age", (vehicle) => age(vehicle.link_age_s)],
   ["heard", "Received", (vehicle) => (vehicle.age_s === null ? UNKNOWN : `${age(vehicle.age_s)} ago`)],
   ["nearest", "Nearest", nearest],
