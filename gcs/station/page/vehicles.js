@@ -59,4 +59,7 @@ export function headline(vehicle, team) {
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
-export const tactic = (vehicle) => vehicle.tactic || UNKNOWN;
+const TAKE_OFF = "take-off";
+
+/** A vehicle's tactic; before it has one, that it takes off. */
+export const tactic = (vehicle) => vehicle.tactic || (vehicle.mode === TAKE_OFF ? TAKE_OFF : UNKNOWN);
