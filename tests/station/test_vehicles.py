@@ -8,14 +8,14 @@ from itertools import product
 
 import pytest
 from msgspec.structs import replace
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from agents.team.messages import AutopilotReport
 from gcs.station.picture import MissionPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
-from tests.support.wire import repeated_now
+from tests.support.wire import repeated_now, until_now
 
 pytestmark = pytest.mark.browser
 SHOWN = {
@@ -392,3 +392,22 @@ def test_kind_of_the_vehicles_is_on_every_size_of_screen(open_page: OpenPage, su
             page = open_page(served.url, script=NO_WEBGL, viewport={"width": width, "height": 800})
             expect(page.locator("#source")).to_have_text(words)
             expect(page.locator("#source")).to_be_in_viewport(ratio=1)
+
+
+def test_map_that_is_not_there_yet_says_so(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page("about:blank")
+        held: list[Route] = []
+        page.route("**/maplibre-gl.mjs", held.append)
+        page.goto(served.url)
+        expect(page.locator("#map-state")).to_have_text("Loading the map…")
+        expect(page.locator(".card .tactic").first).to_have_text("encircle")  # what needs no map is there
+        until_now(lambda: bool(held), "the request of the map")
+        held.pop().continue_()
+        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+        expect(page.locator("#map-state")).to_be_hidden()
+        page.unroute("**/maplibre-gl.mjs")
+        page.route("**/maplibre-gl.mjs", lambda route: route.abort())
+        page.reload()
+        expect(page.locator("#map-state")).to_contain_text("could not be loaded")
+        expect(page.locator(".card .tactic").first).to_have_text("encircle")
