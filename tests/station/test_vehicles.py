@@ -338,8 +338,8 @@ def test_labels_of_many_vehicles_do_not_cover_each_other(open_page: OpenPage, su
 SHOWN_LABELS = """() => {
   const symbols = [...document.querySelectorAll(".symbol")];
   const isSeen = (node) => {
-    const { visibility, display } = getComputedStyle(node);
-    return visibility !== "hidden" && display !== "none";
+    const { opacity, display } = getComputedStyle(node);
+    return opacity !== "0" && display !== "none";
   };
   const label = (symbol) => symbol.querySelector(".label");
   const vehicles = symbols.filter((symbol) => symbol.dataset.vehicle);
@@ -398,7 +398,11 @@ def test_map_that_is_not_there_yet_says_so(open_page: OpenPage) -> None:
     with station() as served:
         page = open_page("about:blank")
         held: list[Route] = []
-        page.route("**/maplibre-gl.mjs", held.append)
+
+        def hold(route: Route) -> None:
+            held.append(route)
+
+        page.route("**/maplibre-gl.mjs", hold)
         page.goto(served.url)
         expect(page.locator("#map-state")).to_have_text("Loading the map…")
         expect(page.locator(".card .tactic").first).to_have_text("encircle")  # what needs no map is there
@@ -407,7 +411,7 @@ def test_map_that_is_not_there_yet_says_so(open_page: OpenPage) -> None:
         expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
         expect(page.locator("#map-state")).to_be_hidden()
         page.unroute("**/maplibre-gl.mjs")
-        page.route("**/maplibre-gl.mjs", lambda route: route.abort())
+        page.route("**/maplibre-gl.mjs", lambda route: route.abort("connectionrefused"))
         page.reload()
         expect(page.locator("#map-state")).to_contain_text("could not be loaded")
         expect(page.locator(".card .tactic").first).to_have_text("encircle")
