@@ -12,7 +12,6 @@ from typing import Annotated, TypeVar, get_args
 from cyclopts import Parameter
 
 from agents.settings.shapes import SPACED_SHAPES, SpacedShape
-from estimation.frames import Geodetic
 from estimation.profile.autopilots import AutopilotName
 from gcs.cli.options import Plot
 from gcs.errors import Exit, InputError
@@ -24,6 +23,7 @@ from gcs.mission.template import (
     X_BEARING_DEG,
     Links,
     NewMission,
+    Place,
     least_radius_m,
     own_ports,
     plant_profile,
@@ -169,17 +169,9 @@ class NewOptions:
     target: Annotated[
         str | None, Parameter(help="The target: rest, moving (at 0.1 m/s along x), or its speed in m/s.")
     ] = None
-    target_start: Annotated[
-        str | None,
-        Parameter(help="Where the target is at first, as X,Y in metres from the place, x ahead and y to the left."),
-    ] = None
+    target_start: Annotated[str | None, Parameter(help="Start of the target: X,Y in m.")] = None
     place: Annotated[
-        str | None,
-        Parameter(
-            help="Where the vehicles stand: LATITUDE,LONGITUDE,ALTITUDE of the ground in degrees and metres, and the "
-            f"direction of flight in degrees from north if it is not {X_BEARING_DEG:g}. Real vehicles need it; the "
-            "default is where simulators fly."
-        ),
+        str | None, Parameter(help="Where real vehicles stand: LATITUDE,LONGITUDE,ALTITUDE[,BEARING of x].")
     ] = None
     fence: Annotated[
         float | None,
@@ -295,7 +287,7 @@ def _chosen(ask: Questions, options: NewOptions, path: Path, own_profile: str) -
     return plant, mission
 
 
-def _where(ask: Questions, options: NewOptions, links: Links) -> tuple[Geodetic, float]:
+def _where(ask: Questions, options: NewOptions, links: Links) -> tuple[Place, float]:
     """Return where the vehicles stand, and the direction of flight; real ones have no default."""
     if links in REAL_LINKS:
         question = "Place of the vehicles: LATITUDE,LONGITUDE,ALTITUDE of the ground?"
@@ -308,14 +300,14 @@ def _where(ask: Questions, options: NewOptions, links: Links) -> tuple[Geodetic,
     return parsed("--place", options.place, _place)
 
 
-def _place(text: str) -> tuple[Geodetic, float]:
+def _place(text: str) -> tuple[Place, float]:
     """Return a place and a direction of flight; raises ValueError."""
     parts = text.split(",")
     if len(parts) not in (3, 4):
         raise ValueError(f"LATITUDE,LONGITUDE,ALTITUDE, such as 47.397742,8.545594,488 (given: {text!r})")
     latitude_deg, longitude_deg = number(-90.0, 90.0)(parts[0]), number(-180.0, 180.0)(parts[1])
     x_bearing_deg = number(0.0, 360.0)(parts[3]) if len(parts) > 3 else X_BEARING_DEG
-    return Geodetic(latitude_deg, longitude_deg, number(-500.0, 9000.0)(parts[2])), x_bearing_deg
+    return Place(latitude_deg, longitude_deg, number(-500.0, 9000.0)(parts[2])), x_bearing_deg
 
 
 AHEAD = "ahead"

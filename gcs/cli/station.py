@@ -42,10 +42,7 @@ class StationOptions:
     key: KeyName = None
     vehicles: Annotated[
         Literal["flight", "sitl", "hybrid", "bench"] | None,
-        Parameter(
-            help="Vehicles as labelled on the page: flight for real ones, sitl for stubs, hybrid for some stubs, bench "
-            "for boards."
-        ),
+        Parameter(help="Vehicles as labelled on the page: flight if real, sitl for stubs, hybrid for some, bench."),
     ] = None
 
 

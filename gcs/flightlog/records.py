@@ -45,8 +45,7 @@ class Run(msgspec.Struct, frozen=True):
 
     `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records runs; `source` is
     simulation, sitl, hybrid, bench or flight. `vehicles` are those of the mission whose cores are recorded here.
-    `faults` are those injected into stub vehicles, as `link-cut@120:2`. `operator` is the user who began it, empty for
-    a simulation.
+    `faults` are those injected into stub vehicles, as `link-cut@120:2`. `operator` began it.
     """
 
     format: int

@@ -5,19 +5,28 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from json import dumps
 from math import ceil, floor, tau
-from typing import Literal
+from typing import Literal, NamedTuple
 from zlib import crc32
 
 from agents.ring.place import chord_m
 from agents.settings.shapes import SPACED_SHAPES, SpacedShape, offset_m
-from estimation.frames import Geodetic
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from gcs.autopilots.registry import AUTOPILOTS
 
 Links = Literal["stub", AutopilotName, "udp", "serial"]
+
+
+class Place(NamedTuple):
+    """The origin of a mission: a position on Earth, and the height of the ground there."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
 REAL_LINKS: tuple[Links, ...] = ("udp", "serial")
 """Links with real vehicles at their other ends."""
-SIMULATED_PLACE = Geodetic(47.397742, 8.545594, 488.0)
+SIMULATED_PLACE = Place(47.397742, 8.545594, 488.0)
 """Where simulated vehicles fly: the simulators' default."""
 X_BEARING_DEG = 90.0
 SPACING_M, SEPARATION_M = 5.0, 3.0
@@ -80,7 +89,7 @@ class NewMission:
     target_speed_m_s: float
     fence_m: float
     ports: range
-    place: Geodetic = SIMULATED_PLACE
+    place: Place = SIMULATED_PLACE
     x_bearing_deg: float = X_BEARING_DEG
     target_start_m: tuple[float, float] | None = None
 
