@@ -22,8 +22,8 @@ from gcs.mission.template import (
     SIMULATED_PLACE,
     X_BEARING_DEG,
     Links,
+    MissionPlace,
     NewMission,
-    Place,
     least_radius_m,
     own_ports,
     plant_profile,
@@ -169,7 +169,7 @@ class NewOptions:
     target: Annotated[
         str | None, Parameter(help="The target: rest, moving (at 0.1 m/s along x), or its speed in m/s.")
     ] = None
-    target_start: Annotated[str | None, Parameter(help="Start of the target: X,Y in m.")] = None
+    target_start: Annotated[str | None, Parameter(help="Target's start: X,Y in m.")] = None
     place: Annotated[
         str | None, Parameter(help="Where real vehicles stand: LATITUDE,LONGITUDE,ALTITUDE[,BEARING of x].")
     ] = None
@@ -287,7 +287,7 @@ def _chosen(ask: Questions, options: NewOptions, path: Path, own_profile: str) -
     return plant, mission
 
 
-def _where(ask: Questions, options: NewOptions, links: Links) -> tuple[Place, float]:
+def _where(ask: Questions, options: NewOptions, links: Links) -> tuple[MissionPlace, float]:
     """Return where the vehicles stand, and the direction of flight; real ones have no default."""
     if links in REAL_LINKS:
         question = "Place of the vehicles: LATITUDE,LONGITUDE,ALTITUDE of the ground?"
@@ -300,14 +300,14 @@ def _where(ask: Questions, options: NewOptions, links: Links) -> tuple[Place, fl
     return parsed("--place", options.place, _place)
 
 
-def _place(text: str) -> tuple[Place, float]:
+def _place(text: str) -> tuple[MissionPlace, float]:
     """Return a place and a direction of flight; raises ValueError."""
     parts = text.split(",")
     if len(parts) not in (3, 4):
         raise ValueError(f"LATITUDE,LONGITUDE,ALTITUDE, such as 47.397742,8.545594,488 (given: {text!r})")
     latitude_deg, longitude_deg = number(-90.0, 90.0)(parts[0]), number(-180.0, 180.0)(parts[1])
     x_bearing_deg = number(0.0, 360.0)(parts[3]) if len(parts) > 3 else X_BEARING_DEG
-    return Place(latitude_deg, longitude_deg, number(-500.0, 9000.0)(parts[2])), x_bearing_deg
+    return MissionPlace(latitude_deg, longitude_deg, number(-500.0, 9000.0)(parts[2])), x_bearing_deg
 
 
 AHEAD = "ahead"

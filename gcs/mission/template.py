@@ -16,7 +16,7 @@ from gcs.autopilots.registry import AUTOPILOTS
 Links = Literal["stub", AutopilotName, "udp", "serial"]
 
 
-class Place(NamedTuple):
+class MissionPlace(NamedTuple):
     """The origin of a mission: a position on Earth, and the height of the ground there."""
 
     latitude_deg: float
@@ -26,7 +26,7 @@ class Place(NamedTuple):
 
 REAL_LINKS: tuple[Links, ...] = ("udp", "serial")
 """Links with real vehicles at their other ends."""
-SIMULATED_PLACE = Place(47.397742, 8.545594, 488.0)
+SIMULATED_PLACE = MissionPlace(47.397742, 8.545594, 488.0)
 """Where simulated vehicles fly: the simulators' default."""
 X_BEARING_DEG = 90.0
 SPACING_M, SEPARATION_M = 5.0, 3.0
@@ -89,7 +89,7 @@ class NewMission:
     target_speed_m_s: float
     fence_m: float
     ports: range
-    place: Place = SIMULATED_PLACE
+    place: MissionPlace = SIMULATED_PLACE
     x_bearing_deg: float = X_BEARING_DEG
     target_start_m: tuple[float, float] | None = None
 
