@@ -18,13 +18,19 @@ export function labelPlaces(symbols, [width, height]) {
   return symbols.map((symbol, index) => {
     const others = taken.filter((_, other) => other !== index);
     const wanted = PLACES.toSorted((one, other) => (other === symbol.place) - (one === symbol.place));
-    const isFree = ([left, right, top, bottom]) =>
-      left > 0 && right < width && top > 0 && bottom < height && !others.some((other) => overlap([left, right, top, bottom], other));
-    const free = wanted.find((place) => isFree(labelBox(symbol, place)));
-    const place = free ?? (symbol.isKept ? PLACES[0] : NO_PLACE);
+    const cost = (place) => crowding(labelBox(symbol, place), others, width, height);
+    const best = wanted.reduce((one, other) => (cost(other) < cost(one) ? other : one));
+    const place = symbol.isKept || cost(best) === 0 ? best : NO_PLACE;
     if (place !== NO_PLACE) taken.push(labelBox(symbol, place));
     return place;
   });
+}
+
+/** How many boxes a box covers; one that leaves the map counts as covering all. */
+function crowding(label, others, width, height) {
+  const [left, right, top, bottom] = label;
+  const isInside = left > 0 && right < width && top > 0 && bottom < height;
+  return isInside ? others.filter((other) => overlap(label, other)).length : others.length + 1;
 }
 
 function labelBox({ x, y, text }, place) {
