@@ -69,7 +69,6 @@ class VehicleStatus(AutopilotReport, frozen=True):
     estimator_fault: str = ""
     gps_threat: GpsThreat = GpsThreat.NONE
     lost: Connection = Connection.NONE
-    wind_m_s: float | None = None
     round_trip_s: float | None = None
     link_fault: str = ""
 

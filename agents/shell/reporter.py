@@ -18,11 +18,13 @@ from estimation.state import POSITION, VELOCITY
 PERIOD_S = 1.0
 """The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
+_CLIMB_SENT_M = 0.5
 _WORDS_LIMIT = 32
 
 
 class Reporter:
-    """Sends the reports of one vehicle: once a second, and after a change of mode, link, alert, readiness or end.
+    """Sends the reports of one vehicle: once a second, after a change of mode, link, alert, readiness or end, and in
+    take-off after each half metre.
 
     It runs in its own task, so that vehicles are also reported on the ground and after their flight.
     """
@@ -97,7 +99,7 @@ class Reporter:
 
     def _look(self) -> None:
         """Send a report if one is due or something has changed."""
-        output, status, now_s = self._newest(), self._parts.link.status, self._wall_s()
+        output, status, now_s, place_m = self._newest(), self._parts.link.status, self._wall_s(), self._place_m
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
         report = (
@@ -109,6 +111,7 @@ class Reporter:
             alert,
             self._ended,
             self._start_blockers,
+            place_m and round(place_m[2] / _CLIMB_SENT_M),
         )
         if report != self._last_report or now_s - self._sent_s >= PERIOD_S:
             self._last_report = report
@@ -141,7 +144,14 @@ class Reporter:
             None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
             self._is_completed if self._ended else None,
             None if unaccounted is None else unaccounted.position_m,
+            self._place_m,
         )
+
+    @property
+    def _place_m(self) -> Triple | None:
+        """The position of a vehicle whose core has none yet, and so sends no state."""
+        output = self._newest()
+        return self._position_m if output is None or output.status.own_estimate is None else None
 
 
 def estimator_words(status: VehicleStatus) -> str:

@@ -185,11 +185,14 @@ def print_damage(logs: "Sequence[VehicleLog]") -> None:
 
 
 def print_result(text: str) -> None:
-    """Print to standard output; a closed pipe (`| head`) is no error."""
+    """Print to standard output; a closed pipe (`| head`) is no error. Raises InputError if it cannot be written."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
         discard(sys.stdout)
+    except OSError as error:
+        discard(sys.stdout)
+        raise InputError([f"standard output: {error.strerror or error}"]) from error
 
 
 def present(

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from agents.tactics import NO_TACTIC, Tactic
 from gcs.console.advice import Severity
-from gcs.console.terminal import Printable, printable_lines
+from gcs.console.terminal import Printable, printable_lines, whole_words
 from gcs.console.vehicle_view import TeamRow
 
 Column = tuple[str, JustifyMethod]
@@ -137,7 +137,7 @@ class TableView:
 
     def print_line(self, text: str, level: Severity = "information") -> None:
         """Print a permanent line above the table."""
-        line = printable_lines(f"{WORDS[level]}{text}")
+        line = whole_words(printable_lines(f"{WORDS[level]}{text}"), self._console)
         self._console.print(line, style=STYLES[level], markup=False, highlight=False, soft_wrap=True)
 
     def _line_is_due(self, now_s: float) -> bool:
@@ -152,7 +152,7 @@ class TableView:
         below = [*_alerts(alerts), *_notes(shown.rows)]
         if not shown.closed:
             below += filter(None, [Text(shown.message, style="yellow"), shown.hint])
-        room = height - _HEADER_LINES - 1 - sum(-(-text.cell_len // width) or 1 for text in below)
+        room = height - _HEADER_LINES - 1 - sum(len(text.wrap(self._console, width)) or 1 for text in below)
         rows = _most_urgent(shown.rows, max(room, _ROWS_MIN))
         if len(rows) < len(shown.rows):
             below.insert(0, Text(f"and {len(shown.rows) - len(rows)} more vehicles", style="dim"))

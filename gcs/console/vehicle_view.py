@@ -106,6 +106,7 @@ def with_report(view: ViewT, report: VehicleReport, age_s: float) -> ViewT:
     return replace(
         view,
         mode=report.mode,
+        position_m=report.position_m if view.position_m is None else view.position_m,
         yaw_rad=report.yaw_rad,
         autopilot=report.autopilot,
         estimator=report.estimator,

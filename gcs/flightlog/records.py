@@ -46,7 +46,7 @@ class Run(msgspec.Struct, frozen=True):
 
     `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records runs; `source` is
     simulation, sitl, hybrid, bench or flight. `vehicles` are those of the mission whose cores are recorded here.
-    `faults` are those injected into stub vehicles, as `link-cut@120:2`.
+    `faults` are those injected into stub vehicles, as `link-cut@120:2`. `operator` began it.
     """
 
     format: int
@@ -61,6 +61,7 @@ class Run(msgspec.Struct, frozen=True):
     vehicles: tuple[int, ...]
     versions: tuple[Version, ...]
     faults: tuple[str, ...] = ()
+    operator: str = ""
 
 
 class Parameter(msgspec.Struct, frozen=True):

@@ -21,7 +21,7 @@ _FOLLOWED_EVERY_S, _TRIED_AGAIN_S = 0.2, 1.0
 class LiveTeam:
     """A source of pictures of the successive flights of one mission's team."""
 
-    def __init__(self, mission: Mission, source: FlightSource = "flight") -> None:
+    def __init__(self, mission: Mission, source: FlightSource = "unstated") -> None:
         """Take the mission; `source` is the kind of its vehicles."""
         self._mission = mission
         self._source = source

@@ -16,7 +16,8 @@ from gcs.console.vehicle_view import Pair, VehicleView
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.style import COLOURS
 
-FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log"]
+FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
+"""The kind of the vehicles; "unstated" where nobody has said whether real ones fly."""
 
 
 class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=False):
@@ -144,6 +145,12 @@ class AnswerPicture(_Picture, frozen=True, tag="answer"):
     after_s: float
     is_obeyed: bool
     is_final: bool
+
+
+class ReceiptPicture(_Picture, frozen=True, tag="receipt"):
+    """The receipt of a page's request: until then the page does not know whether it has arrived."""
+
+    request: str
 
 
 class FlightPicture(_Picture, frozen=True, tag="flight"):

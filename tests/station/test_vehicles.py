@@ -4,10 +4,11 @@ import math
 import re
 import time
 from collections.abc import Callable
+from itertools import product
 
 import pytest
 from msgspec.structs import replace
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from agents.team.messages import AutopilotReport
 from gcs.console.vehicle_view import with_unaccounted
@@ -15,7 +16,7 @@ from gcs.station.picture import MissionPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
-from tests.support.wire import repeated_now
+from tests.support.wire import repeated_now, until_now
 
 pytestmark = pytest.mark.browser
 SHOWN = {
@@ -26,6 +27,7 @@ SHOWN = {
     "speed": "5.0 m/s",
     "gps": "no fix, 17 sat",
     "estimator": "dead reckoning",
+    "wind": "6.3 m/s",
     "link": "0.4 s",
     "heard": "0.2 s ago",
     "nearest": "4.2 m to 3",
@@ -46,7 +48,7 @@ def with_own_values(team: TeamPicture) -> TeamPicture:
         2,
         age_s=0.2,
         tactic="hold",
-        autopilot=AutopilotReport(0.57, 667.9, 0, 17),
+        autopilot=AutopilotReport(0.57, 667.9, 0, 17, 6.3),
         position_m=(31.5, 4.25, -7.3),
         velocity_m_s=(3.0, -4.0),
         estimator="dead reckoning",
@@ -393,3 +395,106 @@ def test_another_mission_replaces_the_vehicles(open_page: OpenPage) -> None:
         expect(page.locator("#mission")).to_have_text("other")
         expect(page.locator(".card")).to_have_count(2)
         expect(page.locator(".symbol[data-vehicle]")).to_have_count(2)
+
+
+def test_labels_of_many_vehicles_do_not_cover_each_other(open_page: OpenPage, subtests: pytest.Subtests) -> None:
+    """Of each vehicle the label or the number on its symbol is seen, and no label covers another one or a symbol."""
+
+    def grave(team: TeamPicture) -> TeamPicture:
+        return changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
+
+    for vehicles, width in ((16, 1024), (32, 1920)):
+        with subtests.test(vehicles=vehicles), station(grave, vehicles) as served:
+            page = open_page(served.url, viewport={"width": width, "height": 800}, reduced_motion="reduce")
+            expect(page.locator(".symbol[data-vehicle]")).to_have_count(vehicles)
+            page.get_by_role("button", name="Fit").click()
+
+            def attempt(page: Page = page, vehicles: int = vehicles) -> None:
+                shown = page.evaluate(SHOWN_LABELS)
+                assert shown["named"] == vehicles
+                assert 5 in shown["labelled"]
+                assert shown["covered"] == []
+
+            repeated_now(attempt)
+
+
+SHOWN_LABELS = """() => {
+  const symbols = [...document.querySelectorAll(".symbol")];
+  const isSeen = (node) => {
+    const { opacity, display } = getComputedStyle(node);
+    return opacity !== "0" && display !== "none";
+  };
+  const label = (symbol) => symbol.querySelector(".label");
+  const vehicles = symbols.filter((symbol) => symbol.dataset.vehicle);
+  const named = vehicles.filter((symbol) => isSeen(label(symbol)) || isSeen(symbol.querySelector(".number")));
+  const labelled = symbols.filter((symbol) => isSeen(label(symbol)));
+  const overlap = (one, other) => {
+    const [a, b] = [one, other].map((node) => node.getBoundingClientRect());
+    return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  };
+  const isCovered = (symbol) => symbols.some((other) => other !== symbol && (
+    overlap(label(symbol), other.querySelector(".shape, .target-cross")) ||
+    (labelled.includes(other) && overlap(label(symbol), label(other)))));
+  const calm = labelled.filter((symbol) => symbol.dataset.trouble !== "alarm");
+  return {
+    named: named.length,
+    labelled: labelled.map((symbol) => Number(symbol.dataset.vehicle)),
+    covered: calm.filter(isCovered).map((symbol) => label(symbol).textContent),
+  };
+}"""
+
+
+def test_large_team_is_a_compact_list_with_the_trouble_in_full(open_page: OpenPage) -> None:
+    def grave(team: TeamPicture) -> TeamPicture:
+        return changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
+
+    with station(grave, 16) as served:
+        page = open_page(served.url, script=NO_WEBGL)
+        expect(page.locator(".card").first).to_have_attribute("data-vehicle", "5")
+        expect(page.locator(".card[data-vehicle='5'] .advice")).to_be_visible()
+        calm = page.locator(".card[data-vehicle='12']")
+        expect(calm.locator("[data-quantity='battery']")).to_be_visible()
+        expect(calm.locator("[data-quantity='gps']")).to_be_hidden()
+        styles = page.locator(".mark").evaluate_all("marks => marks.map(m => m.style.borderStyle + m.style.cssText)")
+        assert len(set(styles)) == 16  # colours repeat after eight
+        height = calm.bounding_box()
+        assert height is not None
+        assert height["height"] < 60
+        page.get_by_role("button", name="Compact").click()
+        expect(calm.locator("[data-quantity='gps']")).to_be_visible()
+
+
+def test_kind_of_the_vehicles_is_on_every_size_of_screen(open_page: OpenPage, subtests: pytest.Subtests) -> None:
+    sources = {"sitl": "practice on stubs", "flight": "REAL vehicles", "unstated": "REAL? not stated"}
+    for width, (source, words) in product((1920, 1024, 390), sources.items()):
+        mission = replace(ring_mission(), source=source)
+        with (
+            subtests.test(width=width, source=source),
+            CannedStation(mission, lambda _: ring_team(ring_mission(), 100.0)) as served,
+        ):
+            page = open_page(served.url, script=NO_WEBGL, viewport={"width": width, "height": 800})
+            expect(page.locator("#source")).to_have_text(words)
+            expect(page.locator("#source")).to_be_in_viewport(ratio=1)
+
+
+def test_map_that_is_not_there_yet_says_so(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page("about:blank")
+        held: list[Route] = []
+
+        def hold(route: Route) -> None:
+            held.append(route)
+
+        page.route("**/maplibre-gl.mjs", hold)
+        page.goto(served.url)
+        expect(page.locator("#map-state")).to_have_text("Loading the map…")
+        expect(page.locator(".card .tactic").first).to_have_text("encircle")  # what needs no map is there
+        until_now(lambda: bool(held), "the request of the map")
+        held.pop().continue_()
+        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+        expect(page.locator("#map-state")).to_be_hidden()
+        page.unroute("**/maplibre-gl.mjs")
+        page.route("**/maplibre-gl.mjs", lambda route: route.abort("connectionrefused"))
+        page.reload()
+        expect(page.locator("#map-state")).to_contain_text("could not be loaded")
+        expect(page.locator(".card .tactic").first).to_have_text("encircle")

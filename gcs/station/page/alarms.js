@@ -7,6 +7,7 @@ import { byTrouble, trouble } from "./vehicles.js";
 const SOUND_EVERY_MS = 2000;
 const TONES_HZ = [880, 660];
 const TONE_S = 0.18;
+const VIBRATION_MS = [200, 100, 200];
 export const STATION_LOST = "No connection to the station";
 
 export class Alarms {
@@ -20,7 +21,8 @@ export class Alarms {
     setInterval(() => this.#ring(), SOUND_EVERY_MS);
   }
 
-  start() {
+  start(mission) {
+    this.mission = mission.mission;
     this.alarms.clear();
     this.#show();
   }
@@ -86,6 +88,12 @@ export class Alarms {
     this.sound.play();
   }
 
+  /** Name the alarm, or their number, in the title of the browser's tab, which is seen from another one. */
+  #title(present) {
+    const alarm = present.length === 1 ? `■ ${present[0].text} · ` : present.length ? `■ ${present.length} alarms · ` : "";
+    document.title = `${alarm}${this.mission ?? ""} - cordon`;
+  }
+
   #ring() {
     if ([...this.alarms.values()].some((alarm) => alarm.isPresent && !alarm.isSeen)) this.sound.play();
   }
@@ -94,6 +102,7 @@ export class Alarms {
     const alarms = [...this.alarms.values()];
     this.list.parentElement.hidden = alarms.length === 0;
     byId("acknowledge").hidden = alarms.every((alarm) => alarm.isSeen);
+    this.#title(alarms.filter((alarm) => alarm.isPresent));
     this.list.replaceChildren(...alarms.toSorted((a, b) => rank(a) - rank(b)).map(row));
   }
 }
@@ -119,7 +128,7 @@ function row(alarm) {
   return element("li", { "data-state": alarm.isPresent ? (alarm.isSeen ? "seen" : "new") : "over" }, ...parts);
 }
 
-/** Two tones. Browsers allow sound only after the first gesture: until then the switch shows it. */
+/** Two tones. Browsers allow sound only after a gesture: until then, and when the system takes it away, the switch shows it. */
 export class Sound {
   #context = null;
   #isOn = true;
@@ -127,15 +136,18 @@ export class Sound {
   /** @param {HTMLButtonElement} button */
   constructor(button) {
     this.button = button;
-    button.addEventListener("click", () => this.turn(!this.#isOn));
-    for (const gesture of ["pointerdown", "keydown"]) {
-      document.addEventListener(gesture, () => this.#unlock(), { once: true, capture: true });
-    }
+    button.addEventListener("click", () => (this.#isLocked ? this.#unlock() : this.turn(!this.#isOn)));
+    // A press of the button itself does what the button said when it was pressed.
+    const unlock = (event) => this.#isLocked && !button.contains(event.target) && this.#unlock();
+    for (const gesture of ["pointerdown", "pointerup", "keydown"]) document.addEventListener(gesture, unlock, { capture: true });
     this.#show();
   }
 
+  /** Vibrate and sound, as far as the device can and the switch is on. */
   play() {
-    if (!this.#isOn || this.#context?.state !== "running") return;
+    if (!this.#isOn) return;
+    if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(VIBRATION_MS);
+    if (this.#context?.state !== "running") return;
     TONES_HZ.forEach((tone_hz, index) => this.#tone(tone_hz, this.#context.currentTime + index * TONE_S));
   }
 
@@ -147,8 +159,15 @@ export class Sound {
     oscillator.stop(from_s + TONE_S);
   }
 
+  get #isLocked() {
+    return this.#isOn && this.#context?.state !== "running";
+  }
+
   #unlock() {
-    this.#context ??= new AudioContext();
+    if (!this.#context) {
+      this.#context = new AudioContext();
+      this.#context.addEventListener("statechange", () => this.#show());
+    }
     this.#context.resume().then(() => this.#show());
   }
 
@@ -159,7 +178,6 @@ export class Sound {
 
   #show() {
     this.button.setAttribute("aria-pressed", String(this.#isOn));
-    const isLocked = this.#isOn && this.#context?.state !== "running";
-    setText(this.button, isLocked ? "Sound: press once" : `Sound ${this.#isOn ? "on" : "off"}`);
+    setText(this.button, this.#isLocked ? "Sound: press once" : `Sound ${this.#isOn ? "on" : "off"}`);
   }
 }

@@ -1,11 +1,13 @@
 /** The map: the mission's metres with MapLibre's camera, lines from `marks.js` and symbols from `symbols.js`. */
 
-import { byId, element, setAttribute, setText } from "./dom.js";
+import { byId, setAttribute, setText } from "./dom.js";
 import { Frame } from "./frame.js";
+import { labelPlaces } from "./labels.js";
 import { planMarks, teamMarks, trailMarks } from "./marks.js";
 import { copy, copyOnClick, mapPlaceText, placeText } from "./places.js";
 import { showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
 import { atMostEvery } from "./throttle.js";
+import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
 import * as maplibre from "./vendor/maplibre-gl.mjs";
 
@@ -51,6 +53,7 @@ export class Scene {
     this.map.addControl(new maplibre.ScaleControl({ unit: "metric", maxWidth: 160 }), "bottom-left");
     this.map.addControl(new maplibre.NavigationControl({ showCompass: false }), "bottom-right");
     this.map.on("dragstart", () => this.#follow(false));
+    this.map.on("moveend", () => this.team && this.#placeLabels());
     this.map.on("resize", () => Object.assign(this, { hasFitted: false }));
     this.map.on("mousemove", ({ lngLat }) => this.#showCursor(lngLat));
     this.map.on("click", ({ lngLat }) => this.#copyCursor(lngLat));
@@ -86,6 +89,7 @@ export class Scene {
     this.#place(this.target.marker, team.target?.position_m ?? null);
     if (team.target) showTarget(this.target, team.target);
     this.#showPlace("target-place", "Target", placeText(this.mission, team.target?.position_m));
+    this.#placeLabels();
     if (this.isFollowing) this.#keepInView(team);
   }
 
@@ -142,6 +146,30 @@ export class Scene {
     showVehicle(symbol, vehicle, team, rotation_deg);
   }
 
+  /** Width and height in pixels, read without a new layout of the page. */
+  get #size() {
+    const canvas = this.map.getCanvas();
+    return [canvas.width, canvas.height].map((size) => size / this.map.getPixelRatio());
+  }
+
+  /** Alarms and the selection have the first choice of places, and are always named; the target has the last. */
+  #placeLabels() {
+    const shown = byTrouble(this.team).filter((vehicle) => vehicle.position_m && this.symbols.has(vehicle.vehicle_id));
+    const isKept = (vehicle) => trouble(vehicle, this.team) === "alarm" || this.selection.has(vehicle.vehicle_id);
+    const kept = shown.filter(isKept);
+    const vehicles = [...kept, ...shown.filter((vehicle) => !isKept(vehicle))];
+    const placed = vehicles.map((vehicle) => ({ ...this.symbols.get(vehicle.vehicle_id), position_m: vehicle.position_m }));
+    if (this.team.target) placed.push({ ...this.target, position_m: this.team.target.position_m });
+    const places = labelPlaces(
+      placed.map(({ label, root, position_m }, index) => {
+        const { x, y } = this.map.project(this.frame.lonLat(position_m));
+        return { x, y, text: label.textContent, place: root.dataset.place, isKept: index < kept.length };
+      }),
+      this.#size,
+    );
+    placed.forEach(({ root }, index) => setAttribute(root, "data-place", places[index]));
+  }
+
   #place(marker, position_m) {
     if (position_m === null) marker.remove();
     else {
@@ -158,8 +186,7 @@ export class Scene {
   }
 
   #keepInView(team) {
-    const canvas = this.map.getCanvas(); // its size is read without a new layout of the page
-    const [width, height] = [canvas.width, canvas.height].map((size) => size / this.map.getPixelRatio());
+    const [width, height] = this.#size;
     const points = team.vehicles.map((vehicle) => vehicle.position_m).filter(Boolean);
     const isInside = ({ x, y }) => x > 40 && y > 40 && x < width - 40 && y < height - 40;
     const isSeen = points.every((point_m) => isInside(this.map.project(this.frame.lonLat(point_m))));

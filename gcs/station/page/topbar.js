@@ -6,9 +6,10 @@ import { clock } from "./units.js";
 import { alert, byTrouble, trouble } from "./vehicles.js";
 
 const SOURCES = {
-  flight: "flight",
+  flight: "REAL vehicles",
   sitl: "practice on stubs",
-  hybrid: "some vehicles are stubs",
+  hybrid: "REAL vehicles and stubs",
+  unstated: "REAL? not stated",
   bench: "BENCH: simulated bodies",
   simulation: "simulation",
   log: "recorded flight",
@@ -21,7 +22,6 @@ export class TopBar {
     setText(byId("mission"), mission.mission);
     setText(byId("source"), SOURCES[mission.source]);
     setText(byId("rights"), rights(mission));
-    document.title = `${mission.mission} - cordon`;
   }
 
   /** Show a TeamPicture, or the fault of the connection. */

@@ -60,4 +60,11 @@ export function headline(vehicle, team) {
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
-export const tactic = (vehicle) => (vehicle.is_unaccounted ? "MISSING" : vehicle.tactic || UNKNOWN);
+const MISSING = "MISSING";
+const TAKE_OFF = "take-off";
+
+/** A vehicle's tactic; before it has one, that it takes off. */
+export function tactic(vehicle) {
+  if (vehicle.is_unaccounted) return MISSING;
+  return vehicle.tactic || (vehicle.mode === TAKE_OFF ? TAKE_OFF : UNKNOWN);
+}

@@ -82,6 +82,27 @@ def test_a_flight_is_reported_once_a_second_and_changes_at_once() -> None:
     run_simulated(main())
 
 
+def test_the_place_is_reported_until_states_are_sent() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        listener = Listener(flight)
+        await flight.agent.connect()
+        flight.agent.announce()
+        await asyncio.sleep(1.5)
+        assert listener.newest.position_m == (0.0, 0.0, 0.0)
+        await flight.begin(20.0)
+        await flight.until(Phase.TAKE_OFF)
+        for height_m in (1.0, 2.0, 3.0):
+            flight.link.position_m = (0.0, 0.0, height_m)
+            await asyncio.sleep(0.1 + ON_TIME_S)
+            assert listener.newest.position_m == (0.0, 0.0, height_m)
+        await flight.until(Phase.FLYING)
+        await asyncio.sleep(1.5)
+        assert listener.newest.position_m is None, "its states hold it"
+
+    run_simulated(main())
+
+
 def test_a_link_that_is_cut_is_reported_within_a_second() -> None:
     async def main() -> None:
         flight = FakeFlight()

@@ -45,9 +45,9 @@ SECTIONS = [
     "estimates",
     "loop",
     "links",
+    "power",
     "reynolds",
     "lyapunov",
-    "power",
     "metrics",
 ]
 

@@ -196,6 +196,20 @@ async def test_a_slow_page_is_shown_the_newest_and_holds_nobody_up(served: Stati
         assert shown < 1500, "pictures were kept for it"
 
 
+async def test_files_are_compressed_for_a_slow_link(served: Station, page_folder: Path) -> None:
+    (page_folder / "library.mjs").write_text("export const number = 1;\n" * 10_000)
+    status, headers, body = await served.get("/library.mjs", "GET", b"", **{"Accept-Encoding": "gzip"})
+    assert (status, headers["Content-Encoding"]) == (200, "gzip")
+    assert len(body) < 10_000
+    assert gzip.decompress(body) == (page_folder / "library.mjs").read_bytes()
+
+
+async def test_a_request_is_received_before_it_is_carried_out(served: Station) -> None:
+    async with served.connected() as page:
+        await page.send(asked("a", "hold"))
+        assert await received(page, "receipt") == {"kind": "receipt", "request": "a"}
+
+
 async def test_pages_that_are_killed_are_gone_and_cost_the_others_nothing(served: Station) -> None:
     async with served.connected() as page:
         for _ in range(2):

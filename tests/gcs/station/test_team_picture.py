@@ -168,6 +168,16 @@ def test_a_vehicle_whose_messages_stop_is_stale_after_a_second() -> None:
     ]
 
 
+def test_a_vehicle_in_take_off_is_where_its_report_says_until_it_sends_states() -> None:
+    page = Page()
+    for now_s, height_m in ((1.0, 0.0), (2.0, 0.6), (3.0, 1.2)):
+        page.hears(now_s, report(1, START_S + now_s, mode="takeoff", start_s=None, position_m=(1.0, 2.0, height_m)))
+        assert page.vehicle(1, now_s).position_m == (1.0, 2.0, height_m)
+        assert not page.vehicle(1, now_s).is_stale
+    page.hears(4.0, report(1, START_S + 4.0), state(1, START_S + 4.0))
+    assert page.vehicle(1, 4.0).position_m == (1.0, -2.0, 8.0)
+
+
 def test_a_vehicle_on_the_ground_is_not_stale_between_its_reports() -> None:
     page = Page()
     page.hears(1.0, report(1, START_S, start_s=None, armed=False, in_air=False))

@@ -21,6 +21,7 @@ from gcs.station.picture import (
     EventPicture,
     FlightPicture,
     MissionPicture,
+    ReceiptPicture,
     RecoveredRequest,
     TeamPicture,
 )
@@ -37,14 +38,14 @@ POLICY = (
 
 MARK = "mark"
 
-Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture
+Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture | ReceiptPicture
 
 
 class CannedStation:
     """Serves a live team, whose pictures `team` returns for the seconds since the start, or a recorded flight.
 
     Use it as a context manager. Tests may change `team` and `is_silent` at any time; `requests` are the requests of
-    pages, `recovered` the vehicles whose recovery they confirmed.
+    pages, of which a station that `is_slow` has received none, `recovered` the vehicles whose recovery they confirmed.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class CannedStation:
         self.mission, self.team, self.flight = mission, team, flight
         self.is_silent = False
         self.is_refusing = False
+        self.is_slow = False
         self.requests: list[CommandRequest] = []
         self.recovered: list[int] = []
         self.events: list[EventPicture] = []
@@ -124,8 +126,10 @@ class CannedStation:
                 request = msgspec.json.decode(message, type=CommandRequest | RecoveredRequest)
                 if isinstance(request, RecoveredRequest):
                     self.recovered.append(request.vehicle_id)
-                else:
-                    self.requests.append(request)
+                    continue
+                self.requests.append(request)
+                if not self.is_slow:
+                    self._send(connection, ReceiptPicture(request.request))
         finally:
             self._connections.discard(connection)
 
