@@ -3,6 +3,7 @@
 from collections import OrderedDict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 
 from msgspec.structs import replace
 
@@ -213,7 +214,10 @@ class TeamState:
     def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place], *, is_over: bool) -> TeamRow:
         latest = self._latest.get(vehicle_id)
         if latest is None:
-            return TeamRow(vehicle_id, note="not received")
+            last = self._last_position(vehicle_id, now_s, is_over=is_over)
+            if last is None:
+                return TeamRow(vehicle_id, note="not received")
+            return with_unaccounted(TeamRow(vehicle_id), Unaccounted.of(vehicle_id, last, self.frame))
         state, age_s, ending = latest.state, now_s - latest.received_s, self._ended(vehicle_id)
         is_stale = age_s > SILENT_AFTER_S
         silent = f"no messages for {age_s:.0f} s, last tactic {state.tactic}" if is_stale and not ending else ""
@@ -221,18 +225,27 @@ class TeamState:
         note = ", ".join(filter(None, [silent, dropped]))
         row = with_state(TeamRow(vehicle_id, age_s=age_s, is_stale=is_stale, note=note), state)
         row = with_surroundings(row, places_m, self.fences)
-        last = self._last_position(vehicle_id, now_s, is_gone=is_over and is_stale)
+        last = self._last_position(vehicle_id, now_s, is_over=is_over)
         if last is not None:
             return with_unaccounted(row, Unaccounted.of(vehicle_id, last, self.frame))
         return replace(row, has_ended=True, ending=ending) if ending else with_alert(row, state.alert)
 
-    def _last_position(self, vehicle_id: int, now_s: float, *, is_gone: bool) -> LastPosition | None:
-        """Return where a vehicle was last that is unaccounted for: by its report, or as the flight `is_gone`."""
-        report, reported_s = self._reports.get(vehicle_id, (None, now_s))
-        if report is not None and report.unaccounted_m is not None:
-            return LastPosition(report.unaccounted_m, (report.link_age_s or 0.0) + now_s - reported_s)
-        if is_gone and may_fly(report) and not self._ended(vehicle_id):
-            latest = self._latest[vehicle_id]
-            x, y = latest.state.position_m
-            return LastPosition((x, y, latest.state.altitude_m), now_s - latest.received_s)
-        return None
+    def _last_position(self, vehicle_id: int, now_s: float, *, is_over: bool) -> LastPosition | None:
+        """Return where a vehicle was last that is unaccounted for: by its report, or silent and no flight runs.
+
+        In take-off it sends no states, but its position in its reports.
+        """
+        report, reported_s = self._reports.get(vehicle_id, (None, -inf))
+        latest = self._latest.get(vehicle_id)
+        reported_m = None if report is None else report.unaccounted_m
+        if reported_m is None:
+            is_silent = now_s - (reported_s if latest is None else latest.received_s) > SILENT_AFTER_S
+            if not (is_over and is_silent and may_fly(report)) or self._ended(vehicle_id):
+                return None
+            if latest is not None:
+                x, y = latest.state.position_m
+                return LastPosition((x, y, latest.state.altitude_m), now_s - latest.received_s)
+            reported_m = None if report is None else report.position_m
+        if report is None or reported_m is None:
+            return None
+        return LastPosition(reported_m, (report.link_age_s or 0.0) + now_s - reported_s)

@@ -65,6 +65,12 @@ class _Received:
         """Return the time of its newest state, or of any message if it has sent no state yet."""
         return self.any_s if self.state is None else self.state_s
 
+    @property
+    def may_fly(self) -> bool:
+        """Whether it is in the air by what it has sent, or may be; in take-off it sends reports only."""
+        is_known = self.state is not None or self.report is not None
+        return is_known and may_fly(self.report) and not self.ended
+
     def with_last_position(self, view: VehicleView, now_s: float) -> VehicleView:
         """Return its view with the position in its report, if its flight has ended without an account of it."""
         if self.report is None or self.report.unaccounted_m is None:
@@ -180,8 +186,7 @@ class TeamPictures:
         found = {
             i
             for i, each in self._received.items()
-            if (each.report is not None and each.report.unaccounted_m is not None)
-            or (is_gone and each.state is not None and may_fly(each.report) and not each.ended)
+            if (each.report is not None and each.report.unaccounted_m is not None) or (is_gone and each.may_fly)
         }
         if self._lost is not None:
             found |= self._received.keys() & self._lost[1].vehicles
@@ -193,7 +198,7 @@ class TeamPictures:
             flight = self._lost[1]
             return LostPicture(flight.reason, flight.vehicles, flight.ended_s, flight.autopilots, flight.next_step)
         received = [each for each in self._received.values() if each.any_s > -inf]
-        if any(each.ended for each in received) or not any(each.state for each in received):
+        if any(each.ended for each in received) or not any(each.may_fly for each in received):
             return None
         since_s = max(each.any_s for each in received)
         if now_s - since_s <= (SILENT_AFTER_S if is_over else VANISHED_AFTER_S):
@@ -220,7 +225,8 @@ class TeamPictures:
         received = self._received[vehicle_id]
         if received.any_s == -inf:
             return VehicleView(vehicle_id)
-        is_stale, has_ended = received.is_stale(now_s), bool(received.ended) or is_over
+        ending = _RECOVERED if vehicle_id in self._recovered else received.ended
+        is_stale, has_ended = received.is_stale(now_s), bool(ending) or is_over
         own_alert = "" if received.state is None else received.state.alert
         lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale else ""
         view = VehicleView(
@@ -229,7 +235,7 @@ class TeamPictures:
             is_stale=is_stale,
             has_ended=has_ended,
             lead_rad=self._lead_rad(vehicle_id, now_s),
-            ending=_RECOVERED if vehicle_id in self._recovered else received.ended,
+            ending=ending,
         )
         if received.state is not None:
             view = with_state(view, received.state)

@@ -131,6 +131,18 @@ def test_of_a_flight_that_is_gone_who_may_be_in_the_air_is_unaccounted_for() -> 
     assert "9 s ago" in one.advice
 
 
+def test_a_vehicle_that_is_lost_in_take_off_before_its_first_state_is_unaccounted_for() -> None:
+    team, place_m = TeamState((1, 2)), (1.0, -2.0, 3.5)
+    team.receive(VehicleReport(1, 99.0, "take-off", armed=True, link_age_s=0.5, position_m=place_m), 0.0)
+    team.receive(VehicleReport(2, 99.0, "offboard", ended="lost", link_age_s=4.0, unaccounted_m=place_m), 0.0)
+    assert [row.is_unaccounted for row in team.rows(9.0)] == [False, True]
+    one, two = team.rows(9.0, is_over=True)
+    assert one.position_m == two.position_m == place_m
+    assert one.is_unaccounted
+    assert "10 s ago" in one.advice
+    assert "13 s ago" in two.advice
+
+
 def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeated() -> None:
     picture = TeamState((1,))
     for _ in range(3):

@@ -329,7 +329,7 @@ def test_a_team_that_vanishes_in_flight_is_kept_as_it_was_and_the_time_counts_up
 
 def test_on_the_ground_and_after_landing_no_flight_is_lost() -> None:
     page = Page()
-    page.hears(1.0, report(1, START_S, start_s=None), report(2, START_S, start_s=None))
+    page.hears(1.0, *(report(each, START_S, armed=False, in_air=False, start_s=None) for each in (1, 2)))
     assert page.team(9.0).lost is None, "they wait for their start"
     page.hears(10.0, state(1, START_S + 9.0), report(1, START_S + 9.0, ended="landed", is_completed=True))
     assert page.team(19.0, is_over=True).lost is None
@@ -352,10 +352,24 @@ def test_what_the_supervisor_says_of_a_lost_flight_is_shown_until_the_next_messa
     left = page.team(500.0, is_over=True)
     assert left.lost is not None
     assert left.lost.vehicles == (2,)
+    assert shown(left)[:2] == [ENDED, LOST]
     page.pictures.recover(2)
     assert page.team(500.0, is_over=True).lost is None, "both were found"
     page.hears(501.0, state(1, START_S + 500.0))
     assert page.team(501.0).lost is None
+
+
+def test_a_team_that_vanishes_in_take_off_is_unaccounted_for_where_it_was_last() -> None:
+    """It sends no states before it has taken off; one that still waits on the ground is not missed."""
+    page, place_m = Page(), (1.0, -2.0, 3.5)
+    page.hears(1.0, report(1, START_S, mode="take-off", start_s=None, position_m=place_m))
+    page.hears(1.0, report(2, START_S, mode="ready", armed=False, in_air=False, start_s=None, position_m=(0.0,) * 3))
+    assert page.team(2.5).lost is None
+    team = page.team(9.0)
+    assert team.lost is not None
+    assert team.lost.vehicles == (1,)
+    assert (team.vehicles[0].is_unaccounted, team.vehicles[0].position_m) == (True, place_m)
+    assert [each.is_unaccounted for each in team.vehicles] == [True, False, False]
 
 
 def test_the_target_is_that_of_the_newest_sighting_and_goes_on() -> None:
