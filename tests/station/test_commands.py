@@ -149,6 +149,11 @@ def test_vehicles_whose_flight_has_ended_are_not_counted(page: Page, served: Can
     (request,) = sent(page, served)
     assert request.vehicles is None
     expect(page.locator(f"#answers [data-request='{request.request}']")).to_contain_text("Waiting for all 2 vehicles")
+    served.team = lambda time_s: changed(
+        ring_team(mission, 200.0 + time_s), 2, is_unaccounted=True, ending="lost: its link was lost"
+    )
+    expect(page.locator("#target-text")).to_have_text("To all 2 vehicles (1 missing)")
+    expect(page.get_by_label("Select vehicle 2")).to_be_disabled()
 
 
 def test_land_and_return_have_to_be_held(page: Page, served: CannedStation) -> None:

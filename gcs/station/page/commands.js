@@ -172,9 +172,10 @@ export class Commands {
   }
 
   #showTarget() {
-    const { vehicles, all, ended, isEmpty } = this.selection;
-    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${ended ? ` (${ended} ended)` : ""}`);
+    const { vehicles, all, without, isEmpty } = this.selection;
+    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${without && ` (${without})`}`);
     setText(byId("hold-all"), `Hold all ${all.length}`);
+    byId("hold-all").disabled = all.length === 0;
     byId("select-all").hidden = isEmpty;
     this.#showRest();
     for (const button of byId("verbs").children) {

@@ -12,7 +12,7 @@ import { Tiles } from "./tiles.js";
 import * as maplibre from "./vendor/maplibre-gl.mjs";
 
 const EMPTY = { type: "FeatureCollection", features: [] };
-const PADDING_PX = { top: 50, bottom: 50, left: 50, right: 110 }; // labels are on the right
+const PADDING_PX = { top: 40, bottom: 50, left: 50, right: 110 }; // labels are on the right
 const ZOOM_MAX = 21.5;
 const TRAIL_EVERY_MS = 500;
 /** Layers: source, name, the colour (a CSS variable, or the vehicle's), width, dashes, and the switch that hides it. */

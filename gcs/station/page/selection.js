@@ -7,6 +7,7 @@ const SURPRISING_MS = 700;
 export class Selection {
   #planned = [];
   #ended = new Set();
+  #missing = 0;
   #chosen = new Set();
   #listeners = [];
   #timer = null;
@@ -17,14 +18,18 @@ export class Selection {
   start(vehicle_ids) {
     this.#planned = vehicle_ids;
     this.#ended.clear();
+    this.#missing = 0;
     this.#choose(vehicle_ids.filter((id) => this.#chosen.has(id)));
   }
 
   /** Take the vehicles of a TeamPicture whose flight has ended: they receive no commands, also if unaccounted for. */
   update(team) {
-    const ended = team.vehicles.filter((each) => each.has_ended || each.ending).map((each) => each.vehicle_id);
-    if (ended.length === this.#ended.size && ended.every((id) => this.#ended.has(id))) return;
-    this.#ended = new Set(ended);
+    const ended = team.vehicles.filter((each) => each.has_ended || each.ending);
+    const missing = ended.filter((each) => each.is_unaccounted).length;
+    const isSame = ended.length === this.#ended.size && ended.every((each) => this.#ended.has(each.vehicle_id));
+    if (isSame && missing === this.#missing) return;
+    this.#ended = new Set(ended.map((each) => each.vehicle_id));
+    this.#missing = missing;
     this.#choose([...this.#chosen].filter((id) => !this.#ended.has(id)));
   }
 
@@ -74,9 +79,10 @@ export class Selection {
     return this.isEmpty && performance.now() - this.#expired_ms < SURPRISING_MS;
   }
 
-  /** The number of vehicles whose flight has ended. */
-  get ended() {
-    return this.#ended.size;
+  /** Why vehicles receive no commands, with their numbers; empty if all receive them. */
+  get without() {
+    const counts = { ended: this.#ended.size - this.#missing, missing: this.#missing };
+    return Object.entries(counts).flatMap(([why, count]) => (count ? `${count} ${why}` : [])).join(", ");
   }
 
   /** The ids of all vehicles that fly, or will. */
