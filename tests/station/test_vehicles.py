@@ -13,7 +13,7 @@ from playwright.sync_api import Page, Route, expect
 from agents.team.messages import AutopilotReport
 from gcs.console.vehicle_view import with_unaccounted
 from gcs.station.picture import MissionPicture, TeamPicture
-from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
 from tests.support.wire import repeated_now, until_now
@@ -180,7 +180,7 @@ def test_a_vehicle_that_is_unaccounted_for_stays_first_until_its_recovery_is_con
         return replace(missing(changed(team, 1, alert="link lost", severity="alarm"), 3), ending="1, 2 landed; 3 lost")
 
     with station(over) as served:
-        page = open_page(served.url, script=NO_WEBGL)
+        page = open_page(served.url, script=NO_WEBGL, simulated=True)
         card = page.locator(".card").first
         expect(card).to_have_attribute("data-vehicle", "3")
         expect(card).to_have_attribute("data-trouble", "alarm")
@@ -193,8 +193,12 @@ def test_a_vehicle_that_is_unaccounted_for_stays_first_until_its_recovery_is_con
         expect(page.locator(".card[data-trouble='ended']")).to_have_count(2)
         recovered = page.locator(".recovered:visible")
         expect(recovered).to_have_count(1)
-        recovered.click()  # a short press does nothing
-        recovered.click(delay=3000)
+        recovered.hover()
+        with stopped(page):
+            for held_ms in (800, 0, 1500):  # a short press does nothing, and the last counts once
+                page.mouse.down()
+                pass_time(page, held_ms)
+                page.mouse.up()
         served.await_requests(page)
         assert served.recovered == [3]
         assert served.requests == []
@@ -214,7 +218,7 @@ def test_places_are_copied_by_a_click_in_degrees_or_in_metres_of_a_local_frame(o
         card.get_by_role("button", name="47.397780, 8.546011").click()
         expect(page.locator("#target-place")).to_contain_text("Target 47.3976")
         page.locator("#target-place").click()
-        page.locator("#map").click(position={"x": 200, "y": 250})
+        page.locator("#map").click(position={"x": 200, "y": 120})
         place, target, cursor = page.evaluate("copied")
         assert place == "47.397780, 8.546011"
         assert page.locator("#target-place").inner_text() != target, "the target's place alone is copied"
