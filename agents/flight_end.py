@@ -1,11 +1,14 @@
-"""How a flight ended, in a word. Imports nothing heavy: the supervisor of a flight uses it."""
+"""How a flight ended, in a word, and where a vehicle was last. Imports nothing heavy: the supervisor uses it."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 
 class FlightEnd(StrEnum):
     """How a flight ended, most severe first; the values stand in logs and in the JSON output."""
 
+    LOST = "lost"
+    """Its link was lost after its take-off was requested, and no landing was reported."""
     KILLED = "killed"
     ERROR = "error"
     WATCHDOG = "watchdog"
@@ -27,3 +30,11 @@ class FlightEnd(StrEnum):
     @classmethod
     def _missing_(cls, _value: object) -> "FlightEnd":
         return cls.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class LastPosition:
+    """A newest position in the mission frame, and its age [wall s]."""
+
+    position_m: tuple[float, float, float]
+    age_s: float

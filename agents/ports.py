@@ -93,7 +93,6 @@ class VehicleStatus(AutopilotReport, frozen=True):
     height_sensor: str = ""
     gps_threat: GpsThreat = GpsThreat.NONE
     lost: Connection = Connection.NONE
-    wind_m_s: float | None = None
     round_trip_s: float | None = None
     link_fault: str = ""
     mode_by: ModeSource = ModeSource.UNKNOWN

@@ -9,9 +9,9 @@ class Exit(IntEnum):
     """How a command ended."""
 
     HOLDS = 0
-    """Success; all verdicts hold."""
+    """Success; all verdicts pass."""
     VERDICT_FAILED = 1
-    """Flown, but a verdict does not hold; or a log is damaged, and its verdicts are not reliable."""
+    """Flown, but a verdict fails or could not be judged; or a log is damaged."""
     BAD_INPUT = 2
     """Bad input; every fault is listed."""
     REFUSED = 3

@@ -21,6 +21,8 @@ _WORSE_S, _BETTER_S = 0.5, 8.0
 _UNKNOWN_S = 3.0
 """For this long after the first sighting the estimated speed is unreliable: two outliers can determine it."""
 _RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
+_LITTLE = 0.1
+"""A mission's ring that leaves less than this share of its speed for the target's motion is the cause by itself."""
 
 
 class Orbit:
@@ -42,6 +44,7 @@ class RingFeasibility:
         self._whole = Orbit(ring.radius_m, ring.angular_rate_rad_s)
         self._easy_m_s = self._slow_enough_m_s()
         self._target_m_s = 0.0
+        self._is_relaxing = False
         self._worse_s = self._better_s = inf
         self._flown = FULL_RING
         self._time_s: float | None = None
@@ -119,10 +122,26 @@ class RingFeasibility:
             return ""
         rate, radius = self.needed.rate, self.needed.radius
         wider = f" and {radius:.0%} of its radius" if radius > 1.0 else ""
-        why = f"the target moves at {self._target_m_s:.1f} m/s"
+        return f"ring at {rate:.0%} of its rate{wider}: {self._why()}"
+
+    def _why(self) -> str:
+        target = f"the target moves at {self._target_m_s:.1f} m/s"
+        along_m_s = abs(self._ring.angular_rate_rad_s) * self._ring.radius_m
         if self._target_m_s >= self._speed_m_s:
-            return f"ring at {rate:.0%} of its rate{wider}: {why}, faster than the vehicles can follow"
-        return f"ring at {rate:.0%} of its rate{wider}: {why}"
+            return f"{target}, faster than the vehicles can follow"
+        if self._is_relaxing:
+            return f"{target} now; the rate rises by {1.0 / _STEPS:.0%} every {_BETTER_S:g} s"
+        if self._target_m_s >= _LITTLE * along_m_s:
+            return target
+        if self._speed_m_s - along_m_s <= self._easy_m_s:
+            return (
+                f"the mission's ring of {along_m_s:.2f} m/s leaves {max(self._easy_m_s, 0.0):.2f} m/s of the vehicles' "
+                f"{self._speed_m_s:.2f} m/s for the motion of the target"
+            )
+        return (
+            f"the mission's ring needs {along_m_s**2 / self._ring.radius_m:.2f} m/s² of the vehicles' "
+            f"{self._acceleration_m_s2:.2f} m/s², which leaves too little for the motion of the target"
+        )
 
     def _need(self, found: RingScale, target_m_s: float, now_s: float) -> None:
         """Adopt a feasible ring once it has persisted: soon if it is more restricted, later if less."""
@@ -130,6 +149,8 @@ class RingFeasibility:
         better = not worse and found != self.needed
         self._worse_s = min(self._worse_s, now_s) if worse else inf
         self._better_s = min(self._better_s, now_s) if better else inf
+        if self._is_relaxing:
+            self._is_relaxing, self._target_m_s = better, target_m_s
         if now_s - self._worse_s >= _WORSE_S:
             self.needed, self._target_m_s, self._worse_s = self.needed.with_(found), target_m_s, inf
         elif now_s - self._better_s >= _BETTER_S:
@@ -137,6 +158,7 @@ class RingFeasibility:
             rate = min(found.rate, _whole_step(self.needed.rate + 1.0 / _STEPS, up=False))
             radius = max(found.radius, _whole_step(self.needed.radius - 1.0 / _STEPS, up=True))
             self.needed, self._target_m_s, self._better_s = RingScale(rate, radius), target_m_s, now_s
+            self._is_relaxing = self.needed != found
 
 
 def _share(allowed: float, wanted: float) -> float:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from enum import Enum, auto
 
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
 from agents.inputs import (
     AutopilotStatus,
     Command,
@@ -25,12 +25,12 @@ from agents.inputs import (
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.control_loop import AgentParts, ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed, without_setpoints
-from agents.shell.outcome import FAILED, KILLED, LoopReport, Outcome, Stop, outcome_of
+from agents.shell.outcome import FAILED, KILLED, LOST, LoopReport, Outcome, Stop, outcome_of
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.tactics import Event, Tactic
 from agents.team import external_positions
-from agents.team.messages import START_BLOCKERS_LIMIT, BusMessage, OperatorCommand, Outlook
+from agents.team.messages import LINK_SILENT_S, START_BLOCKERS_LIMIT, BusMessage, OperatorCommand, Outlook
 from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
 
@@ -160,7 +160,7 @@ class Agent:
             parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
         )
         self._loop = ControlLoop(parts)
-        self._reporter = Reporter(parts, lambda: self._loop.newest, lambda: self.clock_lags_s)
+        self._reporter = Reporter(parts, lambda: self._loop.newest, lambda: self.clock_lags_s, lambda: self.unaccounted)
         self._activities = Activities(self._happen, self._fail)
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
@@ -169,7 +169,7 @@ class Agent:
         self._override_reason = ""
         self._outcome = Outcome(FlightEnd.LANDED)
         self._failure: Exception | None = None
-        self._flew = False
+        self._flew = self._took_off = self._is_unaccounted = False
         self._ended_s: float | None = None
         self._duration_s = 0.0
         self._stop = Stop()
@@ -204,6 +204,14 @@ class Agent:
     def clock_lags_s(self) -> dict[int, float]:
         """How far the clocks of the peers' computers are behind this one's, as far as measured [wall s]."""
         return self._start_agreement.clock_lags_s
+
+    @property
+    def unaccounted(self) -> LastPosition | None:
+        """The newest position of a vehicle whose flight ended without a report that it is down; None for all others.
+
+        A vehicle that fell with its motors cut is unaccounted for; one that a pilot flies on a live link is not.
+        """
+        return self._reporter.last_position if self._is_unaccounted else None
 
     async def connect(self) -> None:
         """Connect to the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
@@ -276,8 +284,22 @@ class Agent:
             except Exception as error:
                 self._fail(ActivityKind.TICKS, error)
         if self._phase is Phase.ENDED:
+            if not self._over.is_set():
+                self._account()
             self._reporter.end(FAILED if self._failure else self._outcome)
             self._over.set()
+
+    def _account(self) -> None:
+        """Note at the end of the flight whether the vehicle is unaccounted for, and whether its link was lost."""
+        status, how, last = self._link.status, self._outcome.how, self._reporter.last_position
+        is_silent = last is None or last.age_s > LINK_SILENT_S
+        if not self._took_off:
+            return
+        is_lost = not status.connected or (status.armed and is_silent)
+        if is_lost and how not in (FlightEnd.KILLED, FlightEnd.PILOT):
+            self._report(LOST)
+        if is_lost or (status.armed and how is not FlightEnd.PILOT):
+            self._is_unaccounted = True
 
     def _fail(self, kind: ActivityKind, error: Exception) -> None:
         """Take an exception that is not a refusal: `fly` raises the first one at its end."""
@@ -285,7 +307,7 @@ class Agent:
         self._happen(LifeEvent.ABORTED if kind in (ActivityKind.CALL, ActivityKind.KILL) else LifeEvent.FAULT)
 
     def _sense(self, telemetry: Telemetry) -> None:
-        self._reporter.sense()
+        self._reporter.sense(telemetry.position_m)
         self._loop.position_m = telemetry.position_m[:2]
         if self._flew:
             self._core.take(telemetry)
@@ -389,11 +411,13 @@ class Agent:
         return LifeEvent.LANDED
 
     async def _call_kill(self) -> LifeEvent:
+        falls = self._took_off and self._link.status.armed
         try:
             await self._link.kill()
         except VehicleRefusedError as refusal:
             self._answer_kill(refusal.reason)
             raise
+        self._is_unaccounted = self._is_unaccounted or falls
         self._answer_kill("")
         return LifeEvent.MOTORS_CUT
 
@@ -404,6 +428,7 @@ class Agent:
 
     def _take_off(self) -> None:
         self._parts.heartbeat.rising()
+        self._took_off = True
         self._activities.start(ActivityKind.CALL, self._call_take_off, LifeEvent.TAKE_OFF_REFUSED)
         self._activities.start(ActivityKind.OPERATOR, self._watch_operator)
         self._activities.start(ActivityKind.TICKS, self._tick_in_take_off)

@@ -3,23 +3,28 @@
 import asyncio
 from dataclasses import dataclass
 
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
 from agents.safety.failsafe import Condition
 from agents.safety.landing_cause import LandingCause
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a flight ended, the reason and the next step after a fault, and whether the vehicle flew."""
+    """How a flight ended, the reason and the next step after a fault, and whether the vehicle flew.
+
+    `unaccounted` is set where the vehicle may be anywhere: no landing was reported and no pilot has it, or it fell.
+    """
 
     how: FlightEnd
     reason: str = ""
     next_step: str = ""
     flew: bool = False
+    unaccounted: LastPosition | None = None
 
 
 BY_OPERATOR = Outcome(FlightEnd.OPERATOR, "the operator ended the flight")
 KILLED = Outcome(FlightEnd.KILLED, "an operator had its motors cut", "recover and inspect it")
+LOST = Outcome(FlightEnd.LOST, "its link was lost, and no landing was reported", "search at its last position")
 FAILED = Outcome(FlightEnd.ERROR)
 _BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BATTERY_CRITICAL, Condition.NO_WAY_HOME))
 

@@ -6,7 +6,7 @@ from math import inf
 
 from msgspec.structs import replace
 
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
@@ -25,11 +25,13 @@ from agents.team.messages import (
     VehicleReport,
 )
 from agents.team.text import printable
+from estimation.frames import Triple
 from estimation.state import POSITION, VELOCITY
 
 PERIOD_S = 1.0
 """The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
+_CLIMB_SENT_M = 0.5
 _WORDS_LIMIT = 32
 ANNOUNCED_S = 60.0
 """The mission's end is announced so long before [s of the mission clock]."""
@@ -37,7 +39,8 @@ _UNTIL_THE_END = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE
 
 
 class Reporter:
-    """Sends the reports of one vehicle: once a second, and after a change of mode, link, alert, readiness or end.
+    """Sends the reports of one vehicle: once a second, after a change of mode, link, alert, readiness or end, and in
+    take-off after each half metre.
 
     It runs in its own task, so that vehicles are also reported on the ground and after their flight.
     """
@@ -47,15 +50,20 @@ class Reporter:
         parts: AgentParts,
         newest: Callable[[], TickOutput | None],
         clock_lags_s: Callable[[], Mapping[int, float]],
+        unaccounted: Callable[[], LastPosition | None] = lambda: None,
     ) -> None:
-        """Take the parts, and the functions that return the newest output and the lags of the peers' clocks."""
+        """Take the parts, and functions that return the newest output, the lags of the peers' clocks, and the last
+        position of a vehicle that is unaccounted for.
+        """
         self._parts = parts
         self._newest = newest
         self._clock_lags_s = clock_lags_s
+        self._unaccounted = unaccounted
         self._mission: tuple[float | None, float] = (None, 0.0)
         self._end: tuple[float, str] = (-inf, "")
         self._ended, self._is_completed = "", False
         self._start_blockers: str | None = None
+        self._position_m: Triple | None = None
         self._motion_s: float | None = None
         self._last_report: tuple[object, ...] = ()
         self._sent_s = 0.0
@@ -65,9 +73,16 @@ class Reporter:
         """Send from now on; the clock's speed must be set."""
         self._running = self._running or asyncio.create_task(self._run())
 
-    def sense(self) -> None:
-        """Note that a sample of the vehicle's motion has been received now."""
-        self._motion_s = self._wall_s()
+    @property
+    def last_position(self) -> LastPosition | None:
+        """The newest position that has been received, None before the first."""
+        if self._position_m is None or self._motion_s is None:
+            return None
+        return LastPosition(self._position_m, self._wall_s() - self._motion_s)
+
+    def sense(self, position_m: Triple) -> None:
+        """Note that a sample of the vehicle's motion has been received now, with its position."""
+        self._position_m, self._motion_s = position_m, self._wall_s()
 
     def start_mission(self, start_s: float, duration_s: float) -> None:
         """Take the mission's begin on the team's clock, and its duration."""
@@ -121,7 +136,7 @@ class Reporter:
 
     def _look(self) -> None:
         """Send a report if one is due or something has changed."""
-        output, status, now_s = self._newest(), self._parts.link.status, self._wall_s()
+        output, status, now_s, place_m = self._newest(), self._parts.link.status, self._wall_s(), self._place_m
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
         report = (
@@ -134,6 +149,7 @@ class Reporter:
             self.outlook,
             self._ended,
             self._start_blockers,
+            place_m and round(place_m[2] / _CLIMB_SENT_M),
         )
         if report != self._last_report or now_s - self._sent_s >= PERIOD_S:
             self._last_report = report
@@ -147,6 +163,7 @@ class Reporter:
         output, status = self._newest(), self._parts.link.status
         setpoint = None if output is None else output.setpoint
         start_s, duration_s = self._mission
+        unaccounted = self._unaccounted()
         return VehicleReport(
             self._parts.config.vehicle_id,
             self._parts.clock.now_s(),
@@ -165,7 +182,15 @@ class Reporter:
             None if self._start_blockers is None else max(map(abs, self._clock_lags_s().values()), default=None),
             self._is_completed if self._ended else None,
             None if self._ended else self.outlook,
+            None if unaccounted is None else unaccounted.position_m,
+            self._place_m,
         )
+
+    @property
+    def _place_m(self) -> Triple | None:
+        """The position of a vehicle whose core has none yet, and so sends no state."""
+        output = self._newest()
+        return self._position_m if output is None or output.status.own_estimate is None else None
 
 
 def estimator_words(status: VehicleStatus) -> str:

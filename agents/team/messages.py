@@ -191,14 +191,15 @@ class AutopilotReport(msgspec.Struct, frozen=True):
     """What operators and observers see of an autopilot's own report: a part of its status, sent and shown as it is.
 
     `battery` is a fraction, `endurance_s` its estimate of the flight time until the battery is empty, `gps_dimensions`
-    the type of the fix (0 without one, 2 or 3), with the number of `satellites`. None is unknown. A new field has to be
-    `Added` to the report.
+    the type of the fix (0 without one, 2 or 3), with the number of `satellites`, `wind_m_s` the estimated horizontal
+    wind. None is unknown. A new field has to be `Added` to the report.
     """
 
     battery: Annotated[float, Within(0.0, 1.0), Unit(1e4)] | None = None
     endurance_s: Annotated[float, Within(0.0, 1e6)] | None = None
     gps_dimensions: Annotated[int, Within(0, 255)] | None = None
     satellites: Annotated[int, Within(0, 255)] | None = None
+    wind_m_s: Annotated[Annotated[float, Within(0.0, 200.0), Unit(10.0)] | None, Added(6)] = None
 
 
 class NextChange(msgspec.Struct, frozen=True):
@@ -240,9 +241,11 @@ class VehicleReport(msgspec.Struct, frozen=True):
     `link_age_s` is the age of the newest sample of its motion [wall s], `yaw_rad` the yaw of the last setpoint,
     `estimator` the state of the autopilot's estimator as text. The mission began at `start_s` and lasts `duration_s`.
     `ended` is how the vehicle's flight ended, empty during the flight, and `is_completed` whether it was over as
-    planned, which earlier versions do not send. While it waits on the ground for an operator's start, `start_blockers`
-    forbid the start, empty if nothing does, and `clock_off_s` is the largest offset of a peer's computer's clock from
-    its own [wall s]. `outlook` is None while nothing is due. Unknown values are None, or empty.
+    planned, which earlier versions do not send. `unaccounted_m` is the newest position of a vehicle whose flight has
+    ended without a report that it is down, or that fell; None for all others. `position_m` is sent before the first
+    state: on the ground and in take-off. While it waits on the ground for an operator's start, `start_blockers` forbid
+    the start, empty if nothing does, and `clock_off_s` is the largest offset of a peer's computer's clock from its own
+    [wall s]. `outlook` is None while nothing is due. Unknown values are None, or empty.
     """
 
     sender: VehicleId
@@ -264,6 +267,8 @@ class VehicleReport(msgspec.Struct, frozen=True):
     clock_off_s: Annotated[_Seconds | None, Added(2)] = None
     is_completed: Annotated[bool | None, Added(3)] = None
     outlook: Annotated[Outlook | None, Added(4)] = None
+    unaccounted_m: Annotated[tuple[_Metres, _Metres, _Metres] | None, Added(5)] = None
+    position_m: Annotated[tuple[_Metres, _Metres, _Metres] | None, Added(7)] = None
 
     @property
     def is_link_cut(self) -> bool:

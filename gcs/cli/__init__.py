@@ -3,8 +3,11 @@
 It may import every folder of gcs, and none imports it.
 """
 
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from errno import EDQUOT, EIO, ENOSPC
 from importlib.metadata import version
 from importlib.util import find_spec
 
@@ -38,6 +41,7 @@ app.register_install_completion_command(help="Install completion of commands and
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    _ignore_unusable_sizes()
     tokens = with_stubs(sys.argv[1:])
     _load_summaries(tokens)
     try:
@@ -48,10 +52,35 @@ def main() -> None:
     try:
         sys.exit(command(*bound.args, **bound.kwargs))
     except InputError as error:
-        print(*error.faults, sep="\n", file=sys.stderr)
-        sys.exit(Exit.BAD_INPUT)
+        sys.exit(_bad_input(error.faults))
+    except OSError as error:
+        if error.errno not in _FULL:  # of standard output, by a help text: verbs report their own files
+            raise
+        with suppress(OSError):  # nothing is left to be written at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(_bad_input([f"standard output: {error.strerror}"]))
     except KeyboardInterrupt:  # a flight handles Ctrl-C itself: here no vehicle has moved yet
         sys.exit(Exit.REFUSED)
+
+
+_FULL = (ENOSPC, EDQUOT, EIO)
+_COLUMNS_MAX = 10_000
+
+
+def _ignore_unusable_sizes() -> None:
+    """Remove sizes of the terminal from the environment that are none, such as COLUMNS=0."""
+    for name in ("COLUMNS", "LINES"):
+        size = os.environ.get(name, "")
+        if not (size.isascii() and size.isdecimal() and 0 < int(size[:9]) <= _COLUMNS_MAX):
+            os.environ.pop(name, None)
+
+
+def _bad_input(faults: Sequence[str]) -> Exit:
+    from gcs.console.terminal import print_line
+
+    for fault in faults:
+        print_line(fault)
+    return Exit.BAD_INPUT
 
 
 def _runs() -> str:

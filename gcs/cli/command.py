@@ -13,7 +13,7 @@ from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chose
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
-    from gcs.console.command_client import CommandResult
+    from gcs.console.command_client import CommandClient, CommandResult
     from gcs.keys.identity import Identity
     from gcs.mission.mission import Mission
 
@@ -67,8 +67,9 @@ def command(
         return Exit.REFUSED
     if operator.difference:
         print_problem(f"{operator.difference}; {verb} was sent")
-    _show(verb, answers, operator.joined_after_s)
-    return Exit.HOLDS if all(answer and answer.obeyed for answer in answers.values()) else Exit.REFUSED
+    _show(verb, vehicles, answers, operator)
+    obeyed = [answer is not None and answer.obeyed for answer in answers.values()]
+    return Exit.HOLDS if obeyed and all(obeyed) else Exit.REFUSED
 
 
 _ROWS = [VERBS[verb] for verb in get_args(CommandVerb)]
@@ -92,14 +93,20 @@ def granted_operator(mission: "Mission", verb: Verb, name: str | None) -> "Ident
     return operator
 
 
-def _show(verb: Verb, answers: "Mapping[int, CommandResult | None]", joined_after_s: float) -> None:
+def _show(
+    verb: Verb, vehicles: Sequence[int], answers: "Mapping[int, CommandResult | None]", operator: "CommandClient"
+) -> None:
     from gcs.console.terminal import STDERR, print_line
 
-    for vehicle_id, answer in answers.items():
-        result = "no answer" if answer is None else f"{answer.did} (answered after {answer.after_s * 1000:.0f} ms)"
+    for vehicle_id in vehicles:
+        answer, ended = answers.get(vehicle_id), operator.ended.get(vehicle_id)
+        result = "no answer" if ended is None else f"no answer: its flight has ended ({ended})"
+        if answer is not None:
+            result = f"{answer.did} (answered after {answer.after_s * 1000:.0f} ms)"
         print_line(f"vehicle {vehicle_id}: {verb}: {result}")
     STDERR.print(
-        f"joining the team's bus took {joined_after_s * 1000:.0f} ms, before the command was sent", highlight=False
+        f"joining the team's bus took {operator.joined_after_s * 1000:.0f} ms, before the command was sent",
+        highlight=False,
     )
 
 

@@ -3,7 +3,7 @@
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from math import ceil, isfinite
 from pathlib import Path
@@ -17,12 +17,17 @@ from gcs.cli.options import Plot
 from gcs.errors import Exit, InputError
 from gcs.mission.template import (
     PROFILES,
+    REAL_LINKS,
     SEPARATION_M,
+    SIMULATED_PLACE,
+    X_BEARING_DEG,
     Links,
+    MissionPlace,
     NewMission,
     least_radius_m,
     own_ports,
     plant_profile,
+    ring_words,
 )
 
 T = TypeVar("T")
@@ -45,9 +50,18 @@ class Questions:
         if given is not None:
             return parsed(option, f"{given}", parse)
         if not self.asks:
-            self._missing.append(f"{option}: missing, and there is no terminal to ask on ({question})")
+            self.miss(option, question)
             return parse(proposal)
         return self._asked(option, question, proposal, parse)
+
+    def miss(self, option: str, question: str) -> None:
+        """Note that an option is missing."""
+        self._missing.append(f"{option}: missing, and there is no terminal to ask on ({question})")
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether an option is missing so far."""
+        return bool(self._missing)
 
     def require_all(self) -> None:
         """Raise InputError with all options that are missing."""
@@ -63,7 +77,9 @@ class Questions:
 
         while True:
             try:
-                return parse(Prompt.ask(Text(question), console=STDERR, default=proposal).strip())
+                return parse(
+                    Prompt.ask(Text(question), console=STDERR, default=proposal, show_default=bool(proposal)).strip()
+                )
             except EOFError as error:
                 raise InputError([f"{option}: the input ended; nothing was written"]) from error
             except ValueError as error:
@@ -127,11 +143,8 @@ _PORT = re.compile(r":(\d{4,5})\b")
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewOptions:
-    """Options of `cordon new`; it asks for missing ones."""
+    """Options of `cordon new`, without the file; it asks for missing ones."""
 
-    file: Annotated[Path, Parameter(help="The mission file to write, such as my.toml; it must not exist yet.")] = field(
-        kw_only=False
-    )
     vehicles: Annotated[int | None, Parameter(help="How many vehicles.")] = None
     links: Annotated[
         Links | None,
@@ -156,6 +169,10 @@ class NewOptions:
     target: Annotated[
         str | None, Parameter(help="The target: rest, moving (at 0.1 m/s along x), or its speed in m/s.")
     ] = None
+    target_start: Annotated[str | None, Parameter(help="Target's start: X,Y in m.")] = None
+    place: Annotated[
+        str | None, Parameter(help="Where real vehicles stand: LATITUDE,LONGITUDE,ALTITUDE[,BEARING of x].")
+    ] = None
     fence: Annotated[
         float | None,
         Parameter(help="Margin in metres between the flight and a geofence around it; 0 for no fence."),
@@ -163,7 +180,17 @@ class NewOptions:
     plot: Plot = None
 
 
-def new(options: NewOptions) -> Exit:
+_DEFAULTS = NewOptions()
+
+
+def new(
+    file: Annotated[
+        Path | None, Parameter(help="The mission file to write, such as my.toml; it must not exist yet.")
+    ] = None,
+    /,
+    *,
+    options: NewOptions = _DEFAULTS,
+) -> Exit:
     """Write a new mission file with a comment for each key, and fly it once in simulation.
 
     Asks for missing options. The mission has its own team name and ports, so that it can fly beside other missions.
@@ -175,13 +202,15 @@ def new(options: NewOptions) -> Exit:
     from gcs.console.terminal import print_line, print_problem
     from gcs.mission.file import parse_mission
 
-    path = options.file
-    check_file("FILE", path, (".toml",))
     check_plot(options.plot)
-    _require_new(path)
-    own_profile = path.with_name(f"{path.stem}-profile.toml")
+    ask = Questions()
     try:
-        profile, mission = _chosen(options, own_profile.name)
+        path = ask.answer(file, "FILE", "File to write?", "my.toml", Path)
+        if not ask.is_missing:
+            check_file("FILE", path, (".toml",))
+            _require_new(path)
+        own_profile = path.with_name(f"{path.stem}-profile.toml")
+        profile, mission = _chosen(ask, options, path, own_profile.name)
     except KeyboardInterrupt:
         print_problem("interrupted: nothing was written")
         return Exit.REFUSED
@@ -212,15 +241,17 @@ def _write(path: Path, text: str) -> None:
         file.write(text)
 
 
-def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
+def _chosen(ask: Questions, options: NewOptions, path: Path, own_profile: str) -> tuple[str, NewMission]:
     """Return the text of a profile with a given plant, empty without one, and the mission, from options and answers.
 
     Raises InputError.
     """
-    ask = Questions()
+    from gcs.console.terminal import print_line
+
     vehicles = ask.answer(options.vehicles, "--vehicles", "How many vehicles?", "3", whole(1, 254))
     links = ask.answer(options.links, "--links", f"Connection: {', '.join(LINKS)}?", "stub", one_of(LINKS))
-    profile = options.profile or _profile(ask, options, links)
+    profile = options.profile or _profile(ask, options, links, path.parent)
+    place, x_bearing_deg = _where(ask, options, links)
     plant = parsed("--profile", profile, _plant)
     shape = ask.answer(
         options.shape, "--shape", f"Formation: {', '.join(SPACED_SHAPES)}?", "line", one_of(SPACED_SHAPES)
@@ -229,13 +260,17 @@ def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
     wide, ring = f"{max(10, ceil(1.5 * least_m))}", number(least_m, 1000.0, f" for {SEPARATION_M:g} m between vehicles")
     radius_m = ask.answer(options.radius, "--radius", "Radius of the ring in m?", wide, ring)
     slow = f"{min(0.1, 1.0 / radius_m):.2g}"
-    rate_rad_s = ask.answer(options.rate, "--rate", "Angular rate on the ring in rad/s?", slow, number(-2.0, 2.0))
+    question = f"Angular rate on the ring in rad/s ({ring_words(radius_m, float(slow))})?"
+    rate_rad_s = ask.answer(options.rate, "--rate", question, slow, number(-2.0, 2.0))
+    if not ask.is_missing:
+        print_line(f"ring: {ring_words(radius_m, rate_rad_s)}")
     question = "Target: rest, moving, or its speed along x in m/s?"
     target_m_s = ask.answer(options.target, "--target", question, "moving", _target_speed_m_s)
+    target_start_m = _target_start(ask, options)
     fence_m = ask.answer(options.fence, "--fence", "Margin to a fence in m, 0 for no fence?", "20", number(0.0, 1000.0))
     ask.require_all()
     mission = NewMission(
-        name=options.file.stem,
+        name=path.stem,
         vehicles=vehicles,
         links=links,
         profile=own_profile if plant else profile,
@@ -244,12 +279,60 @@ def _chosen(options: NewOptions, own_profile: str) -> tuple[str, NewMission]:
         angular_rate_rad_s=rate_rad_s,
         target_speed_m_s=target_m_s,
         fence_m=fence_m,
-        ports=own_ports(options.file.stem, vehicles, _ports_beside(options.file)),
+        ports=own_ports(path.stem, vehicles, _ports_beside(path)),
+        place=place,
+        x_bearing_deg=x_bearing_deg,
+        target_start_m=target_start_m,
     )
     return plant, mission
 
 
-def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
+def _where(ask: Questions, options: NewOptions, links: Links) -> tuple[MissionPlace, float]:
+    """Return where the vehicles stand, and the direction of flight; real ones have no default."""
+    if links in REAL_LINKS:
+        question = "Place of the vehicles: LATITUDE,LONGITUDE,ALTITUDE of the ground?"
+        if options.place is None and not ask.asks:
+            ask.miss("--place", question)  # then nothing is written
+            return SIMULATED_PLACE, X_BEARING_DEG
+        return ask.answer(options.place, "--place", question, "", _place)
+    if options.place is None:
+        return SIMULATED_PLACE, X_BEARING_DEG
+    return parsed("--place", options.place, _place)
+
+
+def _place(text: str) -> tuple[MissionPlace, float]:
+    """Return a place and a direction of flight; raises ValueError."""
+    parts = text.split(",")
+    if len(parts) not in (3, 4):
+        raise ValueError(f"LATITUDE,LONGITUDE,ALTITUDE, such as 47.397742,8.545594,488 (given: {text!r})")
+    latitude_deg, longitude_deg = number(-90.0, 90.0)(parts[0]), number(-180.0, 180.0)(parts[1])
+    x_bearing_deg = number(0.0, 360.0)(parts[3]) if len(parts) > 3 else X_BEARING_DEG
+    return MissionPlace(latitude_deg, longitude_deg, number(-500.0, 9000.0)(parts[2])), x_bearing_deg
+
+
+AHEAD = "ahead"
+
+
+def _target_start(ask: Questions, options: NewOptions) -> tuple[float, float] | None:
+    """Return where the target is at first, None for straight ahead; asked for where there is a terminal."""
+    if options.target_start is None and not ask.asks:
+        return None
+    question = f"Where is the target at first: {AHEAD}, or X,Y in m, x ahead and y to the left?"
+    return ask.answer(options.target_start, "--target-start", question, AHEAD, _position_m)
+
+
+def _position_m(text: str) -> tuple[float, float] | None:
+    """Return a position, None for one that follows from the ring; raises ValueError."""
+    if text == AHEAD:
+        return None
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise ValueError(f"{AHEAD}, or X,Y in metres, such as 60,-20 (given: {text!r})")
+    metres = number(-5000.0, 5000.0)
+    return metres(parts[0]), metres(parts[1])
+
+
+def _profile(ask: Questions, options: NewOptions, links: Links, folder: Path) -> str:
     """Return the profile that fits the links, or the answer if the other questions are asked as well."""
     required = (
         options.vehicles,
@@ -263,7 +346,7 @@ def _profile(ask: Questions, options: NewOptions, links: Links) -> str:
     if not ask.asks or None not in required:
         return PROFILES[links]
     question = "Profile: a bundled one, a file, or a plant as A0,A1,DELAY?"
-    return ask.answer(None, "--profile", question, PROFILES[links], partial(_known_profile, options.file.parent))
+    return ask.answer(None, "--profile", question, PROFILES[links], partial(_known_profile, folder))
 
 
 def _known_profile(folder: Path, text: str) -> str:

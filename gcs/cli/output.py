@@ -20,6 +20,7 @@ from gcs.mission.mission import Mission
 
 if TYPE_CHECKING:
     from gcs.flightlog.reader import FlightLog
+    from gcs.preflight.findings import Finding
     from gcs.vehicle_logs.vehicle_log import VehicleLog
 
 _PROGRESS_STEP_S = 1.0
@@ -156,6 +157,11 @@ def confirmed(question: str) -> bool:
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
+def print_warning(finding: "Finding", whose: str = "") -> None:
+    """Print a finding of a mission that flies nevertheless."""
+    print_line(f"warning: {whose}{finding.found}: {finding.why}; next: {finding.next_step}", "yellow")
+
+
 def print_log_faults(log: "FlightLog") -> None:
     """Print the faults of a log, and how much of a damaged one was read."""
     for fault in log.faults:
@@ -179,11 +185,14 @@ def print_damage(logs: "Sequence[VehicleLog]") -> None:
 
 
 def print_result(text: str) -> None:
-    """Print to standard output; a closed pipe (`| head`) is no error."""
+    """Print to standard output; a closed pipe (`| head`) is no error. Raises InputError if it cannot be written."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
         discard(sys.stdout)
+    except OSError as error:
+        discard(sys.stdout)
+        raise InputError([f"standard output: {error.strerror or error}"]) from error
 
 
 def present(

@@ -83,11 +83,16 @@ def sim(options: SimOptions) -> Exit:
 
 def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     """Fly; return the verdict and the log. Raises InputError, and KeyboardInterrupt for Ctrl-C."""
-    from gcs.cli.output import SimulationProgress, check_plot, present
+    from gcs.cli.output import SimulationProgress, check_plot, present, print_warning
     from gcs.flight.simulated import fly_simulated
+    from gcs.preflight.findings import Grade
+    from gcs.preflight.mission import sensor_range
 
     check_plot(options.plot, options.figure)
     mission = loaded_mission(options.mission, options.changes)
+    for finding in sensor_range(mission):
+        if finding.grade is not Grade.PASS:
+            print_warning(finding)
     if options.station_tiles is not None:
         from gcs.station.picture import origin_deg
         from gcs.station.tiles import opened_tiles

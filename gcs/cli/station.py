@@ -41,9 +41,9 @@ class StationOptions:
     tiles: Tiles = None
     key: KeyName = None
     vehicles: Annotated[
-        Literal["flight", "sitl", "hybrid", "bench"],
-        Parameter(help="Vehicles as labelled on the page: sitl for stubs, hybrid for some stubs, bench for boards."),
-    ] = "flight"
+        Literal["flight", "sitl", "hybrid", "bench"] | None,
+        Parameter(help="Vehicles as labelled on the page: flight if real, sitl for stubs, hybrid for some, bench."),
+    ] = None
 
 
 _DEFAULTS = StationOptions()
@@ -87,7 +87,7 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
 
     mission = bus_mission(options.mission, options.changes)
     tiles = _tiles(options.tiles, origin_deg(mission))
-    team = LiveTeam(mission, options.vehicles)
+    team = LiveTeam(mission, options.vehicles or "unstated")
 
     def commands(broadcast: Broadcast) -> Commands:
         return Commands(mission, options.key, broadcast.publish)

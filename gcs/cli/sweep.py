@@ -94,7 +94,7 @@ def fly_sweep(options: SweepOptions) -> Exit:
     _report(options, summary, folder.table, problem)
     if problem:
         return Exit.ENDED_IN_FLIGHT
-    return Exit.HOLDS if summary.all_hold else Exit.VERDICT_FAILED
+    return Exit.HOLDS if summary.all_pass else Exit.VERDICT_FAILED
 
 
 def _report(options: SweepOptions, summary: "SweepSummary", table: Path, problem: str) -> None:
@@ -104,7 +104,7 @@ def _report(options: SweepOptions, summary: "SweepSummary", table: Path, problem
     from gcs.sweep.plan import counted
 
     for reason, count in islice(summary.errors.items(), _REASONS_SHOWN):
-        print_line(f"failed: {reason} ({counted(count, 'run')})", "red")
+        print_line(f"error: {reason} ({counted(count, 'run')})", "red")
     print_line(f"{options.out}: {summary.line}")
     if problem:
         print_problem(problem, f"continue it by: {shlex.join(['cordon', *sys.argv[1:]])}")
@@ -121,15 +121,27 @@ class _EndedError(Exception):
 
 def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     """Return the plan, and the faults of the runs that cannot fly, by run index; raises InputError."""
+    from gcs.cli.output import print_warning
     from gcs.mission.overrides import override
-    from gcs.sweep.plan import planned
+    from gcs.preflight.findings import Finding, Grade
+    from gcs.preflight.mission import sensor_range
+    from gcs.sweep.plan import counted, planned
     from gcs.sweep.variation import seed_range, variation
 
     variations = [variation(given) for given in options.vary]
     seeds = seed_range(options.seeds) if options.seeds is not None else ()
     if options.workers is not None and options.scheduler is not None:
         raise InputError(["--workers: not with --scheduler, whose cluster has its own workers: leave one of them out"])
-    return planned(options.mission, variations, seeds, dict(map(override, options.changes)), options.duration)
+    found: list[Finding] = []
+    fixed = dict(map(override, options.changes))
+    result = planned(
+        options.mission, variations, seeds, fixed, options.duration, lambda m: found.extend(sensor_range(m))
+    )
+    blind = [each for each in found if each.grade is not Grade.PASS]
+    if blind:
+        whole = f"{len(blind)} of {counted(len(found), 'mission')}, the first: " if len(found) > 1 else ""
+        print_warning(blind[0], whole)
+    return result
 
 
 def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "SweepJournal", options: SweepOptions) -> None:
@@ -204,7 +216,7 @@ class PlotOptions:
     ] = None
     worst: Annotated[
         int,
-        Parameter(group=RESULT, help="How many runs to list that failed or do not hold.", validator=Number(gte=0)),
+        Parameter(group=RESULT, help="How many runs to list that do not pass.", validator=Number(gte=0)),
     ] = 3
     json: Json = False
 
@@ -260,6 +272,8 @@ def _over(given: Sequence[str], plan: "SweepPlan") -> tuple[str, ...]:
 
 def _metrics(given: Sequence[str], columns: "Sequence[Column]", rows: "Sequence[Row]") -> "tuple[Column, ...]":
     """Return the columns to draw, by default those of the main metrics that have a value; raises InputError."""
+    from gcs.sweep.columns import PASS
+
     numbers = {each.name: each for each in columns if each.kind is not str}
     faults = []
     for name in given:
@@ -268,7 +282,8 @@ def _metrics(given: Sequence[str], columns: "Sequence[Column]", rows: "Sequence[
             hint = f"did you mean {', '.join(near)}?" if near else "docs/sweeps.md lists them"
             faults.append(f"--metric {name}: the table has no numeric column of this name; {hint}")
     wanted = given or [name for name, each in numbers.items() if each.drawn]
-    known = [name for name in wanted if any(name in row for row in rows)]
+    flown = [row for row in rows if "error" not in row]
+    known = [name for name in wanted if any(name in row or name == PASS for row in flown)]
     if not known and not faults:
         faults = ["no finished run has a value of these metrics; nothing to draw"]
     if faults:

@@ -106,6 +106,8 @@ class CommandClient:
         self._first_message_s: float | None = None
         self.tactics: dict[int, str] = {}
         """The latest tactic received from each vehicle."""
+        self.ended: dict[int, str] = {}
+        """How the flights of vehicles have ended: they answer no more."""
         self.joined_after_s = 0.0
         """Time to join the bus and to receive the vehicles, before the first transmission [wall s]."""
 
@@ -129,6 +131,8 @@ class CommandClient:
     ) -> dict[int, CommandResult | None]:
         """Send a command to one vehicle, or to all (None); return each vehicle's answer, None after a timeout.
 
+        Of all, those whose flight has ended are not waited for, and not in the result.
+
         Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission.
         """
         async with self._joined(vehicles):
@@ -139,7 +143,7 @@ class CommandClient:
             end_s = sent.first_s + (_DONE_TIMEOUT_S if VERBS[verb].done else _ANSWER_TIMEOUT_S)
             latest_s = 0.0
             try:
-                while monotonic() < end_s and not all(sent.is_done(each) for each in vehicles):
+                while monotonic() < end_s and not all(sent.is_done(each) or each in self.ended for each in vehicles):
                     if monotonic() - latest_s >= _REPEAT_S:
                         latest_s = monotonic()
                         origin = self._identity.participant.name
@@ -147,7 +151,8 @@ class CommandClient:
                     await asyncio.sleep(_POLL_S)
             finally:
                 del self._sent[number]
-            return {each: sent.answers.get(each) for each in vehicles}
+            asked = [each for each in vehicles if vehicle == each or each in sent.answers or each not in self.ended]
+            return {each: sent.answers.get(each) for each in asked}
 
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
@@ -221,6 +226,10 @@ class CommandClient:
         if isinstance(message, MemberState):
             self.tactics[message.sender] = message.tactic
             self._note_first_message()
+        if isinstance(message, VehicleReport):
+            self.ended.pop(message.sender, None)
+            if message.ended:
+                self.ended[message.sender] = message.ended
         if isinstance(message, CommandAnswer) and message.number in self._sent:
             self._sent[message.number].receive(message)
 

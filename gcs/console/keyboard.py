@@ -69,10 +69,12 @@ class KeyBindings:
         self._notice, self._notice_s = "", 0.0
         self._pressed_s: float | None = None
 
-    def press(self, key: str, now_s: float, piloted: Collection[int] = ()) -> KeyedCommand | None:
+    def press(
+        self, key: str, now_s: float, piloted: Collection[int] = (), ended: Collection[int] = ()
+    ) -> KeyedCommand | None:
         """Return the command of a key that was pressed at `now_s`, None without one.
 
-        `piloted` are the vehicles that pilots fly.
+        `piloted` are the vehicles that pilots fly, `ended` those whose flight has ended.
         """
         by_hand = self._pressed_s is None or now_s - self._pressed_s >= TYPED_GAP_S
         self._pressed_s = now_s
@@ -86,7 +88,7 @@ class KeyBindings:
         elif key == ESCAPE:
             self._digits = ""
         elif row is not None and (by_hand or at_once):
-            return self._asked(row, now_s, piloted)
+            return self._asked(row, now_s, piloted, ended)
         elif row is not None:
             self._note(f"{row.name} is ignored{_TOO_FAST}", now_s)
         return None
@@ -108,7 +110,11 @@ class KeyBindings:
         if self._notice and now_s - self._notice_s < NOTICE_S:
             return self._notice
         selection = self._selection(now_s)
-        return f"vehicle {selection}: {_KEYS} · Esc all" if selection else f"all: {_KEYS} · 1-9 select one"
+        if not selection:
+            return f"all: {_KEYS} · {min(self._vehicles)}-{max(self._vehicles)} select one"
+        if int(selection) not in self._vehicles:
+            return f"vehicle {selection}…: type its next digit · Esc all"
+        return f"vehicle {selection}: {_KEYS} · Esc all"
 
     def _open_question(self, now_s: float) -> _Question | None:
         return self._question if self._question is not None and now_s <= self._question.until_s else None
@@ -125,23 +131,31 @@ class KeyBindings:
         self._digits = ""
         return question.command
 
-    def _asked(self, row: VerbRow, now_s: float, piloted: Collection[int]) -> KeyedCommand | None:
+    def _asked(
+        self, row: VerbRow, now_s: float, piloted: Collection[int], ended: Collection[int]
+    ) -> KeyedCommand | None:
         """Return the command of a verb, or ask for its confirmation."""
         selection = self._selection(now_s)
         if selection and int(selection) not in self._vehicles:
             self._note(f"there is no vehicle {selection}", now_s)
             return None
+        if selection and int(selection) in ended:
+            self._note(f"the flight of vehicle {selection} has ended", now_s)
+            return None
         command = KeyedCommand(row.name, int(selection) if selection else None)
-        self._question = self._question_about(command, now_s, piloted)
+        self._question = self._question_about(command, now_s, piloted, ended)
         if self._question is not None:
             return None
         self._digits = ""
         return command
 
-    def _question_about(self, command: KeyedCommand, now_s: float, piloted: Collection[int]) -> _Question | None:
+    def _question_about(
+        self, command: KeyedCommand, now_s: float, piloted: Collection[int], ended: Collection[int]
+    ) -> _Question | None:
         """Return the question that confirms a command, None if it needs none."""
-        of_pilots = [each for each in self._vehicles if each in piloted and command.vehicle in (None, each)]
-        whom = _named(self._vehicles if command.vehicle is None else [command.vehicle])
+        asked = [each for each in self._vehicles if each not in ended and command.vehicle in (None, each)]
+        of_pilots = [each for each in asked if each in piloted]
+        whom = _named(asked)
         row = VERBS[command.verb]
         match row.confirmation:
             case "word":
@@ -175,6 +189,8 @@ class KeyBindings:
 def _named(vehicles: Sequence[int]) -> str:
     """Return vehicles as text, up to three by their ids."""
     match len(vehicles):
+        case 0:
+            return "no vehicle"
         case 1:
             return f"vehicle {vehicles[0]}"
         case few if few <= 3:
@@ -191,7 +207,8 @@ class KeyCommands:
     """Sends a command for each key, or once it is confirmed.
 
     The agents of this process receive it directly; for all others it is repeated for 2 s on `bus`, the bus of an
-    operator. Without a bus, keys command the vehicles of this process only. `piloted` returns those that pilots fly.
+    operator. Without a bus, keys command the vehicles of this process only. `piloted` returns those that pilots fly,
+    `ended` those whose flight has ended.
     """
 
     def __init__(
@@ -202,6 +219,7 @@ class KeyCommands:
         bus: PeerBus | None,
         bindings: KeyBindings,
         piloted: Callable[[], Collection[int]],
+        ended: Callable[[], Collection[int]],
     ) -> None:
         self._agents = agents
         self._clock = clock
@@ -209,6 +227,7 @@ class KeyCommands:
         self._bus = bus
         self._bindings = bindings
         self._piloted = piloted
+        self._ended = ended
         self._repeating: dict[int | None, asyncio.Task[None]] = {}
 
     @property
@@ -219,7 +238,7 @@ class KeyCommands:
 
     def press(self, key: str) -> None:
         """Handle a key."""
-        command = self._bindings.press("\n" if key == "\r" else key, monotonic(), self._piloted())
+        command = self._bindings.press("\n" if key == "\r" else key, monotonic(), self._piloted(), self._ended())
         if command is not None:
             self._send(command)
 

@@ -13,6 +13,7 @@ from rich.text import Text
 from agents.ports import FlightMode
 from gcs.console.advice import Severity
 from gcs.console.table_view import (
+    MISSING,
     MOTION_COLUMNS,
     STYLES,
     UNKNOWN_TACTIC,
@@ -95,7 +96,7 @@ def live_table(separation_m: float, rows: Sequence[TeamRow], wide: bool, closed:
     """Return the table of a team; a closed one shows no vehicle as flying."""
     table = empty_table((*LIVE_COLUMNS, *(WIDE_COLUMNS if wide else ())))
     for row in rows:
-        over = closed or bool(row.ending)
+        over = (closed or bool(row.ending)) and not row.is_unaccounted
         cells = _cells(_off_the_ring(row) if over else row, separation_m, wide, over)
         table.add_row(*(Text(cell.plain) for cell in cells) if over else cells, style="dim" if over else "")
     return table
@@ -114,7 +115,7 @@ def _cells(row: TeamRow, separation_m: float, wide: bool, over: bool) -> list[Te
     silent: Severity = "alarm" if row.link_age_s is not None and row.link_age_s > LINK_OLD_S else "information"
     cells = [
         vehicle_cell(row, over),
-        Text("ended") if over else tactic_cell(row.tactic, wide),
+        Text("ended") if over else tactic_cell(row, wide),
         Text(row.ending or "unknown") if over else _mode(row),
         *motion_cells(row, separation_m, wide),
         graded(row.link_age_s, ".1f", silent),
@@ -155,6 +156,7 @@ def _plain_vehicle(row: TeamRow) -> str:
         ("battery", row.autopilot.battery, ".0%", ""),
     )
     tactic, mode = ("ended", row.ending) if row.ending else (row.tactic or UNKNOWN_TACTIC, row.mode or "no-link")
+    tactic = MISSING if row.is_unaccounted else tactic
     return plain_row(row, tactic, mode, numbers)
 
 

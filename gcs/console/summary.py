@@ -7,13 +7,26 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.table_view import TACTIC_STYLES
-from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Criterion, Metric, evidence
+from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Criterion, Metric, VerdictState, evidence
+from gcs.metrics.departures import departures_line
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.references import engaged_line
-from gcs.metrics.result import EstimateResult, FlightResult, reference_line, window_line
+from gcs.metrics.result import (
+    EstimateResult,
+    FlightResult,
+    is_briefly_judged,
+    reference_line,
+    verdict_states,
+    window_line,
+)
 from gcs.metrics.reynolds import ReynoldsResult, phases
 
-VERDICT_SIGNS = {True: ("✓", "bold green"), False: ("✗", "bold red"), None: ("–", "dim")}
+VERDICT_STYLES = {
+    VerdictState.PASSES: "bold green",
+    VerdictState.FAILS: "bold red",
+    VerdictState.NOT_JUDGED: "bold yellow",
+    VerdictState.NOT_ASKED: "dim",
+}
 
 
 def summary(result: FlightResult) -> RenderableType:
@@ -23,7 +36,11 @@ def summary(result: FlightResult) -> RenderableType:
         *(() if result.ended is None else (_ending(result.ended),)),
         _headline(result),
         _verdict_table(result),
-        *((Text(line, style="dim"),) if (line := window_line(result)) else ()),
+        *(
+            (Text(line, style="yellow" if is_briefly_judged(result.ring) else "dim"),)
+            if (line := window_line(result))
+            else ()
+        ),
         Text(),
         _vehicle_table(result),
         *(() if result.estimate is None else (_estimate_line(result.estimate),)),
@@ -36,7 +53,8 @@ def _ending(ended: TeamEnding) -> Text:
     """Return how the flight ended, with the reason below unless the mission was completed."""
     if not ended.is_early:
         return Text(ended.headline, style="bold green")
-    return Text.assemble((f"✗ {ended.headline}", "bold red"), f"\n{ended.reason}")
+    lost = [(f"✗ {each.line}\n", "bold red") for each in ended.unaccounted]
+    return Text.assemble(*lost, (f"✗ {ended.headline}", "bold red"), f"\n{ended.reason}")
 
 
 def _headline(result: FlightResult) -> Text:
@@ -51,14 +69,19 @@ def _headline(result: FlightResult) -> Text:
 
 
 def _verdict_table(result: FlightResult) -> Table:
-    held = result.verdicts.named()
-    beside = {"C3": _settled(result), "engaged": engaged_line(result.engagement)}
+    beside = {
+        "C3": _settled(result),
+        "engaged": engaged_line(result.engagement),
+        "kept": departures_line(result.departures),
+    }
+    states = verdict_states(result)
     table = Table.grid(padding=(0, 2))
     for verdict in VERDICTS:
-        sign, style = VERDICT_SIGNS[held[verdict.name]]
+        state = states[verdict.name]
+        open_text = state.value if state is VerdictState.NOT_JUDGED else ""
         measured = ", ".join(_worst_text(*each) for each in evidence(verdict.name, result))
-        text = "; ".join(filter(None, (measured, beside.get(verdict.name))))
-        table.add_row(Text(sign, style=style), Text(verdict.title), Text(text, style="dim"))
+        text = "; ".join(filter(None, (open_text, measured, beside.get(verdict.name))))
+        table.add_row(Text(state.sign, style=VERDICT_STYLES[state]), Text(verdict.title), Text(text, style="dim"))
     return table
 
 

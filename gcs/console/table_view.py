@@ -14,7 +14,7 @@ from rich.text import Text
 
 from agents.tactics import NO_TACTIC, Tactic
 from gcs.console.advice import Severity
-from gcs.console.terminal import Printable, printable_lines
+from gcs.console.terminal import Printable, printable_lines, whole_words
 from gcs.console.vehicle_view import TeamRow
 
 Column = tuple[str, JustifyMethod]
@@ -26,6 +26,8 @@ WIDE = 110
 """Terminals with at least this many columns show all columns without abbreviations."""
 SHORT_TACTICS = {Tactic.RETURN_AND_LAND.value: "return", Tactic.PILOT_OVERRIDE.value: "PILOT"}
 UNKNOWN_TACTIC = "-"
+MISSING = "MISSING"
+"""Stands for the tactic of a vehicle that is unaccounted for."""
 TACTIC_STYLES = {
     Tactic.FORMATION.value: "cyan",
     Tactic.ENCIRCLE.value: "magenta",
@@ -123,6 +125,7 @@ class TableView:
         self, rows: Sequence[TeamRow], time_s: float, message: str = "", hint: Text = NO_HINT, title: str = ""
     ) -> None:
         """Show the team; a terminal shows the hint below the table, and rings the bell for each new alarm."""
+        rows = sorted(rows, key=lambda row: not row.is_unaccounted)
         self._shown = _Shown(tuple(rows), time_s, message, hint, title or f"{time_s:.1f} s")
         alarms = {(row.vehicle_id, row.alert) for row in rows if row.severity == "alarm"}
         if self._live is not None and alarms - self._alarms:
@@ -134,7 +137,7 @@ class TableView:
 
     def print_line(self, text: str, level: Severity = "information") -> None:
         """Print a permanent line above the table."""
-        line = printable_lines(f"{WORDS[level]}{text}")
+        line = whole_words(printable_lines(f"{WORDS[level]}{text}"), self._console)
         self._console.print(line, style=STYLES[level], markup=False, highlight=False, soft_wrap=True)
 
     def _line_is_due(self, now_s: float) -> bool:
@@ -145,11 +148,11 @@ class TableView:
         if shown.closed and not shown.rows:
             return Group()
         title = Text(f"{self._form.closed}  {shown.title}" if shown.closed else shown.title, style="bold")
-        below = _notes(shown.rows)
+        alerts = [row for row in shown.rows if row.alert and (row.is_unaccounted or not shown.closed)]
+        below = [*_alerts(alerts), *_notes(shown.rows)]
         if not shown.closed:
-            last = [Text(shown.message, style="yellow"), shown.hint]
-            below = [*_alerts(shown.rows), *below, *filter(None, last)]
-        room = height - _HEADER_LINES - 1 - sum(-(-text.cell_len // width) or 1 for text in below)
+            below += filter(None, [Text(shown.message, style="yellow"), shown.hint])
+        room = height - _HEADER_LINES - 1 - sum(len(text.wrap(self._console, width)) or 1 for text in below)
         rows = _most_urgent(shown.rows, max(room, _ROWS_MIN))
         if len(rows) < len(shown.rows):
             below.insert(0, Text(f"and {len(shown.rows) - len(rows)} more vehicles", style="dim"))
@@ -185,10 +188,12 @@ def vehicle_cell(row: TeamRow, closed: bool) -> Text:
     return Text(f"{SIGNS[level]}{row.vehicle_id}", style=STYLES[level] or "bold")
 
 
-def tactic_cell(tactic: str, wide: bool) -> Text:
-    """Return a tactic, abbreviated where the table is not wide."""
-    words = tactic if wide else SHORT_TACTICS.get(tactic, tactic)
-    return Text(words or UNKNOWN_TACTIC, style=TACTIC_STYLES.get(tactic, ""))
+def tactic_cell(row: TeamRow, wide: bool) -> Text:
+    """Return a vehicle's tactic, abbreviated where the table is not wide."""
+    if row.is_unaccounted:
+        return Text(MISSING, style=STYLES["alarm"])
+    words = row.tactic if wide else SHORT_TACTICS.get(row.tactic, row.tactic)
+    return Text(words or UNKNOWN_TACTIC, style=TACTIC_STYLES.get(row.tactic, ""))
 
 
 def motion_cells(row: TeamRow, separation_m: float, wide: bool) -> Iterator[Text]:
@@ -217,7 +222,9 @@ def motion_numbers(row: TeamRow) -> tuple[PlainNumber, ...]:
 def plain_row(row: TeamRow, tactic: str, also: str, numbers: Iterable[PlainNumber]) -> str:
     """Return a vehicle as plain text, without the numbers that are unknown."""
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
-    return " ".join(filter(None, [f"#{row.vehicle_id}", tactic, also, *known, row.alert, row.due, row.guard, row.note]))
+    return " ".join(
+        filter(None, [f"#{row.vehicle_id}", tactic, also, *known, _cause(row), row.due, row.guard, row.note])
+    )
 
 
 def in_degrees(angle_rad: float | None) -> float | None:
@@ -234,29 +241,38 @@ def empty_table(columns: Iterable[Column]) -> Table:
 
 
 def _alerts(rows: Sequence[TeamRow]) -> list[Text]:
-    """Return a line for each alert with what is due and the next step, the most severe first."""
-    whose = _vehicles({row.vehicle_id: row.alert for row in rows})
+    """Return a line for each alert with what is due and the next step, the most severe first.
+
+    Each unaccounted vehicle has a line of its own, with its last place.
+    """
+    whose = _vehicles({row.vehicle_id: _cause(row) for row in rows})
     alerts: dict[str, TeamRow] = {}
     for row in rows:
-        if row.alert and (row.alert not in alerts or _due_s(row) < _due_s(alerts[row.alert])):
-            alerts[row.alert] = row
+        cause = _cause(row)
+        if cause and (cause not in alerts or _due_s(row) < _due_s(alerts[cause])):
+            alerts[cause] = row
     lines = [
         Text(
-            f"{WORDS[row.severity]}{whose[row.alert]}: {'; '.join(filter(None, [row.alert, row.due]))}: {row.advice}",
+            f"{WORDS[row.severity]}{whose[cause]}: {'; '.join(filter(None, [row.alert, row.due]))}: {row.advice}",
             style=STYLES[row.severity],
         )
-        for row in sorted(alerts.values(), key=_rank)
+        for cause, row in sorted(alerts.items(), key=lambda each: _rank(each[1]))
     ]
-    return _first(lines, _ALERTS_MAX, "alerts")
+    return _first(lines, max(_ALERTS_MAX, sum(row.is_unaccounted for row in rows)), "alerts")
+
+
+def _cause(row: TeamRow) -> str:
+    """Return what vehicles with one line have in common: their alert."""
+    return f"{row.alert}: {row.advice}" if row.is_unaccounted else row.alert
 
 
 def _due_s(row: TeamRow) -> float:
     return inf if row.next is None else row.next.in_s
 
 
-def _rank(row: TeamRow) -> tuple[int, bool]:
-    """Alarms come first, and among them those that wait for the operator."""
-    return _MOST_SEVERE_FIRST.index(row.severity), not row.waits_for_resume
+def _rank(row: TeamRow) -> tuple[bool, int, bool]:
+    """Unaccounted vehicles come first, then alarms, and among them those that wait for the operator."""
+    return not row.is_unaccounted, _MOST_SEVERE_FIRST.index(row.severity), not row.waits_for_resume
 
 
 def _notes(rows: Sequence[TeamRow]) -> list[Text]:

@@ -3,7 +3,11 @@
 from collections import OrderedDict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 
+from msgspec.structs import replace
+
+from agents.flight_end import LastPosition
 from agents.ports import VehicleRefusedError
 from agents.safety.fence import Fence
 from agents.team.messages import (
@@ -12,13 +16,22 @@ from agents.team.messages import (
     MemberState,
     MissionIdentity,
     OperatorCommand,
-    Outlook,
     StartProposal,
     VehicleReport,
 )
 from agents.team.verbs import VERBS
+from estimation.frames import MissionFrame
 from gcs.console.advice import Severity, severity
-from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_state, with_surroundings
+from gcs.console.vehicle_view import (
+    TeamRow,
+    may_fly,
+    with_alert,
+    with_outlook,
+    with_state,
+    with_surroundings,
+    with_unaccounted,
+)
+from gcs.metrics.ending import UNACCOUNTED, Unaccounted
 from gcs.mission.geometry import Place
 from gcs.mission.mission import Mission
 
@@ -103,13 +116,15 @@ class _LatestMessages:
 class TeamState:
     """The state of a team from its bus messages, and the events since the last call of `new_events`.
 
-    `fences` are those of the vehicles that have one.
+    `fences` are those of the vehicles that have one. `frame` is the mission's: positions of vehicles that are
+    unaccounted for are shown in degrees.
     """
 
     vehicle_ids: Sequence[int]
     fences: Mapping[int, Fence] = field(default_factory=dict)
+    frame: MissionFrame = field(default_factory=lambda: MissionFrame(None))
+    _reports: dict[int, tuple[VehicleReport, float]] = field(default_factory=dict)
     _latest: dict[int, _LatestMessages] = field(default_factory=dict)
-    _outlooks: dict[int, Outlook | None] = field(default_factory=dict)
     _known: OrderedDict[tuple[object, ...], None] = field(default_factory=OrderedDict)
     _events: deque[TeamEvent] = field(default_factory=lambda: deque(maxlen=EVENTS_KEPT))
 
@@ -124,7 +139,7 @@ class TeamState:
             case MemberState():
                 self._receive_state(message, now_s)
             case VehicleReport():
-                self._outlooks[message.sender] = message.outlook
+                self._receive_report(message, now_s)
             case OperatorCommand() | CommandAnswer():
                 self._receive_command(message)
             case _:
@@ -134,10 +149,10 @@ class TeamState:
         """Record that a vehicle's flight has ended: the loss of its messages is then no event."""
         self._latest.pop(vehicle_id, None)
 
-    def rows(self, now_s: float) -> list[TeamRow]:
-        """Return a row for each vehicle of the mission."""
+    def rows(self, now_s: float, *, is_over: bool = False) -> list[TeamRow]:
+        """Return a row for each vehicle of the mission; no flight runs if it `is_over`."""
         places_m = {each: latest.state.position_m for each, latest in self._latest.items()}
-        return [self._row(each, now_s, places_m) for each in sorted(self.vehicle_ids)]
+        return [self._row(each, now_s, places_m, is_over=is_over) for each in sorted(self.vehicle_ids)]
 
     def ring_members(self, now_s: float) -> int:
         """Return how many vehicles fly on the ring, without those whose messages have stopped."""
@@ -147,7 +162,8 @@ class TeamState:
     def new_events(self, now_s: float) -> list[TeamEvent]:
         """Return the events since the last call."""
         for vehicle_id, latest in sorted(self._latest.items()):
-            if now_s - latest.received_s > SILENT_AFTER_S and not latest.silence_reported:
+            is_silent = now_s - latest.received_s > SILENT_AFTER_S and not self._ended(vehicle_id)
+            if is_silent and not latest.silence_reported:
                 latest.silence_reported = True
                 text = f"no messages, last tactic {latest.state.tactic}"
                 self._events.append(TeamEvent(vehicle_id, text, "warning"))
@@ -166,6 +182,21 @@ class TeamState:
             self._add(state, f"{last.state.tactic} -> {state.tactic}")
         if state.alert != ("" if last is None else last.state.alert):
             self._add(state, f"alert: {state.alert}" if state.alert else "alert cleared", severity(state.alert))
+
+    def _receive_report(self, report: VehicleReport, now_s: float) -> None:
+        before, _ = self._reports.get(report.sender, (None, 0.0))
+        self._reports[report.sender] = report, now_s
+        if before is None or not report.ended:
+            return
+        if report.unaccounted_m is not None and before.unaccounted_m is None:
+            self._events.append(TeamEvent(report.sender, f"{UNACCOUNTED}: {report.ended}", "alarm"))
+        elif report.ended != before.ended:
+            level: Severity = "information" if report.is_completed else "warning"
+            self._events.append(TeamEvent(report.sender, f"flight ended: {report.ended}", level))
+
+    def _ended(self, vehicle_id: int) -> str:
+        """Return how a vehicle's flight ended, empty before."""
+        return self._reports[vehicle_id][0].ended if vehicle_id in self._reports else ""
 
     def _add(self, state: MemberState, text: str, level: Severity = "information") -> None:
         self._events.append(TeamEvent(state.sender, text, level))
@@ -188,15 +219,44 @@ class TeamState:
             if len(self._known) > COMMANDS_KEPT:
                 self._known.popitem(last=False)
 
-    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place]) -> TeamRow:
+    def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place], *, is_over: bool) -> TeamRow:
         latest = self._latest.get(vehicle_id)
         if latest is None:
-            return TeamRow(vehicle_id, note="not received")
-        state, age_s = latest.state, now_s - latest.received_s
+            last = self._last_position(vehicle_id, now_s, is_over=is_over)
+            if last is None:
+                return TeamRow(vehicle_id, note="not received")
+            return with_unaccounted(TeamRow(vehicle_id), Unaccounted.of(vehicle_id, last, self.frame))
+        state, age_s, ending = latest.state, now_s - latest.received_s, self._ended(vehicle_id)
         is_stale = age_s > SILENT_AFTER_S
-        silent = f"no messages for {age_s:.0f} s, last tactic {state.tactic}" if is_stale else ""
+        silent = f"no messages for {age_s:.0f} s, last tactic {state.tactic}" if is_stale and not ending else ""
         dropped = f"messages dropped: {state.drops.text()}" if state.drops.total else ""
         note = ", ".join(filter(None, [silent, dropped]))
         row = with_state(TeamRow(vehicle_id, age_s=age_s, is_stale=is_stale, note=note), state)
-        row = with_outlook(row, self._outlooks.get(vehicle_id), state.time_s + age_s)
-        return with_alert(with_surroundings(row, places_m, self.fences), state.alert)
+        report = self._reports[vehicle_id][0] if vehicle_id in self._reports else None
+        if report is not None:
+            row = with_outlook(row, report.outlook, state.time_s + age_s)
+        row = with_surroundings(row, places_m, self.fences)
+        last = self._last_position(vehicle_id, now_s, is_over=is_over)
+        if last is not None:
+            return with_unaccounted(row, Unaccounted.of(vehicle_id, last, self.frame))
+        return replace(row, has_ended=True, ending=ending) if ending else with_alert(row, state.alert)
+
+    def _last_position(self, vehicle_id: int, now_s: float, *, is_over: bool) -> LastPosition | None:
+        """Return where a vehicle was last that is unaccounted for: by its report, or silent and no flight runs.
+
+        In take-off it sends no states, but its position in its reports.
+        """
+        report, reported_s = self._reports.get(vehicle_id, (None, -inf))
+        latest = self._latest.get(vehicle_id)
+        reported_m = None if report is None else report.unaccounted_m
+        if reported_m is None:
+            is_silent = now_s - (reported_s if latest is None else latest.received_s) > SILENT_AFTER_S
+            if not (is_over and is_silent and may_fly(report)) or self._ended(vehicle_id):
+                return None
+            if latest is not None:
+                x, y = latest.state.position_m
+                return LastPosition((x, y, latest.state.altitude_m), now_s - latest.received_s)
+            reported_m = None if report is None else report.position_m
+        if report is None or reported_m is None:
+            return None
+        return LastPosition(reported_m, (report.link_age_s or 0.0) + now_s - reported_s)

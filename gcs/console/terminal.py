@@ -3,6 +3,7 @@
 import os
 import sys
 from contextlib import suppress
+from textwrap import TextWrapper
 from typing import TextIO
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
@@ -50,9 +51,17 @@ STDERR = _StderrConsole(stderr=True)
 STDERR.push_render_hook(PrintableOutput())
 
 
+def whole_words(text: str, console: Console) -> str:
+    """Return a text in lines that a terminal does not break inside a word; elsewhere as it is."""
+    if not console.is_terminal or console.is_dumb_terminal:
+        return text
+    wrapper = TextWrapper(console.width, break_long_words=False, break_on_hyphens=False, subsequent_indent="  ")
+    return "\n".join(wrapper.fill(line) for line in text.split("\n"))
+
+
 def print_line(text: str, style: str = "") -> None:
-    """Print a line as it is: without markup, highlighting or wrapping."""
-    STDERR.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+    """Print a line as it is, without markup or highlighting."""
+    STDERR.print(whole_words(text, STDERR), style=style, markup=False, highlight=False, soft_wrap=True)
 
 
 def print_problem(reason: str, next_step: str = "") -> None:

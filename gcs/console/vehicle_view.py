@@ -13,6 +13,7 @@ from agents.safety.fence import Fence
 from agents.team.messages import RESUMES, AutopilotReport, MemberState, Outlook, VehicleReport
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
+from gcs.metrics.ending import SEARCH, UNACCOUNTED, Unaccounted
 from gcs.mission.geometry import nearest_other
 
 Pair = tuple[float, float]
@@ -36,6 +37,8 @@ class VehicleView(msgspec.Struct, frozen=True):
     `is_stale` means that its position is out of date: its messages stopped, or its link is cut. `mode` is empty without
     a link. `aim_m` is the undisturbed aim, which its peers receive, `setpoint_m` the setpoint sent, which a log holds;
     `yaw_rad` is that of the setpoint. `link_age_s` is how long its agent has received nothing from its autopilot.
+    `is_unaccounted` means that its flight has ended, and no report, pilot or operator accounts for it: its position is
+    the last one known.
     `nearest_m` is the horizontal distance to the nearest other flying vehicle, `fence_margin_m` that to the fence
     (negative: outside). `advice` is the operator's action for the alert. `blocks` is the condition that refuses a
     resume, `also` are its other conditions, `guard` is why its aim is bent. `ending` is how its flight ended,
@@ -71,6 +74,7 @@ class VehicleView(msgspec.Struct, frozen=True):
     waits_for_resume: bool = False
     guard: str = ""
     ending: str = ""
+    is_unaccounted: bool = False
 
     @property
     def due(self) -> str:
@@ -132,6 +136,7 @@ def with_report(view: ViewT, report: VehicleReport, age_s: float, now_s: float) 
     return replace(
         with_outlook(view, report.outlook, now_s),
         mode=report.mode,
+        position_m=report.position_m if view.position_m is None else view.position_m,
         yaw_rad=report.yaw_rad,
         autopilot=report.autopilot,
         estimator=report.estimator,
@@ -155,6 +160,11 @@ def with_outlook(view: ViewT, outlook: Outlook | None, now_s: float) -> ViewT:
     )
 
 
+def may_fly(report: VehicleReport | None) -> bool:
+    """Return whether a vehicle whose flight has not ended is in the air by its newest report, or may be without one."""
+    return report is None or report.armed or report.in_air
+
+
 def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
     """Return a view with an alert, its advice and severity; of a vehicle that `is_lost` in flight it is an alarm.
 
@@ -166,6 +176,20 @@ def with_alert(view: ViewT, alert: str, *, is_lost: bool = False) -> ViewT:
         return replace(view, alert=WAITS, advice=f"{alert} is over: resume continues its mission", severity="alarm")
     level: Severity = "alarm" if alert and is_lost else severity(alert)
     return replace(view, alert=alert, advice=advice(_ADVISED_AS.get(alert, alert)), severity=level)
+
+
+def with_unaccounted(view: ViewT, lost: Unaccounted | None = None) -> ViewT:
+    """Return a view of a vehicle that is unaccounted for; for a terminal the advice says where it was `lost`."""
+    return replace(
+        view,
+        position_m=view.position_m if lost is None else lost.position_m,
+        is_stale=True,
+        has_ended=False,
+        is_unaccounted=True,
+        alert=UNACCOUNTED,
+        advice=SEARCH if lost is None else f"{lost.place}: search there",
+        severity="alarm",
+    )
 
 
 def with_surroundings(view: ViewT, places_m: Mapping[int, Pair], fences: Mapping[int, Fence]) -> ViewT:

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from agents.team.messages import BusMessage
 from gcs.console.table_view import (
+    MISSING,
     MOTION_COLUMNS,
     STYLES,
     Column,
@@ -72,7 +73,8 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     mission.
     """
     limits = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
-    team, missions, began_s = TeamState(mission.ids, limits), TeamMissions(mission), monotonic()
+    team, missions = TeamState(mission.ids, limits, mission.mission_frame()), TeamMissions(mission)
+    began_s = monotonic()
 
     def take(message: BusMessage) -> None:
         team.receive(message, monotonic())
@@ -87,7 +89,7 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
                 view.print_line(event.line, event.severity)
             message = bus.refusal or missions.difference or _message(mission, team, now_s - began_s)
             title = watch_title(mission, now_s - began_s, team.ring_members(now_s))
-            view.update(team.rows(now_s), now_s - began_s, message, title=title)
+            view.update(team.rows(now_s, is_over=bool(bus.refusal)), now_s - began_s, message, title=title)
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _VIEW_PERIOD_S)
 
@@ -102,7 +104,8 @@ def watch_table(separation_m: float, rows: Sequence[TeamRow], wide: bool, closed
     """Return the table of a team from its latest messages."""
     table = empty_table(_COLUMNS)
     for row in rows:
-        table.add_row(*_cells(row, separation_m, wide, closed), style="dim" if closed or row.is_stale else "")
+        is_dim = (closed or row.is_stale) and not row.is_unaccounted
+        table.add_row(*_cells(row, separation_m, wide, closed), style="dim" if is_dim else "")
     return table
 
 
@@ -120,10 +123,10 @@ def _message(mission: Mission, team: TeamState, watched_s: float) -> str:
 
 def _cells(row: TeamRow, separation_m: float, wide: bool, closed: bool) -> tuple[Text, ...]:
     x_m, y_m, _ = (None,) * 3 if row.position_m is None else row.position_m
-    is_silent = row.is_stale and row.age_s is not None
+    is_silent = row.is_stale and row.age_s is not None and not row.has_ended
     return (
-        vehicle_cell(row, closed),
-        Text("silent", style=STYLES["alarm"]) if is_silent else tactic_cell(row.tactic, wide),
+        vehicle_cell(row, closed and not row.is_unaccounted),
+        _tactic(row, wide, is_silent),
         graded(row.age_s, ".1f", "alarm" if is_silent else "information"),
         *motion_cells(row, separation_m, wide),
         Text(number(x_m, ".1f")),
@@ -133,8 +136,17 @@ def _cells(row: TeamRow, separation_m: float, wide: bool, closed: bool) -> tuple
     )
 
 
+def _tactic(row: TeamRow, wide: bool, is_silent: bool) -> Text:
+    if row.has_ended:
+        return Text("ended")
+    if is_silent and not row.is_unaccounted:
+        return Text("silent", style=STYLES["alarm"])
+    return tactic_cell(row, wide)
+
+
 def _plain(row: TeamRow) -> str:
     if row.position_m is None:
         return f"#{row.vehicle_id} {row.note}"
     x_m, y_m, _ = row.position_m
-    return plain_row(row, row.tactic, f"x={x_m:.1f}m y={y_m:.1f}m", motion_numbers(row))
+    tactic = MISSING if row.is_unaccounted else "ended" if row.has_ended else row.tactic
+    return plain_row(row, tactic, f"x={x_m:.1f}m y={y_m:.1f}m", motion_numbers(row))

@@ -64,6 +64,8 @@ MARGIN_S = 0.5
 HEARTBEAT_S, BATTERY_S = 1.0, 2.0
 """Period of an autopilot's mode and battery reports."""
 CUT_S = 5.0
+GIVEN_UP_S = 120.0
+"""Within this time an agent without a link has given up leaving offboard and landing its vehicle."""
 PUSHED_S = 3.0
 """Time until half of the deviation shows in a comparison, for the bundled stub plants."""
 ESTIMATOR_S = 1.0
@@ -179,6 +181,20 @@ def cut(roles: Roles) -> Expectation:
         leaves_offboard=True,
         at_last=Tactic.PILOT_OVERRIDE.value,
         respacing=tuple(i for i in roles.others if i in roles.on_ring),
+        separation_m=roles.mission.safety.separation_m,
+    )
+
+
+def _lost(roles: Roles) -> Expectation:
+    """Expect that the subject, its link cut for good, is reported as unaccounted for, and that the others fly on."""
+    config = roles.mission.agent_config(roles.mission.vehicle(roles.subject))
+    grace = grace_s(ROWS[Condition.TELEMETRY_STALE], config)
+    return Expectation(
+        (roles.subject,),
+        roles.others,
+        grace + config.failsafe.escalation_s + GIVEN_UP_S,
+        leaves_offboard=True,
+        is_unaccounted=True,
         separation_m=roles.mission.safety.separation_m,
     )
 
@@ -326,6 +342,7 @@ DRILLS: tuple[Drill, ...] = (
         by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
         lands_subject=True,
     ),
+    Drill("lost in the air", "out of offboard, and reported as unaccounted for", _lost, lands_subject=True),
     Drill("killed agent", "all out of offboard", agents_ended, ends_flight=True),
     Drill("frozen agent", "all out of offboard", agents_ended, ends_flight=True),
     Drill("frozen interpreter", "all out of offboard", agents_ended, ends_flight=True),

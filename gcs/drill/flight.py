@@ -16,7 +16,7 @@ import msgspec
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
 from agents.tactics import Tactic
-from agents.team.messages import BusMessage, MemberState
+from agents.team.messages import BusMessage, MemberState, VehicleReport
 from estimation.frames import Triple
 from estimation.profile.profile import bundled_profiles
 from gcs.console.command_client import CommandClient
@@ -273,6 +273,8 @@ class DrillFlight:
         self._stack.push_async_callback(bus.close)
 
     def _receive(self, message: BusMessage) -> None:
+        if isinstance(message, VehicleReport) and message.unaccounted_m is not None:
+            self.log.unaccounted_s.setdefault(message.sender, message.time_s)
         if isinstance(message, MemberState):
             now_s = message.time_s
             self.log.note_status(now_s, message.sender, message.tactic, message.alert)

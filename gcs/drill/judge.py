@@ -54,6 +54,8 @@ class TeamLog:
     places: list[TeamPositions] = field(default_factory=list)
     radii_m: defaultdict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     bearings_rad: dict[int, tuple[float, float]] = field(default_factory=dict)
+    unaccounted_s: dict[int, float] = field(default_factory=dict)
+    """When vehicles were first reported as unaccounted for."""
 
     def note_mode(self, time_s: float, vehicle: int, mode: str) -> None:
         """Record a flight mode."""
@@ -112,7 +114,8 @@ class TeamLog:
 class Expectation:
     """The expected reaction to a fault: which vehicles react, how, within which time, and which fly on.
 
-    A reaction is a tactic, an alert, or leaving offboard; without a reaction all vehicles fly on until the drill ends.
+    A reaction is a tactic, an alert, leaving offboard, or the report that it is unaccounted for; without one all
+    vehicles fly on until the drill ends.
     `limits_s` are tighter limits of single vehicles. With `stands_back` no more setpoints are sent to them;
     `at_last` is their final tactic. The gaps on the ring between the vehicles of `respacing` become even again.
     """
@@ -124,6 +127,7 @@ class Expectation:
     tactic: str | None = None
     alert: str | None = None
     leaves_offboard: bool = False
+    is_unaccounted: bool = False
     stands_back: bool = False
     at_last: str | None = None
     respacing: tuple[int, ...] = ()
@@ -133,7 +137,7 @@ class Expectation:
     @property
     def is_reaction(self) -> bool:
         """Whether a reaction is expected at all."""
-        return self.leaves_offboard or self.tactic is not None or self.alert is not None
+        return self.leaves_offboard or self.is_unaccounted or self.tactic is not None or self.alert is not None
 
 
 def reacted_s(expected: Expectation, log: TeamLog, began_s: float) -> float | None:
@@ -179,6 +183,8 @@ def _one_reacted_s(expected: Expectation, log: TeamLog, vehicle: int, began_s: f
     times = [began_s]
     if expected.leaves_offboard:
         times.append(_since_s([(at_s, mode != OFFBOARD) for at_s, mode in log.modes[vehicle]], began_s))
+    if expected.is_unaccounted:
+        times.append(log.unaccounted_s.get(vehicle, float("inf")))
     if expected.tactic is not None:
         times.append(
             _since_s([(each.time_s, each.tactic == expected.tactic) for each in log.reported[vehicle]], began_s)

@@ -14,8 +14,10 @@ from rich.text import Text
 from agents.flight_end import FlightEnd
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
+from agents.shell.life import Phase
 from agents.shell.outcome import BY_OPERATOR, Outcome, Stop
 from agents.tactics import Tactic
+from agents.team.messages import BusMessage, VehicleReport
 from agents.team.participant import Participant
 from estimation.frames import Triple
 from gcs.console.keyboard import KeyBindings, Keyboard, KeyCommands
@@ -122,16 +124,24 @@ async def command_by_keyboard(team: FlightTeam, stack: AsyncExitStack) -> Callab
     if not team.view.is_live:
         return Text
     identity, bus = Identity(Participant("operator", user_name())), None
+    ended_elsewhere: dict[int, str] = {}
     if len(team.members) < len(team.plan.mission.vehicles):
         try:
             identity = team.keys.identity("operator")
         except InputError as error:
             team.view.print_line(f"{_HERE_ONLY}: {error}")
         else:
-            bus = await _opened(team, identity, stack)
+            bus = await _opened(team, identity, stack, ended_elsewhere)
     here = [member.vehicle.id for member in team.members]
     bindings = KeyBindings(here if bus is None else team.plan.mission.ids)
-    commands = KeyCommands(team.agents, team.clock, identity.participant.name, bus, bindings, lambda: _piloted(team))
+
+    def ended() -> set[int]:
+        ended_here = {member.vehicle.id for member in team.members if member.agent.phase is Phase.ENDED}
+        return ended_here | {vehicle_id for vehicle_id, how in ended_elsewhere.items() if how}
+
+    commands = KeyCommands(
+        team.agents, team.clock, identity.participant.name, bus, bindings, lambda: _piloted(team), ended
+    )
     keyboard = stack.enter_context(Keyboard(commands.press, commands.ignore_paste))
     return (lambda: commands.hint) if keyboard.active else Text
 
@@ -143,11 +153,19 @@ def _piloted(team: FlightTeam) -> set[int]:
     return here | {peer.sender for status in newest for peer in status.peers if peer.tactic == pilot.value}
 
 
-async def _opened(team: FlightTeam, identity: Identity, stack: AsyncExitStack) -> PeerBus:
-    """Return the bus to vehicles of other processes, which accept no commands from a vehicle's own bus."""
+async def _opened(team: FlightTeam, identity: Identity, stack: AsyncExitStack, ended: dict[int, str]) -> PeerBus:
+    """Return the bus to vehicles of other processes, which accept no commands from a vehicle's own bus.
+
+    How their flights ended is kept in `ended`.
+    """
+
+    def take(message: BusMessage) -> None:
+        if isinstance(message, VehicleReport):
+            ended[message.sender] = message.ended
+
     bus = guest_bus(team.plan.mission, identity)
     stack.push_async_callback(bus.close)
-    await bus.open(lambda _message: None, lambda *_: None, lambda _vehicle, _present: None)
+    await bus.open(take, lambda *_: None, lambda _vehicle, _present: None)
     return bus
 
 
@@ -256,6 +274,7 @@ async def _fly(
         async with supervisor.follow(clock):
             with _at_speed(plan.speed, clock):
                 outcomes = await _fly_members(team, Watch(team, report, hint), injector.run(team, stubs))
+        supervisor.report_unaccounted([i for i, outcome in outcomes.items() if outcome.unaccounted is not None])
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
@@ -305,7 +324,10 @@ async def _fly_members(team: FlightTeam, watch: Watch, injection: Coroutine[None
         for task in beside:
             task.cancel()
         watch.end()
-    return {member.vehicle.id: outcome for member, outcome in zip(team.members, outcomes, strict=True)}
+    return {
+        member.vehicle.id: replace(outcome, unaccounted=member.agent.unaccounted)
+        for member, outcome in zip(team.members, outcomes, strict=True)
+    }
 
 
 async def _fly_member(team: FlightTeam, member: Member) -> Outcome:

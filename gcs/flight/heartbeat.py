@@ -6,7 +6,7 @@ import select
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from math import inf
@@ -51,6 +51,10 @@ class SupervisorLink(Protocol):
         """Call `request`, on another thread, for each request of the operator to end."""
         ...
 
+    def report_unaccounted(self, vehicle_ids: Sequence[int]) -> None:
+        """Report the vehicles that are unaccounted for at the end of the flight."""
+        ...
+
     def follow(self, clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Let silences be measured on the flight's clock within a context."""
         ...
@@ -68,6 +72,9 @@ class Unsupervised:
     def relay(self, request: Callable[[], object]) -> None:
         """Call `request` for each signal."""
         signals.relay(request)
+
+    def report_unaccounted(self, _vehicle_ids: Sequence[int]) -> None:
+        """Do nothing: no supervisor keeps a page open."""
 
     def follow(self, _clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Return a context without effect."""
@@ -131,12 +138,20 @@ class SupervisorHeartbeat:
             self._time = _WALL
             self._send_clock(None)
 
+    def report_unaccounted(self, vehicle_ids: Sequence[int]) -> None:
+        """Report the vehicles that are unaccounted for at the end of the flight."""
+        for vehicle_id in vehicle_ids:
+            self._send(encode_beat(Beat.UNACCOUNTED, vehicle_id))
+
     def _now_s(self) -> float:
         return self._time.now_s()
 
     def _send_clock(self, number: int | None) -> None:
+        self._send(encode_clock(number))
+
+    def _send(self, record: bytes) -> None:
         with suppress(OSError):  # the supervisor has ended: the listening thread handles it
-            self._connection.send(encode_clock(number))
+            self._connection.send(record)
 
     def relay(self, request: Callable[[], object]) -> None:
         """Call `request` for each request of the operator to end, and once if the supervisor is lost before that."""

@@ -11,6 +11,7 @@ from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.log_process import LogProcess
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
+from gcs.keys.identity import user_name
 from gcs.keys.team_keys import leaves_this_computer
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer import ComputerFacts
@@ -91,4 +92,5 @@ class FlightPlan:
             began_s=time(),
             duration_s=self.duration_s,
             faults=[fault.injected.given for fault in self.faults],
+            operator=user_name(),
         )

@@ -19,6 +19,7 @@ from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.heartbeat import SupervisorHeartbeat
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
+from gcs.flight.team import ending_of
 from gcs.metrics.ending import HEADLINES
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
@@ -53,7 +54,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
         verdict = judge(flight.record)
         _warn_of_lateness(flight, flight.record, slower=plan.is_governed and flight.speed > 1.0)
     report_log(log)
-    return exit_code(flight.outcomes, verdict)
+    return exit_code(plan.mission, flight.outcomes, verdict)
 
 
 def _forgo_full_collections() -> None:
@@ -75,11 +76,16 @@ def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
         STDERR.print(findings_view(mission.mission.name, findings))
 
 
-def exit_code(outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
-    """Report each vehicle whose flight was not completed, and return the command's exit code."""
+def exit_code(mission: Mission, outcomes: dict[int, Outcome], verdict: Exit) -> Exit:
+    """Report each vehicle whose flight was not completed, and return the command's exit code.
+
+    Those that are unaccounted for come first, with their last positions.
+    """
     failed = {i: outcome for i, outcome in outcomes.items() if outcome.how is not FlightEnd.LANDED}
-    for vehicle_id, outcome in failed.items():
-        print_problem(f"{HEADLINES[outcome.how]}: vehicle {vehicle_id}: {outcome.reason}", outcome.next_step)
+    for vehicle_id, outcome in sorted(failed.items(), key=lambda each: each[1].unaccounted is None):
+        ending = ending_of(vehicle_id, outcome, mission.mission_frame())
+        where = "" if ending.unaccounted is None else f"{ending.unaccounted.line}\n"
+        print_problem(f"{where}{HEADLINES[outcome.how]}: vehicle {vehicle_id}: {outcome.reason}", outcome.next_step)
     if not failed:
         return verdict
     return Exit.ENDED_IN_FLIGHT if any(outcome.flew for outcome in outcomes.values()) else Exit.REFUSED

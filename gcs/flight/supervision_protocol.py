@@ -28,7 +28,7 @@ class Beat(IntEnum):
     """The content of a record.
 
     An agent is about to take off, its control loop ticked, or it has ended; or silence is from now on measured on the
-    governed clock of this number, or on the wall's again.
+    governed clock of this number, or on the wall's again; or the flight is over and a vehicle unaccounted for.
     """
 
     RISING = 1
@@ -36,6 +36,7 @@ class Beat(IntEnum):
     ENDED = 3
     GOVERNED = 4
     UNGOVERNED = 5
+    UNACCOUNTED = 6
 
 
 def encode_beat(beat: Beat, vehicle_id: int = 0, due_s: float = 0.0) -> bytes:
@@ -68,6 +69,8 @@ class LoopMonitor:
         self._rising: set[int] = set()
         self._watched: dict[int, _Watched] = {}
         self.has_flown = False
+        self.unaccounted: tuple[int, ...] = ()
+        """The vehicles that are unaccounted for at the end of the flight."""
         self.clock: int | None = None
         """The number of the governed clock that polls follow, None for the wall's."""
 
@@ -85,6 +88,8 @@ class LoopMonitor:
             beat = Beat(kind)
             if beat in (Beat.GOVERNED, Beat.UNGOVERNED):
                 self.clock = number if beat is Beat.GOVERNED else None
+            elif beat is Beat.UNACCOUNTED:
+                self.unaccounted += (vehicle_id,)
             else:
                 self._take(beat, vehicle_id, number / 1000.0)
 

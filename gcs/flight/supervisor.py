@@ -20,7 +20,7 @@ from typing import Protocol
 from agents.flight_end import FlightEnd
 from gcs.errors import Exit
 from gcs.flight.supervision_protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
-from gcs.metrics.ending import LostFlight, TeamEnding
+from gcs.metrics.ending import SEARCH, UNACCOUNTED, LostFlight, TeamEnding, Unaccounted, named
 from gcs.metrics.json_output import json_output
 from gcs.preflight.priority import raise_supervisor
 from gcs.signals import relay
@@ -99,6 +99,8 @@ def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
         monitor.receive(_received(ours))
     lines, lost = _report(flying.pid, code, silences_s, monitor)
     if not lines:
+        if monitor.unaccounted:
+            page.lose(_over(monitor.unaccounted))
         return code
     if lost is not None:
         page.lose(lost)
@@ -197,12 +199,18 @@ def _report(
         return [f"the flying process {process_id} ended {ended} while no vehicle flew"] if code < 0 else [], None
     reason += overload(os.getloadavg()[0], os.cpu_count() or 1)
     lost = LostFlight(reason, monitor.flying, time.time())
-    flying = f"vehicle {', '.join(map(str, lost.vehicles))}: " if lost.vehicles else ""
+    flying = f"{named(lost.vehicles)}, {UNACCOUNTED}: " if lost.vehicles else ""
     return [_ending(lost).headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
 
 
+def _over(unaccounted: tuple[int, ...]) -> LostFlight:
+    """Return a flight that is over, with vehicles that are unaccounted for, as the page shows it."""
+    return LostFlight("the flight is over", unaccounted, time.time(), "", SEARCH)
+
+
 def _ending(lost: LostFlight) -> TeamEnding:
-    return TeamEnding(FlightEnd.WATCHDOG, f"{lost.reason[:1].upper()}{lost.reason[1:]}.", lost.vehicles)
+    reason = f"{lost.reason[:1].upper()}{lost.reason[1:]}."
+    return TeamEnding(FlightEnd.WATCHDOG, reason, lost.vehicles, tuple(map(Unaccounted, lost.vehicles)))
 
 
 def overload(load: float, cores: int) -> str:

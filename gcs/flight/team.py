@@ -16,6 +16,7 @@ from agents.shell.control_loop import AgentParts
 from agents.shell.outcome import Outcome, Stop
 from agents.team.external_positions import ExternalPositions
 from agents.team.perception import Perception
+from estimation.frames import MissionFrame
 from estimation.state import Sighting
 from gcs.console.live import LiveView
 from gcs.flight.equipment import Equipment
@@ -27,7 +28,7 @@ from gcs.link.config import LinkConfig, link_paces
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates import RateController
-from gcs.metrics.ending import VehicleEnding
+from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
@@ -229,7 +230,7 @@ class FlightTeam:
             sum(loop.missed for loop in loops),
             wall_time_s,
             (*self._received_truth(), *(() if stubs is None else stubs.tracks)),
-            endings=tuple(ending_of(vehicle_id, outcome) for vehicle_id, outcome in outcomes.items()),
+            endings=tuple(ending_of(i, outcome, self.plan.mission.mission_frame()) for i, outcome in outcomes.items()),
             faults=tuple(fault.injected for fault in self.plan.faults),
             kinds=self.kinds,
         )
@@ -247,8 +248,15 @@ class FlightTeam:
         true = {} if stubs is None else {track.vehicle_id: track for track in stubs.tracks}  # by system id
         for member in self.members:
             loop = member.agent.loop
-            ending = ending_of(member.vehicle.id, outcomes[member.vehicle.id])
-            end = VehicleEnd(loop.ticks, loop.missed, member.agent.ended_s, ending.how.value, ending.reason)
+            outcome = outcomes[member.vehicle.id]
+            end = VehicleEnd(
+                loop.ticks,
+                loop.missed,
+                member.agent.ended_s,
+                outcome.how.value,
+                _reason(outcome),
+                outcome.unaccounted,
+            )
             self.recording.end_vehicle(member.vehicle.id, end)
             if member.vehicle.system_id in true:
                 self.recording.true_track(member.vehicle.id, true[member.vehicle.system_id])
@@ -256,9 +264,15 @@ class FlightTeam:
             self.recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))
 
 
-def ending_of(vehicle_id: int, outcome: Outcome) -> VehicleEnding:
+def ending_of(vehicle_id: int, outcome: Outcome, frame: MissionFrame) -> VehicleEnding:
     """Return how a vehicle's flight ended, from the outcome of its agent."""
-    return VehicleEnding(vehicle_id, outcome.how, outcome.reason or "landed and disarmed")
+    last = outcome.unaccounted
+    unaccounted = None if last is None else Unaccounted.of(vehicle_id, last, frame)
+    return VehicleEnding(vehicle_id, outcome.how, _reason(outcome), unaccounted)
+
+
+def _reason(outcome: Outcome) -> str:
+    return outcome.reason or "landed and disarmed"
 
 
 def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:

@@ -15,8 +15,9 @@ from estimation.state import Telemetry
 from gcs.console.advice import event_severity
 from gcs.console.live import flight_title
 from gcs.console.table_view import NO_HINT
-from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_surroundings
+from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_surroundings, with_unaccounted
 from gcs.flight.team import FlightTeam, Member
+from gcs.metrics.ending import Unaccounted
 from gcs.metrics.journal import event_line
 from gcs.mission.geometry import Place, fences
 from gcs.preflight.findings import Finding, Grade
@@ -39,6 +40,7 @@ class Watch:
         self._hint = hint
         mission = team.plan.mission
         self._fences = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
+        self._frame = mission.mission_frame()
         self._log_fault = ""
         self._rates = {member.vehicle.section.url: member.link.pace.rates for member in team.members}
         self._links_reported: dict[int, tuple[int, int]] = {}
@@ -75,7 +77,7 @@ class Watch:
             return  # building the rows of a large team takes a noticeable part of a tick
         places_m = _places_m(team)
         rows = [self._row(member, team.newest.get(member.vehicle.id), places_m) for member in team.members]
-        flying = any(not row.ending for row in rows)
+        flying = any(not row.ending and not row.is_unaccounted for row in rows)
         message = "holding, then landing; Ctrl-C again: land at once" if flying and team.stop.wanted.is_set() else ""
         name = f"BENCH {mission.mission.name}" if team.plan.bench else mission.mission.name
         title = flight_title(name, time_s, team.plan.duration_s, _ring_members(team), len(mission.vehicles))
@@ -123,7 +125,8 @@ class Watch:
                 self._rates[url] = rates
 
     def _row(self, member: Member, status: CoreStatus | None, places_m: Mapping[int, Place]) -> TeamRow:
-        vehicle, vehicle_id, ending = member.link.status, member.vehicle.id, _ending(member)
+        vehicle, vehicle_id, last = member.link.status, member.vehicle.id, member.agent.unaccounted
+        ending = "" if last is not None else _ending(member)
         polar, place = (None, None) if status is None else (status.polar, status.place)
         motion = member.link.motion
         alert = "" if status is None or ending else status.alert
@@ -148,8 +151,11 @@ class Watch:
             lag_rad=None if place is None else place.lag_rad,
             round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.time_scale,
         )
+        row = with_surroundings(row, places_m, self._fences)
+        if last is not None:
+            return with_unaccounted(row, Unaccounted.of(vehicle_id, last, self._frame))
         row = with_outlook(row, None if ending else member.agent.outlook, self._team.clock.now_s())
-        return with_alert(with_surroundings(row, places_m, self._fences), alert)
+        return with_alert(row, alert)
 
     def _age_s(self, motion: Telemetry) -> float:
         """Return the age of a sample [wall s]."""

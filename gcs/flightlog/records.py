@@ -9,8 +9,9 @@ from typing import Any, TypeVar, get_args
 import msgspec
 
 from agents.drops import Drops
+from agents.flight_end import LastPosition
 from agents.inputs import Command, CoreInput, Message
-from agents.notes import AlertChange, CommandOutcome, GuardAction, Note, ReferenceChange
+from agents.notes import AlertChange, CommandOutcome, GuardAction, Note, ReferenceChange, TacticChange
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.team.codec import encode
@@ -19,7 +20,7 @@ from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flightlog.audit import AuditEntry
 
-ValuesT = TypeVar("ValuesT", AlertChange, CommandOutcome, ReferenceChange)
+ValuesT = TypeVar("ValuesT", TacticChange, AlertChange, CommandOutcome, ReferenceChange)
 
 PROFILE = "cordon"
 """The profile name in the MCAP file."""
@@ -46,7 +47,7 @@ class Run(msgspec.Struct, frozen=True):
 
     `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records runs; `source` is
     simulation, sitl, hybrid, bench or flight. `vehicles` are those of the mission whose cores are recorded here.
-    `faults` are those injected into stub vehicles, as `link-cut@120:2`.
+    `faults` are those injected into stub vehicles, as `link-cut@120:2`. `operator` began it.
     """
 
     format: int
@@ -61,6 +62,7 @@ class Run(msgspec.Struct, frozen=True):
     vehicles: tuple[int, ...]
     versions: tuple[Version, ...]
     faults: tuple[str, ...] = ()
+    operator: str = ""
 
 
 class Parameter(msgspec.Struct, frozen=True):
@@ -208,7 +210,7 @@ class Truth(msgspec.Struct, frozen=True):
 class VehicleEnd(msgspec.Struct, frozen=True):
     """The totals of a vehicle's control loop, when its mission ended and the way down began, and how and why.
 
-    `how` is a value of `agents.flight_end.FlightEnd`.
+    `how` is a value of `agents.flight_end.FlightEnd`. `unaccounted` is set if the vehicle is.
     """
 
     ticks: int
@@ -216,6 +218,7 @@ class VehicleEnd(msgspec.Struct, frozen=True):
     ended_s: float | None
     how: str
     reason: str
+    unaccounted: LastPosition | None = None
 
 
 class RunEnd(msgspec.Struct, frozen=True):
@@ -299,6 +302,7 @@ def notes_of(decision: Any) -> list[Note]:
             note.kind,
             note.text,
             note.because,
+            tactic=_values(note, "tactic", TacticChange),
             alert=_values(note, "alert", AlertChange),
             guard=_guard_of(note),
             command=_values(note, "command", CommandOutcome),

@@ -30,8 +30,12 @@ def run_of(
     began_s: float,
     duration_s: float,
     faults: Sequence[str] = (),
+    operator: str = "",
 ) -> Run:
-    """Return the record of a run; `began_s` is Unix time, `faults` are those injected into stub vehicles."""
+    """Return the record of a run; `began_s` is Unix time, `faults` are those injected into stub vehicles.
+
+    `operator` is the user who begins it.
+    """
     plants = tuple(PlantText(name, text) for name, text in sorted(mission.profile_texts.items()))
     return Run(
         format=FORMAT,
@@ -46,6 +50,7 @@ def run_of(
         vehicles=tuple(vehicles),
         versions=versions(),
         faults=tuple(faults),
+        operator=operator,
     )
 
 

@@ -6,6 +6,7 @@ metric is a field of the result and a row here; a new verdict is a row, a field 
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from json import dumps
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -93,29 +94,37 @@ class Metric:
 
 
 FLIGHT = (
-    Metric("ended.how", "how the flight ended: `simulated` at the end of its time", kind=str),
-    Metric("ended.reason", "how the flight ended, as text", kind=str),
+    Metric("ended.how", "how the flight ended", kind=str),
+    Metric("ended.reason", "why", kind=str),
     Metric("duration_s", "simulated time flown", "duration", "s", ".1f"),
-    Metric("window_begin_s", "start of the window of the ring metrics", get=lambda r: r.window_s and r.window_s[0]),
-    Metric("window_end_s", "end of the window of the ring metrics", get=lambda r: r.window_s and r.window_s[1]),
-    Metric("ring.settling_time_s", "time from the last engagement to the settled ring; missing if it never settles",
+    Metric("window_begin_s", "start of the ring metrics' window", get=lambda r: r.window_s and r.window_s[0]),
+    Metric("window_end_s", "end of that window", get=lambda r: r.window_s and r.window_s[1]),
+    Metric("ring.settling_time_s", "time from the last engagement to the settled ring",
         "settling time", "s", ".1f", worst="max", drawn=True),
-    Metric("ring.spacing_error_rms_deg", "error of the spacings on the ring, rms",
+    Metric("ring.spacing_error_rms_deg", "error of the spacings, rms",
         "spacing error rms", "°", ".2f", worst="max", drawn=True, judged=Criterion("C3", "spacing_error_rms_deg")),
-    Metric("ring.spacing_error_max_deg", "error of the spacings on the ring, largest",
+    Metric("ring.spacing_error_max_deg", "error of the spacings, largest",
         "spacing error max", "°", ".2f", worst="max", judged=Criterion("C3", noun="", kind="max")),
+    Metric("ring.judged_s", "time with a ring in the window", "ring judged", "s", ".1f", worst="min"),
+    Metric("ring.judged_share", "share of all time with a ring", worst="min"),
+    Metric("ring.members_min", "fewest vehicles on the ring meanwhile", kind=int, worst="min"),
     Metric("ring.first_settled_at_s", "when the ring first settled, if it left its limits later"),
     Metric("ring.unsettled_at_s", "when a settled ring last left its limits"),
     Metric("closest_approach_m", "smallest distance between two vehicles",
         "closest approach", "m", ".3f", worst="min", drawn=True,
         judged=Criterion("separation", "separation_m", noun="closest approach", kind="")),
+    Metric("departures", "vehicles that left formation or ring not by order",
+        "vehicles that left", form=".0f", kind=int, worst="max", drawn=True,
+        get=lambda r: None if r.departures is None else len({each.vehicle for each in r.departures})),
+    Metric("not_judged", "verdicts that could not be judged",
+        kind=str, get=lambda r: ", ".join(r.not_judged) or None),
     Metric("guard_interventions", "setpoints that the guard moved",
         "setpoints moved by the guard", form=".0f", kind=int, worst="max", ranked=False, drawn=True),
     Metric("guard_causes", "setpoints that the guard moved, by cause, as JSON",
         kind=str, get=lambda r: dumps(r.guard_causes, sort_keys=True)),
-    Metric("engagement.to_engage", "vehicles expected to engage the target",
+    Metric("engagement.to_engage", "vehicles expected to engage",
         kind=int, get=lambda r: len(r.engagement.to_engage)),
-    Metric("engagement.engaged", "vehicles that engaged the target",
+    Metric("engagement.engaged", "vehicles that engaged",
         kind=int, worst="min", get=lambda r: len(r.engagement.engaged)),
     Metric("loop.rate_hz", "rate of the control loop"),
     Metric("loop.ticks", "ticks of all vehicles", kind=int),
@@ -145,19 +154,19 @@ FLOCKING = (
 )  # fmt: skip
 """Of each phase of `PHASES`."""
 VEHICLE = (
-    Metric("engaged_at_s", "time at which a vehicle engaged the target",
+    Metric("engaged_at_s", "time of the engagement",
         "engaged", "s", ".1f", "engaged\n[s]", worst="max", ranked=False),
     Metric("tactic", "tactic at the end", kind=str),
-    Metric("radius_error_rms_m", "error of the radius on the ring, rms",
+    Metric("radius_error_rms_m", "error of the radius, rms",
         "radius error rms", "m", ".3f", "radius\nrms [m]", worst="max", drawn=True,
         judged=Criterion("C1", "radius_error_rms_m")),
-    Metric("radius_error_max_m", "error of the radius on the ring, largest",
+    Metric("radius_error_max_m", "error of the radius, largest",
         "radius error max", "m", ".3f", "radius\nmax [m]", worst="max"),
-    Metric("angular_rate_mean_rad_s", "angular rate on the ring, mean over time",
+    Metric("angular_rate_mean_rad_s", "angular rate, mean over time",
         "mean rate", "rad/s", "+.4f", "mean rate\n[rad/s]",
         judged=Criterion(
             "C2", "angular_rate_error_rad_s", noun="mean", kind="mean error", desired="angular_rate_rad_s")),
-    Metric("angular_rate_error_rms_rad_s", "error of the angular rate on the ring, rms",
+    Metric("angular_rate_error_rms_rad_s", "error of the angular rate, rms",
         "rate error rms", "rad/s", ".4f", "rate rms\n[rad/s]", worst="max", drawn=True),
     Metric("formation_speed_error_rms_m_s", "error of the speed in formation, rms",
         "formation speed error rms", "m/s", ".3f", "speed rms\n[m/s]", worst="max", drawn=True,
@@ -198,16 +207,36 @@ VERDICTS = (
     Verdict("C3", "spacing", "spacing within its tolerance"),
     Verdict("formation", "speed and spacing", "formation within its tolerances"),
     Verdict("separation", "closest approach", "separation kept"),
-    Verdict("engaged", "vehicles that were to", "all vehicles expected to engage the target did"),
+    Verdict("engaged", "vehicles that were to", "all vehicles expected to engage did"),
+    Verdict("kept", "vehicles that left", "no vehicle left formation or ring not by order"),
 )
 """The paper's conditions first, as in the JSON output."""
+
+
+_OF_THE_RING = ("C1", "C2", "C3")
+
+
+class VerdictState(StrEnum):
+    """What a flight shows of a verdict, in the words for people."""
+
+    PASSES = "passes"
+    FAILS = "fails"
+    NOT_JUDGED = "not judged"
+    """The mission asks for it, and the flight does not show it."""
+    NOT_ASKED = "does not apply"
+
+    @property
+    def sign(self) -> str:
+        """It as a sign."""
+        return {self.PASSES: "✓", self.FAILS: "✗", self.NOT_JUDGED: "?", self.NOT_ASKED: "–"}[self]
 
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
     """The paper's conditions C1 (radius), C2 (angular rate), C3 (spacing), the formation, separation, and engagement.
 
-    `engaged` is whether all that were to engage the target did. True holds, False does not, None does not apply.
+    `engaged` is whether all that were to engage the target did, `kept` whether all kept their places until they were
+    ordered away. True passes, False fails, None does not apply or could not be judged.
     """
 
     c1: bool | None = None
@@ -216,6 +245,7 @@ class Verdicts:
     formation: bool | None = None
     separation: bool | None = None
     engaged: bool | None = None
+    kept: bool | None = None
 
     def named(self) -> dict[str, bool | None]:
         """Return the verdicts by name."""
@@ -233,7 +263,7 @@ def evidence(verdict: str, result: "FlightResult") -> Iterator[tuple[Metric, Cri
 
 
 def judge(result: "FlightResult", ring: DesiredRing, tolerances: VerdictTolerances) -> Verdicts:
-    """Return the verdicts: each holds if its known metrics keep their tolerances, in finite time - (8), (9), (10)."""
+    """Return the verdicts: each passes if its known metrics keep their tolerances, in finite time - (8), (9), (10)."""
     held = {}
     for verdict in VERDICTS:
         kept = []
@@ -241,5 +271,28 @@ def judge(result: "FlightResult", ring: DesiredRing, tolerances: VerdictToleranc
             if judged.tolerance:
                 worst, allowed = metric.farthest(values, ring), getattr(tolerances, judged.tolerance)
                 kept.append(worst >= allowed if metric.worst == "min" else worst <= allowed)
-        held[verdict.name.lower()] = all(kept) if kept else None
-    return replace(Verdicts(**held), engaged=result.engagement.holds)
+        # (8), (9) and (10) are of every vehicle: those that were measured may fail them, not pass for all.
+        whole = verdict.name not in _OF_THE_RING or result.ring.judged_from_s is not None
+        held[verdict.name.lower()] = False if False in kept else True if kept and whole else None
+    stayed = None if result.departures is None else not result.departures
+    return replace(Verdicts(**held), engaged=result.engagement.holds, kept=stayed)
+
+
+def not_judged(result: "FlightResult") -> tuple[str, ...]:
+    """Return the verdicts, by name, that the mission asks for and that a flight, once judged, does not show.
+
+    The ring is asked for where a vehicle engaged or was to by the plan, its spacing where that are two. The formation
+    is asked for in flights without a ring.
+    """
+    engagement = result.engagement
+    on_ring = len({*engagement.to_engage, *engagement.engaged, *engagement.pending})
+    flown = result.departures is not None
+    asked = {
+        "C1": on_ring > 0,
+        "C2": on_ring > 0,
+        "C3": on_ring > 1 and result.ring.members_min != 1,
+        "formation": flown and not on_ring,
+        "separation": flown and len(result.vehicles) > 1,
+        "engaged": bool(engagement.pending),
+    }
+    return tuple(name for name, held in result.verdicts.named().items() if asked.get(name) and held is None)

@@ -2,11 +2,16 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
 from gcs.autopilots.registry import advice
 
+if TYPE_CHECKING:  # the supervisor of a flight would wait for NumPy
+    from estimation.frames import MissionFrame, Triple
+
 HEADLINES = {
+    FlightEnd.LOST: "Lost",
     FlightEnd.KILLED: "Killed by the operator",
     FlightEnd.ERROR: "Ended by an error in cordon",
     FlightEnd.WATCHDOG: "Ended by the watchdog",
@@ -24,22 +29,71 @@ HEADLINES = {
 _SEVERITY = {how: place for place, how in enumerate(FlightEnd)}
 
 
+UNACCOUNTED = "unaccounted for"
+"""The alert of a vehicle that no report shows on the ground and no pilot has, until an operator confirms otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unaccounted:
+    """A vehicle that is unaccounted for: its newest position and its age, None if they are not known.
+
+    `position_m` is in the mission frame; latitude and longitude are None in a local frame.
+    """
+
+    vehicle: int
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    position_m: "Triple | None" = None
+    age_s: float | None = None
+
+    @classmethod
+    def of(cls, vehicle: int, last: LastPosition, frame: "MissionFrame") -> "Unaccounted":
+        """Return it from a vehicle's newest position in the mission frame."""
+        if frame.is_local:
+            return cls(vehicle, None, None, last.position_m, last.age_s)
+        place = frame.geodetic_from_mission(last.position_m)
+        return cls(vehicle, place.latitude_deg, place.longitude_deg, last.position_m, last.age_s)
+
+    @property
+    def place(self) -> str:
+        """Where it was last and how long ago, as text."""
+        if self.position_m is None or self.age_s is None:
+            return "its last position is in the flight log"
+        x, y, z = self.position_m
+        at = (
+            f"x {x:.1f} m, y {y:.1f} m"
+            if self.latitude_deg is None
+            else f"{self.latitude_deg:.6f}, {self.longitude_deg:.6f}"
+        )
+        return f"last at {at}, height {z:.1f} m, {self.age_s:.0f} s ago"
+
+    @property
+    def line(self) -> str:
+        """It as a sentence at the end of a flight."""
+        return f"Vehicle {self.vehicle} is {UNACCOUNTED}: {self.place}"
+
+
 @dataclass(frozen=True, slots=True)
 class VehicleEnding:
-    """How one vehicle's flight ended, and the reason in a few words."""
+    """How one vehicle's flight ended, the reason in a few words, and where it was last if it is unaccounted for."""
 
     vehicle: int
     how: FlightEnd
     reason: str
+    unaccounted: Unaccounted | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class TeamEnding:
-    """How a flight ended: the most severe ending, the reasons of all vehicles, and the vehicles with that ending."""
+    """How a flight ended: the most severe ending, the reasons of all vehicles, and the vehicles with that ending.
+
+    `unaccounted` are the vehicles that were unaccounted for at its end.
+    """
 
     how: FlightEnd
     reason: str
     vehicles: tuple[int, ...]
+    unaccounted: tuple[Unaccounted, ...] = ()
 
     @classmethod
     def of(cls, endings: Sequence[VehicleEnding]) -> "TeamEnding | None":
@@ -53,7 +107,8 @@ class TeamEnding:
             alike.setdefault(each.reason, []).append(each.vehicle)
         sentence = "; ".join(f"{named(vehicles)}: {reason}" for reason, vehicles in alike.items())
         concerned = tuple(each.vehicle for each in ordered if each.how is how)
-        return cls(how, f"{sentence[:1].upper()}{sentence[1:]}.", concerned)
+        lost = tuple(each.unaccounted for each in ordered if each.unaccounted is not None)
+        return cls(how, f"{sentence[:1].upper()}{sentence[1:]}.", concerned, lost)
 
     @property
     def is_early(self) -> bool:
@@ -68,6 +123,8 @@ class TeamEnding:
 
 
 AUTOPILOTS_ALONE = f"only their autopilots control them now: {advice('alone', between='; ', after=' ')}"
+SEARCH = "search at its last position, then confirm that it was recovered"
+"""The advice on the page, where it is confirmed."""
 WATCH_THEM = "watch them, and take over by remote control or a ground station; cordon does not reconnect to them"
 
 

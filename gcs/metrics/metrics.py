@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs.metrics.catalogue import Verdicts, judge
+from gcs.metrics.catalogue import Verdicts, judge, not_judged
+from gcs.metrics.departures import departures
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.record import FlightRecord, Mask, grid_time
 from gcs.metrics.references import (
@@ -72,8 +73,10 @@ def evaluate(
         engagement=engagement(record, engages, each_engaged_s),
         faults=tuple(fault.given for fault in record.faults),
         kinds=record.kinds,
+        departures=departures(record),
     )
-    return replace(result, verdicts=judge(result, ring, tolerances))
+    result = replace(result, verdicts=judge(result, ring, tolerances))
+    return replace(result, not_judged=not_judged(result))
 
 
 def _estimate_result(record: FlightRecord, ring: DesiredRing, window: Mask) -> EstimateResult | None:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.notes import AlertChange, CommandOutcome, GuardAction, Kind, Note, ReferenceChange
+from agents.notes import AlertChange, CommandOutcome, GuardAction, Kind, Note, ReferenceChange, TacticChange
 from agents.safety.guard import Guarded
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
@@ -68,7 +68,7 @@ class GuardTally:
 
 @dataclass(frozen=True, slots=True)
 class FlightEvent:
-    """An event of a vehicle: its time, kind and text, and its values if it has any (`agents.notes.Note`)."""
+    """An event of a vehicle: its time, kind and text, and the values of what it is (`agents.notes.Note`)."""
 
     time_s: float
     vehicle: int
@@ -76,13 +76,24 @@ class FlightEvent:
     text: str
     alert: AlertChange | None = None
     command: CommandOutcome | None = None
+    tactic: TacticChange | None = None
     reference: ReferenceChange | None = None
     guard: GuardAction | None = None
 
     @classmethod
     def of(cls, vehicle_id: int, note: Note) -> "FlightEvent":
         """Return a note of a vehicle as an event."""
-        return cls(note.time_s, vehicle_id, note.kind, note.text, note.alert, note.command, note.reference, note.guard)
+        return cls(
+            note.time_s,
+            vehicle_id,
+            note.kind,
+            note.text,
+            note.alert,
+            note.command,
+            note.tactic,
+            note.reference,
+            note.guard,
+        )
 
     def to_dict(self) -> dict[str, object]:
         """Return it as plain data; `alert`, `command`, `reference` and `guard` only where the event has one."""

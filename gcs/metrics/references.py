@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 from pydantic import Field
 
-from agents.tactics import Tactic
+from agents.tactics import NO_TACTIC, Tactic
 from gcs.metrics.ending import named
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.mission.mission import Mission, VerdictSection
@@ -21,18 +21,21 @@ _MAY_ENGAGE = [each.value for each in (Tactic.FORMATION, Tactic.ASIDE, Tactic.HO
 class EngagementReference:
     """The vehicles for which the mission's target is important enough and not too dangerous, by id.
 
-    `distance_max_m` is the distance from the target within which each decides to engage.
+    `distance_max_m` is the distance from the target within which each decides to engage. `planned` are those that the
+    whole mission brings near enough.
     """
 
     distance_max_m: Mapping[int, float] = field(default_factory=dict)
+    planned: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class EngagementResult:
-    """The vehicles that were to engage, and those that did."""
+    """The vehicles that were to engage, those that did, and those whose flight ended too early to tell."""
 
     to_engage: tuple[int, ...] = ()
     engaged: tuple[int, ...] = ()
+    pending: tuple[int, ...] = ()
 
     @property
     def missing(self) -> tuple[int, ...]:
@@ -41,8 +44,8 @@ class EngagementResult:
 
     @property
     def holds(self) -> bool | None:
-        """Whether all that were to engage did, None if none was to engage."""
-        return not self.missing if self.to_engage else None
+        """Whether all that were to engage did, None if none was to engage, or if that is open."""
+        return False if self.missing else None if self.pending or not self.to_engage else True
 
 
 def engagement(
@@ -51,7 +54,8 @@ def engagement(
     """Return who was to engage and who did; `engaged_s` are the times of engagement in the record's order.
 
     If the team never came near the target, none was to engage. Otherwise each vehicle of the reference that had enough
-    time was to engage, also one that passed too far away, unless its own distance is smaller than the team's.
+    time was to engage, also one that passed too far away, unless its own distance is smaller than the team's. Those
+    that were to by the plan are pending if they still could at the end, or are not known.
     """
     rows = list(zip(record.vehicles, engaged_s, strict=True))
     engaged = tuple(track.vehicle_id for track, time_s in rows if time_s is not None)
@@ -59,25 +63,36 @@ def engagement(
     if not allowed_m:
         return EngagementResult((), engaged)
     passes = {track.vehicle_id: _passed(record, track, allowed_m.get(track.vehicle_id, 0.0)) for track, _ in rows}
-    if not engaged and not any(within for within, _ in passes.values()):
-        return EngagementResult()
-    widest_m = max(allowed_m.values())
-    missing = {
-        vehicle_id
-        for vehicle_id, (within, had_time) in passes.items()
-        if vehicle_id in allowed_m and had_time and (within or allowed_m[vehicle_id] == widest_m)
-    }
+    near = {vehicle_id: within or vehicle_id in engaged for vehicle_id, (within, _) in passes.items()}
+    missing = {vehicle_id for vehicle_id in _chosen(allowed_m, near) if passes[vehicle_id][1]}
     to_engage = tuple(track.vehicle_id for track, _ in rows if track.vehicle_id in {*engaged, *missing})
-    return EngagementResult(to_engage, engaged)
+    gone = {track.vehicle_id for track, _ in rows if not _may_engage_yet(track)}
+    pending = (vehicle_id for vehicle_id in reference.planned if vehicle_id not in {*to_engage, *gone})
+    return EngagementResult(to_engage, engaged, tuple(pending))
+
+
+def _chosen(allowed_m: Mapping[int, float], near: Mapping[int, bool]) -> tuple[int, ...]:
+    """Return who engages a target: once a vehicle is near it, those that are, and those with the team's distance."""
+    if not any(near.values()):
+        return ()
+    widest_m = max(allowed_m.values())
+    return tuple(each for each, within in near.items() if each in allowed_m and (within or allowed_m[each] == widest_m))
+
+
+def _may_engage_yet(track: VehicleTrack) -> bool:
+    """Whether a vehicle could still engage when it was known last."""
+    known = track.tactic[track.tactic != NO_TACTIC]
+    return not known.size or known[-1] in (Tactic.STANDBY.value, *_MAY_ENGAGE)
 
 
 def engaged_line(result: EngagementResult) -> str:
     """Return how many vehicles engaged of those that were to, and which did not; empty if none was to engage."""
-    if not result.to_engage:
+    count = len(result.to_engage) + len(result.pending)
+    if not count:
         return ""
     missing = f"; {named(result.missing)} did not" if result.missing else ""
-    count = len(result.to_engage)
-    return f"{count - len(result.missing)} of {count} vehicles engaged the target{missing}"
+    pending = f"; the flight ended before {named(result.pending)} could" if result.pending else ""
+    return f"{len(result.to_engage) - len(result.missing)} of {count} vehicles engaged the target{missing}{pending}"
 
 
 def _passed(record: FlightRecord, track: VehicleTrack, allowed_m: float) -> tuple[bool, bool]:
@@ -156,13 +171,29 @@ def engagement_reference(mission: Mission) -> EngagementReference:
     target = mission.target
     if mission.excites:
         return EngagementReference()
-    return EngagementReference(
-        {
-            vehicle.id: vehicle.decision.distance_max_m
-            for vehicle in mission.vehicles
-            if target.importance > vehicle.decision.importance_min and target.threat < vehicle.decision.threat_max
-        }
-    )
+    allowed_m = {
+        vehicle.id: vehicle.decision.distance_max_m
+        for vehicle in mission.vehicles
+        if target.importance > vehicle.decision.importance_min and target.threat < vehicle.decision.threat_max
+    }
+    # Where an external target will be is not known: the mission is about it.
+    near = {each: target.source != "simulated" or _nearest_m(mission, each) < allowed_m[each] for each in allowed_m}
+    return EngagementReference(allowed_m, _chosen(allowed_m, near))
+
+
+_PLAN_POINTS = 2000
+
+
+def _nearest_m(mission: Mission, vehicle_id: int) -> float:
+    """Return how near the mission brings a vehicle to the simulated target: at its start, and in line until the end."""
+    config, target = mission.agent_config(mission.vehicle(vehicle_id)), mission.target.motion
+    time_s = np.linspace(0.0, mission.mission.duration_s, _PLAN_POINTS)
+    line_m = np.add(config.line_start_m, config.slot_offset_m(vehicle_id, mission.formation.leader))
+    place_m = line_m + np.outer(time_s, (mission.formation.speed_m_s, 0.0))
+    target_m = np.array([target.position_m(at_s) for at_s in time_s.tolist()])
+    in_line_m = float(np.hypot(*(place_m - target_m).T).min())
+    start_m = mission.vehicle(vehicle_id).section.start_m
+    return min(in_line_m, float(np.hypot(*np.subtract(start_m, target_m[0]))))
 
 
 def verdict_tolerances(mission: Mission) -> VerdictTolerances:

@@ -10,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from gcs.metrics.catalogue import Verdicts
+from gcs.metrics.catalogue import Verdicts, VerdictState
+from gcs.metrics.departures import Departure
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.json_output import json_output
 from gcs.metrics.record import FlightEvent, LoopStatistics
@@ -54,10 +55,10 @@ class LoopResult:
 class FlightResult:
     """The result of a flight, in the order of its JSON form.
 
-    `estimate` holds the metrics from the vehicles' estimates where those from truth exist as well. `truth_missing` is
-    why the metrics are from estimates although simulators sent truth, None otherwise. `ended` is None in logs of
-    versions that did not record how a flight ended. `faults` are those injected into stub vehicles. `kinds` are the
-    vehicles' kinds by id.
+    `estimate` holds the metrics by estimate beside those by truth. `truth_missing` is why there are none by truth
+    although simulators sent it. `ended` is None in logs of versions that did not record it. `faults` are those injected
+    into stub vehicles. `kinds` are by id. `departures` are those not by order. `not_judged` are verdicts that the
+    mission asks for.
     """
 
     mission: str
@@ -84,6 +85,8 @@ class FlightResult:
     engagement: EngagementResult = field(default_factory=EngagementResult)
     faults: tuple[str, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
+    departures: tuple[Departure, ...] | None = None
+    not_judged: tuple[str, ...] = ()
 
     @property
     def kinds_line(self) -> str:
@@ -93,7 +96,7 @@ class FlightResult:
 
     @property
     def wall_time_line(self) -> str:
-        """The wall time and the speed of the flight, such as `3.5 s (172× real time)`; empty if they are unknown."""
+        """Wall time and speed, such as `3.5 s (172× real time)`; empty if unknown."""
         if self.wall_time_s is None or self.realtime_factor is None:
             return ""
         rounded = float(f"{self.realtime_factor:.3g}")  # :g writes a rounded number above 1000 without an exponent
@@ -101,13 +104,18 @@ class FlightResult:
 
     @property
     def ended_early(self) -> bool:
-        """Whether the record shows that it ended in flight, before its mission was over."""
+        """Whether it ended in flight, before its mission was over."""
         return self.ended is not None and self.ended.is_early
 
     @property
+    def passes(self) -> bool | None:
+        """Whether all verdicts that the mission asks for pass; None if one could not be judged."""
+        return False if False in self.verdicts.named().values() else None if self.not_judged else True
+
+    @property
     def all_hold(self) -> bool:
-        """Whether no verdict fails; verdicts that do not apply are no failure."""
-        return False not in self.verdicts.named().values()
+        """Whether `passes` is True."""
+        return self.passes is True
 
     def untimed(self) -> "FlightResult":
         """Return the result with every wall time None, so that it depends on the mission and the seed alone."""
@@ -117,13 +125,14 @@ class FlightResult:
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
         plain = {"mission": self.mission, "ended": None, **asdict(self)}  # how it ended comes before any figure
-        for key in ("vehicles", "transitions", "faults"):
-            plain[key] = list(plain[key])
+        for key in ("vehicles", "transitions", "faults", "departures", "not_judged"):
+            plain[key] = None if plain[key] is None else list(plain[key])
         plain["events"] = [each.to_dict() for each in self.events]
         if self.estimate is not None:
             plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
         if self.ended is not None:
-            plain["ended"]["vehicles"] = list(self.ended.vehicles)
+            for key in ("vehicles", "unaccounted"):
+                plain["ended"][key] = list(plain["ended"][key])
         plain["engagement"] = {name: list(ids) for name, ids in plain["engagement"].items()}
         plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
@@ -135,6 +144,15 @@ class FlightResult:
         return json_output(self.to_dict())
 
 
+def verdict_states(result: FlightResult) -> dict[str, VerdictState]:
+    """Return what a flight shows of each verdict, by name."""
+    states = {True: VerdictState.PASSES, False: VerdictState.FAILS, None: VerdictState.NOT_ASKED}
+    return {
+        name: VerdictState.NOT_JUDGED if name in result.not_judged else states[held]
+        for name, held in result.verdicts.named().items()
+    }
+
+
 def reference_line(result: FlightResult) -> str:
     """Return the source of the metrics and verdicts, in one line."""
     if result.reference == "truth":
@@ -143,8 +161,28 @@ def reference_line(result: FlightResult) -> str:
     return f"metrics and verdicts from the vehicles' estimates of themselves and of the target{missing}"
 
 
-SHORT_S = 60.0
-"""The text says "only" for a window shorter than this."""
+SHORT_S, SHORT_SHARE = 60.0, 0.5
+"""The text says "only" where the ring was judged for less than this, or than this share of the time on it."""
+
+
+def is_briefly_judged(ring: RingResult) -> bool:
+    """Whether a ring was judged for a short time, or a small share of its time."""
+    return ring.judged_s is not None and (ring.judged_s < SHORT_S or (ring.judged_share or 0.0) < SHORT_SHARE)
+
+
+def judged_line(result: FlightResult) -> str:
+    """Return how long, from when and with how many vehicles the ring was judged; empty without a ring."""
+    ring, flown = result.ring, len(result.vehicles)
+    if ring.judged_s is None or ring.judged_share is None:
+        return ""
+    if ring.judged_from_s is None:
+        measured = any(vehicle.radius_error_rms_m is not None for vehicle in result.vehicles)
+        return "not every vehicle on the ring was measured" if measured else "no vehicle was on the ring at the end"
+    only = "only " if is_briefly_judged(ring) else ""
+    # Its whole time is 100 %: a share is not rounded up to it.
+    share = min(ring.judged_share, 0.99) if ring.judged_share < 1.0 else 1.0
+    of = "" if ring.members_min == flown else f", with {ring.members_min} of {flown} vehicles"
+    return f"judged over {only}{ring.judged_s:.1f} s from {ring.judged_from_s:.1f} s on, {share:.0%} of its time{of}"
 
 
 def window_line(result: FlightResult) -> str:
@@ -154,9 +192,10 @@ def window_line(result: FlightResult) -> str:
     """
     if result.window_s is None:
         return ""
-    (begins_s, ends_s), ring = result.window_s, result.ring
-    only = "only " if ends_s - begins_s < SHORT_S else ""
-    window = f"ring judged over {only}{ends_s - begins_s:.1f} s, from {begins_s:.1f} to {ends_s:.1f} s"
+    begins_s, ring = result.window_s[0], result.ring
+    if ring.judged_from_s is None:
+        return f"ring not judged: {judged_line(result)}"
+    window = f"ring {judged_line(result)}"
     if ring.unsettled_at_s is None:
         settles = ring.settling_time_s is not None
         why = "from settling to the end" if settles else "did not settle: last quarter of the flight"

@@ -146,6 +146,9 @@ class RingResult:
 
     `unsettled_at_s` is when a ring that had settled left its limits for the last time, None if it never did after the
     last engagement; `first_settled_at_s` is when it had settled first, None without that.
+    `judged_s` is the time in the window of the ring metrics with a ring of which every vehicle was measured,
+    `judged_from_s` its begin, None without any, `judged_share` its share of all time with a vehicle on the ring, and
+    `members_min` the fewest vehicles on the ring in it.
     """
 
     settling_time_s: float | None = None
@@ -153,6 +156,10 @@ class RingResult:
     spacing_error_max_deg: float | None = None
     first_settled_at_s: float | None = None
     unsettled_at_s: float | None = None
+    judged_s: float | None = None
+    judged_from_s: float | None = None
+    judged_share: float | None = None
+    members_min: int | None = None
 
 
 def judged_ring(
@@ -164,8 +171,10 @@ def judged_ring(
     settled_s = _settled_at_s(time_s, motion, ring, max(engaged_s))
     window_s = _window_s(time_s, settled_s)
     settling_time_s = None if settled_s is None else grid_time(settled_s - max(engaged_s))
-    errors_deg = _spacing_errors_deg(motion, within(time_s, window_s))
-    return window_s, RingResult(settling_time_s, *errors_deg, *_unsettled(time_s, motion, ring, max(engaged_s)))
+    window = within(time_s, window_s)
+    errors_deg, unsettled_s = _spacing_errors_deg(motion, window), _unsettled(time_s, motion, ring, max(engaged_s))
+    judged_s, from_s, share, members = _judged(time_s, motion, window)
+    return window_s, RingResult(settling_time_s, *errors_deg, *unsettled_s, judged_s, from_s, share, members)
 
 
 def estimated_ring(
@@ -218,6 +227,21 @@ def within(time_s: Vector, window_s: tuple[float, float] | None) -> Mask:
     if window_s is None:
         return np.zeros(time_s.shape, dtype=np.bool_)
     return np.asarray((time_s >= window_s[0] - TIME_GRAIN_S) & (time_s <= window_s[1] + TIME_GRAIN_S))
+
+
+def _judged(time_s: Vector, motion: RingMotion, window: Mask) -> tuple[float, float | None, float, int]:
+    """Return the time on the ring in a window, its begin, its share of all time on the ring, and the fewest members."""
+    on_ring, judged = np.asarray(motion.member.any(axis=0)), np.asarray(motion.measured & window)
+    members = motion.member.sum(axis=0)[judged]
+    judged_s, whole_s = _lasting_s(time_s, judged), _lasting_s(time_s, on_ring)
+    begins_s = grid_time(float(time_s[judged][0])) if judged.any() else None
+    share = judged_s / whole_s if whole_s else float(judged.any())
+    return judged_s, begins_s, share, int(members.min(initial=len(motion.member))) if members.size else 0
+
+
+def _lasting_s(time_s: Vector, mask: Mask) -> float:
+    """Return how long a condition lasted in all."""
+    return grid_time(float(np.diff(time_s)[mask[1:] & mask[:-1]].sum()))
 
 
 def _spacing_errors_deg(motion: RingMotion, window: Mask) -> tuple[float | None, float | None]:

@@ -4,8 +4,8 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from json import dumps
-from math import ceil, floor
-from typing import Literal
+from math import ceil, floor, tau
+from typing import Literal, NamedTuple
 from zlib import crc32
 
 from agents.ring.place import chord_m
@@ -14,6 +14,21 @@ from estimation.profile.autopilots import DEFAULT, AutopilotName
 from gcs.autopilots.registry import AUTOPILOTS
 
 Links = Literal["stub", AutopilotName, "udp", "serial"]
+
+
+class MissionPlace(NamedTuple):
+    """The origin of a mission: a position on Earth, and the height of the ground there."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+REAL_LINKS: tuple[Links, ...] = ("udp", "serial")
+"""Links with real vehicles at their other ends."""
+SIMULATED_PLACE = MissionPlace(47.397742, 8.545594, 488.0)
+"""Where simulated vehicles fly: the simulators' default."""
+X_BEARING_DEG = 90.0
 SPACING_M, SEPARATION_M = 5.0, 3.0
 _SIMULATORS = {each.name: each.simulator_port for each in AUTOPILOTS}
 PROFILES = {"stub": "stub", "udp": DEFAULT, "serial": DEFAULT, **{name: name for name in _SIMULATORS}}
@@ -38,6 +53,13 @@ def least_radius_m(vehicles: int) -> float:
     return 0.1 if vehicles == 1 else ceil(100.0 * SEPARATION_M / chord_m(1.0, vehicles)) / 100.0
 
 
+def ring_words(radius_m: float, angular_rate_rad_s: float) -> str:
+    """Return a rate on a ring as the speed along it and the time of a lap."""
+    rate_rad_s = abs(angular_rate_rad_s)
+    lap = f"a lap in {tau / rate_rad_s:.0f} s" if rate_rad_s else "no lap"
+    return f"{angular_rate_rad_s:g} rad/s on {radius_m:g} m: {rate_rad_s * radius_m:.2g} m/s, {lap}"
+
+
 def own_ports(name: str, vehicles: int, taken: Collection[int]) -> range:
     """Return a port for each vehicle, derived from the mission's name; skips ranges with `taken` ports."""
     block = crc32(name.encode()) % _BLOCKS
@@ -51,7 +73,11 @@ def own_ports(name: str, vehicles: int, taken: Collection[int]) -> range:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewMission:
-    """The choices for a new mission. The target moves along x; `fence_m` is the fence's margin, 0 for no fence."""
+    """The choices for a new mission.
+
+    The target moves along x from `target_start_m`, None for straight ahead. `fence_m` is the fence's margin, 0 for no
+    fence.
+    """
 
     name: str
     vehicles: int
@@ -63,6 +89,9 @@ class NewMission:
     target_speed_m_s: float
     fence_m: float
     ports: range
+    place: MissionPlace = SIMULATED_PLACE
+    x_bearing_deg: float = X_BEARING_DEG
+    target_start_m: tuple[float, float] | None = None
 
     @property
     def text(self) -> str:
@@ -83,7 +112,11 @@ class NewMission:
             reach_m=self._reach_m,
             separation_m=SEPARATION_M,
             fence=self._fence,
-            target_x_m=self._reach_m + _APPROACH_M,
+            latitude_deg=self.place.latitude_deg,
+            longitude_deg=self.place.longitude_deg,
+            altitude_m=self.place.altitude_m,
+            x_bearing_deg=self.x_bearing_deg,
+            target_start_m=list(self._target_start_m),
             target_speed_m_s=self.target_speed_m_s,
             range_m=self._reach_m + self.radius_m,
             team=f"{re.sub(r'[^A-Za-z0-9_-]', '-', self.name)[:26]}-{self.ports[0]}",
@@ -104,6 +137,10 @@ class NewMission:
         return [(round(x, 2) + 0.0, round(y, 2) + 0.0) for x, y in places]
 
     @property
+    def _target_start_m(self) -> tuple[float, float]:
+        return self.target_start_m or (self._reach_m + _APPROACH_M, 0.0)
+
+    @property
     def _half_width_m(self) -> float:
         return max(abs(y) for _, y in self._starts_m)
 
@@ -115,18 +152,21 @@ class NewMission:
     @property
     def _duration_s(self) -> float:
         depth_m = -min(x for x, _ in self._starts_m)
-        return 60.0 * ceil(((_APPROACH_M + depth_m) / _CATCHING_UP_M_S + _ENGAGED_S) / 60.0)
+        approach_m = max(self._target_start_m[0] - self._reach_m, 0.0)
+        return 60.0 * ceil(((approach_m + depth_m) / _CATCHING_UP_M_S + _ENGAGED_S) / 60.0)
 
     @property
     def _fence(self) -> str:
         """The fence around starts, ring and the target's path, its corners whole metres."""
         if not self.fence_m:
             return "# fence_m = [[-20.0, -40.0], [90.0, -40.0], [90.0, 40.0], [-20.0, 40.0]]  # corners [x, y]"
-        target_end_m = self._reach_m + _APPROACH_M + self.target_speed_m_s * self._duration_s
-        back_m = floor(min(x for x, _ in self._starts_m) - self.fence_m)
+        x_m, y_m = self._target_start_m
+        target_end_m = x_m + self.target_speed_m_s * self._duration_s
+        back_m = floor(min(*(x for x, _ in self._starts_m), x_m - self.radius_m) - self.fence_m)
         ahead_m = ceil(target_end_m + self.radius_m + self.fence_m)
-        side_m = ceil(max(self._half_width_m, self.radius_m) + self.fence_m)
-        corners = [[back_m, -side_m], [ahead_m, -side_m], [ahead_m, side_m], [back_m, side_m]]
+        right_m = floor(min(-self._half_width_m, y_m - self.radius_m) - self.fence_m)
+        left_m = ceil(max(self._half_width_m, y_m + self.radius_m) + self.fence_m)
+        corners = [[back_m, right_m], [ahead_m, right_m], [ahead_m, left_m], [back_m, left_m]]
         return f"fence_m = {[[float(x), float(y)] for x, y in corners]}  # corners [x, y]; vehicles stay inside"
 
     def _vehicle(self, index: int) -> str:
@@ -158,10 +198,10 @@ rate_hz = 10.0  # rate of the control loop
 format = 2  # of the keys of this file
 
 [frame]  # origin of the mission frame: for real vehicles, the place where they stand
-latitude_deg = 47.397742
-longitude_deg = 8.545594
-altitude_m = 488.0  # of the ground, above sea level
-x_bearing_deg = 90.0  # of the x axis, clockwise from north: the direction of the formation
+latitude_deg = {latitude_deg}
+longitude_deg = {longitude_deg}
+altitude_m = {altitude_m}  # of the ground, above sea level
+x_bearing_deg = {x_bearing_deg}  # of the x axis, clockwise from north: the direction of the formation
 
 [formation]
 shape = "{shape}"  # {shapes}; or free, with a slot_m for each vehicle
@@ -184,7 +224,7 @@ separation_m = {separation_m}  # least distance between vehicles, kept by the gu
 {fence}
 
 [target]
-start_m = [{target_x_m}, 0.0]  # its position at first
+start_m = {target_start_m}  # its position at first
 velocity_m_s = [{target_speed_m_s}, 0.0]  # or legs = [...], a path of several legs
 importance = 0.8  # at least decision.importance_min: vehicles engage
 threat = 0.2  # at most decision.threat_max

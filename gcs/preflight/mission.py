@@ -134,8 +134,7 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
         yield _line_gap(mission)
     if not stubs:
         yield _mission_fence(mission)
-    if mission.target.source == "simulated":
-        yield _sensor_range(mission)
+    yield from sensor_range(mission)
     yield _target_speed(mission)
     yield _ring_acceleration(mission)
     yield _formation_speed(mission)
@@ -234,12 +233,15 @@ def _distance_error_m(mission: Mission) -> float:
     return SIGMAS * hypot(*errors_m[-2:])
 
 
-def _sensor_range(mission: Mission) -> Finding:
+def sensor_range(mission: Mission) -> Iterator[Finding]:
+    """Check that every vehicle sees a simulated target from the ring; a flight for identification has no ring."""
+    if mission.excites or mission.target.source != "simulated":
+        return
     ranges_m = {vehicle_id: mission.sensor(vehicle_id).range_m for vehicle_id in mission.ids}
     radius_m = mission.encirclement.radius_m
     blind = [str(vehicle_id) for vehicle_id, range_m in ranges_m.items() if range_m < radius_m]
     who = f"vehicles with a shorter range: {', '.join(blind)}" if blind else "every vehicle's range is sufficient"
-    return Finding.graded(
+    yield Finding.graded(
         Grade.WARNING if blind else Grade.PASS,
         MISSION,
         "sensor range",

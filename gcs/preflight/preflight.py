@@ -23,6 +23,7 @@ from gcs.preflight.vehicle import (
     battery,
     clock_rate,
     clock_setting,
+    elsewhere,
     gps,
     health,
     identity,
@@ -76,7 +77,9 @@ def preflight(
     hardware-in-the-loop simulation, propellers off. `clock` is this computer's clock if the team is on several,
     `computer` what was measured of it for a flight on the wall's clock.
     """
+    away, team = elsewhere(mission, team)
     findings = [
+        *away,
         *feasibility(mission, stubs=stubs),
         *link_budget(mission, team),
         *kinds(team, bench=bench),

@@ -1,8 +1,11 @@
 """Preflight checks of each vehicle on the ground, and of the vehicles against each other, without parameters."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
-from math import hypot
+from math import atan2, hypot, pi
+
+import numpy as np
 
 from agents.ports import FlightMode
 from agents.shell.computer import ComputerClock
@@ -322,6 +325,62 @@ def clock_setting(clock: ComputerClock) -> Finding:
         "agents on several computers compute the age of each other's messages from their clocks",
         "install chrony on every computer of the team, with one of them or a time server as the source",
     )
+
+
+def elsewhere(mission: Mission, team: Sequence[VehicleFacts]) -> tuple[tuple[Finding, ...], Sequence[VehicleFacts]]:
+    """Return the finding of a team that stands away from the mission as a whole, and its facts without that shift.
+
+    The shift would otherwise be found once for each vehicle, start, height and fence.
+    """
+    placed = {each.vehicle_id: each.position_m for each in team if each.position_m is not None}
+    if mission.frame.local or not placed:
+        return (), team
+    offs_m = np.array([(*_off_start(place_m, mission.vehicle(i)), place_m[2]) for i, place_m in placed.items()])
+    shift_m = np.median(offs_m, axis=0)
+    away_m = hypot(*shift_m[:2])
+    if away_m <= PLACE_LIMIT_M or np.any(np.hypot(*(offs_m - shift_m).T[:2]) > PLACE_LIMIT_M):
+        return (), team
+    x, y, z = shift_m.tolist()
+    frame = mission.mission_frame()
+    north_m, east_m, _ = frame.ned_from_mission((x, y, 0.0))
+    there = frame.geodetic_from_mission((x, y, z))
+    found = Finding(
+        Grade.REFUSE,
+        MISSION,
+        "place",
+        f"the team is {_distance(away_m)} {_compass_point(north_m, east_m)} of the mission",
+        "starts, target and fence of the mission are where [frame] says",
+        "move the team, or the mission: "
+        f"frame.latitude_deg = {there.latitude_deg:.6f}, longitude_deg = {there.longitude_deg:.6f}, "
+        f"altitude_m = {there.altitude_m:.1f}",
+        temporary=not all(each.is_ready for each in team),
+    )
+    return (found,), [_shifted(each, (-x, -y, -z)) for each in team]
+
+
+def _shifted(facts: VehicleFacts, by_m: Triple) -> VehicleFacts:
+    """Return facts with all places moved."""
+    x, y, z = by_m
+    areas = facts.fence_areas and tuple(
+        replace(area, corners_m=tuple((cx + x, cy + y) for cx, cy in area.corners_m)) for area in facts.fence_areas
+    )
+    return replace(
+        facts,
+        origin_m=facts.origin_m and (facts.origin_m[0] + x, facts.origin_m[1] + y, facts.origin_m[2] + z),
+        position_m=facts.position_m and (facts.position_m[0] + x, facts.position_m[1] + y, facts.position_m[2] + z),
+        fence_areas=areas,
+    )
+
+
+def _distance(length_m: float) -> str:
+    return f"{length_m / 1000.0:.1f} km" if length_m >= 1000.0 else f"{length_m:.0f} m"
+
+
+_COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+
+
+def _compass_point(north_m: float, east_m: float) -> str:
+    return _COMPASS[round(atan2(east_m, north_m) / (pi / 4.0)) % len(_COMPASS)]
 
 
 def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:

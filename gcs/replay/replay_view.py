@@ -8,7 +8,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from gcs.console.summary import VERDICT_SIGNS
+from gcs.console.summary import VERDICT_STYLES
+from gcs.metrics.catalogue import VerdictState
 from gcs.replay.comparison import COVARIANCE_TOLERANCE, TOLERANCE, FieldDifference
 from gcs.replay.cores import DecisionDifference, Failure, Moment, Replay, VehicleReplay
 
@@ -53,10 +54,11 @@ def _table(vehicles: Sequence[VehicleReplay]) -> Table:
     table.add_column("", no_wrap=False)
     for each in vehicles:
         same = each.difference is None and each.failure is None
-        # No verdict for a vehicle that was not compared to the end.
-        sign, style = VERDICT_SIGNS[None if same and each.gap else same]
+        # A vehicle that was not compared to the end has no verdict.
+        passes = VerdictState.NOT_JUDGED if each.gap else VerdictState.PASSES
+        state = passes if same else VerdictState.FAILS
         counts = map(str, (each.vehicle_id, each.ticks, each.compared, each.identical))
-        table.add_row(Text(sign, style=style), *counts, Text(each.gap, style="yellow"))
+        table.add_row(Text(state.sign, style=VERDICT_STYLES[state]), *counts, Text(each.gap, style="yellow"))
     return table
 
 

@@ -13,9 +13,9 @@ from rich.text import Text
 
 from estimation.input_file import toml_content
 from estimation.state import Vector
-from gcs.console.summary import VERDICT_SIGNS
-from gcs.metrics.catalogue import FLIGHT, FLOCKING, PHASES, VEHICLE, Metric
-from gcs.metrics.result import FlightResult
+from gcs.console.summary import VERDICT_STYLES
+from gcs.metrics.catalogue import FLIGHT, FLOCKING, PHASES, VEHICLE, Metric, VerdictState
+from gcs.metrics.result import FlightResult, verdict_states
 from gcs.metrics.vehicles import VehicleResult
 from gcs.mission.mission import Mission
 from gcs.mission.sections import SECTIONS, TUNED, TUNING
@@ -267,12 +267,17 @@ def comparison_table(flights: Sequence[ComparedFlight]) -> TerminalTable:
     table = _terminal_table(["", *(flight.name for flight in flights), "spread", "best"], len(flights) + 1)
     if any(flight.result.ended for flight in flights):
         table.add_row(Text("ended", style="bold"), *(_ending(flight.result) for flight in flights))
-    for name in flights[0].result.verdicts.named():
-        marks = (VERDICT_SIGNS[flight.result.verdicts.named()[name]] for flight in flights)
-        table.add_row(Text(name, style="bold"), *(Text(sign, style=style) for sign, style in marks))
+    for name, states in _states(flights).items():
+        table.add_row(Text(name, style="bold"), *(Text(each.sign, style=VERDICT_STYLES[each]) for each in states))
     for each in comparisons(flights):
         table.add_row(*map(Text, (each.metric, *each.values, each.spread)), Text(each.best, style="green"))
     return table
+
+
+def _states(flights: Sequence[ComparedFlight]) -> dict[str, list[VerdictState]]:
+    """Return what each flight shows of each verdict, by the verdict's name."""
+    of_each = [verdict_states(flight.result) for flight in flights]
+    return {name: [states[name] for states in of_each] for name in of_each[0]}
 
 
 def difference_table(flights: Sequence[ComparedFlight]) -> TerminalTable:
@@ -324,8 +329,7 @@ def comparison_html(flights: Sequence[ComparedFlight]) -> str:
         key=tuple(key_line(name, flight_style(index)) for index, name in enumerate(names)),
         differences=Table("Values that differ", ("place", *names), differing, words=1 + len(names)),
         verdicts=tuple(
-            tuple(VerdictEntry(name, "", flight.result.verdicts.named()[name], ()) for flight in flights)
-            for name in flights[0].result.verdicts.named()
+            tuple(VerdictEntry(name, "", state, ()) for state in states) for name, states in _states(flights).items()
         ),
         section=Section("charts", "Charts", _LEAD, charts, missing=remarks(flights)),
         metrics=Table("All metrics", ("metric", *names, "spread", "best"), metrics),

@@ -33,6 +33,7 @@ from gcs.station.picture import FlightPicture
 from gcs.station.recorded_flight import recorded_flight
 
 _AFTER_ENDING = {
+    FlightEnd.LOST: "recover it at its last position, and find out why its link was lost",
     FlightEnd.KILLED: "recover and inspect before the next flight",
     FlightEnd.ERROR: "report the error with this log, and repeat the mission in simulation before the next flight",
     FlightEnd.WATCHDOG: "find out what stopped the agent's process; docs/deadman.md lists causes",
@@ -63,8 +64,10 @@ def next_steps(result: FlightResult, evidence: FlightEvidence) -> tuple[NextStep
         *_after_ending(result),
         *_separate(result, evidence),
         *_engage(result, evidence),
+        *_keep(result, evidence),
         *_identify(result, evidence),
         *_settle(result, evidence),
+        *_judge(result),
         *_hurry(result, evidence),
     )
 
@@ -104,6 +107,16 @@ def _engage(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep
             yield NextStep(f"Vehicle {vehicle.id} did not engage: the reasons are in", _explained(evidence, vehicle.id))
 
 
+def _keep(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]:
+    left: dict[str, list[int]] = {}
+    for each in result.departures or ():
+        left.setdefault(each.cause, []).append(each.vehicle)
+    for cause, vehicles in left.items():
+        whose = named(sorted({*vehicles}))
+        text = f"{whose[:1].upper()}{whose[1:]} left formation or ring ({cause}): the reasons are in"
+        yield NextStep(text, _explained(evidence, vehicles[0]))
+
+
 def _identify(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]:
     invalid = [note.vehicle_id for note in evidence.plants if note.is_invalid]
     if invalid:
@@ -119,12 +132,17 @@ def _settle(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep
     worst = max(result.vehicles, key=lambda vehicle: getattr(vehicle, metric) or 0.0)
     left_s = result.ring.unsettled_at_s
     when = f"The ring left its limits at {left_s:.1f} s: look" if left_s is not None else "Look"
-    text = f"{listed(failed)} {'does' if len(failed) == 1 else 'do'} not hold. {when} at the timeline and at"
+    text = f"{listed(failed)} {'fails' if len(failed) == 1 else 'fail'}. {when} at the timeline and at"
     yield NextStep(text, _explained(evidence, worst.id))
 
 
-_APART = ("separation", "engaged")
+_APART = ("separation", "engaged", "kept")
 """The verdicts that have steps of their own."""
+
+
+def _judge(result: FlightResult) -> Iterator[NextStep]:
+    if result.passes is None and not result.ended_early:
+        yield NextStep(f"{listed(result.not_judged)} could not be judged: fly for longer.")
 
 
 def _hurry(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]:

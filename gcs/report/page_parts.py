@@ -6,6 +6,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from gcs.metrics.catalogue import VerdictState
 from gcs.metrics.record import FlightRecord
 from gcs.report.charts.chart import Chart
 from gcs.style import DARK, themed, vehicle_style
@@ -53,27 +54,17 @@ _NARROW_COLUMNS = 6
 
 @dataclass(frozen=True, slots=True)
 class VerdictEntry:
-    """A verdict (True holds, False does not, None does not apply) with its (measured, allowed) values."""
+    """A verdict with its (measured, allowed) values."""
 
     name: str
     meaning: str
-    holds: bool | None
+    state: VerdictState
     evidence: tuple[tuple[str, str], ...]
-
-    @property
-    def sign(self) -> str:
-        """The verdict as a sign."""
-        return {True: "✓", False: "✗", None: "–"}[self.holds]
-
-    @property
-    def word(self) -> str:
-        """The verdict as text."""
-        return {True: "holds", False: "does not hold", None: "does not apply"}[self.holds]
 
     @property
     def style(self) -> str:
         """The CSS class of the verdict."""
-        return {True: "good", False: "bad", None: "none"}[self.holds]
+        return {VerdictState.PASSES: "good", VerdictState.FAILS: "bad"}.get(self.state, "none")
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,9 +115,9 @@ def sections(flight: ReportedFlight) -> tuple[Section, ...]:
         _estimates(flight),
         _loops(flight),
         _links(flight),
+        _power(flight),
         _reynolds(flight),
         _lyapunov(flight),
-        _power(flight),
         _metrics(flight),
     )
 

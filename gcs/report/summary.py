@@ -5,10 +5,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from agents.notes import Kind
-from gcs.metrics.catalogue import VERDICTS, evidence
+from gcs.metrics.catalogue import VERDICTS, VerdictState, evidence
+from gcs.metrics.departures import departures_line
 from gcs.metrics.ending import named
 from gcs.metrics.references import engaged_line
-from gcs.metrics.result import FlightResult, reference_line, window_line
+from gcs.metrics.result import FlightResult, judged_line, reference_line, verdict_states, window_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
 
@@ -25,9 +26,9 @@ _SOURCES = {
 
 def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ...]:
     """Return the verdicts in the paper's order, each with its measured and its allowed values."""
-    held = result.verdicts.named()
+    states = verdict_states(result)
     return tuple(
-        VerdictEntry(each.name, each.subject, held[each.name], tuple(_measured(each.name, result, criteria)))
+        VerdictEntry(each.name, each.subject, states[each.name], tuple(_measured(each.name, result, criteria)))
         for each in VERDICTS
     )
 
@@ -40,8 +41,13 @@ def _measured(verdict: str, result: FlightResult, criteria: Criteria) -> Iterato
             limit = "at least" if metric.worst == "min" else "at most"
             allowed = f"{limit} {getattr(criteria.tolerances, judged.tolerance):g}{metric.spaced_unit}"
             yield " ".join(filter(None, (judged.subject, worst, judged.kind))), allowed
-    if verdict == "engaged" and (engaged := engaged_line(result.engagement)):
-        yield engaged, ""
+    beside = {
+        **dict.fromkeys(("C1", "C2", "C3"), judged_line(result)),
+        "engaged": engaged_line(result.engagement),
+        "kept": departures_line(result.departures),
+    }
+    if text := beside.get(verdict):
+        yield text, ""
 
 
 def headline(result: FlightResult) -> str:
@@ -51,13 +57,16 @@ def headline(result: FlightResult) -> str:
 
 
 def _verdicts_line(result: FlightResult) -> str:
-    held = list(result.verdicts.named().values())
-    applied, failed = len(held) - held.count(None), held.count(False)
+    states = [state for state in verdict_states(result).values() if state is not VerdictState.NOT_ASKED]
+    applied, failed, unjudged = len(states), states.count(VerdictState.FAILS), len(result.not_judged)
     if not applied:
         return "No verdict applies"
-    if failed:
-        return f"{failed} of {applied} verdicts {'does' if failed == 1 else 'do'} not hold"
-    return "All verdicts hold" if applied == len(held) else f"All {applied} verdicts that apply hold"
+    if not failed and not unjudged:
+        return "All verdicts pass" if applied == len(VERDICTS) else f"All {applied} verdicts that apply pass"
+    of = f" of {applied} verdicts"
+    fail = f"{failed}{of} {'fails' if failed == 1 else 'fail'}" if failed else ""
+    left = f"{unjudged}{'' if failed else of} could not be judged" if unjudged else ""
+    return ", ".join(filter(None, (fail, left)))
 
 
 def summary(result: FlightResult, criteria: Criteria) -> str:
@@ -65,6 +74,7 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
     sentences = [
         _flown(result),
         *_engaged(result),
+        *_left(result),
         *_ring(result, criteria),
         *_estimate(result),
         *_apart(result, criteria),
@@ -93,6 +103,11 @@ def _engaged(result: FlightResult) -> list[str]:
     rest = f"; not engaged: {listed(stayed)}" if stayed else ""
     never = f"; {named(missing)} should have, and never did" if missing else ""
     return [f"Engaged on the ring: {shown}{rest}{never}."]
+
+
+def _left(result: FlightResult) -> list[str]:
+    left = departures_line(result.departures)
+    return [f"{left[:1].upper()}{left[1:]}."] if result.departures else []
 
 
 def _ring(result: FlightResult, criteria: Criteria) -> list[str]:

@@ -12,7 +12,14 @@ from typing import Protocol
 
 import msgspec
 
-from gcs.station.picture import AnswerPicture, EventPicture, MissionPicture, OperatorRights, TeamPicture
+from gcs.station.picture import (
+    AnswerPicture,
+    EventPicture,
+    MissionPicture,
+    OperatorRights,
+    ReceiptPicture,
+    TeamPicture,
+)
 
 Published = MissionPicture | TeamPicture | EventPicture
 Publish = Callable[[Published], None]
@@ -23,6 +30,10 @@ class Source(Protocol):
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
         """Return the constant part of the pictures, with the rights of this operator."""
+        ...
+
+    def recover(self, vehicle_id: int) -> None:
+        """Take an operator's confirmation that a vehicle was recovered."""
         ...
 
     async def run(self, publish: Publish) -> None:
@@ -68,8 +79,8 @@ class Broadcast:
                 self._team, self._teams = _encoded(picture), self._teams + 1
         self._wake()
 
-    def answer(self, reading: Reading, answer: AnswerPicture) -> None:
-        """Publish an answer to one page."""
+    def answer(self, reading: Reading, answer: AnswerPicture | ReceiptPicture) -> None:
+        """Publish an answer, or the receipt of a request, to one page."""
         reading.answers.append(_encoded(answer))
         self._wake()
 
@@ -98,5 +109,5 @@ class Broadcast:
         self._changed = asyncio.Event()
 
 
-def _encoded(picture: Published | AnswerPicture) -> str:
+def _encoded(picture: Published | AnswerPicture | ReceiptPicture) -> str:
     return msgspec.json.encode(picture).decode()

@@ -69,7 +69,7 @@ class Commands:
     def rights(self) -> OperatorRights:
         """The operator's name and permitted commands."""
         if self._client is None or self._identity is None:
-            return OperatorRights()
+            return OperatorRights(read_only=self._read_only)
         may = tuple(verb for verb in self._identity.may if VERBS[verb].button)
         return OperatorRights(self._identity.participant.name, may)
 
@@ -117,6 +117,9 @@ class Commands:
             yield f"{UNDER_WAY_MAX} commands are in progress: try again"
         if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
             yield f"select vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
+        asked = self._mission.ids if request.vehicles is None else request.vehicles
+        if self._client is not None and self._client.ended.keys() >= set(asked):
+            yield "the flight of every vehicle that it is for has ended"
         confirmation = VERBS[request.verb].confirmation
         if confirmation == "word" and request.confirmation != request.verb:
             yield f"{request.verb} needs the word {request.verb} as confirmation"

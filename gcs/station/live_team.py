@@ -21,7 +21,7 @@ _FOLLOWED_EVERY_S, _TRIED_AGAIN_S = 0.2, 1.0
 class LiveTeam:
     """A source of pictures of the successive flights of one mission's team."""
 
-    def __init__(self, mission: Mission, source: FlightSource = "flight") -> None:
+    def __init__(self, mission: Mission, source: FlightSource = "unstated") -> None:
         """Take the mission; `source` is the kind of its vehicles."""
         self._mission = mission
         self._source = source
@@ -41,6 +41,10 @@ class LiveTeam:
         """Take the end of the flying process, from its supervisor."""
         self.has_lost_flight = True
         self._pictures.lose(flight, time.monotonic())
+
+    def recover(self, vehicle_id: int) -> None:
+        """Take an operator's confirmation that a vehicle was recovered."""
+        self._pictures.recover(vehicle_id)
 
     async def run(self, publish: Publish) -> None:
         """Publish the team ten times a second, and events as they come, until cancelled.

@@ -16,7 +16,8 @@ from gcs.console.vehicle_view import Pair, VehicleView
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.style import COLOURS
 
-FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log"]
+FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
+"""The kind of the vehicles; "unstated" where nobody has said whether real ones fly."""
 
 
 class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=False):
@@ -34,10 +35,11 @@ class PlannedVehicle(msgspec.Struct, frozen=True):
 
 
 class OperatorRights(msgspec.Struct, frozen=True):
-    """The operator of this page and the permitted verbs, none for a read-only page."""
+    """The operator of this page and the permitted verbs; none for a read-only page, with the reason as a clause."""
 
     name: str = ""
     may: tuple[Verb, ...] = ()
+    read_only: str = ""
 
 
 class TilesPicture(msgspec.Struct, frozen=True):
@@ -73,19 +75,24 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
 
 
 class TargetPicture(msgspec.Struct, frozen=True):
-    """The target by the newest estimate: position, velocity, covariance (xx, xy, yy), and the age of the sighting."""
+    """The target by the newest estimate: position, velocity, covariance (xx, xy, yy), and the age of the sighting.
+
+    `lost_speed_m_s` is set for a target of which no vehicle has an estimate: the largest speed at which it may have
+    moved from its last place, which the others are. None while it is estimated.
+    """
 
     position_m: Pair
     velocity_m_s: Pair
     covariance_m2: Triple
     sighting_age_s: float
+    lost_speed_m_s: float | None = None
 
 
 class LostPicture(msgspec.Struct, frozen=True):
     """A flight whose messages have stopped while its vehicles may be in the air.
 
-    `reason` is a clause, `vehicles` are those that have not landed as far as known (empty: unknown), `since_wall_s` is
-    Unix time. `autopilots` is what controls the vehicles now, `advice` the operator's action.
+    `reason` is a clause, `vehicles` are those that are unaccounted for, `since_wall_s` is Unix time. `autopilots` is
+    what controls the vehicles now, empty if it is not known, `advice` the operator's action.
     """
 
     reason: str
@@ -140,6 +147,12 @@ class AnswerPicture(_Picture, frozen=True, tag="answer"):
     is_final: bool
 
 
+class ReceiptPicture(_Picture, frozen=True, tag="receipt"):
+    """The receipt of a page's request: until then the page does not know whether it has arrived."""
+
+    request: str
+
+
 class FlightPicture(_Picture, frozen=True, tag="flight"):
     """A recorded flight: its pictures at an even rate, and all events."""
 
@@ -160,6 +173,12 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     vehicles: tuple[int, ...] | None
     confirmation: str = ""
     overrides_pilot: bool = False
+
+
+class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):
+    """An operator's confirmation on a page that a vehicle, which was unaccounted for, was recovered."""
+
+    vehicle_id: int
 
 
 def mission_picture(

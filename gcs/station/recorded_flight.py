@@ -24,6 +24,7 @@ from gcs.station.picture import (
     mission_picture,
 )
 from gcs.station.recorded_vehicle import RecordedVehicle, Sampled
+from gcs.station.seen_target import SeenTarget
 
 PICTURES_HZ = 5.0
 _VEHICLE_PICTURES, _STEP_MAX_S = 4200, 1.0
@@ -57,6 +58,11 @@ class _Clock:
         pictures = int((ended_s - began_s) / step_s) + 2
         return cls(began_s, step_s, pictures, min(starts_s, default=inf), unix_s, logs[0].run.speed)
 
+    @property
+    def last_s(self) -> float:
+        """The time of the last picture."""
+        return self.began_s + (self.pictures - 1) * self.step_s
+
     def times_s(self) -> Iterator[float]:
         """Return the times of the pictures."""
         return (self.began_s + k * self.step_s for k in range(self.pictures))
@@ -85,8 +91,9 @@ def recorded_flight(
     vehicles = [RecordedVehicle(*each) for each in sorted(_recorded(logs), key=lambda each: mission.ids.index(each[1]))]
     samples = [each.sampled(clock.times_s()) for each in vehicles]
     fence_of = fences([each.section for each in mission.vehicles], mission.safety)
+    seen_target = SeenTarget(mission)
     teams = [
-        _team(clock, time_s, mission.ids, row, fence_of, duration_s)
+        _team(clock, time_s, mission.ids, row, fence_of, duration_s, seen_target)
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
     teams[-1] = replace(teams[-1], ending=_ending(logs))
@@ -101,6 +108,7 @@ def _team(
     sampled: Sequence[Sampled],
     fence_of: Mapping[int, Fence],
     duration_s: float,
+    seen_target: SeenTarget,
 ) -> TeamPicture:
     flying = [each.vehicle for each in sampled if not each.vehicle.has_ended]
     places_m = {each.vehicle_id: each.position_m[:2] for each in flying if each.position_m is not None}
@@ -110,7 +118,9 @@ def _team(
         since_s,
         clock.wall_s(time_s),
         tuple(vehicles.get(vehicle_id) or VehicleView(vehicle_id) for vehicle_id in ids),
-        _target([each.target for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]),
+        seen_target.picture(
+            _target([each.target for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]), time_s
+        ),
         sum(each.radius_m is not None and not each.is_stale for each in flying),
         remaining_s=None if since_s is None else round(max(duration_s - since_s, 0.0), 3),
     )
@@ -135,7 +145,8 @@ def _events(clock: _Clock, vehicles: Iterable[RecordedVehicle]) -> Iterator[Even
         key=lambda event: event[0],
     )
     for number, (time_s, vehicle_id, text, level) in enumerate(happened, 1):
-        yield EventPicture(number, clock.mission_s(time_s), clock.wall_s(time_s), level, text, vehicle_id)
+        at_s = min(time_s, clock.last_s)  # the end of a vehicle is recorded after the last picture
+        yield EventPicture(number, clock.mission_s(at_s), clock.wall_s(at_s), level, text, vehicle_id)
 
 
 def _ending(logs: Sequence[FlightLog]) -> str:

@@ -13,9 +13,10 @@ from agents.team.messages import LINK_SILENT_S, AutopilotReport
 from estimation.state import MOTION, Telemetry
 from gcs.console.advice import Severity, event_severity
 from gcs.console.team_state import SILENT_AFTER_S
-from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView, with_alert, with_outlook
+from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView, with_alert, with_outlook, with_unaccounted
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision, VehicleEnd, notes_of, outlook_of
+from gcs.metrics.ending import UNACCOUNTED
 from gcs.station.picture import TargetPicture
 
 _ANGLE_DIGITS, _LENGTH_DIGITS = 4, 2
@@ -62,8 +63,8 @@ class RecordedVehicle:
             if tick is None:
                 yield Sampled(VehicleView(self.vehicle_id), None)
             else:
-                is_over = following is None and self._end is not None and tick.decision.time_s < time_s
-                yield Sampled(self._vehicle(tick, time_s, has_ended=is_over), _target(tick, time_s))
+                is_over = following is None and tick.decision.time_s < time_s
+                yield Sampled(self._vehicle(tick, time_s, is_over=is_over), _target(tick, time_s))
 
     def _ticks(self) -> Iterator[_Tick]:
         """Return the ticks, and collect the events between them."""
@@ -83,13 +84,19 @@ class RecordedVehicle:
                 altitude_m, motion_s = record.message().position_m[2], self._received_s(record)
             elif record.kind is VehicleEnd and self._end is not None and self._end.how:
                 level: Severity = "information" if FlightEnd(self._end.how) in _AS_PLANNED else "warning"
-                self.events.append((self._received_s(record), f"flight ended: {self._end.reason}", level))
+                text = f"flight ended: {self._end.reason}"
+                if self._end.unaccounted is not None:
+                    text, level = f"{UNACCOUNTED}: {self._end.reason}", "alarm"
+                self.events.append((self._received_s(record), text, level))
 
     def _received_s(self, record: LogRecord) -> float:
         return record.time_ns * 1e-9 * self._speed
 
-    def _vehicle(self, tick: _Tick, time_s: float, *, has_ended: bool) -> VehicleView:
-        decision = tick.decision
+    def _vehicle(self, tick: _Tick, time_s: float, *, is_over: bool) -> VehicleView:
+        """Return the vehicle; after its last tick it is unaccounted for unless its log says how its flight ended."""
+        decision, end = tick.decision, self._end
+        is_unaccounted = is_over and (end is None or end.unaccounted is not None)
+        has_ended = is_over and not is_unaccounted
         age_s = (time_s - decision.time_s) / self._speed
         link_age_s = None if tick.motion_s is None else max(time_s - tick.motion_s, 0.0) / self._speed
         is_cut = link_age_s is not None and link_age_s > LINK_SILENT_S
@@ -102,11 +109,14 @@ class RecordedVehicle:
             has_ended=has_ended,
             tactic=decision.tactic,
             link_age_s=_rounded(link_age_s),
-            ending=self._end.reason if has_ended and self._end is not None else "",
+            ending=end.reason if has_ended and end is not None else "",
         )
+        view = _with_status(_with_motion(view, tick), tick.status)
+        if is_unaccounted:
+            last = None if end is None else end.unaccounted
+            return with_unaccounted(view if last is None else replace(view, position_m=last.position_m))
         view = with_outlook(view, None if has_ended else outlook_of(decision), time_s)
-        alert = "" if has_ended else decision.alert or lost
-        return with_alert(_with_status(_with_motion(view, tick), tick.status), alert, is_lost=bool(lost))
+        return with_alert(view, "" if has_ended else decision.alert or lost, is_lost=bool(lost))
 
 
 def _with_motion(view: VehicleView, tick: _Tick) -> VehicleView:

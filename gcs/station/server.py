@@ -16,18 +16,27 @@ import msgspec
 import uvicorn
 from msgspec.structs import replace
 from starlette.applications import Starlette
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from agents.ports import VehicleRefusedError
 from gcs.station.access import Access, AccessGate
 from gcs.station.broadcast import Broadcast, Reading, Source
 from gcs.station.commands import Commands
-from gcs.station.picture import CommandRequest, FlightPicture, MissionPicture, OperatorRights
+from gcs.station.picture import (
+    CommandRequest,
+    FlightPicture,
+    MissionPicture,
+    OperatorRights,
+    ReceiptPicture,
+    RecoveredRequest,
+)
 from gcs.station.tiles import MapTiles
 
 PAGE = Path(__file__).parent / "page"
@@ -36,6 +45,8 @@ REQUEST_MAX_BYTES = 4096
 _DEAD_AFTER_S = 10
 """A page that reads nothing for this time is removed."""
 _PING_PERIOD_S = 5.0
+WAITING_MAX_BYTES = 8192
+"""What may wait to be sent on a connection, once in this process and once in the kernel."""
 LEFT_AFTER_S = 30.0
 """A station that outlives its flight ends when no page has been open for this long."""
 _MALFORMED, _TOO_MANY = 1007, 1013
@@ -45,10 +56,13 @@ _TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 class Stream:
     """The WebSocket of live pages: pictures, events and answers out, requests of commands in."""
 
-    def __init__(self, broadcast: Broadcast, commands: Commands) -> None:
-        """Take the content for pages, and the receiver of their requests."""
+    def __init__(
+        self, broadcast: Broadcast, commands: Commands, recover: Callable[[int], object] = lambda _vehicle_id: None
+    ) -> None:
+        """Take the content for pages, and the receivers of their requests and of confirmed recoveries of vehicles."""
         self._broadcast = broadcast
         self._commands = commands
+        self._recover = recover
         self.pages = 0
         """Number of open pages."""
 
@@ -78,12 +92,16 @@ class Stream:
     async def _listen(self, page: WebSocket, reading: Reading) -> None:
         while (message := await page.receive())["type"] != "websocket.disconnect":
             try:
-                request = msgspec.json.decode(message.get("text") or "", type=CommandRequest)
+                request = msgspec.json.decode(message.get("text") or "", type=CommandRequest | RecoveredRequest)
             except msgspec.DecodeError as error:  # a msgspec.ValidationError is one
                 with suppress(WebSocketDisconnect, RuntimeError):  # the page has disconnected meanwhile
                     await page.close(_MALFORMED, str(error)[:100])
                 return
-            self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
+            if isinstance(request, RecoveredRequest):
+                self._recover(request.vehicle_id)
+            else:
+                self._broadcast.answer(reading, ReceiptPicture(request.request))
+                self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
 
 
 def live_app(stream: Stream, page: Path = PAGE, tiles: MapTiles | None = None) -> ASGIApp:
@@ -104,7 +122,7 @@ def recorded_app(flight: FlightPicture, page: Path = PAGE, tiles: MapTiles | Non
 
 
 def _app(data: BaseRoute, page: Path, tiles: MapTiles | None) -> Starlette:
-    files = Mount("/", StaticFiles(directory=page, html=True, check_dir=False))
+    files = Mount("/", GZipMiddleware(StaticFiles(directory=page, html=True, check_dir=False), compresslevel=4))
     return Starlette(routes=[data, *([] if tiles is None else [_tiles_route(tiles)]), files])
 
 
@@ -141,7 +159,7 @@ async def serve_team(
     """
     broadcast = Broadcast()
     ours = commands(broadcast)
-    stream = Stream(broadcast, ours)
+    stream = Stream(broadcast, ours, source.recover)
 
     def publish(rights: OperatorRights) -> None:
         broadcast.publish(_with_tiles(source.mission(rights), tiles))
@@ -172,6 +190,16 @@ async def _left(stream: Stream, outlives: Callable[[], bool]) -> None:
         await asyncio.sleep(1.0)
 
 
+class _PromptSocket(WebSocketsSansIOProtocol):
+    """A WebSocket that holds back little: on a slow link what waits is replaced by newer pictures, not sent late."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the transport of a connection."""
+        super().connection_made(transport)
+        if isinstance(transport, asyncio.WriteTransport):
+            transport.set_write_buffer_limits(high=WAITING_MAX_BYTES)
+
+
 async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: asyncio.Event) -> None:
     """Serve an application behind the gate until `stop`; open pages are disconnected."""
     certificate, key = access.tls or (None, None)
@@ -182,11 +210,10 @@ async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: as
         access_log=False,
         server_header=False,
         proxy_headers=False,
-        ws="websockets-sansio",
+        ws=_PromptSocket,
         ws_max_size=REQUEST_MAX_BYTES,
         ws_ping_interval=_PING_PERIOD_S,
         ws_ping_timeout=_DEAD_AFTER_S,
-        ws_per_message_deflate=False,
         limit_concurrency=3 * PAGES_MAX,
         ssl_certfile=certificate,
         ssl_keyfile=key,
@@ -210,8 +237,9 @@ def listen(access: Access) -> socket.socket:
         raise _unavailable(access, error) from error
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if hasattr(socket, "TCP_USER_TIMEOUT"):  # connections inherit it
-            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAD_AFTER_S * 1000)
+        for name, value in (("TCP_USER_TIMEOUT", _DEAD_AFTER_S * 1000), ("TCP_NOTSENT_LOWAT", WAITING_MAX_BYTES)):
+            if hasattr(socket, name):  # connections inherit it
+                listening.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
         listening.bind(end)
         listening.listen(PAGES_MAX)
     except OSError as error:

@@ -6,6 +6,8 @@ from itertools import count
 from math import inf
 from statistics import median_high
 
+from msgspec.structs import replace
+
 from agents.ring.place import ring_place
 from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport
 from gcs.console.advice import Severity
@@ -15,19 +17,23 @@ from gcs.console.vehicle_view import (
     SILENT,
     Pair,
     VehicleView,
+    may_fly,
     with_alert,
     with_report,
     with_state,
     with_surroundings,
+    with_unaccounted,
 )
-from gcs.metrics.ending import AUTOPILOTS_ALONE, WATCH_THEM, LostFlight
+from gcs.metrics.ending import AUTOPILOTS_ALONE, UNACCOUNTED, WATCH_THEM, LostFlight, named
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
 from gcs.station.picture import EventPicture, LostPicture, TargetPicture, TeamPicture
+from gcs.station.seen_target import SeenTarget
 
 VANISHED_AFTER_S = 3.0
 """A team whose messages stop all at once for this long has lost its processes, or this computer its network."""
 _PROCESSES_ENDED = "every process that flew them has ended, and no vehicle has reported its landing"
+_RECOVERED = "recovered"
 _VANISHED = "no vehicle sends messages: their processes have ended, or this computer's network is cut"
 
 
@@ -59,6 +65,18 @@ class _Received:
         """Return the time of its newest state, or of any message if it has sent no state yet."""
         return self.any_s if self.state is None else self.state_s
 
+    @property
+    def may_fly(self) -> bool:
+        """Whether it is in the air by what it has sent, or may be; in take-off it sends reports only."""
+        is_known = self.state is not None or self.report is not None
+        return is_known and may_fly(self.report) and not self.ended
+
+    def with_last_position(self, view: VehicleView, now_s: float) -> VehicleView:
+        """Return its view with the position in its report, if its flight has ended without an account of it."""
+        if self.report is None or self.report.unaccounted_m is None:
+            return view
+        return replace(view, position_m=self.report.unaccounted_m, age_s=now_s - self.report_s)
+
     def is_stale(self, now_s: float) -> bool:
         """Return whether its messages have stopped, or its link is cut."""
         return now_s - self.received_s() > SILENT_AFTER_S or self.is_link_cut
@@ -73,11 +91,14 @@ class TeamPictures:
     def __init__(self, mission: Mission, unix_offset_s: float) -> None:
         self._unix_offset_s = unix_offset_s
         self._received = {vehicle_id: _Received() for vehicle_id in mission.ids}
+        self._seen_target = SeenTarget(mission)
         self._fences = fences([each.section for each in mission.vehicles], mission.safety)
         self._state = TeamState(mission.ids)
         self._numbers = count(1)
         self._events: list[tuple[int | None, str, Severity]] = []
         self._lost: tuple[float, LostFlight] | None = None
+        self._unaccounted: set[int] = set()
+        self._recovered: set[int] = set()
         self._time_s: float | None = None
         self._remaining_s: float | None = None
 
@@ -100,6 +121,8 @@ class TeamPictures:
                 self._events += [(message.sender, *event) for event in _news(received.report, message)]
                 if received.report is not None and _is_of_another_flight(received.report, message):
                     received.state, received.state_s, received.sighted_s = None, -inf, -inf
+                    self._recovered.discard(message.sender)
+                    self._seen_target.forget()
                 if message.ended:
                     self._state.end(message.sender)
                 received.report, received.report_s = message, now_s
@@ -109,7 +132,14 @@ class TeamPictures:
     def lose(self, flight: LostFlight, now_s: float) -> None:
         """Take the end of the flying process, from its supervisor."""
         self._lost = now_s, flight
-        self._events.append((None, flight.reason, "alarm"))
+        self._events.append((None, f"{named(flight.vehicles)} {UNACCOUNTED}: {flight.reason}", "alarm"))
+
+    def recover(self, vehicle_id: int) -> None:
+        """Take an operator's confirmation that a vehicle was recovered; no effect on one that is accounted for."""
+        if vehicle_id in self._unaccounted:
+            self._unaccounted.discard(vehicle_id)
+            self._recovered.add(vehicle_id)
+            self._events.append((vehicle_id, f"{_RECOVERED}, as an operator confirmed on the page", "information"))
 
     def new_events(self, now_s: float) -> list[EventPicture]:
         """Return the events since the last call."""
@@ -129,16 +159,21 @@ class TeamPictures:
         """Return the team at `now_s`; `link` is the fault of the link to it, and no flight runs if it `is_over`."""
         self._update_time(now_s)
         lost = self._lost_picture(now_s, is_over=is_over)
+        self._unaccounted = self._found_unaccounted(is_gone=is_over or lost is not None)
+        unaccounted = tuple(i for i in self._received if i in self._unaccounted)
+        lost = replace(lost, vehicles=unaccounted) if lost is not None and unaccounted else None
         is_over = is_over and lost is None
-        places_m = {i: each.state.position_m for i, each in self._received.items() if each.state and not each.ended}
-        vehicles = tuple(
-            self._vehicle(i, now_s, places_m, is_over=is_over, is_lost=lost is not None) for i in self._received
-        )
+        places_m = {
+            i: each.state.position_m
+            for i, each in self._received.items()
+            if each.state and (not each.ended or i in self._unaccounted)
+        }
+        vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._received)
         return TeamPicture(
             self._time_s,
             now_s + self._unix_offset_s,
             vehicles,
-            self._target(now_s),
+            self._seen_target.picture(self._target(now_s), now_s),
             sum(each.radius_m is not None and not each.is_stale and not each.has_ended for each in vehicles),
             self._ending(is_over=is_over),
             (link if lost is None else "") or self._silence(now_s, is_over=is_over),
@@ -146,13 +181,24 @@ class TeamPictures:
             lost,
         )
 
+    def _found_unaccounted(self, *, is_gone: bool) -> set[int]:
+        """Return the vehicles that nothing accounts for: by their reports, or because the flight `is_gone`."""
+        found = {
+            i
+            for i, each in self._received.items()
+            if (each.report is not None and each.report.unaccounted_m is not None) or (is_gone and each.may_fly)
+        }
+        if self._lost is not None:
+            found |= self._received.keys() & self._lost[1].vehicles
+        return found - self._recovered
+
     def _lost_picture(self, now_s: float, *, is_over: bool) -> LostPicture | None:
         """Return the loss that the supervisor reported, or that of a whole team whose messages stopped in flight."""
         if self._lost is not None:
             flight = self._lost[1]
             return LostPicture(flight.reason, flight.vehicles, flight.ended_s, flight.autopilots, flight.next_step)
         received = [each for each in self._received.values() if each.any_s > -inf]
-        if any(each.ended for each in received) or not any(each.state for each in received):
+        if any(each.ended for each in received) or not any(each.may_fly for each in received):
             return None
         since_s = max(each.any_s for each in received)
         if now_s - since_s <= (SILENT_AFTER_S if is_over else VANISHED_AFTER_S):
@@ -175,23 +221,21 @@ class TeamPictures:
             self._time_s = since_s if since_s >= 0.0 else None
             self._remaining_s = min(max(duration_s - since_s, 0.0), duration_s)
 
-    def _vehicle(
-        self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool, is_lost: bool
-    ) -> VehicleView:
+    def _vehicle(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Pair], *, is_over: bool) -> VehicleView:
         received = self._received[vehicle_id]
         if received.any_s == -inf:
             return VehicleView(vehicle_id)
-        is_stale, has_ended = received.is_stale(now_s), bool(received.ended) or is_over
+        ending = _RECOVERED if vehicle_id in self._recovered else received.ended
+        is_stale, has_ended = received.is_stale(now_s), bool(ending) or is_over
         own_alert = "" if received.state is None else received.state.alert
-        # Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
-        lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale and not is_lost else ""
+        lost = (LINK_CUT if received.is_link_cut else SILENT) if is_stale else ""
         view = VehicleView(
             vehicle_id,
             age_s=now_s - received.received_s(),
             is_stale=is_stale,
             has_ended=has_ended,
             lead_rad=self._lead_rad(vehicle_id, now_s),
-            ending=received.ended,
+            ending=ending,
         )
         if received.state is not None:
             view = with_state(view, received.state)
@@ -199,8 +243,10 @@ class TeamPictures:
             since_s = now_s - max(received.state_s, received.report_s)
             clock_s = max(_time_s(received.state), received.report.time_s) + since_s
             view = with_report(view, received.report, now_s - received.report_s, clock_s)
-        alert = "" if has_ended else own_alert or lost
-        return with_alert(with_surroundings(view, places_m, self._fences), alert, is_lost=bool(lost))
+        view = with_surroundings(view, places_m, self._fences)
+        if vehicle_id in self._unaccounted:
+            return with_unaccounted(received.with_last_position(view, now_s))
+        return with_alert(view, "" if has_ended else own_alert or lost, is_lost=bool(lost))
 
     def _lead_rad(self, vehicle_id: int, now_s: float) -> float | None:
         """Return the angle to the vehicle ahead on the ring, None for a vehicle off the ring or alone on it."""
@@ -227,7 +273,13 @@ class TeamPictures:
             return ""
         by_end: dict[str, list[str]] = {}
         for vehicle_id, ended in received.items():
-            by_end.setdefault(ended or "silent at the end: find and inspect it", []).append(str(vehicle_id))
+            if vehicle_id in self._unaccounted:
+                end = UNACCOUNTED
+            elif vehicle_id in self._recovered:
+                end = _RECOVERED
+            else:
+                end = ended or "silent at the end: find and inspect it"
+            by_end.setdefault(end, []).append(str(vehicle_id))
         if len(by_end) == 1:
             return next(iter(by_end))
         return "; ".join(f"{', '.join(ids)} {ended}" for ended, ids in by_end.items())
@@ -249,8 +301,6 @@ def _news(before: VehicleReport | None, report: VehicleReport) -> list[tuple[str
         news.append((f"mode {before.mode} -> {report.mode}", "information"))
     if report.is_link_cut != before.is_link_cut:
         news.append(("link to its autopilot cut", "alarm") if report.is_link_cut else ("link restored", "information"))
-    if report.ended != before.ended:
-        news.append((f"flight ended: {report.ended}", "information" if report.is_completed else "warning"))
     return news
 
 

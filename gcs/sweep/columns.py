@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 Scalar = bool | int | float | str
 Row = dict[str, Scalar]
 """The values of one run by column; values that do not apply are missing."""
+PASS = "holds"
+"""The column of whether a run passes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,7 @@ class Column:
 RUN = (
     Column("seed", int, "seed of noise, delays and losses"),
     Column("error", str, "why the run failed; a failed run has no other values"),
-    Column("holds", bool, "no verdict failed, and the flight did not end early", drawn=True),
+    Column(PASS, bool, "the run passes; missing if it could not be judged", drawn=True),
 )
 
 
@@ -48,7 +50,7 @@ def _over(prefix: str, metrics: Iterable[Metric], *, mean: bool) -> Iterator[Col
         if mean and each.kind is float:
             yield Column(f"{prefix}.{each.name}.mean", float, f"mean over the vehicles: {each.meaning}", each.worst)
         if each.worst is not None:
-            meaning = f"worst value: {each.meaning}"
+            meaning = f"worst: {each.meaning}"
             yield Column(f"{prefix}.{each.name}.worst", each.kind, meaning, each.worst, each.drawn)
 
 
@@ -82,14 +84,14 @@ def columns(rows: Iterable[Row]) -> tuple[Column, ...]:
 
 
 def failed_verdicts(row: Row) -> list[str]:
-    """Return the names of the verdicts that do not hold in a run."""
+    """Return the names of the verdicts that fail in a run."""
     return [each.name for each in VERDICTS if row.get(f"verdicts.{each.name}") is False]
 
 
-def result_row(result: FlightResult, *, holds: bool) -> Row:
+def result_row(result: FlightResult) -> Row:
     """Return a result as a row: values that depend only on mission and seed, without wall times."""
     values = {
-        "holds": holds,
+        PASS: False if result.ended_early else result.passes,
         **{each.name: each.of(result) for each in FLIGHT if not each.timed},
         **{f"verdicts.{name}": held for name, held in result.verdicts.named().items()},
         **{

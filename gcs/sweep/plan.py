@@ -1,6 +1,6 @@
 """The plan of a sweep: everything that its runs depend on, fixed at the start, and the list of runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -103,8 +103,9 @@ def planned(
     seeds: Sequence[int],
     fixed: Mapping[str, Any],
     duration_s: float | None,
+    inspect: Callable[[Mission], None] = lambda _: None,
 ) -> tuple[SweepPlan, dict[int, str]]:
-    """Return the plan of a sweep, and the faults of runs with invalid missions, by run index.
+    """Return the plan of a sweep, and the faults of runs with invalid missions, by run index; `inspect` the valid ones.
 
     Without seeds, the mission's is the only one. Raises InputError if no run has a valid mission, and for keys that
     cannot be varied.
@@ -123,6 +124,7 @@ def planned(
             faults[index] = error
         else:
             flyable, profile_texts = flyable or parsed, dict(parsed.profile_texts)
+            inspect(parsed)
     if flyable is None:
         raise MissionError(faults[0].faults)
     plan = msgspec.structs.replace(plan, seeds=tuple(seeds) or (flyable.mission.seed,), profile_texts=profile_texts)

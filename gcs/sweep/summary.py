@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from gcs.mission.overrides import override_text
-from gcs.sweep.columns import Column, Row, failed_verdicts
+from gcs.sweep.columns import PASS, Column, Row, failed_verdicts
 from gcs.sweep.plan import SweepPlan, SweepRun, counted
 
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
-    """A run with its reasons: metrics whose worst value it has, verdicts that do not hold, or its error."""
+    """A run with its reasons: metrics whose worst value it has, verdicts that it does not pass, or its error."""
 
     reasons: tuple[str, ...]
     command: str
@@ -21,7 +21,7 @@ class WorstCase:
 def worst_cases(
     plan: SweepPlan, rows: Mapping[int, Row], metrics: Iterable[Column], mission: str, most: int
 ) -> list[WorstCase]:
-    """Return the worst run of each metric, the first `most` runs that do not hold, and one run for each error.
+    """Return the worst run of each metric, the first `most` runs that do not pass, and one run for each error.
 
     A run is listed once, with all its reasons. `mission` is the mission of the commands.
     """
@@ -32,9 +32,10 @@ def worst_cases(
         if metric.worst is not None and len({*known.values()}) > 1:
             index = (max if metric.worst == "max" else min)(known, key=known.__getitem__)
             worst_in.setdefault(index, []).append(f"{metric.name} ({known[index]:.4g})")
-    not_holding = [index for index, row in sorted(rows.items()) if row.get("holds") is False]
+    not_passing = [index for index, row in sorted(rows.items()) if "error" not in row and row.get(PASS) is not True]
+    not_passing.sort(key=lambda index: PASS not in rows[index])  # those that were not judged follow
     failed = {row["error"]: index for index, row in sorted(rows.items(), reverse=True) if "error" in row}
-    chosen = dict.fromkeys([*worst_in, *not_holding[:most], *sorted(failed.values())])
+    chosen = dict.fromkeys([*worst_in, *not_passing[:most], *sorted(failed.values())])
     return [
         WorstCase((*_worst(worst_in.get(index, ())), *_faults(rows[index])), command(plan, runs[index], mission))
         for index in chosen
@@ -55,21 +56,27 @@ def _worst(metrics: Sequence[str]) -> list[str]:
 
 def _faults(row: Row) -> list[str]:
     failing = failed_verdicts(row)
-    named = [f"does not hold: {', '.join(failing)}"] if failing else []
-    return [*named, *([f"failed: {row['error']}"] if "error" in row else [])]
+    ended = f"ended early: {row.get('ended.reason', '')}" if row.get(PASS) is False and not failing else ""
+    found = (
+        f"fails: {', '.join(failing)}" if failing else ended,
+        f"not judged: {row['not_judged']}" if "not_judged" in row else "",
+        f"error: {row['error']}" if "error" in row else "",
+    )
+    return [each for each in found if each]
 
 
 @dataclass(frozen=True, slots=True)
 class SweepSummary:
-    """Numbers of a sweep's `runs`: finished, with all verdicts holding, with verdicts not holding, and failed.
+    """Numbers of a sweep's `runs`: finished, that pass (`hold`), that do not, that could not be judged, and errors.
 
-    `verdicts` counts runs by verdicts that do not hold, `errors` by the reasons of failed runs.
+    `verdicts` counts runs by verdicts that fail, `errors` by the reasons of runs without a result (`failed`).
     """
 
     runs: int
     finished: int
     hold: int
     do_not_hold: int
+    not_judged: int
     failed: int
     verdicts: dict[str, int]
     errors: dict[str, int]
@@ -80,27 +87,28 @@ class SweepSummary:
         rows = list(rows)
         verdicts = Counter(name for row in rows for name in failed_verdicts(row))
         errors = Counter(str(row["error"]) for row in rows if "error" in row)
-        hold = sum(row.get("holds") is True for row in rows)
+        hold, do_not_hold = (sum(row.get(PASS) is each for row in rows) for each in (True, False))
         failed = errors.total()
         sums = {name: dict(sorted(each.items())) for name, each in (("verdicts", verdicts), ("errors", errors))}
-        return cls(runs, len(rows), hold, len(rows) - hold - failed, failed, **sums)
+        return cls(runs, len(rows), hold, do_not_hold, len(rows) - hold - do_not_hold - failed, failed, **sums)
 
     @property
-    def all_hold(self) -> bool:
-        """Whether all runs are finished and hold."""
+    def all_pass(self) -> bool:
+        """Whether all runs are finished and pass."""
         return self.hold == self.runs
 
     @property
     def line(self) -> str:
         """The summary in one line."""
         named = ", ".join(f"{name} {count}" for name, count in self.verdicts.items())
-        parts = [f"{self.hold} hold"]
+        parts = [f"{self.hold} {'passes' if self.hold == 1 else 'pass'}"]
         if self.do_not_hold:
-            parts.append(
-                f"{self.do_not_hold} {'does' if self.do_not_hold == 1 else 'do'} not{f' ({named})' if named else ''}"
-            )
+            fail = "fails" if self.do_not_hold == 1 else "fail"
+            parts.append(f"{self.do_not_hold} {fail}{f' ({named})' if named else ''}")
+        if self.not_judged:
+            parts.append(f"{self.not_judged} not judged")
         if self.failed:
-            parts.append(f"{self.failed} failed")
+            parts.append(f"{self.failed} without a result")
         finished = "" if self.finished == self.runs else f"{self.finished} of "
         return f"{finished}{counted(self.runs, 'run')}: {', '.join(parts)}"
 

@@ -11,8 +11,7 @@ from multiprocessing.connection import Connection
 from threading import Thread
 from typing import Any, Protocol
 
-from gcs.console.result import verdict_of
-from gcs.errors import Exit, InputError
+from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.run import versions
 from gcs.metrics.metrics import evaluated
@@ -43,8 +42,7 @@ def flown(task: SweepTask) -> Row:
     try:
         mission = parse_mission(task.mission_text, None, task.profile_texts)
         record = fly_simulated(mission, task.seed, task.duration_s or mission.mission.duration_s, _ignore)
-        result = evaluated(mission, record)
-        return result_row(result, holds=verdict_of(result) is Exit.HOLDS)
+        return result_row(evaluated(mission, record))
     except InputError as error:
         return failure("; ".join(error.faults))
     except Exception as error:  # no error of one run ends the sweep

@@ -240,10 +240,12 @@ class Tour:
 
     def hold_down(self, name: str) -> None:
         """Hold a button down until the command is sent."""
-        before = self.page.locator("#answers > li").count()
-        self._button(name).hover()
+        before, button = self.page.locator("#answers > li").count(), self._button(name)
+        button.hover()
         self.page.mouse.down()
-        sent = _until(lambda: self.page.locator("#answers > li").count() > before or None, TIMEOUT_S)
+        sent = _until(
+            lambda: self.page.locator("#answers > li").count() > before or not button.is_visible() or None, TIMEOUT_S
+        )
         self.page.mouse.up()
         assert sent, f"holding {name} down sent no command"
 

@@ -107,11 +107,13 @@ def test_commands_by_keyboard_alone(open_page: OpenPage) -> None:
         page.keyboard.press("Tab")
         expect(page.get_by_role("link", name="To the commands")).to_be_focused()
         page.keyboard.press("Enter")
-        page.keyboard.press("Tab")
-        expect(page.locator("[data-verb='hold']")).to_be_focused()
-        page.keyboard.press("Space")
-        served.await_requests(page)
-        assert [request.verb for request in served.requests] == ["hold"]
+        for place, verb in (("#hold-all", "hold"), ("[data-verb='hold']", "hold"), ("[data-verb='resume']", "resume")):
+            page.keyboard.press("Tab")
+            expect(page.locator(place)).to_be_focused()
+            page.keyboard.press("Space")
+            served.await_requests(page)
+            assert [request.verb for request in served.requests] == [verb]
+            served.requests.clear()
         page.get_by_role("tab", name="Map").focus()
         page.keyboard.press("ArrowRight")
         expect(page.locator("#table")).to_be_visible()

@@ -130,12 +130,62 @@ def test_alarm_sounds_until_it_is_acknowledged(page: Page, served: CannedStation
     assert tones_in(page, served, 1.2 * REPEATED_MS) >= 2
 
 
-def test_sound_can_be_turned_off(page: Page, served: CannedStation) -> None:
+def test_press_that_unlocks_the_sound_leaves_it_on(page: Page) -> None:
+    switch = page.locator("#sound")
+    for way in ("pointer", "key", "program"):
+        page.reload()
+        expect(switch).to_have_text("Sound: press once")
+        if way == "pointer":
+            switch.click()
+        elif way == "key":
+            switch.press("Enter")
+        else:
+            switch.dispatch_event("click")
+        expect(switch).to_have_text("Sound on")
+        switch.click()
+        expect(switch).to_have_text("Sound off")
+
+
+def test_sound_can_be_turned_off_and_on(page: Page, served: CannedStation) -> None:
+    page.mouse.click(5, 5)
     page.locator("#sound").click()
     expect(page.locator("#sound")).to_have_text("Sound off")
     served.team = link_lost
     expect(page.locator("#alarms li")).to_have_count(1)
     assert tones_in(page, served, 1.2 * REPEATED_MS) == 0
+    page.locator("#sound").click()
+    assert tones_in(page, served, 1.2 * REPEATED_MS) >= 2
+
+
+SIGNALS = (
+    "window.vibrated = 0; Object.defineProperty(navigator, 'vibrate', {value: () => { window.vibrated += 1; }});"
+    "window.locks = []; Object.defineProperty(navigator, 'wakeLock', {value: { request: async (kind) => {"
+    "  const lock = {released: false, release: async () => { lock.released = true; }};"
+    "  window.locks.push(lock); return lock; }}});"
+)
+
+
+def test_alarm_is_in_the_title_and_vibrates_and_the_screen_stays_on_in_flight(
+    open_page: OpenPage, served: CannedStation
+) -> None:
+    page = open_page(served.url, script=NO_WEBGL + COUNT_TONES + SIGNALS, simulated=True)
+    expect(page).to_have_title("case2 - cordon")
+    page.mouse.click(5, 5)
+    served.team = link_lost
+    expect(page).to_have_title("■ Vehicle 2: link lost · case2 - cordon")
+    assert page.evaluate("vibrated") >= 1
+    served.team = two_alarms
+    expect(page).to_have_title("■ 2 alarms · case2 - cordon")
+    page.get_by_role("button", name="Acknowledge").click()
+    before = page.evaluate("vibrated")
+    tones_in(page, served, 1.2 * REPEATED_MS)
+    assert page.evaluate("vibrated") == before
+    served.team = well
+    expect(page).to_have_title("case2 - cordon")
+    assert page.evaluate("locks.map(lock => lock.released)") == [False]
+    served.team = lambda time_s: replace(well(time_s), ending="landed and disarmed")
+    expect(page.locator("#ending")).to_be_visible()
+    assert page.evaluate("locks.map(lock => lock.released)") == [True]
 
 
 def test_alarm_that_is_over_stays_until_it_is_acknowledged(page: Page, served: CannedStation) -> None:
@@ -167,7 +217,7 @@ def test_alarm_that_a_graver_one_of_its_vehicle_hides_is_not_called_over(page: P
 
 def test_end_of_the_flight_is_no_alarm(page: Page, served: CannedStation) -> None:
     served.team = lambda time_s: replace(link_lost(time_s), ending="landed and disarmed")
-    expect(page.locator("#ending")).to_have_text("Ended: landed and disarmed")
+    expect(page.locator("#ending")).to_have_text("Flight over: landed and disarmed")
     served.is_refusing = True
     served.disconnect()
     expect(page.locator("#link")).to_have_text("■ no station")
@@ -216,10 +266,10 @@ def test_a_lost_flight_is_shown_with_what_controls_the_vehicles_and_a_clock_that
     expect(banner).to_be_hidden()
     served.team = lost
     expect(banner).to_be_visible()
-    for part in ("Vehicle 1, 2, 3", "No tick of the control loop of vehicle 2 for 0.7 s", "only their autopilots"):
+    for part in ("All 3 vehicles", "No tick of the control loop of vehicle 2 for 0.7 s", "only their autopilots"):
         expect(banner).to_contain_text(part, ignore_case=True)
     expect(page.locator("#lost-advice")).to_contain_text("Watch them.")
-    expect(page.locator("#alarms li")).to_contain_text(["The flight was lost"])
+    expect(page.locator("#alarms li")).to_contain_text(["unaccounted for"])
     expect(page.locator(".card .headline").first).to_contain_text("last seen 71 s ago")
     expect(page.locator("#ending")).to_be_hidden()
     expect(page.locator("#lost-since")).to_have_text("1:11")

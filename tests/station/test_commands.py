@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
-from gcs.station.picture import AnswerPicture, CommandRequest, OperatorRights, TeamPicture
+from gcs.station.picture import AnswerPicture, CommandRequest, OperatorRights, ReceiptPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
@@ -77,10 +77,83 @@ def test_selection_says_whom_and_is_sent(page: Page, served: CannedStation) -> N
     expect(page.locator("#target-text")).to_have_text("To vehicles 1, 3")
     expect(page.get_by_role("button", name="Hold 1, 3")).to_be_visible()
     verb(page, "hold")()
+    expect(page.locator("#target-text")).to_have_text("To all 3 vehicles")  # a selection is for one command
+    page.get_by_label("Select vehicle 2").check()
     page.get_by_role("button", name="All", exact=True).click()
     expect(page.get_by_role("button", name="Land all 3, hold 1 s")).to_be_visible()
     verb(page, "hold")()
     assert [request.vehicles for request in sent(page, served)] == [(1, 3), None]
+
+
+def test_selection_ends_after_ten_seconds_and_not_under_a_press(page: Page, served: CannedStation) -> None:
+    text = page.locator("#target-text")
+    with stopped(page):
+        page.locator("#verbs [data-verb='land']").hover()
+        page.evaluate("document.querySelector('.card[data-vehicle=\"2\"] input').click()")
+        pass_time(page, 9_500)
+        expect(text).to_have_text("To vehicle 2")
+        page.mouse.down()
+        pass_time(page, 1.5 * HOLD_MS)
+        page.mouse.up()
+    assert [(request.verb, request.vehicles) for request in sent(page, served)] == [("land", (2,))]
+    with stopped(page):
+        page.evaluate("document.querySelector('.card[data-vehicle=\"2\"] input').click()")
+        expect(page.locator("#target-rest")).to_have_text("for 10 s")
+        pass_time(page, 10_100)
+        expect(text).to_have_text("To all 3 vehicles")
+
+
+def test_press_right_after_a_selection_ended_asks_again(page: Page, served: CannedStation) -> None:
+    page.get_by_label("Select vehicle 2").check()
+    with stopped(page):
+        page.locator("#verbs [data-verb='resume']").hover()
+        while page.locator("#target-text").inner_text() == "To vehicle 2":
+            pass_time(page, 100)
+        page.mouse.down()
+        page.mouse.up()
+        expect(page.locator("#answers > li").first).to_contain_text("Not sent. The selection had just ended")
+        pass_time(page, 1000)
+        page.mouse.down()
+        page.mouse.up()
+    assert [(request.verb, request.vehicles) for request in sent(page, served)] == [("resume", None)]
+
+
+def test_hold_all_is_for_all_whatever_is_selected(page: Page, served: CannedStation) -> None:
+    page.get_by_label("Select vehicle 2").check()
+    page.locator("#hold-all").click()
+    page.get_by_label("Select vehicle 2").check()
+    page.keyboard.press("h")  # as at the terminal: to the selection
+    page.keyboard.press("h")
+    page.keyboard.press("Control+h")
+    for _ in range(5):
+        page.keyboard.down("h")  # held down: once
+    page.keyboard.up("h")
+    requests = [(request.verb, request.vehicles) for request in sent(page, served)]
+    assert requests == [("hold", None), ("hold", (2,)), ("hold", None), ("hold", None)]
+    verb(page, "kill")()
+    page.keyboard.press("h")
+    expect(page.get_by_role("dialog")).to_be_hidden()
+    assert [request.verb for request in sent(page, served)] == ["hold"]
+
+
+def test_vehicles_whose_flight_has_ended_are_not_counted(page: Page, served: CannedStation) -> None:
+    mission = ring_mission()
+    page.get_by_label("Select vehicle 2").check()
+    served.team = lambda time_s: changed(
+        ring_team(mission, 100.0 + time_s), 2, has_ended=True, ending="landed and disarmed"
+    )
+    expect(page.locator("#target-text")).to_have_text("To all 2 vehicles (1 ended)")
+    expect(page.locator("#hold-all")).to_have_text("Hold all 2")
+    expect(page.get_by_label("Select vehicle 2")).to_be_disabled()
+    verb(page, "hold")()
+    (request,) = sent(page, served)
+    assert request.vehicles is None
+    expect(page.locator(f"#answers [data-request='{request.request}']")).to_contain_text("Waiting for all 2 vehicles")
+    served.team = lambda time_s: changed(
+        ring_team(mission, 200.0 + time_s), 2, is_unaccounted=True, ending="lost: its link was lost"
+    )
+    expect(page.locator("#target-text")).to_have_text("To all 2 vehicles (1 missing)")
+    expect(page.get_by_label("Select vehicle 2")).to_be_disabled()
 
 
 def test_land_and_return_have_to_be_held(page: Page, served: CannedStation) -> None:
@@ -235,6 +308,24 @@ def test_answers_are_shown_with_their_time(page: Page, served: CannedStation) ->
     expect(page.locator("#answers")).not_to_contain_text("of another page")
 
 
+def test_command_that_was_not_delivered_is_told(page: Page, served: CannedStation) -> None:
+    served.is_slow = True
+    verb(page, "hold")()
+    (request,) = sent(page, served)
+    answers = page.locator(f"#answers [data-request='{request.request}']")
+    expect(answers).to_contain_text("Waiting for all 3 vehicles")
+    pass_time(page, 1500)
+    expect(answers).to_contain_text("Not delivered to the station yet")
+    served.send(ReceiptPicture(request.request))
+    expect(answers).to_contain_text("Waiting for all 3 vehicles")
+    verb(page, "resume")()
+    served.is_refusing = True
+    served.disconnect()
+    lost = page.locator("#answers > li")
+    expect(lost.nth(0)).to_contain_text("Connection lost before it was delivered to the station")
+    expect(lost.nth(1)).to_contain_text("Connection lost before all 3 vehicles answered")
+
+
 def test_nothing_is_sent_again_after_a_reconnect(page: Page, served: CannedStation) -> None:
     verb(page, "hold")()
     assert len(sent(page, served)) == 1
@@ -267,4 +358,23 @@ def test_only_what_the_operator_may_is_offered(page: Page, served: CannedStation
     expect(page.locator(offered)).to_have_count(0)
     expect(page.locator("#read-only")).to_be_visible()
     expect(page.locator("#rights")).to_have_text("read only")
+    served.send(replace(ring_mission(), operator=OperatorRights(read_only="there are no keys here")))
+    expect(page.locator("#read-only")).to_have_text("Read-only: there are no keys here.")
     expect(page.locator(".card")).to_have_count(3)
+    team = served.team
+    assert team is not None
+    served.team = lambda time_s: replace(team(time_s), ending="landed")
+    expect(page.locator("#read-only")).to_contain_text("Flight over")
+    expect(page.locator("#rights")).to_have_text("flight over")
+
+
+def test_answers_move_no_button(open_page: OpenPage, served: CannedStation, subtests: pytest.Subtests) -> None:
+    for width in (1920, 1024, 390):
+        with subtests.test(width=width):
+            page = open_page(served.url, script=NO_WEBGL, viewport={"width": width, "height": 844})
+            expect(page.locator(".card .tactic").first).to_have_text("encircle")
+            before = [page.locator(f"#verbs [data-verb='{name}']").bounding_box() for name in ("hold", "kill")]
+            page.locator("#hold-all").click()
+            verb(page, "hold")()
+            expect(page.locator("#answers > li")).to_have_count(2)
+            assert [page.locator(f"#verbs [data-verb='{name}']").bounding_box() for name in ("hold", "kill")] == before

@@ -201,5 +201,11 @@ def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file
         expect(page.locator(".card[data-vehicle='1'] .tactic")).to_have_text("land")
         command(page, "kill", 2)
         until_now(lambda: bus.newest(VehicleReport, 2).ended != "")
-        expect(page.locator(".card[data-vehicle='2']")).to_have_attribute("data-trouble", "ended")
+        fallen = page.locator(".card[data-vehicle='2']")
+        expect(fallen).to_have_attribute("data-trouble", "alarm")
+        expect(fallen.locator(".headline")).to_contain_text("unaccounted for")
         assert "killed" in bus.newest(VehicleReport, 2).ended
+        fallen.locator(".recovered").hover()
+        page.mouse.down()
+        expect(fallen).to_have_attribute("data-trouble", "ended")
+        page.mouse.up()

@@ -57,6 +57,33 @@ def test_jumps_to_events(page: Page) -> None:
     assert shown == [f"T+ {time}" for time in ("0:10", "0:30", "1:00", "0:30", "0:10", "0:00", "0:00")]
 
 
+def test_alarms_are_marked_on_the_slider_and_a_button_and_a_key_seek_them(page: Page) -> None:
+    def elapsed() -> str:
+        return page.locator("#elapsed").inner_text()
+
+    slider, mark = page.locator("#seek").bounding_box(), page.locator("#seek-alarms span").bounding_box()
+    assert page.locator("#seek-alarms span").count() == 1
+    assert slider is not None
+    assert mark is not None
+    assert (mark["x"] + mark["width"] / 2.0 - slider["x"]) / slider["width"] == pytest.approx(0.5, abs=0.02)
+    page.locator("#next-alarm").click()
+    assert elapsed() == "T+ 0:30"
+    page.locator("#next-alarm").click()
+    assert elapsed() == "T+ 0:30", "there is no other one"
+    seek(page, 0)
+    page.keyboard.press("n")
+    assert elapsed() == "T+ 0:30"
+
+
+def test_no_part_of_the_screen_is_empty(page: Page) -> None:
+    """The log is below the view and as wide as the cards' column leaves, down to the bottom."""
+    view, log, main = (page.locator(name).bounding_box() for name in ("#view", "#vehicles", "main"))
+    below = page.locator("#log").bounding_box()
+    assert None not in (view, log, main, below)
+    areas = [box["width"] * box["height"] for box in (view, log, below) if box]
+    assert sum(areas) > 0.93 * (main or {"width": 0.0})["width"] * (main or {"height": 0.0})["height"]
+
+
 def test_no_event_is_passed_over_by_a_jump(open_page: OpenPage) -> None:
     """Events a little before a picture and a little after it: the second one is seen in the picture after that."""
     flight = ring_flight(60.0)

@@ -111,7 +111,7 @@ def test_it_plays_on_the_map(replay: FrameLocator) -> None:
     replay.locator("#speed").select_option("20")
     replay.get_by_role("button", name="Play").click()
     expect(replay.locator("#seek-time")).to_have_text("1:00 of 1:00")
-    expect(replay.locator("#ending")).to_have_text("Ended: Flown to the end of the simulation")
+    expect(replay.locator("#ending")).to_have_text("Flight over: Flown to the end of the simulation")
 
 
 def test_it_is_not_printed(page: Page, replay: FrameLocator) -> None:

@@ -4,17 +4,19 @@ import math
 import re
 import time
 from collections.abc import Callable
+from itertools import product
 
 import pytest
 from msgspec.structs import replace
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from agents.team.messages import AutopilotReport
+from gcs.console.vehicle_view import with_unaccounted
 from gcs.station.picture import MissionPicture, TeamPicture
-from tests.station.conftest import NO_WEBGL, OpenPage, pass_time
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
-from tests.support.wire import repeated_now
+from tests.support.wire import repeated_now, until_now
 
 pytestmark = pytest.mark.browser
 SHOWN = {
@@ -25,6 +27,7 @@ SHOWN = {
     "speed": "5.0 m/s",
     "gps": "no fix, 17 sat",
     "estimator": "dead reckoning",
+    "wind": "6.3 m/s",
     "link": "0.4 s",
     "heard": "0.2 s ago",
     "nearest": "4.2 m to 3",
@@ -33,6 +36,8 @@ SHOWN = {
     "radius": "9.8 m",
     "rate": "-0.048 rad/s",
     "lead": "90 °",
+    "place": "47.397780, 8.546011",
+    "home": "47.397742, 8.545594",
 }
 
 
@@ -44,7 +49,7 @@ def with_own_values(team: TeamPicture) -> TeamPicture:
         age_s=0.2,
         tactic="hold",
         guard="evading 1",
-        autopilot=AutopilotReport(0.57, 667.9, 0, 17),
+        autopilot=AutopilotReport(0.57, 667.9, 0, 17, 6.3),
         position_m=(31.5, 4.25, -7.3),
         velocity_m_s=(3.0, -4.0),
         estimator="dead reckoning",
@@ -119,7 +124,7 @@ def test_what_is_not_known_is_a_dash(open_page: OpenPage) -> None:
         page = open_page(served.url)
         expect(page.locator(".card[data-vehicle='2'] .tactic")).to_have_text("–")
         shown = texts(page, ".card[data-vehicle='2']")
-        assert {name for name, text in shown.items() if text != "–"} == {"heard"}
+        assert {name for name, text in shown.items() if text != "–"} == {"heard", "home"}
         expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
         expect(page.locator(".symbol[data-vehicle='2']")).to_have_count(0)
 
@@ -141,7 +146,7 @@ def test_top_bar(open_page: OpenPage) -> None:
         for name, text in shown.items():
             expect(page.locator(f"#{name}")).to_have_text(text)
         served.team = lambda _: replace(ring_team(ring_mission(), 600.0), ending="killed by the operator")
-        expect(page.locator("#ending")).to_have_text("Ended: killed by the operator")
+        expect(page.locator("#ending")).to_have_text("Flight over: killed by the operator")
         expect(page.locator(".card[data-trouble='ended']")).to_have_count(3)
         served.team = lambda _: replace(ring_team(ring_mission(), 0.0), time_s=None, link="case2 is not flying")
         expect(page.locator("#link")).to_have_text("▲ case2 is not flying")
@@ -161,6 +166,90 @@ def test_gravest_trouble_comes_first(open_page: OpenPage) -> None:
         words = ["■ ALARM", "◌ STALE", "▲ Warning", "▲ Warning", "", "□ Ended"]
         expect(page.locator(".card .badge")).to_have_text(words)
         expect(page.locator(".card[data-vehicle='5'] .advice")).to_have_text("Wait.")
+
+
+def missing(team: TeamPicture, vehicle: int) -> TeamPicture:
+    view = next(each for each in team.vehicles if each.vehicle_id == vehicle)
+    lost = replace(with_unaccounted(view), age_s=35.0, ending="lost: its link was lost")
+    return replace(team, vehicles=tuple(lost if each is view else each for each in team.vehicles))
+
+
+def test_a_vehicle_that_is_unaccounted_for_stays_first_until_its_recovery_is_confirmed(open_page: OpenPage) -> None:
+    """Among other alarms, after the end of the flight, and whatever is acknowledged."""
+
+    def over(team: TeamPicture) -> TeamPicture:
+        return replace(missing(changed(team, 1, alert="link lost", severity="alarm"), 3), ending="1, 2 landed; 3 lost")
+
+    with station(over) as served:
+        page = open_page(served.url, script=NO_WEBGL, simulated=True)
+        card = page.locator(".card").first
+        expect(card).to_have_attribute("data-vehicle", "3")
+        expect(card).to_have_attribute("data-trouble", "alarm")
+        expect(card.locator(".tactic")).to_have_text("MISSING")
+        expect(card.locator(".headline")).to_have_text("unaccounted for, last seen 35\u00a0s ago")
+        expect(card.locator(".advice")).to_be_visible()
+        expect(page.locator("#worst")).to_have_text("■ 3: unaccounted for")
+        expect(page.locator("#alarms li")).to_contain_text(["Vehicle 3: unaccounted for"])
+        expect(page.locator("#table tbody tr").first).to_have_attribute("data-vehicle", "3")
+        expect(page.locator(".card[data-trouble='ended']")).to_have_count(2)
+        recovered = page.locator(".recovered:visible")
+        expect(recovered).to_have_count(1)
+        recovered.hover()
+        with stopped(page):
+            for held_ms in (800, 0, 1500):  # a short press does nothing, and the last counts once
+                page.mouse.down()
+                pass_time(page, held_ms)
+                page.mouse.up()
+        served.await_requests(page)
+        assert served.recovered == [3]
+        assert served.requests == []
+        served.team = lambda time_s: replace(ring_team(ring_mission(), time_s), ending="landed")
+        expect(page.locator(".recovered:visible")).to_have_count(0)
+        expect(page.locator("#worst")).to_have_text("ended")
+
+
+CLIPBOARD = "window.copied = []; navigator.clipboard.writeText = async (text) => { window.copied.push(text); };"
+
+
+def test_places_are_copied_by_a_click_in_degrees_or_in_metres_of_a_local_frame(open_page: OpenPage) -> None:
+    """The places of vehicle 2 by the ellipsoid's radii: 31.5 m east and 4.25 m north of the origin."""
+    with station(with_own_values) as served:
+        page = open_page(served.url, script=CLIPBOARD)
+        card = page.locator(".card[data-vehicle='2']")
+        card.get_by_role("button", name="47.397780, 8.546011").click()
+        expect(page.locator("#target-place")).to_contain_text("Target 47.3976")
+        page.locator("#target-place").click()
+        page.locator("#map").click(position={"x": 200, "y": 120})
+        place, target, cursor = page.evaluate("copied")
+        assert place == "47.397780, 8.546011"
+        assert page.locator("#target-place").inner_text() != target, "the target's place alone is copied"
+        assert page.locator("#cursor-place").get_attribute("data-copied") == cursor
+        assert [len(each.split(", ")) for each in (target, cursor)] == [2, 2]
+        assert math.dist(degrees(target), degrees(cursor)) < 0.001, "both are near the mission"
+        served.team = None
+        local = replace(ring_mission(), origin_deg=None, x_bearing_deg=0.0)
+        served.mission = local
+        served.send(local)
+        served.team = lambda _: with_own_values(ring_team(local, 100.0))
+        expect(card.locator("[data-quantity='place']")).to_have_text("x 31.5 m, y 4.3 m")
+
+
+def degrees(text: str) -> tuple[float, ...]:
+    return tuple(map(float, text.split(", ")))
+
+
+def test_a_lost_target_keeps_its_last_place_in_a_circle_that_grows(open_page: OpenPage) -> None:
+    """0.5 m/s for 40 s, and twice the deviation of its last estimate: sqrt(0.4 + 0.2) m along any axis at most."""
+
+    def lost(team: TeamPicture) -> TeamPicture:
+        return replace(team, target=replace(team.target, sighting_age_s=40.0, lost_speed_m_s=0.5))  # type: ignore[type-var]
+
+    with station(lost) as served:
+        page = open_page(served.url)
+        reached_m = 0.5 * 40.0 + 2.0 * math.sqrt(0.6)
+        text = f"target, seen 40\u00a0s ago, within {reached_m:.1f}\u00a0m"
+        expect(page.locator(".symbol.target .label")).to_have_text(text)
+        expect(page.locator(".symbol.target")).to_have_attribute("data-current", "false")
 
 
 def test_cut_link_is_drawn_stale_and_dated(open_page: OpenPage) -> None:
@@ -311,3 +400,106 @@ def test_another_mission_replaces_the_vehicles(open_page: OpenPage) -> None:
         expect(page.locator("#mission")).to_have_text("other")
         expect(page.locator(".card")).to_have_count(2)
         expect(page.locator(".symbol[data-vehicle]")).to_have_count(2)
+
+
+def test_labels_of_many_vehicles_do_not_cover_each_other(open_page: OpenPage, subtests: pytest.Subtests) -> None:
+    """Of each vehicle the label or the number on its symbol is seen, and no label covers another one or a symbol."""
+
+    def grave(team: TeamPicture) -> TeamPicture:
+        return changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
+
+    for vehicles, width in ((16, 1024), (32, 1920)):
+        with subtests.test(vehicles=vehicles), station(grave, vehicles) as served:
+            page = open_page(served.url, viewport={"width": width, "height": 800}, reduced_motion="reduce")
+            expect(page.locator(".symbol[data-vehicle]")).to_have_count(vehicles)
+            page.get_by_role("button", name="Fit").click()
+
+            def attempt(page: Page = page, vehicles: int = vehicles) -> None:
+                shown = page.evaluate(SHOWN_LABELS)
+                assert shown["named"] == vehicles
+                assert 5 in shown["labelled"]
+                assert shown["covered"] == []
+
+            repeated_now(attempt)
+
+
+SHOWN_LABELS = """() => {
+  const symbols = [...document.querySelectorAll(".symbol")];
+  const isSeen = (node) => {
+    const { opacity, display } = getComputedStyle(node);
+    return opacity !== "0" && display !== "none";
+  };
+  const label = (symbol) => symbol.querySelector(".label");
+  const vehicles = symbols.filter((symbol) => symbol.dataset.vehicle);
+  const named = vehicles.filter((symbol) => isSeen(label(symbol)) || isSeen(symbol.querySelector(".number")));
+  const labelled = symbols.filter((symbol) => isSeen(label(symbol)));
+  const overlap = (one, other) => {
+    const [a, b] = [one, other].map((node) => node.getBoundingClientRect());
+    return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+  };
+  const isCovered = (symbol) => symbols.some((other) => other !== symbol && (
+    overlap(label(symbol), other.querySelector(".shape, .target-cross")) ||
+    (labelled.includes(other) && overlap(label(symbol), label(other)))));
+  const calm = labelled.filter((symbol) => symbol.dataset.trouble !== "alarm");
+  return {
+    named: named.length,
+    labelled: labelled.map((symbol) => Number(symbol.dataset.vehicle)),
+    covered: calm.filter(isCovered).map((symbol) => label(symbol).textContent),
+  };
+}"""
+
+
+def test_large_team_is_a_compact_list_with_the_trouble_in_full(open_page: OpenPage) -> None:
+    def grave(team: TeamPicture) -> TeamPicture:
+        return changed(team, 5, alert="link lost", advice="Wait.", severity="alarm")
+
+    with station(grave, 16) as served:
+        page = open_page(served.url, script=NO_WEBGL)
+        expect(page.locator(".card").first).to_have_attribute("data-vehicle", "5")
+        expect(page.locator(".card[data-vehicle='5'] .advice")).to_be_visible()
+        calm = page.locator(".card[data-vehicle='12']")
+        expect(calm.locator("[data-quantity='battery']")).to_be_visible()
+        expect(calm.locator("[data-quantity='gps']")).to_be_hidden()
+        styles = page.locator(".mark").evaluate_all("marks => marks.map(m => m.style.borderStyle + m.style.cssText)")
+        assert len(set(styles)) == 16  # colours repeat after eight
+        height = calm.bounding_box()
+        assert height is not None
+        assert height["height"] < 60
+        page.get_by_role("button", name="Compact").click()
+        expect(calm.locator("[data-quantity='gps']")).to_be_visible()
+
+
+def test_kind_of_the_vehicles_is_on_every_size_of_screen(open_page: OpenPage, subtests: pytest.Subtests) -> None:
+    sources = {"sitl": "practice on stubs", "flight": "REAL vehicles", "unstated": "REAL? not stated"}
+    for width, (source, words) in product((1920, 1024, 390), sources.items()):
+        mission = replace(ring_mission(), source=source)
+        with (
+            subtests.test(width=width, source=source),
+            CannedStation(mission, lambda _: ring_team(ring_mission(), 100.0)) as served,
+        ):
+            page = open_page(served.url, script=NO_WEBGL, viewport={"width": width, "height": 800})
+            expect(page.locator("#source")).to_have_text(words)
+            expect(page.locator("#source")).to_be_in_viewport(ratio=1)
+
+
+def test_map_that_is_not_there_yet_says_so(open_page: OpenPage) -> None:
+    with station() as served:
+        page = open_page("about:blank")
+        held: list[Route] = []
+
+        def hold(route: Route) -> None:
+            held.append(route)
+
+        page.route("**/maplibre-gl.mjs", hold)
+        page.goto(served.url)
+        expect(page.locator("#map-state")).to_have_text("Loading the map…")
+        expect(page.locator(".card .tactic").first).to_have_text("encircle")  # what needs no map is there
+        until_now(lambda: bool(held), "the request of the map")
+        held.pop().continue_()
+        expect(page.locator(".symbol[data-vehicle]")).to_have_count(3)
+        expect(page.locator("#map-state")).to_be_hidden()
+        page.unroute("**/maplibre-gl.mjs")
+        page.route("**/maplibre-gl.mjs", lambda route: route.abort("connectionrefused"))
+        page.reload()
+        expect(page.locator("#map-state")).to_contain_text("could not be loaded")
+        expect(page.locator(".card .tactic").first).to_have_text("encircle")

@@ -188,7 +188,8 @@ def _key_list(keys: Mapping[str, str]) -> str:
 
 def _sweep_column(column: Column | Metric) -> str:
     names = ", ".join(f"`{name}`" for name in column.name.split(", "))
-    return f"- {names} ({column.kind.__name__}): {column.meaning}"
+    kind = "" if column.kind is float else f" ({column.kind.__name__})"
+    return f"- {names}{kind}: {column.meaning}"
 
 
 def _reactions(row: Row) -> str:

@@ -3,6 +3,7 @@
 from dataclasses import fields
 
 from gcs.metrics.catalogue import VERDICTS
+from gcs.metrics.departures import Departure
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.references import EngagementResult
 from gcs.metrics.result import FlightResult, LoopResult
@@ -18,6 +19,7 @@ _PARTS = {
     "transitions": TransitionResult,
     "reynolds": ReynoldsResult,
     "engagement": EngagementResult,
+    "departures": Departure,
     "loop": LoopResult,
 }
 
@@ -39,8 +41,8 @@ OUTPUT_KEYS = {
     ),
     "check": "format mission grade findings",
     "findings[] of check": "grade subject check found why next_step temporary",
-    "sweep": "format mission table runs finished hold do_not_hold failed verdicts errors",
-    "sweep plot": "format runs finished hold do_not_hold failed verdicts errors figure worst",
+    "sweep": "format mission table runs finished hold do_not_hold not_judged failed verdicts errors",
+    "sweep plot": "format runs finished hold do_not_hold not_judged failed verdicts errors figure worst",
     "worst[] of sweep plot": "reasons command",
     "start": "format mission started vehicles",
     "vehicles[] of start": "vehicle state reason clock_off_s answer",

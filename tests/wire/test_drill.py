@@ -15,7 +15,16 @@ from tests.support.drills import Silent
 
 pytestmark = pytest.mark.wire
 
-FLOWN = ("stranger", "flood", "impostor", "origin moved", "height jumped", "foreign mode", "link cut")
+FLOWN = (
+    "stranger",
+    "flood",
+    "impostor",
+    "origin moved",
+    "height jumped",
+    "foreign mode",
+    "link cut",
+    "lost in the air",
+)
 """The drills that need sockets and end no flight, one that a vehicle resumes from by a command over the bus, and one
 that its link finds before its filter does."""
 REACTIONS_OFF = (("tuning", "failsafe", {"doubt_m": 1000.0, "flood_per_s": 1e6}),)

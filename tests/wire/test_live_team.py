@@ -282,6 +282,8 @@ def compare_with_log(scene: Scene, log: FlightLog) -> None:
 def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
     """Compare what the page replays with what it showed in flight at that time of the mission."""
     assert replayed.teams[-1].ending == "Landed and disarmed"
+    last_s = replayed.teams[-1].time_s or 0.0
+    assert all((each.time_s or 0.0) <= last_s for each in replayed.events), "the last picture shows them all"
     by_time = {round(team.time_s or 0.0, 1): team for team in replayed.teams if team.time_s is not None}
     compared = 0
     for team in (each for each in scene.teams if each.ring_members == 3 and each.time_s is not None):

@@ -210,7 +210,7 @@ async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason
     assert reason in told
     if fault is signal.SIGSTOP:  # ticks are spread over the period: of one vehicle first, or of several at once
         assert re.search(r"vehicle [123] for 0\.6 s", told)
-    assert "vehicle 1, 2, 3: only their autopilots control them now" in told
+    assert "vehicles 1, 2 and 3, unaccounted for: only their autopilots control them now" in told
     assert "next: " in told
     with pytest.raises(ProcessLookupError):  # a stopped process would fly on once it is continued
         os.kill(pid, signal.SIGCONT)

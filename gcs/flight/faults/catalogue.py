@@ -155,6 +155,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("foreign mode", lambda scene: Injection(vehicles={scene.subject: VehicleInjection(selects_hold=True)})),
     Fault("target lost", _of_team(lambda _: TeamFaults(blind=True)), of_team=True),
     Fault("link cut", _of_subject(lambda _: VehicleFaults(link_cut=True))),
+    Fault("lost in the air", _of_subject(lambda _: VehicleFaults(link_cut=True))),
     Fault("battery low", _drain(lambda m: (m.failsafe.battery_low + m.failsafe.battery_critical) / 2.0)),
     Fault("battery critical", _drain(_nearly_empty)),
     Fault("second battery", _of_subject(lambda s: VehicleFaults(second_battery=_nearly_empty(s.mission)))),

@@ -21,6 +21,7 @@ FaultName = Literal[
     "foreign mode",
     "target lost",
     "link cut",
+    "lost in the air",
     "battery low",
     "battery critical",
     "second battery",

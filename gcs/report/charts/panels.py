@@ -12,7 +12,7 @@ from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.metrics.references import DesiredRing, FormationReference
-from gcs.metrics.result import FlightResult
+from gcs.metrics.result import FlightResult, verdict_states
 from gcs.metrics.ring import RingMotion
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
 
@@ -69,8 +69,7 @@ def draw_paths(axes: "Axes", sheet: Sheet) -> None:
     axes.margins(0.04)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [m]", ylabel="y [m]")
-    fails = False in sheet.result.verdicts.named().values()
-    title(axes, f"{record.mission}: paths", _verdict_line(sheet.result), is_fault=fails)
+    title(axes, f"{record.mission}: paths", _verdict_line(sheet.result), is_fault=sheet.result.passes is False)
     _draw_target(axes, sheet)
     for row, track in enumerate(record.vehicles):
         axes.plot(*sheet.path(track.position_m).T, alpha=0.85, **sheet.style(row))
@@ -197,8 +196,7 @@ def _draw_ring_panel(axes: "Axes", sheet: Sheet, values: Vector, desired: Vector
 
 
 def _verdict_line(result: FlightResult) -> str:
-    marks = {True: "✓", False: "✗", None: "–"}
-    return "   ".join(f"{name} {marks[holds]}" for name, holds in result.verdicts.named().items())
+    return "   ".join(f"{name} {state.sign}" for name, state in verdict_states(result).items())
 
 
 def title(axes: "Axes", text: str, finding: str, *, is_fault: bool = False) -> None:

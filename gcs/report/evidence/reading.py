@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from agents.drops import Drops
-from agents.flight_end import FlightEnd
-from agents.inputs import AutopilotStatus, LateTicks, Start
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle
+from agents.flight_end import FlightEnd, LastPosition
+from agents.inputs import AutopilotStatus, Command, LateTicks, Start
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
 from gcs.flightlog.run import mission_of
-from gcs.metrics.ending import VehicleEnding
+from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import injected_faults
 from gcs.mission.mission import Mission
@@ -58,7 +58,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         max(_wall_time_s(log) for log in logs),
         tuple(track for each in vehicles if (track := each.truth(mission)) is not None),
         logs[0].run.seed,
-        tuple(each.ending(start_s) for each in vehicles),
+        tuple(each.ending(start_s, mission) for each in vehicles),
         injected_faults(logs[0].run.faults),
         _kinds(logs),
     )
@@ -67,7 +67,8 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     evidence = {each.vehicle_id: each.evidence(start_s, speed) for each in vehicles}
     known = tuple(evidence.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in order)
     is_damaged = any(log.is_damaged for log in logs)
-    return LoggedFlight(mission, FlightEvidence(record, known, _facts(logs), _names(logs), speed=speed), is_damaged)
+    facts = _facts(logs, mission, vehicles)
+    return LoggedFlight(mission, FlightEvidence(record, known, facts, _names(logs), speed=speed), is_damaged)
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:
@@ -104,11 +105,15 @@ def _names(logs: Sequence[FlightLog]) -> tuple[str, ...]:
     return tuple(log.path.name for log in logs)
 
 
-def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
+def _facts(logs: Sequence[FlightLog], mission: Mission, vehicles: Sequence["_VehicleReader"]) -> dict[str, str]:
     run: Run = logs[0].run
     began = datetime.fromtimestamp(run.began_s, UTC)
     facts = {
         "date": f"{began:%Y-%m-%d %H:%M:%S} UTC",
+        "place": _place(mission),
+        "operators": _operators(logs, vehicles),
+        "wind": _wind(vehicles),
+        "battery at the end": _battery(vehicles),
         "log": ", ".join(_names(logs)),
         "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),
     }
@@ -118,6 +123,37 @@ def _facts(logs: Sequence[FlightLog]) -> dict[str, str]:
         facts["injected faults"] = ", ".join(run.faults)
     faults = [f"{log.path.name}: {fault}" for log in logs for fault in log.faults]
     return {**facts, "incomplete": "; ".join(faults)} if faults else facts
+
+
+def _place(mission: Mission) -> str:
+    origin = mission.mission_frame().origin
+    if origin is None:
+        return "a local frame"
+    place = f"{origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}, ground at {origin.altitude_m:g} m"
+    return f"{place}; x points {mission.frame.x_bearing_deg:g}° from north"
+
+
+def _operators(logs: Sequence[FlightLog], vehicles: Sequence["_VehicleReader"]) -> str:
+    """Return who began the flight and who sent commands, as far as the logs hold it."""
+    began = sorted({log.run.operator for log in logs} - {""})
+    commanded = sorted({name for each in vehicles for name in each.operators})
+    known = [f"begun by {', '.join(began)}"] * bool(began) + [f"commands by {', '.join(commanded)}"] * bool(commanded)
+    return "; ".join(known) or "not recorded"
+
+
+def _wind(vehicles: Sequence["_VehicleReader"]) -> str:
+    """Return the wind as the autopilots estimated it."""
+    known = {each.vehicle_id: each.wind_m_s for each in vehicles if each.wind_m_s}
+    if not known:
+        return "not reported"
+    every = [speed_m_s for speeds_m_s in known.values() for speed_m_s in speeds_m_s]
+    by = f"by the estimate of vehicle{'s' * (len(known) > 1)} {', '.join(map(str, known))}"
+    return f"{float(np.median(every)):.1f} m/s, up to {max(every):.1f} m/s, {by}"
+
+
+def _battery(vehicles: Sequence["_VehicleReader"]) -> str:
+    known = [f"{each.vehicle_id}: {each.charge:.0%}" for each in vehicles if each.charge is not None]
+    return ", ".join(known) or "not reported"
 
 
 def _kinds(logs: Sequence[FlightLog]) -> dict[int, str]:
@@ -161,6 +197,8 @@ class _VehicleReader:
         self._peers: dict[int, MemberState] = {}
         self._angles: dict[int, NeighbourAngle] = {}
         self._battery: list[tuple[float, float]] = []
+        self.wind_m_s: list[float] = []
+        self.operators: set[str] = set()
         self._round_trip_s: list[float] = []
         self._truth: dict[bool, list[tuple[float, ...]]] = {False: [], True: []}
         self._late = 0
@@ -174,6 +212,7 @@ class _VehicleReader:
             Taken: self._message,
             Truth: self._position,
             AutopilotStatus: self._autopilot,
+            Command: self._command,
         }
         for record in records:
             if record.kind in takers:
@@ -195,12 +234,28 @@ class _VehicleReader:
         """Number of missed ticks."""
         return sum(self._rows.skipped) if self._end is None else self._end.missed
 
-    def ending(self, start_s: float) -> VehicleEnding:
+    @property
+    def charge(self) -> float | None:
+        """The newest charge of the battery that it reported."""
+        return self._battery[-1][1] if self._battery else None
+
+    def ending(self, start_s: float, mission: Mission) -> VehicleEnding:
         """Return how its flight ended: where the log does not say so it ends before that."""
         if self._end is None:
             ends = f"the log ends in flight, {max(self.last_s - start_s, 0.0):.1f} s after the mission's start"
-            return VehicleEnding(self.vehicle_id, FlightEnd.IN_FLIGHT, ends)
-        return VehicleEnding(self.vehicle_id, FlightEnd(self._end.how), self._end.reason)
+            how, reason, last = FlightEnd.IN_FLIGHT, ends, self._last_position
+        else:
+            how, reason, last = FlightEnd(self._end.how), self._end.reason, self._end.unaccounted
+        unaccounted = None if last is None else Unaccounted.of(self.vehicle_id, last, mission.mission_frame())
+        return VehicleEnding(self.vehicle_id, how, reason, unaccounted)
+
+    @property
+    def _last_position(self) -> LastPosition | None:
+        """The newest position when the log ends, None without one."""
+        if not self._telemetry:
+            return None
+        _, sampled_s, x, y, z = self._telemetry[-1]
+        return LastPosition((x, y, z), max(self.last_s - sampled_s, 0.0) / self._log.run.speed)
 
     def truth(self, mission: Mission) -> TruthTrack | None:
         """Return the true motion of the vehicle, known afterwards or else received in flight; None if not known."""
@@ -291,7 +346,12 @@ class _VehicleReader:
             for received in self._log.messages(record):
                 self._receive(received.message, received.now_s)
 
+    def _command(self, record: LogRecord) -> None:
+        self.operators.add(record.read(Command).command.origin)
+
     def _receive(self, message: BusMessage, now_s: float) -> None:
+        if isinstance(message, OperatorCommand):
+            self.operators.add(message.origin)
         if isinstance(message, MemberState):
             self._received[message.sender].append((now_s, message.time_s))
             newest = self._peers.get(message.sender)
@@ -310,6 +370,8 @@ class _VehicleReader:
         status = record.message().status
         if status.HasField("battery"):
             self._battery.append((record.time_ns * 1e-9 * self._log.run.speed, status.battery))
+        if status.HasField("wind_m_s"):
+            self.wind_m_s.append(status.wind_m_s)
         if status.HasField("round_trip_s"):
             self._round_trip_s.append(status.round_trip_s)
 

@@ -1,11 +1,13 @@
 /** Alarms: a sound, a sign and a word until they are acknowledged; removed when they are over and acknowledged. */
 
 import { byId, element, setText } from "./dom.js";
-import { due, trouble } from "./vehicles.js";
+import { capital, vehicleNames } from "./units.js";
+import { byTrouble, due, trouble } from "./vehicles.js";
 
 const SOUND_EVERY_MS = 2000;
 const TONES_HZ = [880, 660];
 const TONE_S = 0.18;
+const VIBRATION_MS = [200, 100, 200];
 export const STATION_LOST = "No connection to the station";
 
 export class Alarms {
@@ -19,15 +21,18 @@ export class Alarms {
     setInterval(() => this.#ring(), SOUND_EVERY_MS);
   }
 
-  start() {
+  start(mission) {
+    this.mission = mission.mission;
     this.alarms.clear();
     this.#show();
   }
 
   /** Update from a team and from whether the station answers. */
   update(team, isConnected) {
-    const present = team ? team.vehicles.filter((vehicle) => trouble(vehicle, team) === "alarm").map(ofVehicle) : [];
-    if (team?.lost) present.unshift(LOST);
+    const vehicles = team ? byTrouble(team).filter((vehicle) => trouble(vehicle, team) === "alarm") : [];
+    // Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
+    const present = vehicles.filter((vehicle) => !(team.lost && vehicle.is_unaccounted)).map(ofVehicle);
+    if (team?.lost) present.unshift(ofFlight(team));
     if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
     if (this.#take(present)) this.#show();
   }
@@ -62,7 +67,7 @@ export class Alarms {
   /** A vehicle shows only its gravest alert: one that another replaced may still be present, so it is removed, not "over". */
   #endAllBut(present) {
     const keys = new Set(present.map((alarm) => alarm.key));
-    const subjects = new Set(present.map((alarm) => alarm.subject));
+    const subjects = new Set(present.flatMap((alarm) => alarm.covers ?? [alarm.subject]));
     for (const [key, alarm] of this.alarms) {
       const isReplaced = alarm.isPresent && !keys.has(key) && subjects.has(alarm.subject);
       if (isReplaced) this.alarms.delete(key);
@@ -83,6 +88,12 @@ export class Alarms {
     this.sound.play();
   }
 
+  /** Name the alarm, or their number, in the title of the browser's tab, which is seen from another one. */
+  #title(present) {
+    const alarm = present.length === 1 ? `■ ${words(present)} · ` : present.length ? `■ ${present.length} alarms · ` : "";
+    document.title = `${alarm}${this.mission ?? ""} - cordon`;
+  }
+
   #ring() {
     if ([...this.alarms.values()].some((alarm) => alarm.isPresent && !alarm.isSeen)) this.sound.play();
   }
@@ -91,6 +102,7 @@ export class Alarms {
     const alarms = [...this.alarms.values()].toSorted((a, b) => rank(a) - rank(b));
     this.list.parentElement.hidden = alarms.length === 0;
     byId("acknowledge").hidden = alarms.every((alarm) => alarm.isSeen);
+    this.#title(alarms.filter((alarm) => alarm.isPresent));
     this.list.replaceChildren(...grouped(alarms).map(row));
   }
 }
@@ -100,14 +112,16 @@ const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2) - (alarm.wa
 
 function ofVehicle(vehicle) {
   const { vehicle_id, alert, advice, waits_for_resume } = vehicle;
-  return { key: `${vehicle_id} ${alert}`, subject: vehicle_id, alert, advice, due: due(vehicle), waits: waits_for_resume };
+  const key = `${vehicle_id} ${alert}`;
+  const cause = vehicle.is_unaccounted ? key : alert; // each one has its own last place
+  return { key, cause, subject: vehicle_id, alert, advice, due: due(vehicle), waits: waits_for_resume };
 }
 
 /** Alarms in groups, in their order: vehicles with the same alert, as alike seen and over, have one cause, and one row. */
 function grouped(alarms) {
   const groups = new Map();
   for (const alarm of alarms) {
-    const cause = `${alarm.alert ?? alarm.key} ${alarm.isPresent} ${alarm.isSeen}`;
+    const cause = `${alarm.cause ?? alarm.key} ${alarm.isPresent} ${alarm.isSeen}`;
     groups.set(cause, [...(groups.get(cause) ?? []), alarm]);
   }
   return [...groups.values()];
@@ -120,7 +134,10 @@ function words(group) {
   return `Vehicle${ids.length > 1 ? "s" : ""} ${ids.join(", ")}: ${alert}`;
 }
 
-const LOST = { key: "lost", subject: "flight", text: "The flight was lost: only the autopilots control the vehicles", advice: "" };
+function ofFlight({ lost, vehicles }) {
+  const names = vehicleNames(lost.vehicles, vehicles);
+  return { key: "lost", subject: "flight", covers: lost.vehicles, text: `${capital(names)}: unaccounted for`, advice: "" };
+}
 
 function row(group) {
   const [alarm] = group;
@@ -132,7 +149,7 @@ function row(group) {
   return element("li", { "data-state": alarm.isPresent ? (alarm.isSeen ? "seen" : "new") : "over" }, ...parts);
 }
 
-/** Two tones. Browsers allow sound only after the first gesture: until then the switch shows it. */
+/** Two tones. Browsers allow sound only after a gesture: until then, and when the system takes it away, the switch shows it. */
 export class Sound {
   #context = null;
   #isOn = true;
@@ -140,15 +157,18 @@ export class Sound {
   /** @param {HTMLButtonElement} button */
   constructor(button) {
     this.button = button;
-    button.addEventListener("click", () => this.turn(!this.#isOn));
-    for (const gesture of ["pointerdown", "keydown"]) {
-      document.addEventListener(gesture, () => this.#unlock(), { once: true, capture: true });
-    }
+    button.addEventListener("click", () => (this.#isLocked ? this.#unlock() : this.turn(!this.#isOn)));
+    // A press of the button itself does what the button said when it was pressed.
+    const unlock = (event) => this.#isLocked && !button.contains(event.target) && this.#unlock();
+    for (const gesture of ["pointerdown", "pointerup", "keydown"]) document.addEventListener(gesture, unlock, { capture: true });
     this.#show();
   }
 
+  /** Vibrate and sound, as far as the device can and the switch is on. */
   play() {
-    if (!this.#isOn || this.#context?.state !== "running") return;
+    if (!this.#isOn) return;
+    if (navigator.userActivation?.hasBeenActive) navigator.vibrate?.(VIBRATION_MS);
+    if (this.#context?.state !== "running") return;
     TONES_HZ.forEach((tone_hz, index) => this.#tone(tone_hz, this.#context.currentTime + index * TONE_S));
   }
 
@@ -160,8 +180,15 @@ export class Sound {
     oscillator.stop(from_s + TONE_S);
   }
 
+  get #isLocked() {
+    return this.#isOn && this.#context?.state !== "running";
+  }
+
   #unlock() {
-    this.#context ??= new AudioContext();
+    if (!this.#context) {
+      this.#context = new AudioContext();
+      this.#context.addEventListener("statechange", () => this.#show());
+    }
     this.#context.resume().then(() => this.#show());
   }
 
@@ -172,7 +199,6 @@ export class Sound {
 
   #show() {
     this.button.setAttribute("aria-pressed", String(this.#isOn));
-    const isLocked = this.#isOn && this.#context?.state !== "running";
-    setText(this.button, isLocked ? "Sound: press once" : `Sound ${this.#isOn ? "on" : "off"}`);
+    setText(this.button, this.#isLocked ? "Sound: press once" : `Sound ${this.#isOn ? "on" : "off"}`);
   }
 }

@@ -6,7 +6,9 @@ import { KillPrompt, PilotPrompt } from "./prompts.js";
 import { age, vehicleNames } from "./units.js";
 
 const REQUESTS_MAX = 20;
+const DELIVERED_WITHIN_MS = 1500;
 const PILOT = "pilot override";
+const HOLD = { verb: "hold", key: "h" };
 
 export class Commands {
   /** @param {Selection} selection @param {function(Object): boolean} send passes a request to the station */
@@ -19,6 +21,10 @@ export class Commands {
     this.pilot = new PilotPrompt((verb, target, overrides) => this.#request(verb, target, { overrides_pilot: overrides }));
     selection.changed(() => this.#showTarget());
     byId("select-all").addEventListener("click", () => selection.clear());
+    byId("hold-all").addEventListener("click", () => this.#hold(this.#everyone()));
+    // What a button says does not change while it is pressed.
+    for (const press of ["pointerdown", "keydown"]) byId("verbs").addEventListener(press, () => selection.keep());
+    document.addEventListener("keydown", (event) => this.#key(event));
     ignoreKeyRepeat(document);
   }
 
@@ -30,19 +36,34 @@ export class Commands {
     if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((verb) => this.#button(verb)));
     this.offered = names;
     byId("commands").hidden = mission.source === "log";
-    byId("read-only").hidden = offered.length > 0;
+    this.readOnly = mission.operator.read_only;
+    this.#showReadOnly();
     byId("target").hidden = byId("answers").hidden = offered.length === 0;
+    this.hold = offered.find(({ name }) => name === HOLD.verb);
+    byId("hold-all").hidden = !this.hold;
     this.#showTarget();
   }
 
   update(team) {
     this.team = team;
+    this.selection.update(team);
+    this.#showReadOnly();
+    this.#showRest();
+  }
+
+  /** Show that a request has arrived at the station. */
+  receipt({ request: id }) {
+    const request = this.requests.get(id);
+    if (!request) return;
+    request.isDelivered = true;
+    this.#showRequest(request);
   }
 
   /** Show an AnswerPicture. */
   answer(answer) {
     const request = this.requests.get(answer.request);
     if (!request) return;
+    request.isDelivered = true;
     request.answers.set(answer.vehicle_id, answer);
     this.#showRequest(request);
   }
@@ -53,6 +74,12 @@ export class Commands {
       request.isLost = true;
       this.#showRequest(request);
     }
+  }
+
+  #showReadOnly() {
+    byId("read-only").hidden = this.offered !== "";
+    const reason = this.readOnly || "there is no operator's key for this page";
+    setText(byId("read-only"), this.team?.ending || this.team?.lost ? "Flight over: cordon flies no vehicle." : `Read-only: ${reason}.`);
   }
 
   #button(verb) {
@@ -70,8 +97,30 @@ export class Commands {
     return { vehicles, all, isAll: isEmpty };
   }
 
+  #everyone() {
+    const { all } = this.selection;
+    return { vehicles: all, all, isAll: true };
+  }
+
+  /** Hold at once, as at the terminal also instead of a command that waits for its confirmation. */
+  #hold(target) {
+    for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close();
+    this.#request(this.hold, target, {});
+  }
+
+  #key(event) {
+    const isChord = event.ctrlKey || event.altKey || event.metaKey;
+    if (!this.hold || event.key !== HOLD.key || isChord || event.repeat || byId("commands").hidden) return;
+    event.preventDefault();
+    this.#hold(this.#target());
+  }
+
   #press(verb) {
     const target = this.#target();
+    if (verb.confirmation !== "at once" && this.selection.hasJustEnded) {
+      this.#add(verb, target, "The selection had just ended: press again for all.");
+      return;
+    }
     const flown = verb.confirmation === "pilots" ? this.#flownByPilots(target.vehicles) : [];
     if (verb.confirmation === "word") this.kill.ask(verb, target);
     else if (flown.length) this.pilot.ask(verb, target, flown);
@@ -87,12 +136,25 @@ export class Commands {
     const vehicles = target.isAll ? null : target.vehicles;
     const id = requestName();
     const isSent = this.send({ kind: "command", request: id, verb: verb.name, vehicles, ...confirmations });
-    const request = { verb, target, isSent, isLost: false, answers: new Map(), item: element("li", { "data-request": id }) };
+    this.#add(verb, target, isSent ? "" : "No connection to the station: press again once it is restored.", id);
+    this.selection.clear();
+  }
+
+  /** Show a request; `unsent` is why it was not sent, empty if it was. */
+  #add(verb, target, unsent, id = requestName()) {
+    const request = { verb, target, unsent, isLost: false, isDelivered: false, isSlow: false, answers: new Map(), item: element("li", { "data-request": id }) };
     request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
     this.requests.set(id, request);
     byId("answers").prepend(request.item);
     this.#showRequest(request);
+    setTimeout(() => this.#slow(request), DELIVERED_WITHIN_MS);
     this.#removeOld();
+  }
+
+  #slow(request) {
+    if (request.isDelivered) return;
+    request.isSlow = true;
+    this.#showRequest(request);
   }
 
   #removeOld() {
@@ -110,14 +172,22 @@ export class Commands {
   }
 
   #showTarget() {
-    const { vehicles, all, isEmpty } = this.selection;
-    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}`);
+    const { vehicles, all, without, isEmpty } = this.selection;
+    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${without && ` (${without})`}`);
+    setText(byId("hold-all"), `Hold all ${all.length}`);
+    byId("hold-all").disabled = all.length === 0;
     byId("select-all").hidden = isEmpty;
+    this.#showRest();
     for (const button of byId("verbs").children) {
-      const hold = button.classList.contains("held") ? ", hold 1 s" : "";
-      setText(button.querySelector(".whom"), shortNames(vehicles, all) + hold);
+      const how = button.classList.contains("held") ? ", hold 1 s" : button.dataset.verb === HOLD.verb ? `, key ${HOLD.key}` : "";
+      setText(button.querySelector(".whom"), shortNames(vehicles, all) + how);
       button.disabled = all.length === 0;
     }
+  }
+
+  #showRest() {
+    const { isEmpty, rest_s } = this.selection;
+    setText(byId("target-rest"), isEmpty ? "" : `for ${Math.ceil(rest_s)} s`);
   }
 }
 
@@ -137,11 +207,15 @@ function answerRow(answer) {
 
 /** The vehicles that have not answered a request yet. */
 function openRow(request) {
-  if (!request.isSent) return [element("li", {}, "✗ Not sent: no connection to the station. Press again once it is restored.")];
+  if (request.unsent) return [element("li", {}, `✗ Not sent. ${request.unsent}`)];
   const open = request.target.vehicles.filter((id) => !request.answers.get(id)?.is_final);
   if (!open.length || request.answers.has(null)) return [];
   const names = vehicleNames(open, request.target.all);
-  if (request.isLost) return [element("li", {}, `▲ Connection lost before ${names} answered. Watch the vehicles. The command is not repeated.`)];
+  if (request.isLost) {
+    const what = request.isDelivered ? `${names} answered` : "it was delivered to the station";
+    return [element("li", {}, `▲ Connection lost before ${what}. Watch the vehicles. The command is not repeated.`)];
+  }
+  if (request.isSlow && !request.isDelivered) return [element("li", {}, "▲ Not delivered to the station yet: the connection is slow")];
   return [element("li", {}, `… Waiting for ${names}`)];
 }
 

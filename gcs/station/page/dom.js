@@ -13,6 +13,13 @@ export function element(name, attributes = {}, ...children) {
   return made;
 }
 
+/** The same for an element of SVG. */
+export function drawing(name, attributes) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}
+
 export const byId = (id) => document.getElementById(id);
 
 /** Change a text only if it differs: an unchanged text is neither laid out nor read out again. */

@@ -30,6 +30,13 @@ export class Frame {
     return [this.longitude_deg + east_m / this.east_m_deg, this.latitude_deg + north_m / this.north_m_deg];
   }
 
+  /** The point in metres of a longitude and a latitude in degrees: the inverse of `lonLat`. */
+  point_m([longitude_deg, latitude_deg]) {
+    const north_m = (latitude_deg - this.latitude_deg) * this.north_m_deg;
+    const east_m = (longitude_deg - this.longitude_deg) * this.east_m_deg;
+    return [this.cosine * north_m + this.sine * east_m, this.sine * north_m - this.cosine * east_m];
+  }
+
   /** The clockwise rotation from north, in degrees, of a yaw or direction that is counter-clockwise from x. */
   bearing_deg(yaw_rad) {
     return this.x_bearing_deg - yaw_rad * DEGREES;

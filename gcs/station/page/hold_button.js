@@ -9,14 +9,15 @@ const KEYS = ["Enter", " "];
  * @param {function()} act called once for each time that the button was held
  */
 export function actWhenHeld(button, act) {
-  const hold = { held_ms: null, last_ms: 0 };
+  const hold = { held_ms: null, last_ms: 0, frame: 0 };
   const begin = () => {
     hold.held_ms ??= 0;
     hold.last_ms = performance.now();
-    requestAnimationFrame((now_ms) => count(button, hold, now_ms, act));
+    hold.frame = requestAnimationFrame((now_ms) => count(button, hold, now_ms, act));
   };
   const cancel = () => {
     hold.held_ms = null;
+    cancelAnimationFrame(hold.frame); // a press before the next frame would be counted twice
     show(button, 0);
   };
   beginWith(button, hold, begin);
@@ -37,7 +38,7 @@ function count(button, hold, now_ms, act) {
   hold.last_ms = now_ms;
   show(button, Math.min(hold.held_ms / HOLD_MS, 1));
   if (hold.held_ms < HOLD_MS) {
-    requestAnimationFrame((next_ms) => count(button, hold, next_ms, act));
+    hold.frame = requestAnimationFrame((next_ms) => count(button, hold, next_ms, act));
     return;
   }
   hold.held_ms = Infinity; // until it is released

@@ -26,14 +26,24 @@ export function teamMarks(mission, team, frame) {
 
 function targetMarks(mission, { target, vehicles }, frame) {
   const centre = target.position_m;
-  const marks = [
-    line("ring", [circle(centre, mission.ring_radius_m)], frame),
-    line("velocity", [[centre, ahead(centre, target.velocity_m_s)]], frame),
-    area("ellipse", ellipse(centre, target.covariance_m2), frame),
-  ];
+  const marks = [line("ring", [circle(centre, mission.ring_radius_m)], frame), ...whereabouts(target, centre, frame)];
   if (mission.keep_out_m > 0) marks.push(area("keep-out", circle(centre, mission.keep_out_m), frame));
   const flown = flownRadius(vehicles);
   return flown === null ? marks : [...marks, line("flown", [circle(centre, flown)], frame)];
+}
+
+/** Where the target is: its ellipse and motion, or for a lost one the circle that it can have reached. */
+function whereabouts(target, centre, frame) {
+  if (target.lost_speed_m_s !== null) return [area("reach", circle(centre, reach(target)), frame)];
+  return [
+    line("velocity", [[centre, ahead(centre, target.velocity_m_s)]], frame),
+    area("ellipse", ellipse(centre, target.covariance_m2), frame),
+  ];
+}
+
+/** How far, in metres, a lost target can be from its last place: its speed for as long, and its last uncertainty. */
+export function reach({ lost_speed_m_s, sighting_age_s, covariance_m2: [xx, , yy] }) {
+  return lost_speed_m_s * sighting_age_s + DEVIATIONS * Math.sqrt(xx + yy);
 }
 
 /** The mean radius, in metres, of vehicles on the ring that are current; null for none. */

@@ -1,6 +1,6 @@
 /** A recorded flight: the time slider, play and pause, the speed, and jumps to events. */
 
-import { byId, setText } from "./dom.js";
+import { byId, element, setText } from "./dom.js";
 import { clock } from "./units.js";
 
 const FRAME_MS_MAX = 250;
@@ -21,6 +21,7 @@ export class Replay {
     byId("play").addEventListener("click", () => this.play(!this.isPlaying));
     byId("next-event").addEventListener("click", () => this.#jump(1));
     byId("previous-event").addEventListener("click", () => this.#jump(-1));
+    this.#offerAlarms(this.#places((event) => event.severity === "alarm"));
     this.seek(Math.max(flight.teams.findIndex((team) => team.time_s !== null), 0)); // where the mission begins
   }
 
@@ -54,14 +55,41 @@ export class Replay {
     });
   }
 
+  /** Mark alarms on the slider, and let a button and a key seek the next one; after the last one they do nothing. */
+  #offerAlarms(places) {
+    const last = Math.max(this.times.length - 1, 1);
+    byId("seek-alarms").replaceChildren(...[...new Set(places)].map((place) => mark(place / last)));
+    byId("next-alarm").disabled = places.length === 0;
+    const seekNext = () => {
+      const next = Math.min(...places.filter((place) => place > Math.floor(this.place)));
+      if (Number.isFinite(next)) this.seek(next);
+    };
+    byId("next-alarm").addEventListener("click", seekNext);
+    document.addEventListener("keydown", (event) => event.key === "n" && !isModified(event) && seekNext());
+  }
+
+  /** The places of the first pictures after events. */
+  #places(isWanted) {
+    const times = this.flight.events.filter((event) => event.time_s !== null && isWanted(event)).map(({ time_s }) => time_s);
+    return times.map((time_s) => this.times.findIndex((each) => each >= time_s)).filter((place) => place >= 0);
+  }
+
   /** Seek the first picture after the next or the previous event; without one the end or the beginning. */
   #jump(direction) {
     const now = Math.floor(this.place);
-    const times = this.flight.events.map((event) => event.time_s).filter((time_s) => time_s !== null);
-    const places = times.map((time_s) => this.times.findIndex((each) => each >= time_s)).filter((place) => place >= 0);
+    const places = this.#places(() => true);
     if (direction > 0) this.seek(Math.min(...places.filter((place) => place > now), this.times.length - 1));
     else this.seek(Math.max(...places.filter((place) => place < now), 0));
   }
+}
+
+const isModified = (event) => event.ctrlKey || event.altKey || event.metaKey;
+
+/** A mark on the slider at a share of its length. */
+function mark(share) {
+  const made = element("span");
+  made.style.setProperty("--share", String(share));
+  return made;
 }
 
 /** The time between two pictures, in seconds of the mission; 0 where it never began. */

@@ -1,15 +1,18 @@
 /** The map: the mission's metres with MapLibre's camera, lines from `marks.js` and symbols from `symbols.js`. */
 
-import { byId, element } from "./dom.js";
+import { byId, setAttribute, setText } from "./dom.js";
 import { Frame } from "./frame.js";
+import { labelPlaces } from "./labels.js";
 import { planMarks, teamMarks, trailMarks } from "./marks.js";
+import { copy, copyOnClick, mapPlaceText, placeText } from "./places.js";
 import { showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
 import { atMostEvery } from "./throttle.js";
+import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
 import * as maplibre from "./vendor/maplibre-gl.mjs";
 
 const EMPTY = { type: "FeatureCollection", features: [] };
-const PADDING_PX = { top: 50, bottom: 50, left: 50, right: 110 }; // labels are on the right
+const PADDING_PX = { top: 40, bottom: 50, left: 50, right: 110 }; // labels are on the right
 const ZOOM_MAX = 21.5;
 const TRAIL_EVERY_MS = 500;
 /** Layers: source, name, the colour (a CSS variable, or the vehicle's), width, dashes, and the switch that hides it. */
@@ -21,6 +24,7 @@ const LINES = [
   ["team", "flown", "--ink", 1.5, null, "ring"],
   ["team", "keep-out", "--alarm", 1.5, [1, 2], "keep-out"],
   ["team", "ellipse", "--ink", 1, null, "uncertainty"],
+  ["team", "reach", "--warning", 2, [4, 3], "uncertainty"],
   ["team", "velocity", "--ink", 3, null, "uncertainty"],
   ["team", "separation", null, 1.5, null, "separation"],
   ["team", "stale", null, 1.5, [2, 3], "separation"],
@@ -29,6 +33,7 @@ const LINES = [
 const AREAS = [
   ["keep-out", "--alarm", 0.12],
   ["ellipse", "--ink", 0.15],
+  ["reach", "--warning", 0.1],
 ];
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
@@ -48,7 +53,12 @@ export class Scene {
     this.map.addControl(new maplibre.ScaleControl({ unit: "metric", maxWidth: 160 }), "bottom-left");
     this.map.addControl(new maplibre.NavigationControl({ showCompass: false }), "bottom-right");
     this.map.on("dragstart", () => this.#follow(false));
+    this.map.on("moveend", () => this.team && this.#placeLabels());
     this.map.on("resize", () => Object.assign(this, { hasFitted: false }));
+    this.map.on("mousemove", ({ lngLat }) => this.#showCursor(lngLat));
+    this.map.on("click", ({ lngLat }) => this.#copyCursor(lngLat));
+    byId("places").hidden = false;
+    copyOnClick(byId("places"));
     this.isLoaded = this.map.once("load");
     this.#buttons();
     selection.changed(() => this.#showSelection());
@@ -78,6 +88,8 @@ export class Scene {
     for (const vehicle of team.vehicles) this.#showVehicle(vehicle, team);
     this.#place(this.target.marker, team.target?.position_m ?? null);
     if (team.target) showTarget(this.target, team.target);
+    this.#showPlace("target-place", "Target", placeText(this.mission, team.target?.position_m));
+    this.#placeLabels();
     if (this.isFollowing) this.#keepInView(team);
   }
 
@@ -96,6 +108,20 @@ export class Scene {
     for (const [name, colour] of AREAS) this.map.setPaintProperty(`${name}-area`, "fill-color", css(colour));
     this.map.setPaintProperty("ground", "background-color", css("--ground"));
     this.tiles.recolour();
+  }
+
+  #showPlace(id, name, place) {
+    setText(byId(id), `${name} ${place}`);
+    setAttribute(byId(id), "data-copied", place);
+  }
+
+  #showCursor({ lng, lat }) {
+    if (this.mission) this.#showPlace("cursor-place", "Cursor", mapPlaceText(this.mission, [lng, lat]));
+  }
+
+  #copyCursor(lngLat) {
+    this.#showCursor(lngLat);
+    copy(byId("cursor-place").dataset.copied, byId("cursor-place"));
   }
 
   #trails(past) {
@@ -120,6 +146,30 @@ export class Scene {
     showVehicle(symbol, vehicle, team, rotation_deg);
   }
 
+  /** Width and height in pixels, read without a new layout of the page. */
+  get #size() {
+    const canvas = this.map.getCanvas();
+    return [canvas.width, canvas.height].map((size) => size / this.map.getPixelRatio());
+  }
+
+  /** Alarms and the selection have the first choice of places, and are always named; the target has the last. */
+  #placeLabels() {
+    const shown = byTrouble(this.team).filter((vehicle) => vehicle.position_m && this.symbols.has(vehicle.vehicle_id));
+    const isKept = (vehicle) => trouble(vehicle, this.team) === "alarm" || this.selection.has(vehicle.vehicle_id);
+    const kept = shown.filter(isKept);
+    const vehicles = [...kept, ...shown.filter((vehicle) => !isKept(vehicle))];
+    const placed = vehicles.map((vehicle) => ({ ...this.symbols.get(vehicle.vehicle_id), position_m: vehicle.position_m }));
+    if (this.team.target) placed.push({ ...this.target, position_m: this.team.target.position_m });
+    const places = labelPlaces(
+      placed.map(({ label, root, position_m }, index) => {
+        const { x, y } = this.map.project(this.frame.lonLat(position_m));
+        return { x, y, text: label.textContent, place: root.dataset.place, isKept: index < kept.length };
+      }),
+      this.#size,
+    );
+    placed.forEach(({ root }, index) => setAttribute(root, "data-place", places[index]));
+  }
+
   #place(marker, position_m) {
     if (position_m === null) marker.remove();
     else {
@@ -136,8 +186,7 @@ export class Scene {
   }
 
   #keepInView(team) {
-    const canvas = this.map.getCanvas(); // its size is read without a new layout of the page
-    const [width, height] = [canvas.width, canvas.height].map((size) => size / this.map.getPixelRatio());
+    const [width, height] = this.#size;
     const points = team.vehicles.map((vehicle) => vehicle.position_m).filter(Boolean);
     const isInside = ({ x, y }) => x > 40 && y > 40 && x < width - 40 && y < height - 40;
     const isSeen = points.every((point_m) => isInside(this.map.project(this.frame.lonLat(point_m))));

@@ -3,7 +3,7 @@
 import { Alarms, Sound } from "./alarms.js";
 import { Cards } from "./cards.js";
 import { Commands } from "./commands.js";
-import { byId } from "./dom.js";
+import { byId, setText } from "./dom.js";
 import { Events } from "./events.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
@@ -14,6 +14,7 @@ import { Tabs } from "./tabs.js";
 import { startTheme } from "./theme.js";
 import { TopBar } from "./topbar.js";
 import { agedTeam } from "./vehicles.js";
+import { WakeLock } from "./wake_lock.js";
 
 const PAST_S = 120;
 const PAST_EVERY_S = 0.5;
@@ -29,7 +30,7 @@ class Page {
     this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), byId("assertive"));
     this.topbar = new TopBar();
     this.strips = new Strips(byId("strips"));
-    this.cards = new Cards(byId("cards"), this.selection);
+    this.cards = new Cards(byId("cards"), this.selection, send);
     this.table = new Table(byId("table"));
     this.scene = null;
     this.tabs = new Tabs(byId("views"), () => this.redraw());
@@ -76,8 +77,16 @@ class Page {
       this.tabs.show(byId("table-tab"));
       return;
     }
-    const { Scene } = await import("./scene.js");
-    this.scene = new Scene(byId("map"), this.selection);
+    byId("map-state").hidden = false;
+    try {
+      const { Scene } = await import("./scene.js");
+      this.scene = new Scene(byId("map"), this.selection);
+      await this.scene.isLoaded;
+    } catch (error) {
+      setText(byId("map-state"), "The map could not be loaded: reload the page. The cards and the table show every quantity.");
+      throw error;
+    }
+    byId("map-state").hidden = true;
     if (this.mission) this.scene.start(this.mission).then(() => this.redraw());
   }
 
@@ -101,6 +110,7 @@ class Live {
     this.team = null;
     this.past = [];
     this.arrived_ms = performance.now();
+    this.wakeLock = new WakeLock();
     this.page = new Page((request) => this.stream.send(request));
     const handlers = { picture: (picture) => this.#take(picture), connection: (isOpen) => this.#connection(isOpen) };
     this.stream = openStream(streamUrl(), handlers);
@@ -110,6 +120,7 @@ class Live {
   #take(picture) {
     if (picture.kind === "mission") this.#start(picture);
     else if (picture.kind === "event") this.page.events.add(picture);
+    else if (picture.kind === "receipt") this.page.commands.receipt(picture);
     else if (picture.kind === "answer") this.page.commands.answer(picture);
     else if (picture.kind === "team") this.#team(picture);
   }
@@ -126,6 +137,7 @@ class Live {
     if (last && (team.time_s ?? 0) < (last.time_s ?? 0)) this.past = []; // another flight has begun
     if (!last || (team.time_s ?? 0) - (last.time_s ?? 0) >= PAST_EVERY_S) this.past.push(team);
     while (this.past.length > PAST_S / PAST_EVERY_S) this.past.shift();
+    this.wakeLock.want(!team.ending);
     this.#warn();
     this.frame ??= requestAnimationFrame(() => this.#draw());
   }

@@ -1,7 +1,7 @@
 /** Strips: recent radius, distance, height and speed, one line per vehicle. */
 
 import uPlot from "./vendor/uPlot.esm.js";
-import { element } from "./dom.js";
+import { drawing, element } from "./dom.js";
 import { atMostEvery } from "./throttle.js";
 
 const STRIPS = [
@@ -10,7 +10,7 @@ const STRIPS = [
   ["Height, m", (vehicle) => vehicle.position_m?.[2]],
   ["Speed, m/s", (vehicle) => vehicle.velocity_m_s && Math.hypot(...vehicle.velocity_m_s)],
 ];
-const DASHES = [[], [8, 3], [2, 3]];
+const DASHES = [[], [8, 3], [2, 3], [8, 3, 2, 3]];
 const HEIGHT_PX = 150;
 const EVERY_MS = 500;
 
@@ -32,7 +32,9 @@ export class Strips {
   recolour() {
     for (const { plot } of this.plots) plot.destroy();
     this.container.replaceChildren();
-    if (this.mission) this.plots = STRIPS.map(([title, value]) => ({ value, plot: this.#plot(title) }));
+    if (!this.mission) return;
+    this.container.append(legend(this.mission.vehicles));
+    this.plots = STRIPS.map(([title, value]) => ({ value, plot: this.#plot(title) }));
   }
 
   /** Draw TeamPictures in the order of time, if the strips are on the screen. */
@@ -71,9 +73,21 @@ function series(planned, teams, value) {
 
 const COLOURS_OF_VEHICLES = 8;
 
+const dashes = (index) => DASHES[Math.floor(index / COLOURS_OF_VEHICLES) % DASHES.length];
+
 function seriesStyle(planned, index) {
-  const dash = DASHES[Math.floor(index / COLOURS_OF_VEHICLES) % DASHES.length];
-  return { label: `${planned.vehicle_id}`, stroke: planned.colour, width: 1.5, dash, points: { show: false } };
+  return { label: `${planned.vehicle_id}`, stroke: planned.colour, width: 1.5, dash: dashes(index), points: { show: false } };
+}
+
+/** The number of each vehicle beside its line. */
+function legend(vehicles) {
+  const keys = vehicles.map(({ vehicle_id, colour }, index) => {
+    const line = drawing("line", { x1: 0, x2: 28, y1: 5, y2: 5, stroke: colour, "stroke-width": 2.5, "stroke-dasharray": dashes(index).join(" ") });
+    const picture = drawing("svg", { width: 28, height: 10, "aria-hidden": "true" });
+    picture.append(line);
+    return element("li", {}, picture, ` ${vehicle_id}`);
+  });
+  return element("ul", { class: "legend", "aria-label": "Lines of the vehicles" }, ...keys);
 }
 
 const toTransparent = (colour) => colour.replace("rgb(", "rgba(").replace(")", ", 0.15)");

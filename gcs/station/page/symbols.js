@@ -1,19 +1,21 @@
 /** The vehicles and the target on the map: an arrow or a cross with a label, hatched if it is not current. */
 
-import { element, setAttribute, setText } from "./dom.js";
-import { metres, quantity } from "./units.js";
+import { drawing, element, setAttribute, setText } from "./dom.js";
+import { reach } from "./marks.js";
+import { age, metres } from "./units.js";
 import { lastSeen, trouble } from "./vehicles.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 const ARROW = "M0,-15 L11,12 L0,6 L-11,12 Z";
 const ROUND = "M-9,0 A9,9 0 1 0 9,0 A9,9 0 1 0 -9,0 Z";
 
 /** The symbol of a planned vehicle. @param {function()} pressed */
 export function vehicleSymbol(planned, pressed) {
   const id = planned.vehicle_id;
-  const shape = svg("path", { d: ARROW, fill: planned.colour, class: "shape" });
-  const picture = svg("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });
-  picture.append(hatching(`hatch-${id}`, planned.colour), shape);
+  const shape = drawing("path", { d: ARROW, fill: planned.colour, class: "shape" });
+  const picture = drawing("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });
+  const number = drawing("text", { class: "number", y: 5 });
+  number.textContent = id;
+  picture.append(hatching(`hatch-${id}`, planned.colour), shape, number);
   const label = element("span", { class: "label" });
   const root = element("button", { type: "button", class: "symbol", "data-vehicle": id, tabindex: "-1" }, picture, label);
   root.addEventListener("click", pressed);
@@ -37,8 +39,8 @@ export function showVehicle(symbol, vehicle, team, rotation_deg) {
 
 /** The symbol of the target. */
 export function targetSymbol() {
-  const picture = svg("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });
-  picture.append(svg("path", { d: "M-9,-9 L9,9 M-9,9 L9,-9", class: "target-cross" }));
+  const picture = drawing("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });
+  picture.append(drawing("path", { d: "M-9,-9 L9,9 M-9,9 L9,-9", class: "target-cross" }));
   const label = element("span", { class: "label" });
   return { root: element("div", { class: "symbol target" }, picture, label), label };
 }
@@ -46,20 +48,15 @@ export function targetSymbol() {
 const SIGHTING_AGE_MAX_S = 2;
 
 export function showTarget(symbol, target) {
-  const isOld = target.sighting_age_s > SIGHTING_AGE_MAX_S;
+  const isLost = target.lost_speed_m_s !== null;
+  const isOld = isLost || target.sighting_age_s > SIGHTING_AGE_MAX_S;
   setAttribute(symbol.root, "data-current", String(!isOld));
-  const seen = isOld ? `, seen ${quantity(target.sighting_age_s, 0, "s")} ago` : "";
-  setText(symbol.label, `target${seen}`);
+  const seen = isOld ? `, seen ${age(target.sighting_age_s)} ago` : "";
+  setText(symbol.label, `target${seen}${isLost ? `, within ${metres(reach(target))}` : ""}`);
 }
 
 function hatching(id, colour) {
-  const pattern = svg("pattern", { id, width: 5, height: 5, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });
-  pattern.append(svg("rect", { width: 5, height: 5, class: "hatch-ground" }), svg("rect", { width: 2, height: 5, fill: colour }));
+  const pattern = drawing("pattern", { id, width: 5, height: 5, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });
+  pattern.append(drawing("rect", { width: 5, height: 5, class: "hatch-ground" }), drawing("rect", { width: 2, height: 5, fill: colour }));
   return pattern;
-}
-
-function svg(name, attributes) {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  return made;
 }

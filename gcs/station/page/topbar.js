@@ -3,12 +3,13 @@
 import { byId, SEVERITIES, setAttribute, setText } from "./dom.js";
 import { showLost } from "./lost.js";
 import { clock } from "./units.js";
-import { alert, trouble } from "./vehicles.js";
+import { alert, byTrouble, trouble } from "./vehicles.js";
 
 const SOURCES = {
-  flight: "flight",
+  flight: "REAL vehicles",
   sitl: "practice on stubs",
-  hybrid: "some vehicles are stubs",
+  hybrid: "REAL vehicles and stubs",
+  unstated: "REAL? not stated",
   bench: "BENCH: simulated bodies",
   simulation: "simulation",
   log: "recorded flight",
@@ -21,19 +22,19 @@ export class TopBar {
     setText(byId("mission"), mission.mission);
     setText(byId("source"), SOURCES[mission.source]);
     setText(byId("rights"), rights(mission));
-    document.title = `${mission.mission} - cordon`;
   }
 
   /** Show a TeamPicture, or the fault of the connection. */
   update(team, isConnected) {
     setLine("link", ...linkWords(team, isConnected));
     if (!team) return;
-    showLost(team.lost, team.wall_s);
+    showLost(team);
     setText(byId("elapsed"), team.time_s === null ? "not started" : `T+ ${clock(team.time_s)}`);
     setText(byId("remaining"), remaining(team, this.mission));
     setText(byId("ring"), `${team.ring_members} of ${team.vehicles.length}`);
     setLine("worst", ...worst(team));
-    setText(byId("ending"), team.ending ? `Ended: ${team.ending}` : "");
+    setText(byId("rights"), rights(this.mission, team));
+    setText(byId("ending"), team.ending ? `Flight over: ${team.ending}` : "");
     byId("ending").hidden = !team.ending;
   }
 }
@@ -51,24 +52,25 @@ function remaining(team, mission) {
 function linkWords(team, isConnected) {
   if (!isConnected) return ["■ no station", "alarm"];
   if (!team) return ["waiting for data", "warning"];
+  if (team.ending) return ["flight over", "information"];
   return team.link ? [`▲ ${team.link}`, "warning"] : ["● connected", "information"];
 }
 
 function worst(team) {
-  if (team.ending) return ["ended", "ended"];
   for (const state of GRAVITY) {
-    const vehicle = team.vehicles.find((each) => trouble(each, team) === state);
+    const vehicle = byTrouble(team).find((each) => trouble(each, team) === state);
     if (vehicle) return [`${sign(state)} ${vehicle.vehicle_id}: ${words(vehicle, state)}`, state];
   }
-  return ["● none", "information"];
+  return team.ending ? ["ended", "ended"] : ["● none", "information"];
 }
 
 const sign = (state) => (state === "stale" ? "◌" : SEVERITIES[state].sign);
 
 const words = (vehicle, state) => alert(vehicle) || (state === "stale" ? "stale" : "see card");
 
-function rights(mission) {
+function rights(mission, team) {
   if (mission.source === "log") return "recorded";
   const { name, may } = mission.operator;
-  return may.length ? name || "this page" : "read only";
+  if (may.length) return name || "this page";
+  return team?.ending || team?.lost ? "flight over" : "read only";
 }

@@ -48,6 +48,8 @@ export function nearest(vehicle) {
   return isKnown(vehicle.nearest_m) ? `${metres(vehicle.nearest_m)} to\u00a0${vehicle.nearest_id}` : UNKNOWN;
 }
 
+export const capital = (text) => `${text.slice(0, 1).toUpperCase()}${text.slice(1)}`;
+
 /** The names of vehicles in a sentence: "vehicle 2", "vehicles 1, 3", "all 3 vehicles". */
 export function vehicleNames(chosen, all) {
   if (chosen.length === 1) return `vehicle ${chosen[0]}`;

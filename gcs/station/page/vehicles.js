@@ -26,6 +26,7 @@ function agedVehicle(vehicle, since_s) {
 
 /** "ended", "stale" or the severity of its alert: it determines the look and the order of a vehicle. */
 export function trouble(vehicle, team) {
+  if (vehicle.is_unaccounted) return "alarm";
   if (vehicle.has_ended || team.ending) return "ended";
   if (vehicle.severity === "alarm") return "alarm";
   if (vehicle.is_stale) return "stale";
@@ -51,7 +52,7 @@ export function due({ alert, also, blocks, next }) {
 
 /** Vehicles with the gravest trouble first, among them those that wait for a resume, then by number. */
 export function byTrouble(team) {
-  const rank = (vehicle) => RANKS[trouble(vehicle, team)] - (vehicle.waits_for_resume ? 0.5 : 0);
+  const rank = (vehicle) => (vehicle.is_unaccounted ? -1 : RANKS[trouble(vehicle, team)] - (vehicle.waits_for_resume ? 0.5 : 0));
   return team.vehicles.toSorted((a, b) => rank(a) - rank(b) || a.vehicle_id - b.vehicle_id);
 }
 
@@ -64,9 +65,15 @@ export function lastSeen(vehicle) {
 
 /** The headline of a card: how it ended, its alert, that it is stale, or "no alert". */
 export function headline(vehicle, team) {
-  if (vehicle.has_ended || team.ending) return ["ended", vehicle.ending].filter(Boolean).join(": ");
+  if (trouble(vehicle, team) === "ended") return ["ended", vehicle.ending].filter(Boolean).join(": ");
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
 
-/** The tactic, and what the guard keeps doing meanwhile: "hold, evading 1". */
-export const tactic = (vehicle) => [vehicle.tactic || UNKNOWN, vehicle.guard].filter(Boolean).join(", ");
+const MISSING = "MISSING";
+const TAKE_OFF = "take-off";
+
+/** A vehicle's tactic, or that it takes off, and what the guard keeps doing meanwhile: "hold, evading 1". */
+export function tactic(vehicle) {
+  if (vehicle.is_unaccounted) return MISSING;
+  return [vehicle.tactic || (vehicle.mode === TAKE_OFF ? TAKE_OFF : UNKNOWN), vehicle.guard].filter(Boolean).join(", ");
+}

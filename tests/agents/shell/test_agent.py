@@ -281,18 +281,24 @@ def test_a_pilot_takes_over(phase: Phase) -> None:
         assert f"'{mode}'" in outcome.reason
 
 
+def last_report(flight: FakeFlight) -> VehicleReport:
+    report = decode(flight.bus.payloads(REPORT_TOPIC)[-1])
+    assert isinstance(report, VehicleReport)
+    return report
+
+
 LINK_LOST: dict[Phase, tuple[list[str], FlightEnd]] = {
-    P.COMPARING_CLOCKS: (["take_off"], X.REFUSED),
-    P.TAKE_OFF: (LAND, X.REFUSED),
-    P.ENTERING_OFFBOARD: (LAND, X.REFUSED),
-    P.AGREEING_START: (LAND, X.REFUSED),
-    P.FLYING: (LAND, X.REFUSED),
-    P.STOPPING: (LAND, X.REFUSED),
-    P.RETURNING: (LAND, X.REFUSED),
-    P.CHECKING_ARMED: (LAND, X.REFUSED),
-    P.LEAVING_OFFBOARD: (["land"], X.REFUSED),
-    P.LANDING: ([], X.REFUSED),
-    P.KILLING: (LAND, X.REFUSED),
+    P.COMPARING_CLOCKS: (["take_off"], X.LOST),
+    P.TAKE_OFF: (LAND, X.LOST),
+    P.ENTERING_OFFBOARD: (LAND, X.LOST),
+    P.AGREEING_START: (LAND, X.LOST),
+    P.FLYING: (LAND, X.LOST),
+    P.STOPPING: (LAND, X.LOST),
+    P.RETURNING: (LAND, X.LOST),
+    P.CHECKING_ARMED: (LAND, X.LOST),
+    P.LEAVING_OFFBOARD: (["land"], X.LOST),
+    P.LANDING: ([], X.LOST),
+    P.KILLING: (LAND, X.LOST),
     P.PILOT_OVERRIDE: ([], X.PILOT),
     P.TAKING_BACK: (["hand_over"], X.PILOT),
 }
@@ -308,10 +314,39 @@ def test_the_link_is_lost(phase: Phase) -> None:
     expected, ending = LINK_LOST[phase]
     assert steered(calls) == expected
     assert outcome.how is ending
-    if ending is X.REFUSED:
-        last = expected[-1] if expected else "land"
-        assert outcome.reason == f"does not answer to {last}"
+    assert outcome.flew is (phase is not P.COMPARING_CLOCKS)
+    assert last_report(flight).unaccounted_m is not None, "a take-off was requested: nobody knows where it is"
     assert flight.heartbeat.signs[-1] == "ended"
+
+
+def test_where_a_vehicle_was_last_that_is_unaccounted_for_at_the_end() -> None:
+    """Of a link that is lost, of motors cut in the air and of a landing that does not come; of no other end."""
+
+    def lose(flight: FakeFlight) -> None:
+        flight.link.position_m = (3.0, -4.0, 8.5)
+        asyncio.get_running_loop().call_later(1.0, flight.link.lose)
+
+    def kill(flight: FakeFlight) -> None:
+        flight.command("kill")
+        flight.link.position_m = (3.0, -4.0, 8.5)
+
+    def refuse(flight: FakeFlight) -> None:
+        flight.link.refused |= {"land"}
+        flight.link.position_m = (3.0, -4.0, 8.5)
+
+    for disturb, older_s in ((lose, 1.0), (kill, 0.0), (refuse, 0.0)):
+        flight, _, outcome = fly_disturbed(P.FLYING, disturb)
+        report = last_report(flight)
+        assert outcome.flew
+        assert report.unaccounted_m == (3.0, -4.0, 8.5), disturb
+        assert older_s <= (report.link_age_s or 0.0) < older_s + 40.0, disturb
+
+    def pilot(flight: FakeFlight) -> None:
+        flight.link.change(mode=FlightMode.OTHER)
+
+    for phase, other in ((P.FLYING, lambda _flight: None), (P.FLYING, pilot), (P.COMPARING_CLOCKS, kill)):
+        flight, *_ = fly_disturbed(phase, other)
+        assert last_report(flight).unaccounted_m is None, other
 
 
 def test_a_vehicle_without_telemetry_never_enters_offboard_and_lands_at_the_second_stop() -> None:

@@ -114,6 +114,25 @@ def test_the_mission_s_end_and_the_landing_after_a_stop_are_announced() -> None:
         await flight.outcome()
         assert listener.newest.outlook is None
 
+
+def test_the_place_is_reported_until_states_are_sent() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        listener = Listener(flight)
+        await flight.agent.connect()
+        flight.agent.announce()
+        await asyncio.sleep(1.5)
+        assert listener.newest.position_m == (0.0, 0.0, 0.0)
+        await flight.begin(20.0)
+        await flight.until(Phase.TAKE_OFF)
+        for height_m in (1.0, 2.0, 3.0):
+            flight.link.position_m = (0.0, 0.0, height_m)
+            await asyncio.sleep(0.1 + ON_TIME_S)
+            assert listener.newest.position_m == (0.0, 0.0, height_m)
+        await flight.until(Phase.FLYING)
+        await asyncio.sleep(1.5)
+        assert listener.newest.position_m is None, "its states hold it"
+
     run_simulated(main())
 
 

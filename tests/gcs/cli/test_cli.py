@@ -18,6 +18,7 @@ import pytest
 
 from gcs.cli import app
 from gcs.cli.options import with_stubs
+from gcs.errors import Exit
 from gcs.flight.faults.catalogue import FAULTS
 from gcs.mission.file import bundled_missions
 from gcs.mission.sections import mission_schema
@@ -201,7 +202,7 @@ def test_no_command_at_all_is_a_plea_for_help(run_here: RunHere) -> None:
 
 def test_json_is_one_object_with_its_keys_in_their_order(run_here: RunHere) -> None:
     ran = run_here("sim", "case1", "--duration", "3", "--json")
-    assert ran.code == 0
+    assert ran.code == Exit.VERDICT_FAILED, "too short to be judged"
     assert ran.out.count("\n") == 1
     result = json.loads(ran.out)
     assert list(result) == RESULT_KEYS[""].split()
@@ -220,8 +221,9 @@ def test_json_is_one_object_with_its_keys_in_their_order(run_here: RunHere) -> N
 
 def test_people_are_told_on_standard_error_only() -> None:
     ran = cordon("sim", "case1", "--duration", "3")
-    assert (ran.code, ran.out) == (0, "")
+    assert (ran.code, ran.out) == (Exit.VERDICT_FAILED, "")
     assert "closest approach 4.000 m" in ran.err
+    assert "not judged" in ran.err
     assert "\x1b" not in ran.err
 
 
@@ -247,6 +249,32 @@ def test_the_events_of_a_simulation_are_told_with_their_time_in_the_mission(run_
     ]
 
 
+BLIND = ("--set", "encirclement.radius_m=16", "--set", "encirclement.angular_rate_rad_s=0.1")
+"""A ring of case2-field whose target, in its middle, is beyond the 15 m that the sensors see."""
+
+
+def test_three_vehicles_that_a_failsafe_took_off_the_ring_are_no_success(run_here: RunHere) -> None:
+    near = ("--set", "target.start_m=[14.0,0.0]", "--seed", "0", "--duration", "80")
+    ran = run_here("sim", "case2-field", *near, *BLIND, "--json")
+    assert ran.code == Exit.VERDICT_FAILED
+    result = json.loads(ran.out)
+    assert [(each["tactic"], each["engaged_at_s"] is None) for each in result["vehicles"]] == [("hold", False)] * 3
+    assert result["verdicts"]["kept"] is False
+    assert {(each["vehicle"], each["place"], each["cause"]) for each in result["departures"]} == {
+        (vehicle, "ring", "target stale") for vehicle in (1, 2, 3)
+    }
+    assert result["not_judged"] == ["C1", "C2", "C3"]
+
+
+def test_a_ring_from_which_no_sensor_sees_the_target_is_warned_of_before_it_flies(run_here: RunHere) -> None:
+    warned = "warning: the shortest sensor range is 15 m, the ring's radius is 16 m"
+    assert warned in run_here("sim", "case2-field", "--duration", "1", *BLIND).err
+    assert "sensor range" not in run_here("sim", "case2-field", "--duration", "1").err
+    varied = ("--vary", "encirclement.radius_m=10,16,17", *BLIND[2:])
+    swept = run_here("sweep", "case2-field", *varied, "--duration", "1", "--workers", "1", "--out", "out")
+    assert warned.replace("warning: ", "warning: 2 of 3 missions, the first: ") in swept.err
+
+
 def test_wall_times_are_told_or_left_out_as_asked(run_here: RunHere) -> None:
     for option, timed in (("--timing", True), ("--no-timing", False)):
         result = json.loads(run_here("sim", "case1", "--duration", "1", "--seed", "1", option, "--json").out)
@@ -256,7 +284,7 @@ def test_wall_times_are_told_or_left_out_as_asked(run_here: RunHere) -> None:
 
 def test_a_figure_is_drawn_beside_the_result(tmp_path: Path, run_here: RunHere) -> None:
     ran = run_here("sim", "case1", "--duration", "2", "--plot", "flight.svg", "--json")
-    assert ran.code == 0
+    assert ran.code == Exit.VERDICT_FAILED, "too short to be judged"
     assert json.loads(ran.out)["mission"] == "case1"
     assert (tmp_path / "flight.svg").read_text(encoding="utf-8").startswith("<?xml")
     assert "figure: flight.svg" in ran.err
@@ -351,9 +379,10 @@ def test_a_command_line_that_makes_no_sense_is_told_and_refused(refused: Refused
 
 def test_three_flights_are_compared(run_here: RunHere) -> None:
     for seed in "123":
-        assert run_here("sim", "case1", "--duration", "2", "--seed", seed, "--log", f"{seed}.mcap").code == 0
+        ran = run_here("sim", "case1", "--duration", "2", "--seed", seed, "--log", f"{seed}.mcap")
+        assert ran.code == Exit.VERDICT_FAILED, "too short to be judged"
     ran = run_here("report", "1.mcap", "--compare", "2.mcap", "3.mcap", "--html", "all.html", "--json")
-    assert ran.code == 0
+    assert ran.code == Exit.VERDICT_FAILED, "too short to be judged"
     told = json.loads(ran.out)
     assert list(told) == OUTPUT_KEYS["report --compare"].split()
     assert (told["names"], told["differences"]) == (["1", "2", "3"], {"seed": [1, 2, 3]})
@@ -531,7 +560,7 @@ def test_a_reader_that_has_gone_ends_nothing(gone: str, mission: Callable[..., s
         assert read is not None
         lost.close()
         told = read.read().decode()
-        assert process.wait(PATIENCE_S) == 0, "the flight's own code"
+        assert process.wait(PATIENCE_S) == Exit.VERDICT_FAILED, "the flight's own code: too short to be judged"
     assert "Traceback" not in told
     assert "BrokenPipe" not in told
     assert ("metrics and verdicts" if gone == "stdout" else '"mission"') in told

@@ -90,8 +90,40 @@ def test_what_would_not_hold_is_refused_before_anything_is_written(
 
 
 def test_the_next_command_fits_the_links(new: RunHere) -> None:
-    ran = new(*words(**{"--vehicles": "1", "--links": "serial", "--profile": "stub"}))
+    place = {"--place": "47.1,8.2,450,30"}
+    ran = new(*words(**{"--vehicles": "1", "--links": "serial", "--profile": "stub"}, **place))
     assert "next: cordon check my.toml" in ran.err
+    frame = load_mission("my.toml").frame
+    assert (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.x_bearing_deg) == (47.1, 8.2, 450.0, 30.0)
+
+
+def test_real_vehicles_have_no_default_place(new: RunHere, tmp_path: Path, subtests: pytest.Subtests) -> None:
+    for links in ("udp", "serial"):
+        with subtests.test(links):
+            code, _, said = new(*words(**{"--links": links}))
+            assert code == 2
+            assert said.startswith("--place: missing")
+            assert list(tmp_path.iterdir()) == []
+    for place in ("47.1,8.2", "147.1,8.2,450", "47.1,8.2,x"):
+        with subtests.test(place=place):
+            code, _, said = new(*words(**{"--links": "udp", "--place": place}))
+            assert code == 2
+            assert said.startswith("--place: ")
+
+
+def test_rate_is_told_as_speed_and_time_of_a_lap(new: RunHere) -> None:
+    """By hand: 15 m at 0.1 rad/s are 1.5 m/s, and a lap takes 2 pi / 0.1 = 62.8 s."""
+    assert "ring: 0.1 rad/s on 15 m: 1.5 m/s, a lap in 63 s\n" in new(*words(**{"--vehicles": "1"})).err
+
+
+def test_target_starts_where_it_is_told_and_inside_the_fence(new: RunHere) -> None:
+    code, _, said = new(*words(**{"--vehicles": "3", "--target-start": "50,-8", "--target": "rest"}))
+    assert code == 0, said
+    mission = load_mission("my.toml")
+    assert mission.target.start_m == (50.0, -8.0)
+    corners = mission.safety.fence_m
+    assert corners is not None
+    assert (min(y for _, y in corners), max(x for x, _ in corners)) == (-43.0, 85.0)  # 15 m of ring and 20 m of margin
 
 
 def test_without_a_terminal_every_missing_option_is_named(new: RunHere, tmp_path: Path) -> None:
@@ -107,12 +139,25 @@ def test_without_a_terminal_every_missing_option_is_named(new: RunHere, tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
+def test_without_a_terminal_the_file_is_named_too(
+    run_here: RunHere, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, said = run_here("new", *words())
+    assert code == 2
+    assert said.startswith("FILE: missing")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_ctrl_c_at_a_question_writes_nothing(tmp_path: Path) -> None:
     process, terminal = pty.fork()
     if process == 0:
         os.chdir(tmp_path)
-        os.execv(sys.executable, [sys.executable, "-m", "gcs", "new", "my.toml", "--vehicles", "5"])
+        os.execv(sys.executable, [sys.executable, "-m", "gcs", "new", "--vehicles", "5"])
     said = b""
+    while b"(my.toml)" not in said:
+        said += os.read(terminal, 4096)
+    os.write(terminal, b"\n")
     while b"(stub)" not in said:
         said += os.read(terminal, 4096)
     os.write(terminal, b"udp\n")

@@ -24,6 +24,8 @@ pytestmark = pytest.mark.slow
 
 RUNS = 12
 FLIGHT = ("case2", "--vary", "encirclement.radius_m=8:12:2", "--seeds", "0:6", "--duration", "40")
+FLOWN = Exit.VERDICT_FAILED
+"""These flights end before a vehicle could engage: they are not judged."""
 MIDDLE = 4
 ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"}
 
@@ -64,14 +66,15 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     folder = tmp_path_factory.mktemp("one-go")
     code, out, _ = ended(start(*FLIGHT, "--workers", "1", "--json", "--out", str(folder)))
     summary = json.loads(out)
-    assert (code, summary["runs"], summary["finished"], summary["hold"]) == (Exit.HOLDS, RUNS, RUNS, RUNS)
+    assert (code, summary["runs"], summary["finished"]) == (FLOWN, RUNS, RUNS)
+    assert (summary["hold"], summary["not_judged"]) == (0, RUNS)
     return (folder / "runs.parquet").read_bytes()
 
 
 def assert_goes_on(folder: Path, table: bytes) -> None:
     """Assert that the same command flies what is missing, and only that, to the same table."""
     before = finished(folder)
-    assert ended(start(*FLIGHT, "--out", str(folder)))[0] is Exit.HOLDS
+    assert ended(start(*FLIGHT, "--out", str(folder)))[0] is FLOWN
     assert (folder / "runs.parquet").read_bytes() == table
     assert before < RUNS == finished(folder)
 
@@ -92,7 +95,7 @@ def test_a_killed_worker_loses_no_run_and_flies_none_twice(tmp_path: Path, table
     with in_the_middle(tmp_path, "--workers", "2") as process:
         workers = [each for each in psutil.Process(process.pid).children(recursive=True) if each.ppid() != process.pid]
         workers[0].kill()
-        assert ended(process)[0] is Exit.HOLDS
+        assert ended(process)[0] is FLOWN
     assert (tmp_path / "runs.parquet").read_bytes() == table
     assert finished(tmp_path) == RUNS
 
@@ -133,7 +136,7 @@ def test_on_a_cluster_a_killed_worker_changes_nothing(tmp_path: Path, table: byt
         in_the_middle(tmp_path, "--scheduler", scheduler) as process,
     ):
         first.kill()
-        assert ended(process)[0] is Exit.HOLDS
+        assert ended(process)[0] is FLOWN
     assert (tmp_path / "runs.parquet").read_bytes() == table
     assert finished(tmp_path) == RUNS
 
@@ -146,7 +149,8 @@ def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path, run_her
     code, out, err = ended(start(str(mission), *arguments, "--json", "--out", str(folder)))
     summary: dict[str, Any] = json.loads(out)
     assert (code, list(summary)) == (Exit.VERDICT_FAILED, OUTPUT_KEYS["sweep"].split())
-    assert (summary["runs"], summary["hold"], summary["failed"]) == (4, 2, 2)
+    assert (summary["runs"], summary["hold"], summary["not_judged"], summary["failed"]) == (4, 0, 2, 2)
+    assert "4 runs: 0 pass, 2 not judged, 2 without a result" in err
     assert list(summary["errors"].values()) == [2]
     assert "encirclement.radius_m: it must be greater than 0 (given: -1)" in err
     mission.write_text("edited")

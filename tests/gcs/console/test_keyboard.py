@@ -33,13 +33,18 @@ BY_HAND_S = 0.15
 
 
 def commands(
-    keys: str, *, every_s: float = BY_HAND_S, team: Sequence[int] = TEAM, piloted: Collection[int] = ()
+    keys: str,
+    *,
+    every_s: float = BY_HAND_S,
+    team: Sequence[int] = TEAM,
+    piloted: Collection[int] = (),
+    ended: Collection[int] = (),
 ) -> list[tuple[str, int | None]]:
     """Return the commands of keys that are pressed one after the other: verbs and vehicles."""
     bindings = KeyBindings(team)
     given: list[tuple[str, int | None]] = []
     for number, key in enumerate(keys):
-        command = bindings.press(key, 100.0 + number * every_s, piloted)
+        command = bindings.press(key, 100.0 + number * every_s, piloted, ended)
         if command is not None:
             given.append((command.verb, command.vehicle))
     return given
@@ -94,6 +99,28 @@ def test_digits_select_vehicles_of_two_digits(subtests: pytest.Subtests) -> None
         with subtests.test(keys=keys):
             assert commands(keys, team=many) == given
     assert commands("12h", team=many, every_s=DIGITS_WITHIN_S + 0.1) == [("hold", 2)]
+
+
+def test_hint_says_what_selects_a_vehicle(subtests: pytest.Subtests) -> None:
+    for team, keys, hint in (
+        ((1, 2, 3), "", "1-3 select one"),
+        (tuple(range(1, 33)), "", "1-32 select one"),
+        (tuple(range(1, 33)), "12", "vehicle 12: "),
+        ((1, 30, 31), "3", "vehicle 3…: type its next digit"),
+    ):
+        with subtests.test(team=team, keys=keys):
+            bindings = KeyBindings(team)
+            for key in keys:
+                bindings.press(key, 10.0)
+            assert hint in bindings.hint(10.0)
+
+
+def test_vehicles_whose_flight_has_ended_are_not_counted_or_asked() -> None:
+    bindings = KeyBindings(TEAM)
+    bindings.press("l", 10.0, (), (2,))
+    assert "land 2 vehicles (1, 3)?" in bindings.hint(10.0)
+    assert commands("2h", ended=(2,)) == []
+    assert commands("r", piloted=(2,), ended=(2,)) == [("resume", None)]
 
 
 def test_a_selection_is_for_the_next_command_and_does_not_last() -> None:
@@ -201,7 +228,7 @@ async def test_a_command_is_repeated_until_a_newer_one_to_the_same_vehicle(monke
     monkeypatch.setattr("gcs.console.keyboard.REPEAT_S", 0.01)
     agent, bus = Agent(), Bus()
     agents, clock = cast(Any, [agent]), cast(Any, SimpleNamespace(now_s=lambda: 5.0))
-    keys = KeyCommands(agents, clock, "pat", cast(Any, bus), KeyBindings(TEAM), set)
+    keys = KeyCommands(agents, clock, "pat", cast(Any, bus), KeyBindings(TEAM), set, set)
     for key in "2h3h":
         keys.press(key)
     await until(lambda: len(bus.sent) >= 20, waiting_for="the repetitions")

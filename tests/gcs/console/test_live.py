@@ -16,8 +16,9 @@ from agents.safety.failsafe import Condition
 from agents.team.messages import AutopilotReport, NextChange, Outlook
 from gcs.console.live import LiveView, flight_title, live_table, plain_line
 from gcs.console.summary import summary
-from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook
+from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_unaccounted
 from gcs.metrics.catalogue import Verdicts
+from gcs.metrics.ending import Unaccounted
 from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
 from gcs.metrics.ring import RingResult
@@ -51,7 +52,7 @@ RESULT = FlightResult(
         VehicleResult(1, 284.8, "encircle", 0.012, 0.034, 0.0501, 0.0007, 0.013, None),
         VehicleResult(2, None, "formation", formation_speed_error_rms_m_s=0.014, formation_spacing_error_rms_m=0.02),
     ),
-    ring=RingResult(6.1, 0.58, 4.96),
+    ring=RingResult(6.1, 0.58, 4.96, judged_s=309.1, judged_from_s=290.9, judged_share=0.84, members_min=2),
     transitions=(),
     reynolds=ReynoldsResult(flight=FlockingResult(1.37, 17.321, 0.50149, 0.1, 10.0, 12.345)),
     closest_approach_m=1.37,
@@ -152,6 +153,22 @@ def test_a_vehicle_that_waits_for_a_resume_asks_for_it_first_of_all_alarms() -> 
     asked, close = shown_at(200, rows)[5:7]
     assert asked == "ALARM: vehicle 2: waits for resume: telemetry stale is over: resume continues its mission"
     assert close.startswith("ALARM: vehicle 1: too close")
+
+
+def test_vehicles_that_are_unaccounted_for_come_first_with_their_places_also_after_the_end() -> None:
+    """All of them, however many other alerts there are; the rest of the table has ended."""
+    rows = [structs.replace(ROWS[0], vehicle_id=i, ending="disarmed") for i in (1, 2)]
+    for i in range(3, 9):
+        last = Unaccounted(i, 47.397742, 8.545594, (0.0, 0.0, float(i)), 35.0)
+        rows.append(with_unaccounted(structs.replace(ROWS[0], vehicle_id=i, mode=""), last))
+    for closes in (False, True):
+        lines = shown_at(120, rows, closes=closes, height=40)
+        table = [line.split()[:2] for line in lines if "MISSING" in line or " ended " in line]
+        assert table[-8:] == [*([f"!!{i}", "MISSING"] for i in range(3, 9)), ["1", "ended"], ["2", "ended"]], closes
+        for i in range(3, 9):
+            assert any(f"ALARM: vehicle {i}: unaccounted for: last at 47.397742, 8.545594" in line for line in lines)
+    assert "#3 MISSING" in plain_line(rows, 12.0, "")
+    assert "47.397742, 8.545594, height 3.0 m, 35 s ago" in plain_line(rows, 12.0, "")
 
 
 def test_a_hundred_and_twenty_columns_show_everything() -> None:
@@ -373,11 +390,13 @@ def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
         ["✗", "separation", "closest approach 1.370 m"],
     ]
     assert lines[7].split() == ["–", "engaged"]
-    assert lines[8].strip() == "ring judged over 309.1 s, from 290.9 to 600.0 s: from settling to the end"
-    assert lines[12].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
-    assert lines[13].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
-    assert lines[17].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
-    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[19]
+    assert lines[8].split() == ["–", "kept"]
+    told = "ring judged over 309.1 s from 290.9 s on, 84% of its time: from settling to the end"
+    assert " ".join(lines[9:11]).split() == told.split()
+    assert lines[14].split() == ["1", "encircle", "284.8", "0.012", "0.034", "+0.0501", "0.0007", "0.013", "–"]
+    assert lines[15].split() == ["2", "formation", "–", "–", "–", "–", "–", "0.014", "0.020"]
+    assert lines[19].split() == ["flight", "1.37", "17.32", "0.501", "0.100", "10.00", "12.35"]
+    assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[21]
 
 
 def test_the_summary_writes_a_high_speed_without_an_exponent() -> None:

@@ -17,6 +17,7 @@ from agents.team.messages import (
     Outlook,
     VehicleReport,
 )
+from estimation.frames import MissionFrame
 from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamEvent, TeamState
 from gcs.console.vehicle_view import NextView, TeamRow, with_alert
 from gcs.console.watch import WatchView, watch_line, watch_table
@@ -105,6 +106,59 @@ def test_silence_is_news_once_and_so_is_its_end() -> None:
     assert restored.line.startswith("vehicle 1: ")
     assert changed == TeamEvent(1, "formation -> hold")
     assert not picture.rows(3.0)[0].is_stale
+
+
+def test_a_vehicle_that_is_unaccounted_for_is_first_and_no_longer_silent_and_one_that_landed_has_ended() -> None:
+    team = TeamState((1, 2), frame=MissionFrame(None))
+    landed = VehicleReport(1, 100.0, "land", ended="landed", is_completed=True)
+    lost = VehicleReport(2, 100.0, "offboard", link_age_s=30.0, ended="lost", unaccounted_m=(7.0, -8.0, 9.5))
+    for each in (1, 2):
+        team.receive(state(each), 0.0)
+        team.receive(VehicleReport(each, 99.0, "offboard"), 0.0)
+    team.receive(landed, 1.0)
+    team.receive(lost, 1.0)
+    one, two = team.rows(21.0)
+    assert (one.has_ended, one.note, one.alert) == (True, "", "")
+    assert (two.has_ended, two.is_unaccounted, two.severity) == (False, True, "alarm")
+    assert all(part in two.advice for part in ("x 7.0 m", "y -8.0 m", "9.5 m", "50 s")), two.advice
+    told = [(each.vehicle_id, each.severity) for each in team.new_events(21.0) if "connected" not in each.text]
+    assert told == [(1, "information"), (2, "alarm")], "and neither is silent"
+
+    output = StringIO()
+    console = Console(file=output, width=100, force_terminal=True, color_system=None, _environ={})
+    view = WatchView(console)
+    with view:
+        view.update([one, two], 21.0)
+    lines = [line.strip() for line in output.getvalue().splitlines() if line.strip()]
+    shown = [line.split()[:2] for line in lines if "MISSING" in line or "ended" in line]
+    assert shown[-2:] == [["!!2", "MISSING"], ["1", "ended"]]
+    assert any("ALARM: vehicle 2" in line and "x 7.0 m" in line for line in lines[-3:]), "also when it is closed"
+    assert all(part in watch_line([one, two], 21.0, "") for part in ("#1 ended", "#2 MISSING", "x 7.0 m"))
+
+
+def test_of_a_flight_that_is_gone_who_may_be_in_the_air_is_unaccounted_for() -> None:
+    team = TeamState((1, 2))
+    team.receive(VehicleReport(1, 99.0, "offboard", armed=True), 0.0)
+    team.receive(VehicleReport(2, 99.0, "ready"), 0.0)
+    for each in (1, 2):
+        team.receive(state(each), 0.0)
+    assert not any(row.is_unaccounted for row in team.rows(9.0))
+    assert not any(row.is_unaccounted for row in team.rows(0.5, is_over=True)), "their messages may be in transit"
+    one, two = team.rows(9.0, is_over=True)
+    assert (one.is_unaccounted, one.position_m, two.is_unaccounted) == (True, (1.0, -2.0, 8.0), False)
+    assert "9 s ago" in one.advice
+
+
+def test_a_vehicle_that_is_lost_in_take_off_before_its_first_state_is_unaccounted_for() -> None:
+    team, place_m = TeamState((1, 2)), (1.0, -2.0, 3.5)
+    team.receive(VehicleReport(1, 99.0, "take-off", armed=True, link_age_s=0.5, position_m=place_m), 0.0)
+    team.receive(VehicleReport(2, 99.0, "offboard", ended="lost", link_age_s=4.0, unaccounted_m=place_m), 0.0)
+    assert [row.is_unaccounted for row in team.rows(9.0)] == [False, True]
+    one, two = team.rows(9.0, is_over=True)
+    assert one.position_m == two.position_m == place_m
+    assert one.is_unaccounted
+    assert "10 s ago" in one.advice
+    assert "13 s ago" in two.advice
 
 
 def test_alerts_commands_and_answers_are_told_once_however_often_they_are_repeated() -> None:

@@ -26,14 +26,8 @@ from tests.support.simulated_loop import run_simulated
 from tests.support.simulated_team import SimulatedTeam
 
 ON_SOCKETS = (
-    "stranger",
-    "flood",
-    "impostor",
-    "origin moved",
-    "link cut",
-    "killed agent",
-    "frozen agent",
-    "frozen interpreter",
+    *("stranger", "flood", "impostor", "origin moved", "link cut", "lost in the air"),
+    *("killed agent", "frozen agent", "frozen interpreter"),
 )
 BELOW = [drill for drill in DRILLS if drill.fault not in ON_SOCKETS]
 REACTIONS_OFF = (

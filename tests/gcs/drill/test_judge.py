@@ -48,6 +48,16 @@ def test_a_reaction_is_complete_with_tactic_and_alert(log: TeamLog) -> None:
     assert failures(HOLD, log, BEGAN_S, UNTIL_S) == []
 
 
+def test_a_lost_vehicle_has_to_be_reported_as_unaccounted_for_and_not_only_to_leave_offboard(log: TeamLog) -> None:
+    lost = Expectation((3,), (1, 2), 90.0, leaves_offboard=True, is_unaccounted=True, separation_m=3.0)
+    log.note_mode(101.0, 3, "hold")
+    assert reacted_s(lost, log, BEGAN_S) is None
+    assert failures(lost, log, BEGAN_S, UNTIL_S) == ["vehicle 3 did not react: hold, encircle"]
+    log.unaccounted_s[3] = 104.0
+    assert reacted_s(lost, log, BEGAN_S) == 104.0
+    assert failures(lost, log, BEGAN_S, UNTIL_S) == []
+
+
 def test_a_vehicle_with_a_limit_of_its_own_is_held_to_it(log: TeamLog) -> None:
     mixed = replace(OUT, limit_s=6.0, limits_s={1: 2.0, 2: 6.0, 3: 2.0})
     for at_s, vehicle in ((101.5, 1), (104.5, 2), (102.5, 3)):

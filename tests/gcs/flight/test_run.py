@@ -2,24 +2,26 @@
 
 import pytest
 
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
 from agents.shell.outcome import Outcome
 from gcs.errors import Exit
 from gcs.flight.run import exit_code
+from gcs.mission.file import load_mission
 
+MISSION = load_mission("case2")
 COMPLETED = Outcome(FlightEnd.LANDED, flew=True)
 REFUSED = Outcome(FlightEnd.REFUSED, "arming was denied", "see its preflight messages")
 
 
 @pytest.mark.parametrize("verdict", [Exit.HOLDS, Exit.VERDICT_FAILED])
 def test_the_verdict_counts_where_all_vehicles_completed_the_mission(verdict: Exit) -> None:
-    assert exit_code({1: COMPLETED, 2: COMPLETED}, verdict) is verdict
+    assert exit_code(MISSION, {1: COMPLETED, 2: COMPLETED}, verdict) is verdict
 
 
 @pytest.mark.parametrize("ending", [FlightEnd.OPERATOR, FlightEnd.KILLED, FlightEnd.PILOT, FlightEnd.ERROR])
 def test_one_vehicle_that_ended_in_flight_decides(ending: FlightEnd, capsys: pytest.CaptureFixture[str]) -> None:
     outcome = Outcome(ending, "its reason", "its next step", flew=True)
-    assert exit_code({1: COMPLETED, 2: outcome}, Exit.HOLDS) is Exit.ENDED_IN_FLIGHT
+    assert exit_code(MISSION, {1: COMPLETED, 2: outcome}, Exit.HOLDS) is Exit.ENDED_IN_FLIGHT
     out, err = capsys.readouterr()
     assert out == ""
     assert "vehicle 2" in err
@@ -29,9 +31,25 @@ def test_one_vehicle_that_ended_in_flight_decides(ending: FlightEnd, capsys: pyt
 
 
 def test_a_team_of_which_none_took_off_was_refused() -> None:
-    assert exit_code({1: REFUSED, 2: REFUSED}, Exit.VERDICT_FAILED) is Exit.REFUSED
+    assert exit_code(MISSION, {1: REFUSED, 2: REFUSED}, Exit.VERDICT_FAILED) is Exit.REFUSED
 
 
 def test_a_refusal_ends_the_others_in_flight() -> None:
     stopped = Outcome(FlightEnd.OPERATOR, "the operator ended the flight", flew=True)
-    assert exit_code({1: REFUSED, 2: stopped}, Exit.VERDICT_FAILED) is Exit.ENDED_IN_FLIGHT
+    assert exit_code(MISSION, {1: REFUSED, 2: stopped}, Exit.VERDICT_FAILED) is Exit.ENDED_IN_FLIGHT
+
+
+def test_a_vehicle_that_is_unaccounted_for_comes_first_with_its_last_position(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    stopped = Outcome(FlightEnd.OPERATOR, "the operator ended the flight", flew=True)
+    lost = Outcome(
+        FlightEnd.LOST, "its link was lost", "search", flew=True, unaccounted=LastPosition((0, 0, 8.0), 35.0)
+    )
+    exit_code(MISSION, {1: stopped, 2: lost}, Exit.HOLDS)
+    err = capsys.readouterr().err
+    origin = MISSION.frame
+    assert f"{origin.latitude_deg:.5f}" in err
+    assert f"{origin.longitude_deg:.5f}" in err
+    assert "height 8.0 m" in err
+    assert err.index("Vehicle 2") < err.index("vehicle 1")

@@ -121,8 +121,15 @@ def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypa
     assert ("overloaded (load 6.2 on 2 cores)" in reason) is overloaded
     assert lost is not None
     assert (lost.reason, lost.vehicles) == (reason, (1, 2))
-    assert others == [f"vehicle 1, 2: {lost.autopilots}", f"next: {lost.next_step}"]
+    assert others == [f"vehicles 1 and 2, unaccounted for: {lost.autopilots}", f"next: {lost.next_step}"]
     assert time.time() - lost.ended_s < 60.0
+
+
+def test_vehicles_that_are_unaccounted_for_at_the_end_are_known() -> None:
+    monitor = LoopMonitor()
+    monitor.receive(tick(1) + tick(2) + encode_beat(Beat.ENDED, 1) + encode_beat(Beat.ENDED, 2))
+    monitor.receive(encode_beat(Beat.UNACCOUNTED, 2))
+    assert (monitor.unaccounted, monitor.flying) == ((2,), ())
 
 
 def test_a_flight_that_ended_as_it_should_has_no_words_of_the_watchdog() -> None:

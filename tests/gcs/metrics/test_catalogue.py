@@ -10,7 +10,7 @@ JUDGED = [metric.judged for metric in (*FLIGHT, *VEHICLE) if metric.judged is no
 
 def test_every_verdict_has_a_field_and_what_it_judges() -> None:
     assert [each.name for each in fields(Verdicts)] == [each.name.lower() for each in VERDICTS]
-    assert {each.verdict for each in JUDGED} == {each.name for each in VERDICTS} - {"engaged"}
+    assert {each.verdict for each in JUDGED} == {each.name for each in VERDICTS} - {"engaged", "kept"}
 
 
 def test_every_tolerance_judges_one_metric() -> None:

@@ -17,6 +17,7 @@ from gcs.metrics.references import (
 )
 from gcs.metrics.vehicles import engagement_times_s
 from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
 from tests.support.mission_text import content, parsed, put
 
 SPEED_M_S, TARGET_X_M, DISTANCE_M = 0.5, 50.0, 12.0
@@ -90,6 +91,55 @@ def test_a_flight_that_ends_before_they_had_time_asks_nothing_of_them() -> None:
     for end_s, missing in ((abeam_s + GRACE_S - 1.0, ()), (abeam_s + GRACE_S + 1.0, (1,))):
         record = passing({1: 15.0, 2: 0.0}, until_s=end_s, engages=(2,))
         assert told(record, dict.fromkeys((1, 2), DISTANCE_M)).missing == missing
+
+
+def test_those_whom_the_whole_mission_would_bring_near_are_pending_when_it_is_cut() -> None:
+    reference = EngagementReference(ALL, planned=tuple(FIVE))
+
+    def cut(until_s: float, engages: tuple[int, ...] = (), tactic: str = "formation") -> EngagementResult:
+        flown = passing(FIVE, until_s=until_s, engages=engages, tactic=tactic)
+        return engagement(flown, reference, engagement_times_s(flown))
+
+    at_once = cut(5.0)
+    assert at_once == EngagementResult(pending=(1, 2, 3, 4, 5))
+    assert at_once.holds is None
+    # Vehicle 4, whose line leads to the target, is 12 m from it after 76 s; vehicle 1 passes it at 15 m after 100 s.
+    assert engaged_line(cut(80.0, engages=(4,))) == (
+        "1 of 5 vehicles engaged the target; the flight ended before vehicles 1, 2, 3 and 5 could"
+    )
+    assert cut(80.0, engages=(4,)).holds is None
+    late = cut(100.0 + GRACE_S + 1.0, engages=(2, 3, 4, 5))
+    assert (late.missing, late.pending, late.holds) == ((1,), (), False)
+
+
+def test_who_went_home_is_not_pending_and_who_was_not_heard_of_is() -> None:
+    reference = EngagementReference(dict.fromkeys((1, 2), DISTANCE_M), planned=(1, 2))
+    for tactic, pending in (("return and land", (2,)), ("standby", (1, 2)), ("hold", (1, 2))):
+        flown = passing({1: 5.0}, until_s=5.0, tactic=tactic)
+        assert engagement(flown, reference, engagement_times_s(flown)).pending == pending
+
+
+def test_the_plan_brings_a_team_near_as_soon_as_one_of_it(subtests: pytest.Subtests) -> None:
+    """In case 2 the target drifts off at half the line's speed: straight ahead of vehicle 3, 35 m away, it takes 230 s.
+
+    Vehicle 2 has it 5 m aside, and vehicle 1 10 m.
+    """
+    case2 = content()
+    for duration_s, planned in ((229.0, ()), (231.0, (1, 2, 3))):
+        with subtests.test(duration_s=duration_s):
+            mission = parsed(put(case2, ("mission", "duration_s"), duration_s))
+            assert engagement_reference(mission).planned == planned
+    apart = put(case2, ("vehicles", 0, "decision"), {"distance_max_m": 5.0})
+    rows: tuple[tuple[Mission, tuple[int, ...]], ...] = (
+        (load_mission("crossing"), ()),
+        (load_mission("case1"), (1,)),
+        (load_mission("case2", {"target.start_m": [300.0, 0.0]}), ()),
+        (parsed(apart), (2, 3)),
+        (load_mission("case2", {"target.source": "external", "target.start_m": [300.0, 0.0]}), (1, 2, 3)),
+    )
+    for mission, near in rows:
+        with subtests.test(near=near):
+            assert engagement_reference(mission).planned == near
 
 
 @pytest.mark.parametrize(

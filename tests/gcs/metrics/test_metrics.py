@@ -105,8 +105,11 @@ def test_a_perfect_ring_has_no_errors() -> None:
         "formation": None,
         "separation": True,
         "engaged": None,
+        "kept": True,
     }
     assert result.all_hold
+    assert (result.ring.judged_s, result.ring.judged_from_s, result.ring.judged_share) == (600.0, 0.0, 1.0)
+    assert result.ring.members_min == 3
 
 
 def test_radius_errors_are_the_closed_form_of_an_offset_and_a_ripple() -> None:
@@ -478,8 +481,8 @@ def test_json_has_the_documented_keys_in_their_order() -> None:
     ]
     assert list(told["ring"]) == RESULT_KEYS["ring"].split()
     assert told["loop"] == {"rate_hz": 10.0, "ticks": 18000, "missed": 3, "tick_p50_us": 50.0, "tick_p99_us": 99.0}
-    assert list(told["verdicts"]) == ["C1", "C2", "C3", "formation", "separation", "engaged"]
-    assert told["engagement"] == {"to_engage": [], "engaged": [1, 2, 3]}
+    assert list(told["verdicts"]) == ["C1", "C2", "C3", "formation", "separation", "engaged", "kept"]
+    assert told["engagement"] == {"to_engage": [], "engaged": [1, 2, 3], "pending": []}
     assert (told["duration_s"], told["window_s"], told["guard_interventions"]) == (600.0, [0.0, 600.0], 14)
     assert told["realtime_factor"] == pytest.approx(100.0)
 
@@ -607,7 +610,8 @@ def test_a_vehicle_that_sees_no_target_has_no_figure_by_estimate_and_the_ring_is
     assert result.vehicles[1].radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
     never = judged(seen[0], replace(seen[1], target=np.full_like(blind, np.nan)), seen[2])
     assert never.vehicles[1].radius_error_rms_m is None
-    assert never.ring == RingResult()
+    assert never.ring == RingResult(judged_s=0.0, judged_share=0.0, members_min=0)
+    assert (never.verdicts.c1, never.not_judged) == (None, ("C1", "C2", "C3"))
 
 
 def test_a_target_that_nothing_simulates_is_drawn_where_the_vehicles_see_it() -> None:
@@ -636,7 +640,7 @@ def test_a_ring_that_unsettled_late_is_told_as_that() -> None:
     assert result.window_s == (575.0, 600.0)
     assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (20.0, 560.0)
     assert window_line(result) == (
-        "ring judged over only 25.0 s, from 575.0 to 600.0 s: "
+        "ring judged over only 25.0 s from 575.0 s on, 4% of its time: "
         "settled at 20.0 s, left its limits at 560.0 s, settled again at 575.0 s"
     )
 
@@ -654,10 +658,28 @@ def test_a_ring_that_settled_once_or_never_left_nothing() -> None:
     briefly = judged(*off_between((0.0, 20.0), (20.0 + SETTLED_FOR_S - 1.0, 100.0)))
     for result in (settled, never, briefly):
         assert (result.ring.first_settled_at_s, result.ring.unsettled_at_s) == (None, None)
-    assert window_line(settled) == "ring judged over 580.0 s, from 20.0 to 600.0 s: from settling to the end"
-    window = "ring judged over 150.0 s, from 450.0 to 600.0 s"
+    assert window_line(settled) == "ring judged over 580.0 s from 20.0 s on, 97% of its time: from settling to the end"
+    window = "ring judged over only 150.0 s from 450.0 s on, 25% of its time"
     assert window_line(never) == f"{window}: did not settle: last quarter of the flight"
     assert window_line(judged(line(1), line(2))) == ""
+    wide = ring_of_three(radius_m=12.0)
+    disbanded = judged(*(replace(each, tactic=np.where(TIME_S > 400.0, "hold", each.tactic)) for each in wide))
+    assert window_line(disbanded) == "ring not judged: no vehicle was on the ring at the end"
+    assert (disbanded.ring.judged_s, disbanded.not_judged) == (0.0, ("C1", "C2", "C3"))
+
+
+def test_a_ring_that_begins_within_its_window_is_judged_from_there_and_with_those_who_were_there() -> None:
+    """The last quarter of 600 s begins at 450 s; two engage at 590 s and 2 s later leave again, by order."""
+    third = replace(line(3), position_m=line(3).position_m - (0.0, 50.0))
+    late = [orbit(each, each * pi, radius_m=12.0, engaged_s=590.0) for each in (1, 2)]
+    brief = [replace(each, tactic=np.where(TIME_S > 592.0 + 1e-9, "hold", each.tactic)) for each in late]
+    result = judged(*brief, third)
+    assert result.window_s == (450.0, 600.0)
+    assert (result.ring.judged_from_s, result.ring.judged_s, result.ring.judged_share) == (590.0, 2.0, 1.0)
+    assert window_line(result) == (
+        "ring judged over only 2.0 s from 590.0 s on, 100% of its time, with 2 of 3 vehicles: "
+        "did not settle: last quarter of the flight"
+    )
 
 
 def test_a_gap_in_the_data_settles_nothing() -> None:

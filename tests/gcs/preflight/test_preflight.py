@@ -348,6 +348,26 @@ def test_a_shift_common_to_all_is_no_disagreement_but_each_is_off() -> None:
     assert grave(preflight(CASE2, shifted)) == [("warning", f"vehicle {i}", "start") for i in CASE2.ids]
 
 
+def test_a_team_in_the_wrong_place_is_one_finding(subtests: pytest.Subtests) -> None:
+    """x points east: 5.8 km north are 5800 m along y, 2.6 m lower by the curvature. A degree has 111.18 km."""
+    areas = (FenceArea(((-150.0, 5650.0), (150.0, 5650.0), (150.0, 5950.0), (-150.0, 5950.0)), stay_in=True),)
+    latitude_deg = CASE2.frame.latitude_deg
+    assert latitude_deg is not None
+    for off_m, says in (
+        ((0.0, 5800.0, 43.0), ("5.8 km north of the mission", f"{latitude_deg + 5.8 / 111.18:.4f}", "533.6")),
+        ((-30.0, -30.0, 0.0), ("42 m south-west of the mission",)),
+    ):
+        with subtests.test(off_m=off_m):
+            starts_m = {i: CASE2.vehicle(i).section.start_m for i in CASE2.ids}
+            places_m = {i: (x + off_m[0], y + off_m[1], off_m[2]) for i, (x, y) in starts_m.items()}
+            moved = [well(i, origin_m=place_m, position_m=place_m) for i, place_m in places_m.items()]
+            if off_m[1] > 100.0:
+                moved = [replace(each, fence_areas=areas) for each in moved]
+            (found,) = [each for each in preflight(CASE2, moved) if each.grade is not Grade.PASS]
+            assert (found.grade, found.subject, found.check) == (Grade.REFUSE, "mission", "place")
+            assert facts_missing(f"{found.found}. {found.next_step}", *says) == []
+
+
 def test_vehicles_too_near_to_each_other_on_the_ground_are_refused() -> None:
     near = CASE2.safety.separation_m - 0.1
     x, y = CASE2.vehicle(1).section.start_m

@@ -139,7 +139,7 @@ def test_the_page_is_whole_and_safe(flights: tuple[ComparedFlight, ...]) -> None
     assert "http" not in page.html
     assert not page.all("i")
     assert "<i>calm</i>" in page.text
-    assert page.text.count("✗ does not hold") == 1
+    assert page.text.count("✗ fails") == 1
     assert [each["aria-label"] for each in page.all("svg") if each.get("role") == "img"] == [
         "Map of the paths of all flights.",
         "Largest radius error of all flights over the time since the first engagement.",

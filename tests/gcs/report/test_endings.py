@@ -9,7 +9,8 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from agents.flight_end import FlightEnd
+from agents.flight_end import FlightEnd, LastPosition
+from estimation.state import Telemetry
 from gcs.cli.report import ReportOptions, report
 from gcs.console.result import verdict_of
 from gcs.console.summary import summary as terminal_summary
@@ -67,28 +68,54 @@ def test_what_the_flight_said_of_its_end_is_in_its_log(log: FlightLog, tmp_path:
     assert report([tmp_path / "killed.mcap"], options=ReportOptions()) is Exit.ENDED_IN_FLIGHT
 
 
+def test_where_a_vehicle_was_last_that_was_unaccounted_for_comes_first(log: FlightLog, tmp_path: Path) -> None:
+    """In the terminal and on the page, also of a flight whose verdicts all hold."""
+
+    def change(record: LogRecord) -> object:
+        read, last = record.read(record.kind), LastPosition((3.0, -4.0, 8.5), 35.0)
+        is_end = isinstance(read, VehicleEnd)
+        return msgspec.structs.replace(read, how="lost", unaccounted=last) if is_end else read
+
+    lost = ended(rewrite(log, tmp_path / "lost.mcap", 2, change))
+    assert lost is not None
+    assert (lost.how, lost.vehicles, lost.unaccounted[0].vehicle) == (FlightEnd.LOST, (2,), 2)
+    result = all_held(lost)
+    terminal = StringIO()
+    Console(file=terminal, width=200).print(terminal_summary(result))
+    evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
+    page = report_html(evidence, result, criteria, ring_flight(2.0))
+    for text in (terminal.getvalue(), page):
+        line = lost.unaccounted[0].line
+        assert "height 8.5 m" in line
+        assert text.index(line) < text.index(lost.headline)
+
+
 def test_a_log_that_does_not_say_how_a_vehicle_ended_ends_in_flight(log: FlightLog, tmp_path: Path) -> None:
     cut = ended(rewrite(log, tmp_path / "cut.mcap", 3, without(VehicleEnd)))
     assert cut is not None
     assert (cut.how, cut.vehicles) == (FlightEnd.IN_FLIGHT, (3,))
     assert cut.headline == "The log ends in flight: vehicle 3"
     assert "40.0 s after the mission's start" in cut.reason
+    (lost,) = cut.unaccounted
+    *_, last = log.of_kind(3, Telemetry)
+    assert (lost.vehicle, lost.position_m) == (3, last.position_m)
+    assert lost.age_s == pytest.approx(0.0, abs=0.2)
     assert report([tmp_path / "cut.mcap"], options=ReportOptions()) is Exit.ENDED_IN_FLIGHT
 
 
 def all_held(ending: TeamEnding | None) -> FlightResult:
     _, result, _ = flown(3, duration_s=60.0, rate_hz=5.0)
-    return replace(result, verdicts=Verdicts(True, True, True, True, True, True), ended=ending)
+    return replace(result, verdicts=Verdicts(True, True, True, True, True, True, True), ended=ending)
 
 
 def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
     evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
     result = all_held(KILLED)
-    assert headline(result) == "Until then: all verdicts hold"
+    assert headline(result) == "Until then: all verdicts pass"
     page = report_html(evidence, result, criteria, ring_flight())
-    assert page.index("Killed by the operator: vehicle 2") < page.index("all verdicts hold")
-    assert "All verdicts hold" not in page
-    assert page.index("an operator had its motors cut") < page.index("all verdicts hold")
+    assert page.index("Killed by the operator: vehicle 2") < page.index("all verdicts pass")
+    assert "All verdicts pass" not in page
+    assert page.index("an operator had its motors cut") < page.index("all verdicts pass")
     console = Console(file=StringIO(), width=100)
     console.print(terminal_summary(result))
     assert isinstance(console.file, StringIO)

@@ -8,6 +8,7 @@ from agents.flight_end import FlightEnd
 from agents.notes import AlertChange
 from gcs.console.advice import advice
 from gcs.metrics.catalogue import Verdicts
+from gcs.metrics.departures import Departure
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.record import FlightEvent
 from gcs.metrics.references import EngagementResult
@@ -16,7 +17,7 @@ from gcs.report.evidence.flight import FlightEvidence, PlantNote
 from gcs.report.flight_page import alert_table, next_steps
 from tests.support.report_evidence import flown
 
-HELD = Verdicts(True, True, True, True, True, True)
+HELD = Verdicts(True, True, True, True, True, True, True)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_a_verdict_that_fails_leads_to_the_decisions_of_the_vehicle_that_was_wor
     vehicles[1] = replace(vehicles[1], radius_error_rms_m=5.0)
     failed = replace(result, vehicles=tuple(vehicles), verdicts=replace(HELD, c1=False, c3=False))
     (step,) = next_steps(failed, evidence)
-    assert "C1 and C3 do not hold" in step.text
+    assert "C1 and C3 fail" in step.text
     assert step.command == "cordon replay 'flight one.mcap' --explain 2"
     moved = replace(failed, ring=replace(failed.ring, unsettled_at_s=81.25))
     assert "81.2 s" in next_steps(moved, evidence)[0].text
@@ -68,7 +69,20 @@ def test_vehicles_that_did_not_engage_or_came_too_close_come_first(flight: tuple
     assert "too close" in close.text
     assert "Vehicle 3 did not engage" in missing.text
     assert missing.command.endswith("--explain 3")
-    assert settled.text.startswith("C2 does not hold")
+    assert settled.text.startswith("C2 fails")
+
+
+def test_vehicles_that_left_alike_are_one_step_and_what_was_not_judged_is_flown_for_longer(
+    flight: tuple[FlightEvidence, FlightResult],
+) -> None:
+    evidence, result = flight
+    left = tuple(Departure(vehicle, 50.0, "ring", "target stale") for vehicle in (3, 1))
+    failed = replace(result, departures=left, verdicts=replace(HELD, c1=None, kept=False), not_judged=("C1",))
+    (step,) = next_steps(failed, evidence)
+    assert "Vehicles 1 and 3 left formation or ring (target stale)" in step.text
+    assert step.command.endswith("--explain 3"), "the first to leave"
+    (step,) = next_steps(replace(result, verdicts=replace(HELD, c1=None), not_judged=("C1",)), evidence)
+    assert step.text == "C1 could not be judged: fly for longer."
 
 
 def test_a_plant_that_is_invalid_is_to_be_identified_again(flight: tuple[FlightEvidence, FlightResult]) -> None:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.metrics import evaluate
-from gcs.metrics.result import EstimateResult
+from gcs.metrics.result import EstimateResult, judged_line
 from gcs.metrics.ring import RingResult
 from gcs.metrics.vehicles import EstimatedVehicleResult
 from gcs.report.charts.chart import chart
@@ -45,9 +45,9 @@ SECTIONS = [
     "estimates",
     "loop",
     "links",
+    "power",
     "reynolds",
     "lyapunov",
-    "power",
     "metrics",
 ]
 
@@ -91,7 +91,7 @@ class Page(HTMLParser):
 def ten_minutes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
     """The report of ten minutes of three vehicles at 20 Hz, and the processor time it took.
 
-    Its name is a nasty one, and two of its verdicts do not hold.
+    Its name is a nasty one, and two of its verdicts fail.
     """
     path = tmp_path_factory.mktemp("report") / "flight.html"
     evidence, _, asked = flown(3, mission=NASTY)
@@ -190,9 +190,12 @@ def test_the_verdicts_say_sign_word_and_evidence_beside_the_tolerance() -> None:
     _, result, asked = flown(3, duration_s=120.0, rate_hz=5.0)
     worst_m = max(v.radius_error_rms_m or 0.0 for v in result.vehicles)
     told = {each.name: each for each in verdicts(result, asked)}
-    assert list(told) == ["C1", "C2", "C3", "formation", "separation", "engaged"]
-    assert (told["C1"].sign, told["C1"].word) == ("✓", "holds")
-    assert told["C1"].evidence == ((f"{worst_m:.3f} m rms", "at most 0.2 m"),)
+    assert list(told) == ["C1", "C2", "C3", "formation", "separation", "engaged", "kept"]
+    assert (told["C1"].state.sign, told["C1"].state.value) == ("✓", "passes")
+    on_ring = (judged_line(result), "")
+    assert told["C1"].evidence == ((f"{worst_m:.3f} m rms", "at most 0.2 m"), on_ring)
+    assert on_ring in told["C2"].evidence
+    assert on_ring in told["C3"].evidence
     assert told["C2"].evidence[0][1] == "at most 0.002 rad/s"
     assert told["C3"].evidence[0][1] == "at most 2°"
     assert len(told["formation"].evidence) == 2
@@ -200,23 +203,27 @@ def test_the_verdicts_say_sign_word_and_evidence_beside_the_tolerance() -> None:
 
 
 def test_a_verdict_that_fails_is_told_on_top(page: Page) -> None:
-    assert page.text.count("2 of 5 verdicts do not hold") == 1
-    assert page.text.count("✗ does not hold") == 2
-    assert page.text.count("✓ holds") == 3
+    assert page.text.count("2 of 6 verdicts fail") == 1
+    assert page.text.count("✗ fails") == 2
+    assert page.text.count("✓ passes") == 4
     assert page.html.index("✗") < page.html.index("<figure>")
 
 
 def test_the_headline_counts_only_what_applies(subtests: pytest.Subtests) -> None:
     for held, words in (
-        ((True, True, True, True, True, True), "All verdicts hold"),
-        ((True, True, True, True, True, None), "All 5 verdicts that apply hold"),
-        ((True, None, None, True, True), "All 3 verdicts that apply hold"),
-        ((False, None, None, True, True), "1 of 3 verdicts does not hold"),
+        ((True, True, True, True, True, True, True), "All verdicts pass"),
+        ((True, True, True, True, True, None), "All 5 verdicts that apply pass"),
+        ((True, None, None, True, True), "All 3 verdicts that apply pass"),
+        ((False, None, None, True, True), "1 of 3 verdicts fails"),
         ((None, None, None, None, None), "No verdict applies"),
     ):
         with subtests.test(held=held, words=words):
             _, result, _ = flown(2, duration_s=60.0, rate_hz=5.0)
             assert headline(replace(result, verdicts=Verdicts(*held))) == words
+    open_ones = replace(result, verdicts=Verdicts(None, None, None, None, True), not_judged=("C1", "C2"))
+    assert headline(open_ones) == "2 of 3 verdicts could not be judged"
+    failed = replace(open_ones, verdicts=Verdicts(None, None, None, None, False))
+    assert headline(failed) == "1 of 3 verdicts fails, 2 could not be judged"
 
 
 def test_the_summary_tells_the_flight_in_words() -> None:

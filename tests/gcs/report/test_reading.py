@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 from msgspec.structs import replace
 
 from agents.core import VehicleCore
+from agents.inputs import AutopilotStatus
+from agents.ports import VehicleStatus
 from agents.recording import replay_input
 from agents.team.codec import decode, encode
 from agents.team.messages import MemberState
@@ -23,7 +26,7 @@ from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.replay.playback import Turn, turns
 from gcs.report.evidence.reading import read_flight
-from tests.support.flight_logs import engaging, part, record_simulation, reencoded
+from tests.support.flight_logs import engaging, part, record_simulation, reencoded, rewrite
 
 pytestmark = pytest.mark.slow
 
@@ -44,6 +47,27 @@ def test_the_result_is_that_of_the_flight_to_the_last_digit(flown: tuple[FlightR
     assert flight.evidence.record.seed == 3
     assert result(flight.mission, flight.evidence.record).to_json() == result(engaging(), record).to_json()
     assert any(vehicle.engaged_at_s is not None for vehicle in result(engaging(), record).vehicles)
+
+
+def test_place_operators_wind_and_battery_of_a_flight_are_facts(
+    flown: tuple[FlightRecord, Path], tmp_path: Path
+) -> None:
+    log = read_log(flown[1])
+    facts = read_flight([log]).evidence.facts
+    assert facts["place"] == "47.397742, 8.545594, ground at 488 m; x points 90° from north"
+    assert [facts[name] for name in ("operators", "wind")] == ["not recorded", "not reported"]
+    statuses = iter([VehicleStatus(battery=0.7 - wind_m_s / 100.0, wind_m_s=wind_m_s) for wind_m_s in (4.0, 8.0, 5.0)])
+
+    def reported(record: LogRecord) -> object:
+        status = next(statuses, None) if record.kind is Cost else None
+        return record.read(record.kind) if status is None else AutopilotStatus(status)
+
+    windy = rewrite(log, tmp_path / "windy.mcap", 2, reported)
+    windy.__dict__["run"] = structs.replace(windy.run, operator="anna.field")
+    facts = read_flight([windy]).evidence.facts
+    assert facts["battery at the end"] == "2: 65%"
+    assert facts["wind"] == "5.0 m/s, up to 8.0 m/s, by the estimate of vehicle 2"
+    assert facts["operators"] == "begun by anna.field"
 
 
 def test_what_the_guard_did_and_why_is_in_the_log(tmp_path: Path) -> None:

@@ -54,6 +54,33 @@ async def test_a_command_reaches_whom_it_names_and_each_answer_comes_back(
             assert (answer["vehicle_id"], answer["did"], answer["is_obeyed"]) == (2, "no answer", False)
 
 
+async def test_vehicles_whose_flight_has_ended_are_not_waited_for(
+    flying: tuple[Station, AnsweringTeam], subtests: pytest.Subtests
+) -> None:
+    running, team = flying
+    team.ended.add(2)
+    client = running.commands[0]._client
+    assert client is not None
+    await until(lambda: 2 in client.ended)
+    async with running.connected() as page:
+        await commanding(page)
+        with subtests.test("all"):
+            await page.send(asked("a", "hold"))
+            assert {(await received(page, "answer"))["vehicle_id"] for _ in range(2)} == {1, 3}
+        with subtests.test("the client"):
+            assert (await client.command("hold", (1, 2, 3), None)).keys() == {1, 3}
+            assert await client.command("hold", (2,), 2) == {2: None}
+        with subtests.test("only such"):
+            await page.send(asked("b", "hold", [2]))
+            answer = await received(page, "answer")
+            assert (answer["vehicle_id"], answer["is_obeyed"]) == (None, False)
+            assert "has ended" in answer["did"]
+        with subtests.test("it flies again"):
+            team.ended.clear()
+            await until(lambda: not client.ended)
+            assert (await client.command("hold", (1, 2, 3), None)).keys() == {1, 2, 3}
+
+
 async def test_what_is_not_confirmed_or_not_known_is_not_sent(
     flying: tuple[Station, AnsweringTeam], subtests: pytest.Subtests
 ) -> None:

@@ -152,6 +152,8 @@ def test_a_log_that_ends_in_flight_says_so(flown: tuple[Mission, Path], tmp_path
     shown = recorded_flight(read_log(cut))
     assert shown.teams[-1].ending == "The log ends in flight: vehicles 1, 2 and 3"
     assert not any(each.has_ended for each in shown.teams[-1].vehicles)
+    assert [each.is_unaccounted for each in shown.teams[-1].vehicles] == [True] * 3, "no record shows where they landed"
+    assert not any(each.is_unaccounted for team in shown.teams[:-3] for each in team.vehicles)
     assert 0.0 < (shown.teams[-1].time_s or 0.0) < DURATION_S
 
 

@@ -21,7 +21,7 @@ from agents.team.messages import (
     VehicleReport,
 )
 from gcs.console.vehicle_view import LINK_CUT, SILENT, NextView, VehicleView
-from gcs.metrics.ending import LostFlight
+from gcs.metrics.ending import UNACCOUNTED, LostFlight
 from gcs.mission.mission import Mission
 from gcs.station.picture import (
     EventPicture,
@@ -171,6 +171,16 @@ def test_a_vehicle_whose_messages_stop_is_stale_after_a_second() -> None:
     ]
 
 
+def test_a_vehicle_in_take_off_is_where_its_report_says_until_it_sends_states() -> None:
+    page = Page()
+    for now_s, height_m in ((1.0, 0.0), (2.0, 0.6), (3.0, 1.2)):
+        page.hears(now_s, report(1, START_S + now_s, mode="takeoff", start_s=None, position_m=(1.0, 2.0, height_m)))
+        assert page.vehicle(1, now_s).position_m == (1.0, 2.0, height_m)
+        assert not page.vehicle(1, now_s).is_stale
+    page.hears(4.0, report(1, START_S + 4.0), state(1, START_S + 4.0))
+    assert page.vehicle(1, 4.0).position_m == (1.0, -2.0, 8.0)
+
+
 def test_a_vehicle_on_the_ground_is_not_stale_between_its_reports() -> None:
     page = Page()
     page.hears(1.0, report(1, START_S, start_s=None, armed=False, in_air=False))
@@ -224,11 +234,11 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
     page = Page()
     for vehicle_id, x_m in ((1, 4.0), (2, 8.0), (3, 9.0)):
         page.hears(1.0, state(vehicle_id, START_S, (x_m, 0.0)), report(vehicle_id, START_S))
-    page.hears(1.5, report(3, START_S + 0.5, ended="killed: an operator had its motors cut"))
+    page.hears(1.5, report(3, START_S + 0.5, ended="killed: on the ground"))
     team = page.team(1.6)
     assert [each.has_ended for each in team.vehicles] == [False, False, True]
     assert (team.ending, team.ring_members) == ("", 0)
-    assert team.vehicles[2].ending == "killed: an operator had its motors cut"
+    assert team.vehicles[2].ending == "killed: on the ground"
     assert team.vehicles[1].nearest_id == 1, "one that lies on the ground is no neighbour"
     assert team.vehicles[2].alert == ""
     page.hears(
@@ -236,7 +246,7 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
         report(1, START_S + 1.0, ended="landed", is_completed=True),
         report(2, START_S + 1.0, ended="landed", is_completed=True),
     )
-    assert page.team(2.1).ending == "1, 2 landed; 3 killed: an operator had its motors cut"
+    assert page.team(2.1).ending == "1, 2 landed; 3 killed: on the ground"
     assert page.team(60.0).time_s == page.team(2.1).time_s, "the mission's time stands still"
     assert not any("no messages" in each.text for each in page.events), "what has ended may fall silent"
     assert page.team(60.0).link == ""
@@ -253,13 +263,58 @@ def test_how_flights_end_and_how_the_next_one_begins() -> None:
     assert (team.vehicles[0].position_m, team.vehicles[0].tactic) == (None, ""), "where the last flight ended is past"
 
 
+def shown(team: TeamPicture) -> list[tuple[str, str, bool, bool, bool]]:
+    return [(each.alert, each.severity, each.has_ended, each.is_stale, each.is_unaccounted) for each in team.vehicles]
+
+
+LOST = (UNACCOUNTED, "alarm", False, True, True)
+ENDED = ("", "information", True, True, False)
+
+
+def test_a_vehicle_that_is_unaccounted_for_is_never_ended_until_an_operator_confirms_its_recovery() -> None:
+    """Its place is the last that its autopilot sent, with the age of that, however long its agent still speaks."""
+    page, place_m = Page(), (5.0, -6.0, 8.5)
+    page.hears(1.0, *(state(each, START_S, (each, 0.0)) for each in (1, 2, 3)))
+    page.hears(1.0, *(report(each, START_S) for each in (1, 2, 3)))
+    page.team(1.0)
+    lost = report(3, START_S + 40.0, ended="lost: its link was lost", link_age_s=35.0, unaccounted_m=place_m)
+    page.hears(40.0, lost, *(state(each, START_S + 39.0, (each, 0.0)) for each in (1, 2)))
+    page.hears(40.0, *(report(each, START_S + 39.0) for each in (1, 2)))
+    team = page.team(40.5)
+    assert shown(team) == [("", "information", False, False, False)] * 2 + [LOST]
+    assert (team.vehicles[2].position_m, team.vehicles[2].link_age_s) == (place_m, 35.5)
+    assert team.vehicles[1].nearest_id == 1
+    told = [each.severity for each in page.events if each.vehicle_id == 3 and each.text.startswith(UNACCOUNTED)]
+    assert told == ["alarm"]
+
+    page.hears(41.0, *(report(each, START_S + 40.0, ended="landed", is_completed=True) for each in (1, 2)))
+    for at_s, is_over in ((42.0, False), (43.0, True), (500.0, True)):
+        team = page.team(at_s, is_over=is_over)
+        assert shown(team)[2] == LOST
+        assert [each.has_ended for each in team.vehicles] == [True, True, False]
+        assert team.ending == f"1, 2 landed; 3 {UNACCOUNTED}"
+        assert max(team.vehicles[2].age_s or 0.0, team.vehicles[2].link_age_s or 0.0) == pytest.approx(at_s - 5.0)
+
+    page.pictures.recover(1)
+    page.pictures.recover(3)
+    team = page.team(501.0, is_over=True)
+    assert [each.has_ended for each in team.vehicles] == [True] * 3
+    assert (team.vehicles[2].alert, team.vehicles[2].ending) == ("", "recovered")
+    assert team.ending == "1, 2 landed; 3 recovered"
+    confirmed = [(each.vehicle_id, each.severity) for each in page.events if "recovered" in each.text]
+    assert confirmed == [(3, "information")], "one that has landed needs no recovery"
+    page.hears(510.0, report(3, START_S + 500.0, start_s=None))
+    page.hears(511.0, replace(lost, time_s=START_S + 520.0))
+    assert shown(page.team(511.0))[2] == LOST, "a confirmation holds for one flight"
+
+
 def test_a_flight_whose_process_is_gone_is_over() -> None:
     page = Page()
     page.hears(1.0, state(1, START_S), report(1, START_S))
     page.hears(1.0, report(2, START_S, ended="landed", is_completed=True))
     team = page.team(9.0, "waiting for team", is_over=True)
-    assert [(each.has_ended, each.is_stale) for each in team.vehicles] == [(True, True), (True, True), (False, True)]
-    assert "silent at the end" in team.ending
+    assert shown(team) == [LOST, ENDED, ("", "information", False, True, False)]
+    assert UNACCOUNTED in team.ending
     assert team.lost is None
     page.hears(20.0, report(1, START_S + 19.0, start_s=None))
     assert page.vehicle(1, 20.0).position_m is None, "another start: another flight"
@@ -275,10 +330,10 @@ def test_a_team_that_vanishes_in_flight_is_kept_as_it_was_and_the_time_counts_up
     for at_s, is_over in ((2.1, True), (4.1, False), (99.0, True), (99.0, False)):
         team = page.team(at_s, is_over=is_over)
         assert team.lost is not None
-        assert (team.lost.since_wall_s, team.lost.vehicles) == (UNIX_S + 1.0, ())
+        assert (team.lost.since_wall_s, team.lost.vehicles) == (UNIX_S + 1.0, (1, 2, 3))
         assert "COM_OBL_RC_ACT" in team.lost.autopilots
         assert ("network is cut" in team.lost.reason) is not is_over
-        assert [(each.alert, each.has_ended, each.is_stale) for each in team.vehicles] == [("", False, True)] * 3
+        assert shown(team) == [LOST] * 3
         assert team.link == f"no message from any vehicle for {at_s - 1.0:.0f} s"
         assert [each.position_m for each in team.vehicles] == [(1.0, 0.0, 8.0), (2.0, 0.0, 8.0), (3.0, 0.0, 8.0)]
         assert team.ending == ""
@@ -288,7 +343,7 @@ def test_a_team_that_vanishes_in_flight_is_kept_as_it_was_and_the_time_counts_up
 
 def test_on_the_ground_and_after_landing_no_flight_is_lost() -> None:
     page = Page()
-    page.hears(1.0, report(1, START_S, start_s=None), report(2, START_S, start_s=None))
+    page.hears(1.0, *(report(each, START_S, armed=False, in_air=False, start_s=None) for each in (1, 2)))
     assert page.team(9.0).lost is None, "they wait for their start"
     page.hears(10.0, state(1, START_S + 9.0), report(1, START_S + 9.0, ended="landed", is_completed=True))
     assert page.team(19.0, is_over=True).lost is None
@@ -303,11 +358,32 @@ def test_what_the_supervisor_says_of_a_lost_flight_is_shown_until_the_next_messa
     lost = page.team(2.6).lost
     assert lost == LostPicture("no tick of vehicle 2 for 0.6 s", (1, 2), UNIX_S + 2.0, "autopilots fly", "watch them")
     assert [(each.text, each.severity, each.vehicle_id) for each in page.events if each.vehicle_id is None] == [
-        ("no tick of vehicle 2 for 0.6 s", "alarm", None)
+        (f"vehicles 1 and 2 {UNACCOUNTED}: no tick of vehicle 2 for 0.6 s", "alarm", None)
     ]
     assert page.team(500.0, is_over=True).lost == lost
+    assert shown(page.team(500.0, is_over=True))[:2] == [LOST] * 2
+    page.pictures.recover(1)
+    left = page.team(500.0, is_over=True)
+    assert left.lost is not None
+    assert left.lost.vehicles == (2,)
+    assert shown(left)[:2] == [ENDED, LOST]
+    page.pictures.recover(2)
+    assert page.team(500.0, is_over=True).lost is None, "both were found"
     page.hears(501.0, state(1, START_S + 500.0))
     assert page.team(501.0).lost is None
+
+
+def test_a_team_that_vanishes_in_take_off_is_unaccounted_for_where_it_was_last() -> None:
+    """It sends no states before it has taken off; one that still waits on the ground is not missed."""
+    page, place_m = Page(), (1.0, -2.0, 3.5)
+    page.hears(1.0, report(1, START_S, mode="take-off", start_s=None, position_m=place_m))
+    page.hears(1.0, report(2, START_S, mode="ready", armed=False, in_air=False, start_s=None, position_m=(0.0,) * 3))
+    assert page.team(2.5).lost is None
+    team = page.team(9.0)
+    assert team.lost is not None
+    assert team.lost.vehicles == (1,)
+    assert (team.vehicles[0].is_unaccounted, team.vehicles[0].position_m) == (True, place_m)
+    assert [each.is_unaccounted for each in team.vehicles] == [True, False, False]
 
 
 def test_the_target_is_that_of_the_newest_sighting_and_goes_on() -> None:
@@ -326,7 +402,11 @@ def test_the_target_is_that_of_the_newest_sighting_and_goes_on() -> None:
     target = page.team(2.0).target
     assert target is not None
     assert target.sighting_age_s == pytest.approx(0.1), "it goes on seeing it between its reports"
-    assert page.team(9.0).target is None, "who is not heard tells nothing of the target any more"
+    lost = page.team(9.0).target
+    assert lost is not None, "who is not heard tells nothing of the target any more: it is lost"
+    assert lost.position_m == pytest.approx((35.5, -5.25)), "at its last place"
+    assert lost.sighting_age_s == pytest.approx(9.0 - 1.9), "it was seen last 0.1 s before 2.0 s"
+    assert lost.lost_speed_m_s == pytest.approx(max(hypot(0.5, 0.25), 0.1) + 1.5), "as it was, or faster"
 
 
 def test_events_are_numbered_and_dated() -> None:

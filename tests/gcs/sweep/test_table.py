@@ -3,7 +3,7 @@
 import io
 import json
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pyarrow
@@ -12,6 +12,7 @@ import pytest
 
 from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
+from gcs.metrics.departures import Departure
 from gcs.metrics.metrics import evaluated
 from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
@@ -25,9 +26,12 @@ NEAR = {"target.start_m": [9.0, -3.0]}
 LEFT_OUT = {
     "": "format mission seed source reference wall_time_s realtime_factor events estimate truth_missing faults kinds",
     "ended": "vehicles",
+    "ring": "judged_from_s",
+    "engagement": "pending",
     "loop": "tick_p50_us tick_p99_us",
     "vehicles": "id",
     "transitions": "begins_at_s members",
+    "departures": " ".join(each.name for each in fields(Departure)),
 }
 """What the table does not hold of a result: what is the same in every run, wall times, and what is no figure."""
 
@@ -39,7 +43,7 @@ def result() -> FlightResult:
 
 
 def test_every_metric_of_a_result_has_a_column(result: FlightResult) -> None:
-    names = {each.name for each in columns([result_row(result, holds=True)])}
+    names = {each.name for each in columns([result_row(result)])}
     named = {
         "": "{}",
         "vehicles": "vehicle_2.{}",
@@ -53,7 +57,7 @@ def test_every_metric_of_a_result_has_a_column(result: FlightResult) -> None:
 
 
 def test_values_stand_under_their_places_in_the_json_result(result: FlightResult) -> None:
-    plain, row = json.loads(result.to_json()), result_row(result, holds=True)
+    plain, row = json.loads(result.to_json()), result_row(result)
     assert row["ring.settling_time_s"] == plain["ring"]["settling_time_s"] > 0.0
     assert row["reynolds.ring.cohesion_max_m"] == plain["reynolds"]["ring"]["cohesion_max_m"]
     assert [row["window_begin_s"], row["window_end_s"]] == plain["window_s"]
@@ -63,7 +67,7 @@ def test_values_stand_under_their_places_in_the_json_result(result: FlightResult
 
 
 def test_the_worst_and_the_mean_are_those_of_the_vehicles(result: FlightResult) -> None:
-    row = result_row(result, holds=True)
+    row = result_row(result)
     errors = [vehicle.radius_error_rms_m or 0.0 for vehicle in result.vehicles]
     assert row["vehicles.radius_error_rms_m.worst"] == max(errors)
     assert row["vehicles.radius_error_rms_m.mean"] == pytest.approx(sum(errors) / len(errors))
@@ -73,7 +77,7 @@ def test_the_worst_and_the_mean_are_those_of_the_vehicles(result: FlightResult) 
 
 def test_a_row_does_not_depend_on_how_long_the_flight_took(result: FlightResult) -> None:
     slower = replace(result, wall_time_s=1e6, realtime_factor=0.1, loop=replace(result.loop, tick_p50_us=1e6))
-    assert result_row(slower, holds=True) == result_row(result, holds=True)
+    assert result_row(slower) == result_row(result)
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +105,8 @@ def test_a_table_has_a_row_for_each_run(swept: tuple[SweepPlan, dict[int, Row]])
     assert [row["error"] is None for row in rows] == 2 * [True, True, False, False]
     assert all("target.velocity_m_s" in row["error"] for row in rows if row["error"])
     assert [row["duration_s"] for row in rows] == 2 * [2.0, 2.0, None, None]
+    assert [row["holds"] for row in rows] == 8 * [None], "in 2 s nothing can be judged"
+    assert [row["not_judged"] for row in rows] == 2 * [*2 * ["C1, C2, C3, engaged"], None, None]
     assert {each.name for each in TEAM} < set(rows[0])
 
 

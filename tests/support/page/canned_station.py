@@ -15,7 +15,16 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
-from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, FlightPicture, MissionPicture, TeamPicture
+from gcs.station.picture import (
+    AnswerPicture,
+    CommandRequest,
+    EventPicture,
+    FlightPicture,
+    MissionPicture,
+    ReceiptPicture,
+    RecoveredRequest,
+    TeamPicture,
+)
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, until_now
 
@@ -29,14 +38,14 @@ POLICY = (
 
 MARK = "mark"
 
-Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture
+Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture | ReceiptPicture
 
 
 class CannedStation:
     """Serves a live team, whose pictures `team` returns for the seconds since the start, or a recorded flight.
 
     Use it as a context manager. Tests may change `team` and `is_silent` at any time; `requests` are the requests of
-    pages.
+    pages, of which a station that `is_slow` has received none, `recovered` the vehicles whose recovery they confirmed.
     """
 
     def __init__(
@@ -49,7 +58,9 @@ class CannedStation:
         self.mission, self.team, self.flight = mission, team, flight
         self.is_silent = False
         self.is_refusing = False
+        self.is_slow = False
         self.requests: list[CommandRequest] = []
+        self.recovered: list[int] = []
         self.events: list[EventPicture] = []
         self._connections: set[ServerConnection] = set()
         self._sent = 0
@@ -112,7 +123,13 @@ class CannedStation:
                 if message == MARK:
                     self._marks.release()
                     continue
-                self.requests.append(msgspec.json.decode(message, type=CommandRequest))
+                request = msgspec.json.decode(message, type=CommandRequest | RecoveredRequest)
+                if isinstance(request, RecoveredRequest):
+                    self.recovered.append(request.vehicle_id)
+                    continue
+                self.requests.append(request)
+                if not self.is_slow:
+                    self._send(connection, ReceiptPicture(request.request))
         finally:
             self._connections.discard(connection)
 

@@ -19,7 +19,7 @@ from websockets.asyncio.client import ClientConnection
 from agents.shell.zenoh_bus import single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal, VehicleReport
 from agents.team.participant import vehicle
 from agents.team.verbs import Verb
 from gcs.console.vehicle_view import VehicleView
@@ -43,6 +43,10 @@ class CannedSource:
     def __init__(self) -> None:
         self.publish: Callable[[Published], None] = lambda _picture: None
         self.runs = False
+        self.recovered: list[int] = []
+
+    def recover(self, vehicle_id: int) -> None:
+        self.recovered.append(vehicle_id)
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
         return MissionPicture("canned", "sitl", 60.0, 10.0, None, 0.0, 10.0, 0.05, 3.0, 2.0, None, None, (), operator)
@@ -127,6 +131,7 @@ class AnsweringTeam:
     received: list[tuple[int, OperatorCommand]] = field(default_factory=list)
     tactics: dict[int, str] = field(default_factory=dict)
     silent: set[int] = field(default_factory=set)
+    ended: set[int] = field(default_factory=set)
 
     def numbers(self, verb: Verb) -> set[int]:
         """Return the numbers of the commands of this verb."""
@@ -151,7 +156,7 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
     def receive(message: BusMessage) -> None:
         if isinstance(message, OperatorCommand) and message.vehicle in (None, vehicle_id):
             team.received.append((vehicle_id, message))
-            if vehicle_id not in team.silent:
+            if vehicle_id not in team.silent | team.ended:
                 answer = CommandAnswer(vehicle_id, time.time(), message.number, "holds", outcome="obeyed")
                 bus.publish("answer", encode(answer))
 
@@ -160,6 +165,8 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
             state = MemberState(vehicle_id, time.time(), team.tactics[vehicle_id], HERE, HERE, HERE, HERE)
             bus.publish("member", encode(state))
             bus.publish("start", encode(StartProposal(vehicle_id, time.time(), 0.0, mission=mission.identity)))
+            ended = "landed and disarmed" if vehicle_id in team.ended else ""
+            bus.publish("@report", encode(VehicleReport(vehicle_id, time.time(), "hold", ended=ended)))
             await asyncio.sleep(0.1)
 
     await bus.open(receive, lambda *_: None, lambda _vehicle, _present: None)

@@ -1,0 +1,79 @@
+"""Standard output that is closed or full, and terminals of no size: no verb ends in a traceback."""
+
+import os
+import pty
+import subprocess
+import sys
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from gcs.cli import VERBS
+from gcs.console.terminal import whole_words
+
+pytestmark = pytest.mark.slow
+RESULTS = (("missions",), ("missions", "--json"), ("schema",), ("--help",), ("--version",))
+
+
+def cordon(*words: str, stdout: int, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a command with this standard output."""
+    return subprocess.run(
+        [sys.executable, "-m", "gcs", *words],
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
+
+
+@pytest.mark.parametrize("words", [*RESULTS, *((verb, "--help") for verb in VERBS)], ids=" ".join)
+def test_full_output_is_an_error_in_a_line_and_a_closed_one_is_none(words: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("wb") as full:
+        ran = cordon(*words, stdout=full.fileno(), COLUMNS="0")
+    assert (ran.returncode, ran.stderr) == (2, "standard output: No space left on device\n")
+    reader, writer = os.pipe()
+    os.close(reader)
+    ran = cordon(*words, stdout=writer, COLUMNS="0")
+    os.close(writer)
+    assert ran.stderr == ""
+
+
+@pytest.mark.parametrize("columns", ["0", "", "x", "²", "1", "99999999999"])
+def test_any_number_of_columns_prints(columns: str) -> None:
+    ran = cordon("missions", stdout=subprocess.DEVNULL, COLUMNS=columns, LINES=columns)
+    assert (ran.returncode, ran.stderr.count("Traceback")) == (0, 0)
+    ran = cordon("sim", "no-such", stdout=subprocess.DEVNULL, COLUMNS=columns, LINES=columns)
+    assert (ran.returncode, ran.stderr.count("Traceback")) == (2, 0)
+
+
+def test_line_on_a_terminal_breaks_between_words() -> None:
+    """And nowhere else: what a terminal would break inside a word has begun another line."""
+    text = (
+        "next: recover the vehicle at 47.397742, 8.545594; altitudes-of-neighbours /a/path/that/is/longer/than/the/line"
+    )
+    console = Console(file=StringIO(), force_terminal=True, width=30, _environ={"TERM": "xterm"})
+    lines = whole_words(text, console).split("\n")
+    assert " ".join(line.strip() for line in lines) == text
+    assert all(len(line) <= 30 for line in lines[:-1])
+    assert whole_words(text, Console(file=StringIO(), width=30)) == text
+
+
+def test_faults_on_a_terminal_of_forty_columns_break_between_words() -> None:
+    process, terminal = pty.fork()
+    if process == 0:
+        os.environ["COLUMNS"] = "40"
+        os.execv(sys.executable, [sys.executable, "-m", "gcs", "sim", "case2", "--set", "encirclement.radius_m=0.1"])
+    said = b""
+    try:
+        while part := os.read(terminal, 4096):
+            said += part
+    except OSError:
+        pass  # the end
+    os.waitpid(process, 0)
+    os.close(terminal)
+    lines = said.decode().split("\r\n")
+    assert any("encirclement.radius_m" in line for line in lines)
+    assert all(len(line) <= 40 or " " not in line.strip() for line in lines), lines
