@@ -330,10 +330,11 @@ def clock_setting(clock: ComputerClock) -> Finding:
 def elsewhere(mission: Mission, team: Sequence[VehicleFacts]) -> tuple[tuple[Finding, ...], Sequence[VehicleFacts]]:
     """Return the finding of a team that stands away from the mission as a whole, and its facts without that shift.
 
-    The shift would otherwise be found once for each vehicle, start, height and fence.
+    The shift would otherwise be found once for each vehicle, start, height and fence. The positions of most vehicles
+    have to be known.
     """
     placed = {each.vehicle_id: each.position_m for each in team if each.position_m is not None}
-    if mission.frame.local or not placed:
+    if mission.frame.local or 2 * len(placed) <= len(team):
         return (), team
     offs_m = np.array([(*_off_start(place_m, mission.vehicle(i)), place_m[2]) for i, place_m in placed.items()])
     shift_m = np.median(offs_m, axis=0)

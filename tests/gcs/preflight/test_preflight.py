@@ -368,6 +368,14 @@ def test_a_team_in_the_wrong_place_is_one_finding(subtests: pytest.Subtests) -> 
             assert facts_missing(f"{found.found}. {found.next_step}", *says) == []
 
 
+def test_where_a_team_is_does_not_follow_from_the_place_of_one_of_three() -> None:
+    x, y = CASE2.vehicle(1).section.start_m
+    facts = [well(i, position_m=(x, y + 42.0, 0.0) if i == 1 else None) for i in CASE2.ids]
+    refused = [(each.subject, each.check) for each in preflight(CASE2, facts) if each.grade is Grade.REFUSE]
+    assert ("vehicle 1", "start") in refused
+    assert ("mission", "place") not in refused
+
+
 def test_vehicles_too_near_to_each_other_on_the_ground_are_refused() -> None:
     near = CASE2.safety.separation_m - 0.1
     x, y = CASE2.vehicle(1).section.start_m
