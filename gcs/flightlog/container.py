@@ -47,6 +47,8 @@ _LENGTH_OF_OPEN = 2**64 - 1
 """The length field of a chunk while it is written."""
 PADDING_MIN_BYTES = 128
 """The end of a record may be as many equal bytes, as an empty text is."""
+PADDING_MAX_BYTES = 256_000_000
+"""More of it is damage: searching through it would take minutes."""
 
 
 class EncodedMessage(NamedTuple):
@@ -66,7 +68,7 @@ Entry = Schema | Channel | EncodedMessage | Metadata
 def unpadded_bytes(stream: BinaryIO, size_bytes: int) -> int:
     """Return the size of a log without padding at its end, as of a file that was made larger before it was filled."""
     end, value = size_bytes, b""
-    while end:
+    while 0 < end and size_bytes - end <= PADDING_MAX_BYTES:
         begin = max(end - _WINDOW_BYTES, 0)
         stream.seek(begin)
         window = stream.read(end - begin)
@@ -74,7 +76,7 @@ def unpadded_bytes(stream: BinaryIO, size_bytes: int) -> int:
         end = begin + (len(window.rstrip(value)) if value in (b"\0", b"\xff") else len(window))
         if end > begin:
             break
-    return end if size_bytes - end >= PADDING_MIN_BYTES else size_bytes
+    return end if PADDING_MIN_BYTES <= size_bytes - end <= PADDING_MAX_BYTES else size_bytes
 
 
 class NoContainerError(ValueError):
