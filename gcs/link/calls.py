@@ -38,7 +38,7 @@ TIMEOUT = "TIMEOUT"
 DO_SET_MODE, CUSTOM_MODE_ENABLED, AUTOPILOT_COMPONENT = 176, 1, 1
 STATUS = ("health", "in_air", "attitude_euler")
 """Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
-SLOW_STATUS = ("battery", "home", "gps_info", "position")
+SLOW_STATUS = ("battery", "home", "gps_info", "position", "altitude")
 """Telemetry at half the status rate. ArduPilot sends only requested messages, PX4 more than a radio carries."""
 
 

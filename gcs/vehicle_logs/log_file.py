@@ -40,7 +40,7 @@ class LogFile:
 
     @property
     def notes(self) -> list[str]:
-        """What there is to say of the file as a whole."""
+        """What holds for the file as a whole."""
         return [f"{self.padding_bytes} bytes of padding at the end were left out"] if self.padding_bytes else []
 
     def content(self) -> bytes:

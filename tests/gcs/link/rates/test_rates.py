@@ -51,10 +51,11 @@ def test_a_rate_below_the_least_stays() -> None:
         ("attitude", (1, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), STATUS_BYTES[1]),
         ("extended_sys_state", (0, 1), STATUS_BYTES[2]),
         ("global_position_int", (1, 1, 1, 1, 1, 1, 1, 1, 30000), SLOW_STATUS_BYTES[3]),
-        ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[4]),
+        ("altitude", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[4]),
+        ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[5]),
         ("sim_state", (0.1,) * 21 + (473977420, 85455940), ardupilot.AUTOPILOT.truth.size_bytes),
         ("hil_state_quaternion", (1, [0.1] * 4, *(0.1,) * 3, *(300,) * 11), px4.AUTOPILOT.truth.size_bytes),
-        ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[5]),
+        ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[6]),
         (
             "set_position_target_local_ned",
             (1, 1, 1, 1, 0, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0),
@@ -70,7 +71,7 @@ def test_messages_are_as_long_as_the_dialect_says(name: str, payload: tuple[floa
 def test_the_load_of_three_vehicles_adds_up_by_hand() -> None:
     total = load(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3)
     assert total.up_bytes_s == 3 * 650.0 + 21.0 + 14.0
-    assert total.down_bytes_s == 3 * (400.0 + 97.0 + 165.0 + 21.0 + 14.0)
+    assert total.down_bytes_s == 3 * (400.0 + 97.0 + 187.0 + 21.0 + 14.0)
     signed = load(Rates(telemetry_hz=10.0, status_hz=1.0, setpoint_hz=10.0), 3, signed=True)
     assert signed.up_bytes_s == 3 * 780.0 + 34.0 + 20.5
 
