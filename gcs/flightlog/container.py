@@ -68,7 +68,7 @@ Entry = Schema | Channel | EncodedMessage | Metadata
 def unpadded_bytes(stream: BinaryIO, size_bytes: int) -> int:
     """Return the size of a log without padding at its end, as of a file that was made larger before it was filled."""
     end, value = size_bytes, b""
-    while 0 < end and size_bytes - end <= PADDING_MAX_BYTES:
+    while end > 0 and size_bytes - end <= PADDING_MAX_BYTES:
         begin = max(end - _WINDOW_BYTES, 0)
         stream.seek(begin)
         window = stream.read(end - begin)
