@@ -30,7 +30,7 @@ def test_the_first_flight_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     printed = "".join(output.get("text", "") for output in outputs)
     assert "c1=True, c2=True, c3=True" in printed
-    assert "results: 4 runs: 4 hold" in printed
+    assert "results: 4 runs: 4 pass" in printed
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
 
 

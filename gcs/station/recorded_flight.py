@@ -27,7 +27,7 @@ from gcs.station.recorded_vehicle import RecordedVehicle, Sampled
 from gcs.station.seen_target import SeenTarget
 
 PICTURES_HZ = 5.0
-_VEHICLE_PICTURES, _STEP_MAX_S = 4200, 1.0
+_VEHICLE_PICTURES, _STEP_MAX_S = 3900, 1.0
 """A vehicle takes about 600 bytes of JSON per picture: long flights have fewer pictures than `PICTURES_HZ`."""
 
 

@@ -697,7 +697,7 @@ def test_a_vehicle_taken_by_its_pilot_tells_what_would_refuse_a_resume(make_flig
     flight.battery = 0.05
     flight.fly(ONSET_S + 5.0)
     assert flight.status.outlook is not None
-    assert (flight.told.alert, flight.status.outlook.blocks) == ("pilot took over", "battery critical")
+    assert (flight.told.alert, flight.status.outlook.blocks) == ("mode changed", "battery critical")
 
 
 def test_a_vehicle_whose_condition_is_over_waits_for_a_resume_and_one_whose_operator_held_it_does_not(
