@@ -26,8 +26,27 @@ ValueT = TypeVar("ValueT")
 LOOPBACK = "127.0.0.1"
 
 
-# Below the range of ephemeral ports, so that other connections do not take them.
-_PORTS = iter(random.Random(os.getpid()).sample(range(20_000, 32_000), 12_000))
+BLOCKS, PORTS_A_BLOCK = 24, 500
+_claims: list[socket.socket] = []
+
+
+def _claimed_ports() -> Iterator[int]:
+    """Yield ports of blocks that no other process of the tests has: a bound port claims one while its process lives.
+
+    All are below the range of ephemeral ports, so that other connections do not take them.
+    """
+    for block in random.Random(os.getpid()).sample(range(BLOCKS), BLOCKS):
+        claim = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            claim.bind((LOOPBACK, 19_900 + block))
+        except OSError:
+            claim.close()
+            continue
+        _claims.append(claim)
+        yield from range(20_000 + block * PORTS_A_BLOCK, 20_000 + (block + 1) * PORTS_A_BLOCK)
+
+
+_PORTS = _claimed_ports()
 
 
 def free_ports(count: int) -> list[int]:
