@@ -229,7 +229,7 @@ def test_what_a_failsafe_or_a_pilot_takes_away_is_not(
     flown: Callable[[Callable[[float], ReceivedInput]], FlightResult], subtests: pytest.Subtests
 ) -> None:
     reported = {
-        "tilt too large": structs.replace(HEALTHY, tilt_deg=50.0),
+        "tilt too large": structs.replace(HEALTHY, tilt_deg=50),
         "battery critical": structs.replace(HEALTHY, battery=0.01),
         "battery low": structs.replace(HEALTHY, battery=0.15),
         "wind too strong": structs.replace(HEALTHY, wind_m_s=25.0),
