@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 from math import hypot, isnan, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Event, Thread
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,8 @@ from gcs.flight.stubs import stub_configs
 from gcs.flightlog.reader import read_log
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from gcs.radio.emulation import Emulation, run
+from gcs.radio.emulation import Emulation
+from gcs.radio.serving import running_beside
 from sitl.radio import Air, RadioSpec
 from sitl.server.server import Stub, serve
 from tests.experiments.arguments import parser
@@ -92,21 +92,14 @@ def mission_text(spec: RadioSpec, duration_s: float, ports: list[int], endpoints
 @contextmanager
 def radios(spec: RadioSpec, ports: Sequence[int], places: Sequence[str]) -> Iterator[None]:
     """Carry frames between the station's ports, one for all or one for each, and the vehicles' places."""
-    air, ended = Air(spec.bytes_s), Event()
+    air = Air(spec.bytes_s)
     groups = [places] if spec.shared else [[place] for place in places]
     opened = [
         Emulation(spec.model_copy(update={"seed": spec.seed + number}), f"udpout://127.0.0.1:{port}", group, air)
         for number, (port, group) in enumerate(zip(ports, groups, strict=True))
     ]
-    thread = Thread(target=run, args=(opened, ended.is_set, lambda: None), daemon=True)
-    thread.start()
-    try:
+    with running_beside(opened):
         yield
-    finally:
-        ended.set()
-        thread.join()
-        for each in opened:
-            each.close()
 
 
 @dataclass
