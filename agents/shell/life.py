@@ -138,7 +138,7 @@ _KILL_IN_LANDING: Transition = (Phase.KILLING, (Action.CUT_MOTORS,))
 _GIVE_UP: Transition = (Phase.ENDED, ())
 
 TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
-    # Nobody else has the vehicle: it stays in its phase.
+    # No pilot has taken the vehicle: it stays in its phase.
     **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     (Phase.GROUND, LifeEvent.KILL): (Phase.KILLING, (Action.CUT_MOTORS,)),

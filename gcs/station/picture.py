@@ -17,7 +17,7 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.style import COLOURS
 
 FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
-"""The kind of the vehicles; "unstated" where nobody has said whether real ones fly."""
+"""The kind of the vehicles; "unstated" if it is not known whether real ones fly."""
 
 
 class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=False):
