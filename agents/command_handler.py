@@ -12,7 +12,7 @@ import msgspec
 from agents.notes import CommandOutcome, Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import DID_LIMIT, CommandAnswer, OperatorCommand, Outcome
+from agents.team.messages import DID_LIMIT, TOPICS, CommandAnswer, OperatorCommand, Outcome
 from agents.team.text import printable
 from agents.team.verbs import VERBS, VerbRow
 
@@ -23,17 +23,19 @@ _WHY_NOT = {
     Tactic.LAND: "it is landing",
     Tactic.PILOT_OVERRIDE: "cordon has handed it over: resume takes it back, kill cuts its motors",
 }
+AGE_MAX_S = TOPICS[OperatorCommand].age_max_s
 _DISARMED = "it has flown and is disarmed: end the flight, then take off again"
 
 
 class Circumstances(NamedTuple):
     """What decides, beside the tactic, whether and when a vehicle carries out a command.
 
-    `resume_refused` is why it must not resume, empty if it may. It `is_down` if it was armed and no longer is, and
-    `follows` setpoints unless it takes off or was handed over. The flight `ends` once the operator has stopped it; its
-    mission `is_over` from the return on.
+    `age_s` is the time since the command was sent [wall s]. `resume_refused` is why the vehicle must not resume, empty
+    if it may. It `is_down` if it was armed and no longer is, and `follows` setpoints unless it takes off or was handed
+    over. The flight `ends` once the operator has stopped it; its mission `is_over` from the return on.
     """
 
+    age_s: float = 0.0
     resume_refused: str = ""
     is_down: bool = False
     follows: bool = True
@@ -100,7 +102,8 @@ class CommandHandler:
             return None
         event = None
         if command.number not in self._done:
-            answer, event = self._carry_out(command, tactic, now_s, circumstances)
+            late = _lateness(VERBS[command.verb], circumstances.age_s)
+            answer, event = (_refused(late), None) if late else self._carry_out(command, tactic, now_s, circumstances)
             if circumstances.link_lost and answer.outcome == "obeyed":
                 answer = answer._replace(did=f"{answer.did}; its link is lost")
             self._record(command, answer, now_s)
@@ -130,6 +133,8 @@ class CommandHandler:
 
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
         """Return and remove the answers since the last call."""
+        if not self._unanswered:
+            return ()
         answers = tuple(self._answer(*self._done[number], now_s) for number in self._unanswered)
         self._unanswered.clear()
         return answers
@@ -227,6 +232,13 @@ class CommandHandler:
             self._unanswered.pop(dropped, None)
         is_refused = answer.outcome == "refused"
         self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
+
+
+def _lateness(row: VerbRow, age_s: float) -> str:
+    """Return why a command of this age is too late, empty if it is not."""
+    if row.acts_late or age_s <= AGE_MAX_S:
+        return ""
+    return f"it is {age_s:.0f} s old, and {AGE_MAX_S:g} s at most are allowed: send it again"
 
 
 def _refused(why: str) -> _Answer:

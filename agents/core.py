@@ -34,13 +34,12 @@ from agents.inputs import (
     TimeScale,
 )
 from agents.notes import Notes, ReferenceChange, ResumeRefusal, ShapeChange, TacticChange
-from agents.outputs import CoreStatus, Outgoing, TickOutput
+from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
-from agents.safety.landing_cause import LandingCause
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
@@ -111,7 +110,7 @@ class VehicleCore:
             Drops: self._take_drops,
             Computer: self._take_computer,
             Ground: self._take_ground,
-            Telemetry: self._take_telemetry,
+            Telemetry: self._estimator.measure,
             Sighting: self._take_sighting,
             Message: self._take_message,
             Command: self._take_command,
@@ -248,9 +247,12 @@ class VehicleCore:
         """Return what holds the vehicle and what it does next, None while nothing is due."""
         failsafe, tactic = self._failsafe, self._tactic
         bent = self._interventions.lasting(now_s, tactic)
-        also = *failsafe.alerts[1:], *[f"vehicle {i} {alert}" for i, alert in self._team.explained.items()]
+        alerts, explained, change = failsafe.alerts, self._team.explained, self._next_change(now_s)
+        if not (alerts or explained) and change is None and bent is None:
+            return None
+        also = *alerts[1:], *[f"vehicle {i} {alert}" for i, alert in explained.items()]
         outlook = Outlook(
-            self._next_change(now_s),
+            change,
             failsafe.blocks,
             failsafe.waits_for_resume(tactic),
             also[:CONDITIONS_LIMIT],
@@ -405,9 +407,6 @@ class VehicleCore:
     def _take_ground(self, item: Ground) -> None:
         self.commands.start_blockers = item.start_blockers
 
-    def _take_telemetry(self, telemetry: Telemetry) -> None:
-        self._estimator.measure(telemetry)
-
     def _take_sighting(self, sighting: Sighting) -> None:
         """Take a sighting. The newest one of the vehicle's own sensor is sent to the peers with its state, when due."""
         if sighting.sensor_id == self._config.vehicle_id:
@@ -432,7 +431,7 @@ class VehicleCore:
                 if message.shape is not None:
                     self._reshape(Reshaping(message.shaped_s, message.shape))
             case OperatorCommand():
-                self._command(message, now_s)
+                self._command(message, now_s, max(now_s - message.time_s, 0.0) / self._time_scale)
             case CommandAnswer():
                 self._answers.append(message)
 
@@ -446,11 +445,12 @@ class VehicleCore:
         if not item.present:
             self._team.forget(item.vehicle_id)
 
-    def _command(self, command: OperatorCommand, now_s: float) -> None:
+    def _command(self, command: OperatorCommand, now_s: float, age_s: float = 0.0) -> None:
         self._now_s = now_s
         if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
             self._failsafe.leave_to_operator()
-        if (event := self.commands.take(command, self._tactic, now_s, self._circumstances(now_s))) is not None:
+        circumstances = self._circumstances(now_s)._replace(age_s=age_s)
+        if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)

@@ -114,6 +114,22 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
         return 0.0 if self.plan is None or self.plan.ring is None else self.plan.ring.rate_rad_s
 
 
+class LandingCause(msgspec.Struct, frozen=True):
+    """The cause of an early landing: a condition of the failsafe table, or an operator's command; the other is empty.
+
+    `verb` is the command's, `origin` the operator, empty if unknown.
+    """
+
+    condition: str = ""
+    verb: str = ""
+    origin: str = ""
+
+    @property
+    def reason(self) -> str:
+        """The condition, or the command and its origin, as text."""
+        return self.condition or f"{self.verb} by {self.origin or 'the operator'}"
+
+
 class TickOutput(msgspec.Struct, frozen=True):
     """The result of a tick: a setpoint (None before telemetry, and while a pilot flies), messages, and the status."""
 

@@ -70,12 +70,13 @@ class VehicleStatus(AutopilotReport, frozen=True):
     """The status that a vehicle's autopilot reports, except its motion.
 
     `battery` is a fraction. What is unknown is None, or empty: `endurance_s` is the flight time until the battery is
-    empty; `estimator_ratio` the highest innovation test ratio of its estimator, that of `estimator_sensor`;
-    `estimator_fault` names an invalid output; `height_off_m` is its height above that of `height_sensor`, from where it
-    stood; `gps_dimensions` the type of the fix (0, 2 or 3), with the number of `satellites`; `gps_threat` names jamming
-    or spoofing, `lost` the connection whose loss it has reported or which explains its failsafe, `mode_by` what changed
-    its flight mode last. `round_trip_s` is the time from a message to its answer [s of the mission clock]; `link_fault`
-    describes how the link is degraded.
+    empty; `estimator_ratio` its estimator's highest innovation test ratio, that of `estimator_sensor`;
+    `estimator_fault` names an invalid output; `height_off_m` is its height above that of `height_sensor` since
+    take-off, beyond the sensor's accuracy; `gps_dimensions` the type of fix (0, 2 or 3), with the number of
+    `satellites`; `gps_threat` names jamming or spoofing, `lost` the connection whose loss it has reported or which
+    explains its failsafe, `mode_by` what changed its flight mode last. `round_trip_s` is the time from a message to its
+    answer [s of the mission clock]; `link_fault` describes how the link is degraded, `battery_fault` what the autopilot
+    says of a battery; `stale` names the repeated reports that have stopped.
     """
 
     connected: bool = False
@@ -95,6 +96,8 @@ class VehicleStatus(AutopilotReport, frozen=True):
     lost: Connection = Connection.NONE
     round_trip_s: float | None = None
     link_fault: str = ""
+    battery_fault: str = ""
+    stale: str = ""
     mode_by: ModeSource = ModeSource.UNKNOWN
     reference: Reference = Reference()
 
@@ -139,51 +142,39 @@ class VehicleLink(Protocol):
     @property
     def status(self) -> VehicleStatus:
         """The newest status received."""
-        ...
 
     async def connect(self, on_telemetry: Callable[[Telemetry], None]) -> None:
         """Find the vehicle, verify its system id, request rates; from then on deliver telemetry on the event loop."""
-        ...
 
     async def take_off(self, altitude_m: float) -> None:
         """Arm, climb to `altitude_m` above the mission origin's datum, and return when the vehicle hovers there."""
-        ...
 
     async def start_offboard(self) -> None:
         """Enter offboard; setpoints must be streaming. Returns when the flight mode has changed."""
-        ...
 
     async def stop_offboard(self) -> None:
         """Leave offboard for hold; returns when the flight mode confirms it."""
-        ...
 
     async def land(self) -> None:
         """Land where the vehicle is; returns when it is disarmed."""
-        ...
 
     async def kill(self) -> None:
         """Cut the motors at once, in every state and also from a pilot: the vehicle falls. Returns when disarmed."""
-        ...
 
     def locate(self, position: ExternalPosition) -> None:
         """Send the vehicle its externally measured position; never blocks, never raises for a lost link."""
-        ...
 
     def hand_over(self) -> None:
         """Send nothing from now on and do not change the flight mode: a pilot has control."""
-        ...
 
     def take_back(self) -> None:
         """Send setpoints again; offboard has to be started again."""
-        ...
 
     def send(self, setpoint: Setpoint) -> None:
         """Send one setpoint now; never blocks, never raises for a lost link."""
-        ...
 
     async def close(self) -> None:
         """Release the link, after the calls in progress have ended."""
-        ...
 
 
 class PeerBus(Protocol):
@@ -192,17 +183,14 @@ class PeerBus(Protocol):
     @property
     def alive(self) -> bool:
         """Whether the local session can still carry messages."""
-        ...
 
     @property
     def drops(self) -> Drops:
         """The messages that this process has dropped so far on receipt, and own ones that could not be sent."""
-        ...
 
     @property
     def operated(self) -> bool:
         """Whether an operator is present on the bus."""
-        ...
 
     async def open(
         self,
@@ -215,15 +203,12 @@ class PeerBus(Protocol):
         They receive: a message of another participant, already checked against the key of its type and sender; the
         topic and payload of a sensor outside the team; another vehicle's id and whether it is present.
         """
-        ...
 
     def publish(self, topic: str, payload: bytes) -> None:
         """Send to every other participant under this participant's name; never blocks."""
-        ...
 
     async def close(self) -> None:
         """Leave; the others are notified at once."""
-        ...
 
 
 class TargetSensor(Protocol):
@@ -231,7 +216,6 @@ class TargetSensor(Protocol):
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return a sighting when one is due and the target is within range of `position_m`."""
-        ...
 
 
 class Heartbeat(Protocol):
@@ -239,12 +223,9 @@ class Heartbeat(Protocol):
 
     def rising(self) -> None:
         """Report that the vehicle is about to arm and take off."""
-        ...
 
     def tick(self, due_s: float) -> None:
         """Report a tick of the control loop; the next one is due in `due_s` of the wall clock."""
-        ...
 
     def ended(self) -> None:
         """Report that the vehicle has landed or was handed over: supervision ends."""
-        ...

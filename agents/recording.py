@@ -17,7 +17,6 @@ class InputRecorder(Protocol):
 
     def write(self, item: CoreInput | TickOutput) -> None:
         """Take the next item; a tick's output follows the tick."""
-        ...
 
 
 class RecordedCore(VehicleCore):

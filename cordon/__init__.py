@@ -67,5 +67,4 @@ if not TYPE_CHECKING:  # a type checker uses the imports above, and reports name
         return value
 
     def __dir__() -> list[str]:
-        """Return the public names."""
         return sorted(_HOMES)

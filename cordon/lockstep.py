@@ -92,9 +92,7 @@ class LockstepClient:
         self._seat.leave()
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the clock."""
         self.close()

@@ -14,11 +14,13 @@ class VehicleFaults:
     autopilot, which flies to setpoints in its own estimate. A push is an acceleration in addition to the wind,
     `estimator_ratio` a lower bound of the test ratio of the horizontal position, `endurance_s` the reported flight time
     left (None: not reported), `second_battery` the charge of a second battery, a fraction (None: there is none). With
-    `values_unknown` each value that may be unknown is reported as that.
+    `values_unknown` each value that may be unknown is reported as that; a silent battery is not reported. A
+    `charge_state` replaces MAV_BATTERY_CHARGE_STATE_OK.
 
     `origin_moved_m` is how far the origin of its local NED has moved since boot, in the mission frame: it knows its
     place on Earth as well as before. `height_jump_m` is an offset of its height that its own tests do not show, as
-    after a reset of the estimator; its barometer does not have it.
+    after a reset of the estimator; neither its barometer nor its GPS has it. `barometer_off_m` is an error of the
+    barometer that the estimate follows.
     """
 
     link_cut: bool = False
@@ -30,14 +32,22 @@ class VehicleFaults:
     endurance_s: float | None = None
     second_battery: float | None = None
     values_unknown: bool = False
+    battery_silent: bool = False
+    charge_state: int = 1
     origin_moved_m: Triple = (0.0, 0.0, 0.0)
     height_jump_m: float = 0.0
+    barometer_off_m: float = 0.0
+
+    @property
+    def unnoticed_m(self) -> float:
+        """The offset of the estimate's height that its tests do not show."""
+        return self.height_jump_m + self.barometer_off_m
 
     @property
     def offset_m(self) -> Triple:
         """The whole offset of the estimate."""
         x, y, z = self.estimate_offset_m
-        return x, y, z + self.height_jump_m
+        return x, y, z + self.unnoticed_m
 
     def add(self, others: "VehicleFaults") -> None:
         """Add the other faults; their values replace those of the same fault."""

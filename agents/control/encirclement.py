@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from agents.control.lmpc import Bounds, Lmpc, QpStatus, Solver
+from agents.control.lmpc import Bounds, Lmpc, QpStatus
 from agents.control.lmpc_cost import RING_CONSTRAINED, ring_programme
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
@@ -107,11 +107,11 @@ class EncirclementPlan:
 class EncirclementPlanner:
     """Plans one vehicle's flight around the target; its only state is the last polar acceleration."""
 
-    def __init__(self, config: AgentConfig, solver: Solver | None = None) -> None:
+    def __init__(self, config: AgentConfig) -> None:
         self._plant = config.plant
         self._settings = config.encirclement
         self._clearance_rad = config.clearance_rad
-        self._lmpc: Solver = ring_lmpc(self._settings) if solver is None else solver
+        self._lmpc = Lmpc(ring_programme(self._settings), _SLACK_WEIGHT)
         self._along_m = self._settings.radius_m
         samples = np.arange(1, self._settings.horizon + 1, dtype=np.float64)
         self._times_s: Vector = self._settings.prediction_step_s * samples
@@ -227,8 +227,3 @@ def damped_motion(task: RingTask) -> Vector:
     radius_m = radius.value + bend_m(task.radius_m, polar, task.obstacles)
     on_ring = motion_from_polar(Polar(radius_m, bearing.value, radius.rate, bearing.rate), task.target)
     return np.asarray(on_ring + task.authority * (task.motion - on_ring), dtype=np.float64)
-
-
-def ring_lmpc(settings: EncirclementSettings) -> Lmpc:
-    """Return the LMPC that solves the ring's programme."""
-    return Lmpc(ring_programme(settings), _SLACK_WEIGHT)

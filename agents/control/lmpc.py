@@ -18,7 +18,6 @@ least squares: the bound that is exceeded most becomes active, and one whose mul
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -132,14 +131,6 @@ class Bounds(msgspec.Struct, frozen=True):
 
     inputs: Vector
     states: Vector
-
-
-class Solver(Protocol):
-    """Plans the inputs: `Lmpc` does, and what it is compared with."""
-
-    def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
-        """See `Lmpc.solve`."""
-        ...
 
 
 class Lmpc:

@@ -64,7 +64,6 @@ class TaskPlanner(Protocol):
         it. An exception, or a plan with a number that is not finite, ends the flight: a simulation raises the
         exception, an agent lands the vehicle. A planner without a solution returns None.
         """
-        ...
 
 
 PlannerFactory = Callable[[AgentConfig], TaskPlanner]

@@ -49,7 +49,6 @@ class Endurance:
     """
 
     def __init__(self, critical: float) -> None:
-        """Take the critical charge, a fraction."""
         self._critical = critical
         self._changes: deque[tuple[float, float]] = deque()
         self._endurance_s: float | None = None

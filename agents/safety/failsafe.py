@@ -53,6 +53,8 @@ class Condition(Enum):
     CLOCK_DRIFTED = "peer's clock drifted"
     ESTIMATOR_DEGRADED = "estimator degraded"
     LINK_DEGRADED = "link degraded"
+    BATTERY_WARNING = "battery warning"
+    STATUS_STALE = "status stale"
     COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
@@ -78,7 +80,7 @@ class Reaction(Enum):
 RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
 """An estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""
 HEIGHT_OFF_MAX_M, HEIGHT_OFF_RESERVE_M = 4.0, 2.0
-"""Of the height from that of a barometer or rangefinder. Barometers drift by a metre or two in a flight."""
+"""Of the height from that of another sensor. Barometers drift by a metre or two in a flight."""
 COMPASS = "compass"
 """A rejected compass is no reason to land: estimators use the others, and compasses are disturbed near steel."""
 SATELLITES_MIN = 6
@@ -90,6 +92,8 @@ LINK_LOSS_MAX = 0.1
 """Share of the messages on a link that are lost."""
 SILENCES_PER_HOUR_MAX = 0.3
 """Silences of a link that end offboard, or hold a vehicle, which its losses make likely in an hour."""
+STATUS_STALE_S = 30.0
+"""Reports of the battery come every few seconds on a slow link."""
 MEMORY_SHARE_MIN = 0.05
 """Share of all memory. Below, Linux swaps and then kills processes."""
 DISK_MIN_BYTES = 200e6
@@ -115,7 +119,9 @@ def _failing(status: VehicleStatus, _limits: FailsafeSettings) -> str:
 
 def _height_off(status: VehicleStatus, tolerated_m: float) -> str:
     off_m = status.height_off_m
-    return f"height {off_m:+.1f} m off its {status.height_sensor}" if off_m and abs(off_m) > tolerated_m else ""
+    if not off_m or abs(off_m) <= tolerated_m:
+        return ""
+    return f"height {off_m:+.1f} m off its {status.height_sensor}, beyond that sensor's accuracy"
 
 
 def _degraded(status: VehicleStatus, _limits: FailsafeSettings) -> str:
@@ -284,8 +290,8 @@ TABLE = (
     Row(
         Condition.ESTIMATOR_FAILING,
         f"the autopilot's estimator rejects position, height or velocity (test ratio above {RATIO_MAX:g}), has no "
-        f"valid horizontal position, height or attitude, is {HEIGHT_OFF_MAX_M:g} m off its barometer or rangefinder, "
-        "or reports that its GPS is spoofed",
+        f"valid horizontal position, height or attitude, is {HEIGHT_OFF_MAX_M:g} m off its barometer, rangefinder or "
+        "(beyond its accuracy) GPS, or reports spoofing",
         "failsafe.estimator_s",
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
@@ -410,7 +416,7 @@ TABLE = (
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "find the sender that floods the bus, and disconnect it",
+        "find the sender and disconnect it",
         by_wall=True,
     ),
     Row(
@@ -419,7 +425,7 @@ TABLE = (
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "synchronise the computers' clocks before the next flight",
+        "synchronise the clocks before the next flight",
         by_wall=True,
     ),
     Row(
@@ -428,7 +434,7 @@ TABLE = (
         "failsafe.clock_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "synchronise the computers' clocks before the next flight",
+        "synchronise the clocks before the next flight",
     ),
     Row(
         Condition.ESTIMATOR_DEGRADED,
@@ -444,9 +450,9 @@ TABLE = (
     ),
     Row(
         Condition.LINK_DEGRADED,
-        f"the link loses more than {100 * LINK_LOSS_MAX:.0f} % of the messages, or likely has more than "
-        f"{SILENCES_PER_HOUR_MAX:g} silences an hour, its radio's buffer is full, or its round trip grows or takes "
-        f"more than {LINK_DELAY_MAX_S:g} s",
+        f"the link loses more than {100 * LINK_LOSS_MAX:.0f} % of the messages, or likely is silent more than "
+        f"{SILENCES_PER_HOUR_MAX:g} times an hour, its radio's buffer is full, or its round trip grows or exceeds "
+        f"{LINK_DELAY_MAX_S:g} s",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
@@ -455,8 +461,28 @@ TABLE = (
         explained_by=(Condition.TELEMETRY_STALE,),
     ),
     Row(
+        Condition.BATTERY_WARNING,
+        "the autopilot calls a battery low, critical, failed or unhealthy",
+        "failsafe.battery_s",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "return it soon: its charge may be less than it reports",
+        reported=lambda status, _: status.battery_fault,
+        explained_by=(Condition.BATTERY_CRITICAL, Condition.BATTERY_LOW),
+    ),
+    Row(
+        Condition.STATUS_STALE,
+        f"its battery, GPS or estimator has not been reported for {STATUS_STALE_S:g} s",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "land it soon: nothing watches what is not reported",
+        reported=lambda status, _: status.stale,
+        explained_by=(Condition.TELEMETRY_STALE,),
+    ),
+    Row(
         Condition.COMPUTER_SHORT,
-        f"the computer has less than {100 * MEMORY_SHARE_MIN:.0f} % of its memory available, or less than "
+        f"less than {100 * MEMORY_SHARE_MIN:.0f} % of the computer's memory is available, or less than "
         f"{DISK_MIN_BYTES / 1e6:.0f} MB of disk for the flight log",
         "",
         (Reaction.DEGRADE,),
@@ -480,14 +506,14 @@ TABLE = (
         "failsafe.peer_silent_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "look for the silent vehicle; the others keep clear of it",
+        "look for it; the others keep clear of it",
         by_wall=True,
         explained_by=(Condition.BUS_LOST, Condition.PEERS_SILENT),
     ),
     Row(
         Condition.PEER_DOUBTFUL,
-        f"{CONFIRMED} states of a peer contradict each other: no vehicle can fly them in sequence, or two sources send "
-        f"them; lasts until {REPORTED_FOR_S:g} s after the last one",
+        f"{CONFIRMED} states of a peer contradict each other, as of two sources; "
+        f"lasts until {REPORTED_FOR_S:g} s after the last one",
         "failsafe.doubt_s",
         (Reaction.DEGRADE,),
         BY_ITSELF,

@@ -177,6 +177,8 @@ class FailsafeMonitor:
 
     def next_change(self, tactic: Tactic, now_s: float) -> NextChange | None:
         """Return the next change of tactic if the present conditions last, None without one."""
+        if not (self._present or self._alerts):
+            return None
         changes = [
             change
             for condition, symptom in self._present.items()

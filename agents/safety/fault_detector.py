@@ -151,9 +151,9 @@ class FaultDetector:
             faults[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings disagree with the estimate")
         if situation.target is not None and situation.now_s - self._own_sensor.team_saw_s > self._stale_after_s:
             self._add(faults, situation.now_s, Condition.TARGET_FROM_OUTSIDE, "no sensor of the team sees it")
-        contradictions = self._own_sensor.contradictions(situation.now_s)
-        contradictions = {i: each for i, each in contradictions.items() if not self._team.explanation(i)}
-        if contradictions:
+        if not (contradictions := self._own_sensor.contradictions(situation.now_s)):
+            return
+        if contradictions := {i: each for i, each in contradictions.items() if not self._team.explanation(i)}:
             since_s = min(each.since_s for each in contradictions.values())
             detail = ", ".join(f"{_sensor(i)} by {each.off_m:.1f} m" for i, each in sorted(contradictions.items()))
             faults[Condition.SIGHTINGS_CONTRADICT] = Symptom(since_s, detail)

@@ -24,10 +24,11 @@ from agents.inputs import (
 )
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.control_loop import AgentParts, ControlLoop
-from agents.shell.life import Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed, without_setpoints
-from agents.shell.outcome import FAILED, KILLED, LOST, LoopReport, Outcome, Stop, outcome_of
+from agents.shell.life import Action, LifeEvent, Phase, is_taken_over, next_phase, resumed, without_setpoints
+from agents.shell.outcome import FAILED, KILLED, LOST, Outcome, Stop, outcome_of
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
+from agents.shell.ticker import TickerStatistics
 from agents.tactics import Event, Tactic
 from agents.team import external_positions
 from agents.team.messages import LINK_SILENT_S, START_BLOCKERS_LIMIT, BusMessage, OperatorCommand, Outlook
@@ -181,7 +182,7 @@ class Agent:
         return self._phase
 
     @property
-    def loop(self) -> LoopReport:
+    def loop(self) -> TickerStatistics:
         """The ticks of the control loop so far."""
         return self._loop.report
 
@@ -346,9 +347,9 @@ class Agent:
 
     async def _tick_in_control(self) -> None:
         async for tick in self._loop.control_ticker():
-            if pilot_took_over(status := self._link.status):
+            if is_taken_over(status := self._link.status):
                 if not without_setpoints(status):
-                    self._happen(LifeEvent.PILOT_TOOK_OVER)
+                    self._happen(LifeEvent.TAKEN_OVER)
                 elif not self._activities.running(ActivityKind.CALL):
                     self._happen(LifeEvent.SETPOINTS_LOST)
             if resumed(self._phase, self._core.tactic):
@@ -423,9 +424,6 @@ class Agent:
 
     # Actions.
 
-    def _compare_clocks(self) -> None:
-        self._activities.start(ActivityKind.START, self._agree_on_clocks, LifeEvent.CLOCKS_DIFFER)
-
     def _take_off(self) -> None:
         self._parts.heartbeat.rising()
         self._took_off = True
@@ -433,15 +431,9 @@ class Agent:
         self._activities.start(ActivityKind.OPERATOR, self._watch_operator)
         self._activities.start(ActivityKind.TICKS, self._tick_in_take_off)
 
-    def _abandon_take_off(self) -> None:
-        self._activities.start(ActivityKind.CALL, self._wait_for_arming)
-
     def _start_control(self) -> None:
         self._flew = True
         self._activities.start(ActivityKind.TICKS, self._tick_in_control)
-
-    def _start_offboard(self) -> None:
-        self._activities.start(ActivityKind.CALL, self._call_offboard, LifeEvent.OFFBOARD_REFUSED)
 
     def _agree_start(self) -> None:
         self._activities.start(ActivityKind.START, self._agree_on_start, LifeEvent.START_REFUSED)
@@ -476,7 +468,7 @@ class Agent:
         self._core.take(TacticEvent(Event.HANDED_OVER))
         if self._refusal is not None and self._phase is Phase.PILOT_OVERRIDE:
             self._override_reason = self._refusal.reason
-        elif pilot_took_over(status):
+        elif is_taken_over(status):
             self._override_reason = override_reason(status)
 
     def _take_back(self) -> None:
@@ -491,12 +483,6 @@ class Agent:
         self._flew = True
         self._activities.start(ActivityKind.TICKS, self._tick_in_landing)
         self._core.take(TacticEvent(Event.LAND))
-
-    def _stop_offboard(self) -> None:
-        self._activities.start(ActivityKind.CALL, self._call_stop_offboard, LifeEvent.OFFBOARD_KEPT)
-
-    def _land(self) -> None:
-        self._activities.start(ActivityKind.CALL, self._call_land, LifeEvent.LANDING_REFUSED)
 
     def _cut_motors(self) -> None:
         self._flew = True
@@ -514,17 +500,14 @@ class Agent:
         if self._refusal is not None:
             self._report(Outcome(FlightEnd.REFUSED, self._refusal.clause, self._refusal.next_step))
 
-    def _report_override(self) -> None:
-        self._report(override_outcome(self._override_reason, restarted=self._link.status.restarts > 0))
-
     def _performers(self) -> dict[Action, Callable[[], object]]:
-        """Return the method that performs each action."""
+        begin = self._activities.start
         return {
-            Action.COMPARE_CLOCKS: self._compare_clocks,
+            Action.COMPARE_CLOCKS: lambda: begin(ActivityKind.START, self._agree_on_clocks, LifeEvent.CLOCKS_DIFFER),
             Action.TAKE_OFF: self._take_off,
-            Action.ABANDON_TAKE_OFF: self._abandon_take_off,
+            Action.ABANDON_TAKE_OFF: lambda: begin(ActivityKind.CALL, self._wait_for_arming),
             Action.START_CONTROL: self._start_control,
-            Action.START_OFFBOARD: self._start_offboard,
+            Action.START_OFFBOARD: lambda: begin(ActivityKind.CALL, self._call_offboard, LifeEvent.OFFBOARD_REFUSED),
             Action.AGREE_START: self._agree_start,
             Action.START_MISSION: self._start_mission,
             Action.HOLD: self._hold,
@@ -533,14 +516,16 @@ class Agent:
             Action.TAKE_BACK: self._take_back,
             Action.CHECK_ARMED: self._check_armed,
             Action.PREPARE_LANDING: self._prepare_landing,
-            Action.STOP_OFFBOARD: self._stop_offboard,
-            Action.LAND: self._land,
+            Action.STOP_OFFBOARD: lambda: begin(ActivityKind.CALL, self._call_stop_offboard, LifeEvent.OFFBOARD_KEPT),
+            Action.LAND: lambda: begin(ActivityKind.CALL, self._call_land, LifeEvent.LANDING_REFUSED),
             Action.CUT_MOTORS: self._cut_motors,
             Action.REPORT_COMPLETED: self._report_land_decision,
             Action.REPORT_STOPPED: lambda: self._report(self._stop.outcome),
             Action.REPORT_LAND_DECISION: self._report_land_decision,
             Action.REPORT_REFUSAL: self._report_refusal,
-            Action.REPORT_OVERRIDE: self._report_override,
+            Action.REPORT_OVERRIDE: lambda: self._report(
+                override_outcome(self._override_reason, restarted=self._link.status.restarts > 0)
+            ),
             Action.REPORT_KILLED: lambda: self._report(KILLED),
             Action.END_SUPERVISION: self._parts.heartbeat.ended,
         }

@@ -17,7 +17,6 @@ class Timer(Protocol):
 
     def cancel(self) -> None:
         """Do not make the call."""
-        ...
 
 
 class LinkTransit(Protocol):
@@ -25,11 +24,9 @@ class LinkTransit(Protocol):
 
     def sent_s(self, north_m: float, east_m: float, down_m: float, velocity_m_s: tuple[float, float, float]) -> float:
         """Take a motion that has arrived, in the vehicle's NED, and return when it was sent."""
-        ...
 
     def send(self, north_m: float, east_m: float, down_m: float) -> None:
         """Take a setpoint that is sent now, in the vehicle's NED."""
-        ...
 
 
 class BusTransit(Protocol):
@@ -37,11 +34,9 @@ class BusTransit(Protocol):
 
     def send(self, vehicle_id: int) -> None:
         """Take that a vehicle of this process sends its state now."""
-        ...
 
     def take(self, vehicle_id: int) -> None:
         """Take that a state of a vehicle of another process has arrived."""
-        ...
 
 
 class MissionClock(Protocol):
@@ -54,53 +49,46 @@ class MissionClock(Protocol):
     @property
     def speed(self) -> float:
         """How many times as fast as the wall's it runs, at most."""
-        ...
 
     @property
     def time_scale(self) -> float:
         """How many of its seconds pass in a second of links and radios."""
-        ...
 
     @property
     def is_governed(self) -> bool:
         """Whether it waits for everybody who uses it."""
-        ...
 
     def now_s(self) -> float:
         """Return the present time."""
-        ...
 
     def call_at(self, time_s: float, call: Callable[[], object]) -> Timer:
         """Call a function at a time, on the running event loop."""
-        ...
 
     async def sleep(self, duration_s: float) -> None:
         """Wait for a time on this clock."""
-        ...
 
     async def sleep_until(self, time_s: float) -> float:
         """Wait until a time has come, yielding at least once; return the time."""
-        ...
 
     def begin_mission(self, time_s: float, /) -> None:
         """Take when the mission begins."""
-        ...
 
     def allowed_s(self, duration_s: float) -> float:
         """Return the time limit of an action of a vehicle that takes `duration_s`."""
-        ...
 
     def held(self) -> AbstractContextManager[None]:
         """Return a context of work on this computer that a clock that waits waits for."""
-        ...
 
     def transit(self, system_id: int, /) -> LinkTransit | None:
         """Return what is under way to and from a vehicle, None on a clock that does not wait for it."""
-        ...
 
     def bus_transit(self) -> BusTransit | None:
         """Return what is under way on the bus, None on a clock that does not wait for it."""
-        ...
+
+
+def link_s(clock: MissionClock) -> float:
+    """Return the time of what carries messages [s]; it goes on evenly where the speed of the clock is set meanwhile."""
+    return clock.now_s() / clock.time_scale
 
 
 class WallClock:

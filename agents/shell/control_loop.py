@@ -11,7 +11,6 @@ from agents.outputs import CoreStatus, TickOutput
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleLink
 from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
-from agents.shell.outcome import LoopReport
 from agents.shell.ticker import Ticker, TickerStatistics, first_deadline_s
 from agents.team.external_positions import ExternalPositions
 from agents.team.messages import MissionIdentity
@@ -56,10 +55,9 @@ class ControlLoop:
         self._control_ticker: Ticker | None = None
 
     @property
-    def report(self) -> LoopReport:
+    def report(self) -> TickerStatistics:
         """The ticks with control of the vehicle, done and missed so far."""
-        statistics = TickerStatistics() if self._control_ticker is None else self._control_ticker.statistics
-        return LoopReport(statistics.ticks, statistics.missed)
+        return TickerStatistics() if self._control_ticker is None else self._control_ticker.statistics
 
     def ticker(self) -> Ticker:
         """Return a ticker at the core's rate, beginning within a period.

@@ -37,7 +37,7 @@ class Phase(Enum):
 class LifeEvent(Enum):
     """The events that may change an agent's phase.
 
-    SETPOINT_SENT, PILOT_TOOK_OVER, SETPOINTS_LOST and LAND_DECIDED are reported on each tick on which they are true.
+    SETPOINT_SENT, TAKEN_OVER, SETPOINTS_LOST and LAND_DECIDED are reported on each tick on which they are true.
     """
 
     FLY = "fly"
@@ -55,7 +55,7 @@ class LifeEvent(Enum):
     OPERATOR_HURRY = "second stop"
     HOLD_OVER = "hold over"
     LAND_DECIDED = "land decided"
-    PILOT_TOOK_OVER = "pilot took over"
+    TAKEN_OVER = "taken over"
     SETPOINTS_LOST = "setpoints not received"
     """The autopilot's failsafe left offboard for lack of setpoints."""
     RESUME = "resume"
@@ -122,7 +122,7 @@ _ABANDON_STOPPED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_STOPPED, Ac
 _ABANDON_DECIDED: Transition = (Phase.CHECKING_ARMED, (Action.REPORT_LAND_DECISION, Action.ABANDON_TAKE_OFF))
 _ABANDON: Transition = (Phase.CHECKING_ARMED, (Action.ABANDON_TAKE_OFF,))
 _RETURN_STOPPED: Transition = (Phase.RETURNING, (Action.REPORT_STOPPED, Action.END_MISSION))
-# The pilot has the vehicle.
+# Someone else, or the autopilot itself, has the vehicle.
 _OVERRIDE: Transition = (Phase.PILOT_OVERRIDE, (Action.HAND_OVER,))
 _LEAVE: Transition = (Phase.ENDED, (Action.REPORT_OVERRIDE, Action.END_SUPERVISION))
 _LEAVE_AT_END: Transition = (Phase.ENDED, (Action.END_MISSION, Action.REPORT_OVERRIDE, Action.END_SUPERVISION))
@@ -138,7 +138,7 @@ _KILL_IN_LANDING: Transition = (Phase.KILLING, (Action.CUT_MOTORS,))
 _GIVE_UP: Transition = (Phase.ENDED, ())
 
 TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
-    # No pilot has taken the vehicle: it stays in its phase.
+    # The agent still controls the vehicle, which stays in its phase.
     **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     (Phase.GROUND, LifeEvent.KILL): (Phase.KILLING, (Action.CUT_MOTORS,)),
@@ -174,7 +174,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.AGREEING_START, LifeEvent.START_REFUSED): _CHECK_REFUSED,
     (Phase.AGREEING_START, LifeEvent.OPERATOR_STOP): (Phase.STOPPING, (Action.HOLD,)),
     (Phase.AGREEING_START, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
-    (Phase.AGREEING_START, LifeEvent.PILOT_TOOK_OVER): _OVERRIDE,
+    (Phase.AGREEING_START, LifeEvent.TAKEN_OVER): _OVERRIDE,
     (Phase.AGREEING_START, LifeEvent.KILL): _KILL,
     (Phase.AGREEING_START, LifeEvent.FAULT): _CHECK,
     (Phase.AGREEING_START, LifeEvent.ABORTED): _CHECK,
@@ -186,7 +186,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.FLYING, LifeEvent.OPERATOR_HURRY): _CHECK_HURRIED,
     (Phase.FLYING, LifeEvent.HOLD_OVER): _RETURN_STOPPED,
     (Phase.FLYING, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
-    (Phase.FLYING, LifeEvent.PILOT_TOOK_OVER): _OVERRIDE,
+    (Phase.FLYING, LifeEvent.TAKEN_OVER): _OVERRIDE,
     (Phase.FLYING, LifeEvent.KILL): _KILL,
     (Phase.FLYING, LifeEvent.FAULT): _CHECK,
     (Phase.FLYING, LifeEvent.ABORTED): _CHECK,
@@ -194,7 +194,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.STOPPING, LifeEvent.OPERATOR_HURRY): _CHECK_HURRIED,
     (Phase.STOPPING, LifeEvent.HOLD_OVER): _RETURN_STOPPED,
     (Phase.STOPPING, LifeEvent.LAND_DECIDED): _CHECK_DECIDED,
-    (Phase.STOPPING, LifeEvent.PILOT_TOOK_OVER): _OVERRIDE,
+    (Phase.STOPPING, LifeEvent.TAKEN_OVER): _OVERRIDE,
     (Phase.STOPPING, LifeEvent.KILL): _KILL,
     (Phase.STOPPING, LifeEvent.FAULT): _CHECK,
     (Phase.STOPPING, LifeEvent.ABORTED): _CHECK,
@@ -225,7 +225,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.RETURNING, LifeEvent.RESUME): (Phase.RETURNING, (Action.END_MISSION,)),
     (Phase.RETURNING, LifeEvent.OPERATOR_HURRY): _CHECK,
     (Phase.RETURNING, LifeEvent.LAND_DECIDED): _CHECK,
-    (Phase.RETURNING, LifeEvent.PILOT_TOOK_OVER): _HAND_OVER,
+    (Phase.RETURNING, LifeEvent.TAKEN_OVER): _HAND_OVER,
     (Phase.RETURNING, LifeEvent.KILL): _KILL,
     (Phase.RETURNING, LifeEvent.FAULT): _CHECK,
     (Phase.RETURNING, LifeEvent.ABORTED): _CHECK,
@@ -260,7 +260,7 @@ def next_phase(phase: Phase, event: LifeEvent) -> Transition:
     return TRANSITIONS.get((phase, event), (phase, ()))
 
 
-def pilot_took_over(status: VehicleStatus) -> bool:
+def is_taken_over(status: VehicleStatus) -> bool:
     """Return whether the flight mode is one that the agent did not request, or the vehicle has disarmed.
 
     A vehicle that PX4's failsafe landed out of offboard rests in offboard: there only the disarming shows.

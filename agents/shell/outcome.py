@@ -4,8 +4,8 @@ import asyncio
 from dataclasses import dataclass
 
 from agents.flight_end import FlightEnd, LastPosition
+from agents.outputs import LandingCause
 from agents.safety.failsafe import Condition
-from agents.safety.landing_cause import LandingCause
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +54,3 @@ class Stop:
         if not self.wanted.is_set():
             self.outcome = outcome
         (self.hurried if self.wanted.is_set() else self.wanted).set()
-
-
-@dataclass(frozen=True, slots=True)
-class LoopReport:
-    """The ticks of the control loop, done and missed."""
-
-    ticks: int
-    missed: int

@@ -187,7 +187,6 @@ class ZenohBus:
             self._handover.request()
 
     def _hand_over(self) -> None:
-        """Deliver what waits."""
         presence, messages = self._mailbox.take()
         for peer_id, present in presence.items():
             if present != (peer_id in self._present):

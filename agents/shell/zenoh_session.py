@@ -51,11 +51,9 @@ class PresenceReceiver(Protocol):
 
     def take_presence(self, name: str, present: bool) -> None:
         """Take a change of a vehicle's presence, including this session's own."""
-        ...
 
     def take_operator(self, name: str, present: bool) -> None:
         """Take a change of an operator's presence."""
-        ...
 
 
 class Receiver(PresenceReceiver, Protocol):
@@ -63,7 +61,6 @@ class Receiver(PresenceReceiver, Protocol):
 
     def take_message(self, key: str, length: int, read: Callable[[], bytes], *, own: bool) -> None:
         """Take a message of `length` bytes on a key below the team's; `own` if this session has sent it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,8 @@ class Situation:
     vehicle's polar state about the centre now, for reports; the planner computes its own at the acting time.
     `authority`, in (0, 1], is the share of feedback and compensation that the consistency of the own filter allows;
     `height_m` is the altitude from the latest telemetry; `offset_variance_m2` is the variance per axis of the
-    autopilot's offset from the team's frame, in which all positions are given (`TeamFrame`).
+    autopilot's offset from the team's frame, in which all positions are given (`TeamFrame`). `position_sigma_m` is the
+    standard deviation of the own position, the larger one of the two axes.
     """
 
     def __init__(
@@ -46,16 +47,12 @@ class Situation:
         self.authority: Final = authority
         self.height_m: Final = height_m
         self.offset_variance_m2: Final = offset_variance_m2
+        self.position_sigma_m: Final = sqrt(own.position_sigma_m**2 + offset_variance_m2)
 
     @property
     def compensation(self) -> Vector:
         """The part of the disturbance (2,) that setpoints compensate."""
         return self.disturbance if self.authority == 1.0 else self.disturbance * self.authority
-
-    @property
-    def position_sigma_m(self) -> float:
-        """The standard deviation of the own position, the larger one of the two axes."""
-        return sqrt(self.own.position_sigma_m**2 + self.offset_variance_m2)
 
 
 def moved(motion: Vector, by_s: float) -> Vector:

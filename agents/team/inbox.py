@@ -1,13 +1,17 @@
-"""The inbox of one vehicle: messages that are not from a member, or not fresh, are counted and dropped."""
+"""The inbox of one vehicle: messages that are not from a member, or not fresh, are counted and dropped.
+
+The age of an operator's command is for the command handler, which answers it.
+"""
 
 from collections.abc import Collection
+from math import inf
 
 from agents.drops import DropCounter, Reason
 from agents.team.clock_watch import ClockWatch
 from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand
 
 _CLOCK_AHEAD_MAX_S = 1.0
-_AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items()}
+_AGE_MAX_S = {kind: topic.age_max_s for kind, topic in TOPICS.items() if kind is not OperatorCommand}
 
 
 class Inbox:
@@ -32,7 +36,7 @@ class Inbox:
             self.dropped.add(Reason.NOT_A_MEMBER)
         elif age_s < -_CLOCK_AHEAD_MAX_S:
             self.dropped.add(Reason.FROM_FUTURE)
-        elif age_s > _AGE_MAX_S[type(message)]:
+        elif age_s > _AGE_MAX_S.get(type(message), inf):
             self.dropped.add(Reason.TOO_OLD)
         else:
             return True

@@ -173,7 +173,6 @@ class _MessageColumns:
         ]
 
     def _form(self, hint: Any) -> _Form:
-        """Return the form of a field in one column."""
         bare, words, age = _bare(hint), _mark(hint, OneOf), _mark(hint, Age)
         if _some(bare) is not bare:
             kind, *both = self._form(_some(bare))

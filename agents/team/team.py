@@ -162,8 +162,9 @@ class Team:
     @property
     def explained(self) -> dict[int, str]:
         """The peers whose own alert explains why their states contradict each other, and the alert."""
-        contested = self._consistency.contested
-        return {sender: alert for sender in sorted(contested) if (alert := self.explanation(sender))}
+        if not self._consistency.contested:
+            return {}
+        return {sender: alert for sender in sorted(self._consistency.contested) if (alert := self.explanation(sender))}
 
     def explanation(self, sender: int) -> str:
         """Return a member's alert if it explains a wrong position, else an empty text."""

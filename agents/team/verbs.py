@@ -46,6 +46,14 @@ class VerbRow:
     needs_mission: bool = False
     is_dangerous: bool = False
 
+    @property
+    def acts_late(self) -> bool:
+        """Whether it is carried out whatever its age: it stops or ends a flight without cutting motors.
+
+        A vehicle whose motors were to be cut may be above people by now.
+        """
+        return not self.is_dangerous and (self.confirmation == "at once" or self.event is Event.LAND)
+
 
 _ON_MISSION = dict.fromkeys((Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE), "was on its mission already")
 _RESUMED = {Tactic.STANDBY: "was waiting for the start already", **_ON_MISSION}

@@ -48,7 +48,6 @@ class Consistency:
     """
 
     def __init__(self) -> None:
-        """Start with full authority."""
         self._mean = 1.0
 
     @property

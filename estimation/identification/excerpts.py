@@ -19,6 +19,10 @@ SETTLE_S = 1.0
 EXCERPT_MIN_S = 8.0
 EXCERPT_MAX_S = 60.0
 """Longer parts are cut: the end of each is used for validation, and each starts from the estimate at its begin."""
+FROZEN_S, FROZEN_MOVES_M = 10.0, 2.0
+"""A vehicle that moves by more than the distance, later than the time after its setpoint's last change in the log, is
+flown by setpoints that are not in the log. Every plant has settled by then, and estimators wander by 1 m.
+"""
 FED_MIN_M_S = 0.05
 """Feed-forward velocities that vary by less (rms, along both axes) do not identify the feed-forward gain."""
 
@@ -119,7 +123,7 @@ def excerpts_of(recording: MotionRecording) -> list[Excerpt]:
     breaks = sorted({*time_s[ends].tolist(), *time_s[gaps + 1].tolist(), *resets_s})
     first_s, last_s = max(time_s[0], recording.setpoint_time_s[0]), time_s[-1]
     found = []
-    for begin_s, end_s in recording.flown_s:
+    for begin_s, end_s in _followed_s(recording):
         begin_s, end_s = max(begin_s + SETTLE_S, first_s), min(end_s, last_s)  # noqa: PLW2901
         inner = [at_s for at_s in breaks if begin_s < at_s < end_s]
         for from_s, to_s in zip([begin_s, *inner], [*inner, end_s], strict=True):
@@ -129,6 +133,30 @@ def excerpts_of(recording: MotionRecording) -> list[Excerpt]:
                 edges_s = np.linspace(from_s, to_s, ceil((to_s - from_s) / EXCERPT_MAX_S) + 1).tolist()
                 found += [_excerpt(recording, one + 1e-6, other - 1e-6) for one, other in pairwise(edges_s)]
     return found
+
+
+def _followed_s(recording: MotionRecording) -> list[tuple[float, float]]:
+    """Return the spans in which the logged setpoints flew the vehicle: it does not move under frozen ones."""
+    sent = recording.setpoint_m
+    if recording.velocity_m_s is not None:
+        sent = np.hstack((sent, recording.velocity_m_s))
+    changes_s = recording.setpoint_time_s[1:][np.any(np.diff(sent, axis=0) != 0.0, axis=1)]
+    found = []
+    for begin_s, end_s in recording.flown_s:
+        inner_s = changes_s[(begin_s < changes_s) & (changes_s < end_s)].tolist()
+        frozen = [each for each in pairwise((begin_s, *inner_s, end_s)) if _moves(recording, *each)]
+        edges_s = (begin_s, *(edge_s for each in frozen for edge_s in each), end_s)
+        found += list(zip(edges_s[::2], edges_s[1::2], strict=True))
+    return found
+
+
+def _moves(recording: MotionRecording, from_s: float, to_s: float) -> bool:
+    """Return whether the vehicle moves between two changes of its setpoint, when it should have settled."""
+    if to_s - from_s <= FROZEN_S:
+        return False
+    time_s = recording.position_time_s
+    settled_m = recording.position_m[(from_s + FROZEN_S < time_s) & (time_s < to_s)]
+    return settled_m.size > 0 and bool(np.ptp(settled_m, axis=0).max() > FROZEN_MOVES_M)
 
 
 def _returned_s(after: Excerpt) -> float:

@@ -15,8 +15,6 @@ from estimation.identification.output_error import Fit
 from estimation.identification.response import AxisInput, SetpointSteps
 from estimation.state import Vector
 
-_FINE = 1
-_STEP_S = GRID_S / _FINE
 _SAMPLES_MAX = 3000
 
 
@@ -138,30 +136,29 @@ def _flown(
     velocities = [part.velocity for part in parts if part.velocity is not None]
     if velocities and leads_s != (0.0, 0.0):
         inputs += leads_s * mean_inputs(rows[:, 4], begin_s, count, velocities)
-    ratio, keep = a0 / a1, np.exp(-a1 * _STEP_S)
-    change_max = force_max * _STEP_S
+    ratio, taken = a0 / a1, 1.0 - np.exp(-a1 * GRID_S)
+    change_max = force_max * GRID_S
+    speed_min, change_min = -speed_max, -change_max
     position = np.repeat(position_m[None, 0], rows.shape[0], axis=0)
     velocity = np.repeat((position_m[5] - position_m[0])[None] / (5.0 * GRID_S), rows.shape[0], axis=0)
     paths = np.empty((rows.shape[0], 2, count))
-    held = np.zeros((count, 2))
-    for at in range(count * _FINE):
-        if at % _FINE == 0:
-            paths[:, :, at // _FINE] = position
-        unlimited = ratio * (inputs[at] - position - velocity * (_STEP_S / 2.0))
-        bounded = np.minimum(np.maximum(unlimited, -speed_max), speed_max)
-        change = (bounded - velocity) * (1.0 - keep)
-        limited = np.minimum(np.maximum(change, -change_max), change_max)
-        if at % _FINE == 0:
-            held[at // _FINE] = (bounded[0] != unlimited[0]).any(), (limited[0] != change[0]).any()
-        position = position + (velocity + limited / 2.0) * _STEP_S
+    cut = np.empty((count, 2, 2))
+    for at in range(count):
+        paths[:, :, at] = position
+        unlimited = ratio * (inputs[at] - position - velocity * (GRID_S / 2.0))
+        bounded = np.minimum(np.maximum(unlimited, speed_min), speed_max)
+        change = (bounded - velocity) * taken
+        limited = np.minimum(np.maximum(change, change_min), change_max)
+        cut[at, 0], cut[at, 1] = bounded[0] - unlimited[0], limited[0] - change[0]
+        position = position + (velocity + limited / 2.0) * GRID_S
         velocity = velocity + limited
-    return paths, held
+    return paths, (cut != 0.0).any(axis=2).astype(np.float64)
 
 
 def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[SetpointSteps]) -> Vector:
-    """Return the mean of each axis' setpoint over each fine step, for K delays: (F, K, 2)."""
-    edges_s = begin_s + np.arange(count * _FINE + 1) * _STEP_S
-    inputs = np.empty((count * _FINE, delays_s.size, 2))
+    """Return the mean of each axis' setpoint over each step, for K delays: (T, K, 2)."""
+    edges_s = begin_s + np.arange(count + 1) * GRID_S
+    inputs = np.empty((count, delays_s.size, 2))
     for axis, each in enumerate(steps):
         # The integral of the setpoint between its knots is exact for steps, and nearly so for ramps.
         knots_s = np.concatenate(([min(begin_s - 2.0, each.time_s.min(initial=begin_s) - 1.0)], each.time_s))
@@ -171,7 +168,7 @@ def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[Se
         knots_s = np.append(knots_s, knots_s[-1] + 1e6)
         total = np.concatenate(([0.0], np.cumsum(levels * np.diff(knots_s))))
         for column, delay_s in enumerate(delays_s):
-            inputs[:, column, axis] = np.diff(np.interp(edges_s - delay_s, knots_s, total)) / _STEP_S
+            inputs[:, column, axis] = np.diff(np.interp(edges_s - delay_s, knots_s, total)) / GRID_S
     return inputs
 
 

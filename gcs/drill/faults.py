@@ -214,14 +214,23 @@ def the_subject(roles: Roles) -> tuple[int, ...]:
     return (roles.subject,)
 
 
-def _flooded(roles: Roles) -> Expectation:
-    others = by_table(Condition.BUS_FLOODED, lambda roles: roles.others, found_within_s=FLOODED_S)
-    return others(roles)
+def _drill(
+    fault: str,
+    condition: Condition,
+    who: Callable[[Roles], tuple[int, ...]],
+    found_within_s: float = 0.0,
+    *,
+    whose: str = "",
+    more: str = "",
+    **flags: bool,
+) -> Drill:
+    """Return a drill whose expected reaction, of `whose`, is that of the failsafe table to a condition."""
+    expected = f"{whose}{ROWS[condition].reactions[0].value} ({condition.value}){more}"
+    return Drill(fault, expected, by_table(condition, who, found_within_s=found_within_s), **flags)
 
 
-def _peer_doubtful(roles: Roles) -> Expectation:
-    others = by_table(Condition.PEER_DOUBTFUL, lambda roles: roles.others, found_within_s=CONTRADICTED_S)
-    return others(roles)
+def _others(roles: Roles) -> tuple[int, ...]:
+    return roles.others
 
 
 DRILLS: tuple[Drill, ...] = (
@@ -243,28 +252,19 @@ DRILLS: tuple[Drill, ...] = (
         _tolerated,
         watched_s=TOLERATED_S,
     ),
-    Drill(
+    _drill(
         "flood",
-        f"the others: {_reaction(Condition.BUS_FLOODED)} ({FLOOD_HZ:g} messages a second)",
-        _flooded,
+        Condition.BUS_FLOODED,
+        _others,
+        FLOODED_S,
+        whose="the others: ",
+        more=f" ({FLOOD_HZ:g} messages a second)",
     ),
-    Drill("impostor", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _peer_doubtful),
-    Drill("liar", f"the others: {_reaction(Condition.PEER_DOUBTFUL)}", _peer_doubtful),
-    Drill(
-        "one vehicle not heard",
-        f"the others: {_reaction(Condition.PEER_SILENT)}",
-        by_table(Condition.PEER_SILENT, lambda roles: roles.others),
-    ),
-    Drill(
-        "nobody hears anybody",
-        f"all: {_reaction(Condition.PEERS_SILENT)}",
-        by_table(Condition.PEERS_SILENT, lambda roles: roles.airborne),
-    ),
-    Drill(
-        "telemetry frozen",
-        _reaction(Condition.TELEMETRY_STALE),
-        by_table(Condition.TELEMETRY_STALE, the_subject),
-    ),
+    _drill("impostor", Condition.PEER_DOUBTFUL, _others, CONTRADICTED_S, whose="the others: "),
+    _drill("liar", Condition.PEER_DOUBTFUL, _others, CONTRADICTED_S, whose="the others: "),
+    _drill("one vehicle not heard", Condition.PEER_SILENT, _others, whose="the others: "),
+    _drill("nobody hears anybody", Condition.PEERS_SILENT, lambda roles: roles.airborne, whose="all: "),
+    _drill("telemetry frozen", Condition.TELEMETRY_STALE, the_subject),
     Drill(
         "GPS jump",
         _reaction(Condition.ESTIMATOR_JUMPED),
@@ -272,12 +272,8 @@ DRILLS: tuple[Drill, ...] = (
         waits_for_spacing=True,
         waits_for_estimate=True,
     ),
-    Drill(
-        "origin moved",
-        _reaction(Condition.ORIGIN_MOVED),
-        by_table(Condition.ORIGIN_MOVED, the_subject, found_within_s=ORIGIN_S),
-        waits_for_spacing=True,
-        waits_for_estimate=True,
+    _drill(
+        "origin moved", Condition.ORIGIN_MOVED, the_subject, ORIGIN_S, waits_for_spacing=True, waits_for_estimate=True
     ),
     Drill(
         "height jumped",
@@ -285,32 +281,11 @@ DRILLS: tuple[Drill, ...] = (
         _jump,
         waits_for_estimate=True,
     ),
-    Drill(
-        "estimator degraded",
-        _reaction(Condition.ESTIMATOR_DEGRADED),
-        by_table(Condition.ESTIMATOR_DEGRADED, the_subject, found_within_s=ESTIMATOR_S),
-    ),
-    Drill(
-        "estimator failing",
-        _reaction(Condition.ESTIMATOR_FAILING),
-        by_table(Condition.ESTIMATOR_FAILING, the_subject, found_within_s=ESTIMATOR_S),
-    ),
-    Drill(
-        "not following",
-        _reaction(Condition.NOT_FOLLOWING),
-        by_table(Condition.NOT_FOLLOWING, the_subject, found_within_s=PUSHED_S),
-        waits_for_estimate=True,
-    ),
-    Drill(
-        "foreign mode",
-        _reaction(Condition.MODE_CHANGED),
-        by_table(Condition.MODE_CHANGED, the_subject, found_within_s=HEARTBEAT_S),
-    ),
-    Drill(
-        "target lost",
-        f"all on the ring: {_reaction(Condition.TARGET_STALE)}",
-        by_table(Condition.TARGET_STALE, lambda roles: roles.on_ring),
-    ),
+    _drill("estimator degraded", Condition.ESTIMATOR_DEGRADED, the_subject, ESTIMATOR_S),
+    _drill("estimator failing", Condition.ESTIMATOR_FAILING, the_subject, ESTIMATOR_S),
+    _drill("not following", Condition.NOT_FOLLOWING, the_subject, PUSHED_S, waits_for_estimate=True),
+    _drill("foreign mode", Condition.MODE_CHANGED, the_subject, HEARTBEAT_S),
+    _drill("target lost", Condition.TARGET_STALE, lambda roles: roles.on_ring, whose="all on the ring: "),
     Drill(
         "link cut",
         f"out of offboard, and not back after {CUT_S:g} s; the others close the gap",
@@ -318,30 +293,10 @@ DRILLS: tuple[Drill, ...] = (
         undo_after_s=CUT_S,
         lands_subject=True,
     ),
-    Drill(
-        "battery low",
-        _reaction(Condition.BATTERY_LOW),
-        by_table(Condition.BATTERY_LOW, the_subject, found_within_s=BATTERY_S),
-        lands_subject=True,
-    ),
-    Drill(
-        "battery critical",
-        _reaction(Condition.BATTERY_CRITICAL),
-        by_table(Condition.BATTERY_CRITICAL, the_subject, found_within_s=BATTERY_S),
-        lands_subject=True,
-    ),
-    Drill(
-        "second battery",
-        _reaction(Condition.BATTERY_CRITICAL),
-        by_table(Condition.BATTERY_CRITICAL, the_subject, found_within_s=BATTERY_S),
-        lands_subject=True,
-    ),
-    Drill(
-        "no way home",
-        _reaction(Condition.NO_WAY_HOME),
-        by_table(Condition.NO_WAY_HOME, the_subject, found_within_s=BATTERY_S),
-        lands_subject=True,
-    ),
+    _drill("battery low", Condition.BATTERY_LOW, the_subject, BATTERY_S, lands_subject=True),
+    _drill("battery critical", Condition.BATTERY_CRITICAL, the_subject, BATTERY_S, lands_subject=True),
+    _drill("second battery", Condition.BATTERY_CRITICAL, the_subject, BATTERY_S, lands_subject=True),
+    _drill("no way home", Condition.NO_WAY_HOME, the_subject, BATTERY_S, lands_subject=True),
     Drill("lost in the air", "out of offboard, and reported as unaccounted for", _lost, lands_subject=True),
     Drill("killed agent", "all out of offboard", agents_ended, ends_flight=True),
     Drill("frozen agent", "all out of offboard", agents_ended, ends_flight=True),

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from math import inf
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import msgspec
@@ -104,9 +103,7 @@ class DrillFlight:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """End the processes first, then the vehicles."""
         await self._stack.aclose()
 

@@ -2,7 +2,7 @@
 
 import os
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from math import inf, sqrt
@@ -58,11 +58,6 @@ def _near_m(mission: Mission) -> list[float]:
     return [x + sqrt(reach_m**2 - width_m**2), y]
 
 
-def profiles_of(name: str) -> Mapping[str, str]:
-    """Return the texts of a mission's profiles by name; raises MissionError."""
-    return load_mission(name).profile_texts
-
-
 def _move_apart(content: _Content) -> None:
     """Set free ports for every vehicle, and a unique team name."""
     vehicles = content["vehicles"]
@@ -106,11 +101,9 @@ class Progress(Protocol):
 
     def begin(self, step: str) -> None:
         """Report the step that begins now."""
-        ...
 
     def add(self, row: "DrillRow") -> None:
         """Report a result."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +119,6 @@ class DrillRow:
     measured_s: float | None
     holds: bool | None
     detail: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Return it as a plain dict."""
-        return asdict(self)
 
 
 class DrillRun:
@@ -159,7 +148,7 @@ class DrillRun:
 
     async def run(self) -> list[DrillRow]:
         """Return a row for each drill; raises VehicleRefusedError if the team cannot fly at all."""
-        judged_by = parse_mission(drill_mission(self._mission), None, profiles_of(self._mission))
+        judged_by = parse_mission(drill_mission(self._mission), None, load_mission(self._mission).profile_texts)
         left = list(self._drills)
         while left:
             if unsuitable := left[0].unsuitable(judged_by):
@@ -319,4 +308,4 @@ def drill_table(mission: str, rows: Sequence[DrillRow]) -> Table:
 def drills_json(mission: str, rows: Sequence[DrillRow]) -> str:
     """Return all results as one JSON object."""
     holds = all(row.holds is not False for row in rows)
-    return json_output({"mission": mission, "holds": holds, "drills": [row.to_dict() for row in rows]})
+    return json_output({"mission": mission, "holds": holds, "drills": [asdict(row) for row in rows]})

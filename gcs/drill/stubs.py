@@ -9,7 +9,7 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
 from gcs.flight.faults.team_faults import Injection
-from gcs.flight.flight import PREPARING_SPEED
+from gcs.flight.flight import preparing_speed
 from gcs.flight.stubs import clock_refusal, prepared_configs
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, serve
@@ -50,7 +50,8 @@ class StubFlight(DrillFlight):
 
     def _new_clock(self, stack: AsyncExitStack) -> GovernedClock:
         try:
-            return GovernedClock(stack.enter_context(new_clock(min(self.speed, PREPARING_SPEED))), Rank.STUBS)
+            speed = min(self.speed, preparing_speed(len(self.mission.vehicles)))
+            return GovernedClock(stack.enter_context(new_clock(speed)), Rank.STUBS)
         except ClockError as error:
             raise clock_refusal(error) from error
 

@@ -34,7 +34,7 @@ from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import FlightTeam, Member
 from gcs.flight.watch import FindingsReport, Watch
-from gcs.flightlog.flight import FlightRecording, Recording
+from gcs.flightlog.flight import Recording
 from gcs.keys.identity import Identity, user_name
 from gcs.keys.team_keys import flight_keys
 from gcs.link.hub import MavsdkHub
@@ -169,8 +169,15 @@ async def _opened(team: FlightTeam, identity: Identity, stack: AsyncExitStack, e
     return bus
 
 
-PREPARING_SPEED = 10.0
-"""The highest speed of stubs before take-off: connecting to them takes wall time, in which the flight would go on."""
+def preparing_speed(vehicles: int) -> float:
+    """Return the highest speed of stubs before take-off.
+
+    Connecting to them takes wall time, in which the flight would go on. Until their rates are set, they stream more
+    than one process takes from many at a higher speed.
+    """
+    return min(10.0, max(1.0, 30.0 / vehicles))
+
+
 _UNSUPERVISED = Unsupervised()
 _ORPHANED = Outcome(FlightEnd.WATCHDOG, "the flight's supervisor process had ended")
 
@@ -203,9 +210,7 @@ async def fly(
     with ExitStack() as stack:
         clock = _mission_clock(plan, stack)
         keys = stack.enter_context(flight_keys(plan.mission))
-        recording = Recording()
-        if plan.log is not None:
-            recording = stack.enter_context(FlightRecording(plan.log, clock))
+        recording = stack.enter_context(Recording(plan.log, clock))
         team = FlightTeam(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
         return await _fly(team, report, supervisor, injector)
 
@@ -220,7 +225,7 @@ def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
     speed = plan.speed or 1.0
     try:
         name = plan.clock or stack.enter_context(
-            new_clock(min(speed, PREPARING_SPEED), url_ports(plan.mission, plan.stubs).values())
+            new_clock(min(speed, preparing_speed(len(plan.stubs))), url_ports(plan.mission, plan.stubs).values())
         )
         return stack.enter_context(GovernedClock(name, Rank.AGENTS))
     except ClockError as error:
@@ -244,7 +249,7 @@ async def _fly(
     team: FlightTeam, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector
 ) -> FlightOutcome:
     plan, clock = team.plan, team.clock
-    team.recording.begin(plan.run(clock.time_scale))
+    team.recording.note_run(plan.run(clock.time_scale))
     # First: a url that stubs cannot serve is bad input, also while a port is in use.
     flight_stubs = FlightStubs(plan.mission, plan.stubs, clock)
     async with AsyncExitStack() as stack:
@@ -267,7 +272,7 @@ async def _fly(
         await _unless_stopped(_prepare(team, target, report), team.stop)
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         list(claims.take_fed(fed_ports(plan.vehicles)))
-        team.recording.begin(plan.run(clock.time_scale))
+        team.recording.note_run(plan.run(clock.time_scale))
         gc.freeze()  # links and agents live as long as the flight: no collection examines them
         hint = await command_by_keyboard(team, stack)
         began_s, began_mission_s = perf_counter(), clock.now_s()

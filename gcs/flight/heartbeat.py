@@ -10,7 +10,6 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from math import inf
-from types import TracebackType
 from typing import Protocol, Self
 
 from agents.ports import Heartbeat
@@ -40,24 +39,19 @@ class SupervisorLink(Protocol):
 
     def heartbeat(self, vehicle_id: int) -> Heartbeat:
         """Return the heartbeat of a vehicle's agent."""
-        ...
 
     @property
     def is_lost(self) -> bool:
         """Whether the supervisor has ended or stopped."""
-        ...
 
     def relay(self, request: Callable[[], object]) -> None:
         """Call `request`, on another thread, for each request of the operator to end."""
-        ...
 
     def report_unaccounted(self, vehicle_ids: Sequence[int]) -> None:
         """Report the vehicles that are unaccounted for at the end of the flight."""
-        ...
 
     def follow(self, clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Let silences be measured on the flight's clock within a context."""
-        ...
 
 
 class Unsupervised:
@@ -99,13 +93,9 @@ class SupervisorHeartbeat:
         self.is_lost = False
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the connection: the flight is over."""
+    def __exit__(self, *_: object) -> None:
         self._closing = True
         if self._listener is not None:
             self._listener.join()

@@ -1,28 +1,23 @@
 """The log of a flight: opened before take-off, reported after it."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from gcs.console.terminal import STDERR, print_line
-from gcs.errors import InputError
-from gcs.flight.log_process import LogProcess, LogRequest
-from gcs.mission.mission import Mission
-from gcs.viewer.origin_gate import Address
-
-if TYPE_CHECKING:
-    from gcs.flightlog.writer import LogWriter
-import os
 from time import time
 
 from foxglove import Context
 
+from gcs.console.terminal import STDERR, print_line
+from gcs.errors import InputError
+from gcs.flight.log_process import LogProcess, LogRequest
 from gcs.flightlog.recorder import SimulationRecording
 from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
+from gcs.mission.mission import Mission
+from gcs.viewer.origin_gate import Address
 from gcs.viewer.scene import Scene
 
 FOLDER_VARIABLE = "CORDON_LOGS"
@@ -108,7 +103,7 @@ def _report_address(address: Address) -> None:
         STDERR.print(warning, style="yellow", markup=False, highlight=False)
 
 
-def report_log(log: "LogProcess | LogWriter | None") -> None:
+def report_log(log: LogProcess | LogWriter | None) -> None:
     """Print the path of the log, and what it lacks if it is incomplete."""
     if log is None or log.path is None:
         return

@@ -52,14 +52,13 @@ def fly_simulated(
     planner: PlannerFactory | None = None,
     *,
     steps: Mapping[int, StepFunction] = MappingProxyType({}),
-    imperfections: Mapping[int, Imperfections] | None = None,
     on_tick: OnTick = lambda *_: None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
     in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
-    A recording with a `planner` raises ValueError. `steps`, `imperfections`: see `simulated_vehicles`.
+    A recording with a `planner` raises ValueError. `steps`: see `simulated_vehicles`.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a plug-in planner cannot be recorded: fly it without a log")
@@ -74,7 +73,7 @@ def fly_simulated(
 
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
-    vehicles = simulated_vehicles(mission, seed, new_core, imperfections=imperfections, steps=steps)
+    vehicles = simulated_vehicles(mission, seed, new_core, steps=steps)
     began_s = perf_counter()
     flight = simulate(
         vehicles,

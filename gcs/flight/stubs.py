@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
 
@@ -167,10 +166,7 @@ class FlightStubs:
             with suppress(OSError):  # they died in flight
                 self._process.inject(system_id, injection)
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop them."""
+    async def __aexit__(self, *_: object) -> None:
         if self._process is not None:
             with suppress(OSError):  # they died in flight: outcomes report it, the record uses estimates
                 self.record = await asyncio.to_thread(self._process.stop)

@@ -26,6 +26,8 @@ from gcs.preflight.priority import raise_supervisor
 from gcs.signals import relay
 from sitl.server.shared_clock import US_PER_S, ClockError, ClockName, Rank, Seat
 
+ENDS_WITHIN_S = 0.2
+"""A process whose loops are silent because it has been killed takes a while to end."""
 OVERLOAD = 1.5
 """The load average per core from which a computer counts as overloaded."""
 _HERE = "\x1b7"
@@ -41,15 +43,12 @@ class FlightPage(Protocol):
     @property
     def kept_open(self) -> Sequence[int]:
         """File descriptors that the flying process inherits, and holds as long as it lives."""
-        ...
 
     def lose(self, flight: LostFlight) -> None:
         """Show that the flying process has ended before its vehicles had landed."""
-        ...
 
     def interrupt(self) -> None:
         """Take a signal of the operator; called on another thread."""
-        ...
 
 
 class _Nothing:
@@ -128,8 +127,11 @@ def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, monitor: 
             _send(connection, ALIVE)
             monitor.receive(_received(connection))
             if silences_s := monitor.poll():
-                flying.kill()
-                return silences_s
+                try:
+                    flying.wait(ENDS_WITHIN_S)  # they may be silent because it ends
+                except subprocess.TimeoutExpired:
+                    flying.kill()
+                    return silences_s
         return {}
     finally:
         pace.leave_clock()
@@ -153,14 +155,12 @@ class _PollPace:
         return self._seat is not None
 
     def wait(self) -> None:
-        """Wait until the next poll."""
         if self._seat is None:
             time.sleep(POLL_PERIOD_S)
         else:
             self._seat.wait_until(self._seat.now_us + round(POLL_PERIOD_S * US_PER_S))
 
     def leave_clock(self) -> None:
-        """Leave the governed clock, if there is one."""
         if self._seat is not None:
             self._seat.leave()
         self._seat = None

@@ -261,7 +261,7 @@ class FlightTeam:
             if member.vehicle.system_id in true:
                 self.recording.true_track(member.vehicle.id, true[member.vehicle.system_id])
         if record is not None:
-            self.recording.end(RunEnd(float(record.time_s[-1]), record.wall_time_s))
+            self.recording.note_run(RunEnd(float(record.time_s[-1]), record.wall_time_s))
 
 
 def ending_of(vehicle_id: int, outcome: Outcome, frame: MissionFrame) -> VehicleEnding:

@@ -65,7 +65,6 @@ class Watch:
         self._update(NO_HINT)
 
     def _show_events(self) -> None:
-        """Print the new events."""
         for event in self._team.journal.new_events():
             line = event_line(event, self._team.start_s)
             self._team.view.print_line(line, event_severity(event))

@@ -1,7 +1,7 @@
 """Recording a flight: the inputs and decisions of this process's agents, the facts of their vehicles, the ending."""
 
-from types import TracebackType
-from typing import Self
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, Self
 
 from agents.core import VehicleCore
 from agents.recording import RecordedCore
@@ -16,102 +16,71 @@ from sitl.server.server import TruthTrack
 
 
 class Recording:
-    """Records nothing of a flight; `FlightRecording` writes a log."""
+    """Records a flight on a thread of its own: use it as a context manager around everything that flies.
 
-    @property
-    def fault(self) -> str:
-        """Why the record ends before the flight does, empty if it does not."""
-        return ""
+    Without a writer it records nothing.
+    """
 
-    def begin(self, run: Run) -> None:
-        """Record the run as a whole; a later call replaces an earlier one."""
-
-    def core(self, config: AgentConfig) -> VehicleCore:
-        """Return the core of an agent."""
-        return VehicleCore(config)
-
-    def begin_vehicle(self, facts: VehicleFacts) -> None:
-        """Record the facts that a vehicle reported before take-off."""
-
-    def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
-        """Record the computing time of a tick of a vehicle's control loop."""
-
-    def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
-        """Record the totals of a vehicle's control loop, and how its flight ended."""
-
-    def end(self, end: RunEnd) -> None:
-        """Record how the run ended."""
-
-    def true_track(self, vehicle_id: int, track: TruthTrack) -> None:
-        """Record a vehicle's true track."""
-
-    def truth(self, vehicle_id: int, motion: Telemetry) -> None:
-        """Record a true motion that a vehicle's simulator sent."""
-
-
-class FlightRecording(Recording):
-    """Records on a thread of its own; use it as a context manager around everything that flies."""
-
-    def __init__(self, writer: RecordWriter, clock: MissionClock) -> None:
-        self._recorder = Recorder(writer, clock.now_s, lambda: clock.time_scale, AuditTrail())
-        self._thread = RecorderThread(self._recorder)
+    def __init__(self, writer: RecordWriter | None, clock: MissionClock) -> None:
+        self._recorder: Recorder | None = None
+        if writer is not None:
+            self._recorder = Recorder(writer, clock.now_s, lambda: clock.time_scale, AuditTrail())
+        self._thread: AbstractContextManager[object] = (
+            nullcontext() if self._recorder is None else RecorderThread(self._recorder)
+        )
         self._vehicles: dict[int, VehicleRecorder] = {}
 
     def __enter__(self) -> Self:
-        """Start to write."""
         self._thread.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Write the remaining records."""
-        self._thread.__exit__(kind, error, trace)
+    def __exit__(self, *error: Any) -> None:
+        self._thread.__exit__(*error)
 
     @property
     def fault(self) -> str:
         """Why the record ends before the flight does, empty if it does not."""
-        return self._recorder.fault
+        return "" if self._recorder is None else self._recorder.fault
 
-    def begin(self, run: Run) -> None:
-        """Record the run as a whole; a later call replaces an earlier one."""
-        self._recorder.note(0, 0, run)
+    def note_run(self, record: Run | RunEnd) -> None:
+        """Record the run as a whole, where a later record replaces an earlier one, or how it ended."""
+        if self._recorder is not None:
+            self._recorder.note(0, 0, record)
 
     def core(self, config: AgentConfig) -> VehicleCore:
-        """Return a core whose inputs and outputs are recorded."""
-        return RecordedCore(config, self._vehicle(config.vehicle_id))
+        """Return the core of an agent, whose inputs and outputs are recorded."""
+        recorder = self._vehicle(config.vehicle_id)
+        return VehicleCore(config) if recorder is None else RecordedCore(config, recorder)
 
     def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record the facts that a vehicle reported before take-off."""
         known = {name: value for name, value in sorted(facts.parameters.items()) if value is not None}
         parameters = tuple(Parameter(name, value) for name, value in known.items())
-        self._vehicle(facts.vehicle_id).note(
-            Vehicle(facts.autopilot.label, facts.firmware, parameters, facts.kind.value)
-        )
+        self._note(facts.vehicle_id, Vehicle(facts.autopilot.label, facts.firmware, parameters, facts.kind.value))
 
     def cost(self, vehicle_id: int, time_s: float, tick_us: float) -> None:
         """Record the computing time of a tick of a vehicle's control loop."""
-        self._vehicle(vehicle_id).note(Cost(time_s, tick_us))
+        self._note(vehicle_id, Cost(time_s, tick_us))
 
     def end_vehicle(self, vehicle_id: int, end: VehicleEnd) -> None:
         """Record the totals of a vehicle's control loop, and how its flight ended."""
-        self._vehicle(vehicle_id).note(end)
-
-    def end(self, end: RunEnd) -> None:
-        """Record how the run ended."""
-        self._recorder.note(0, 0, end)
+        self._note(vehicle_id, end)
 
     def true_track(self, vehicle_id: int, track: TruthTrack) -> None:
         """Record a vehicle's true track."""
-        recorder, rows = self._vehicle(vehicle_id), (track.time_s, track.position_m, track.velocity_m_s)
+        rows = (track.time_s, track.position_m, track.velocity_m_s)
         for time_s, (x, y, z), (x_rate, y_rate, z_rate) in zip(*(each.tolist() for each in rows), strict=True):
-            recorder.note(Truth(time_s, (x, y, z), (x_rate, y_rate, z_rate)), time_s)
+            self._note(vehicle_id, Truth(time_s, (x, y, z), (x_rate, y_rate, z_rate)), time_s)
 
     def truth(self, vehicle_id: int, motion: Telemetry) -> None:
         """Record a true motion that a vehicle's simulator sent."""
-        self._vehicle(vehicle_id).note(Truth(motion.time_s, motion.position_m, motion.velocity_m_s, received=True))
+        self._note(vehicle_id, Truth(motion.time_s, motion.position_m, motion.velocity_m_s, received=True))
 
-    def _vehicle(self, vehicle_id: int) -> VehicleRecorder:
-        if vehicle_id not in self._vehicles:
+    def _note(self, vehicle_id: int, record: object, time_s: float | None = None) -> None:
+        if (recorder := self._vehicle(vehicle_id)) is not None:
+            recorder.note(record, time_s)
+
+    def _vehicle(self, vehicle_id: int) -> VehicleRecorder | None:
+        if self._recorder is not None and vehicle_id not in self._vehicles:
             self._vehicles[vehicle_id] = self._recorder.vehicle(vehicle_id)
-        return self._vehicles[vehicle_id]
+        return self._vehicles.get(vehicle_id)

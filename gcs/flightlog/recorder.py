@@ -8,7 +8,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from time import monotonic, sleep
-from types import TracebackType
 from typing import Protocol, Self
 
 from agents.core import VehicleCore
@@ -47,23 +46,18 @@ class RecordWriter(Protocol):
     @property
     def fault(self) -> str:
         """The reason why the log does not hold the whole flight, empty if it does."""
-        ...
 
     def fail(self, reason: str) -> None:
         """Store the reason why the log will not hold the whole flight; the first one is kept."""
-        ...
 
     def write(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
         """Write a vehicle's record, or one of the whole run with vehicle 0."""
-        ...
 
     def flush(self) -> None:
         """Pass all that has been written to the operating system."""
-        ...
 
     def close(self) -> None:
         """Complete the log."""
-        ...
 
 
 class Recorder:
@@ -195,13 +189,10 @@ class RecorderThread:
         self._thread = threading.Thread(target=self._run, name="flight recorder", daemon=True)
 
     def __enter__(self) -> Self:
-        """Start."""
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Write the remaining records and close the log, unless the disk hangs for CLOSING_TIMEOUT_S."""
         self._ended.set()
         self._thread.join(CLOSING_TIMEOUT_S)

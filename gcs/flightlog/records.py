@@ -4,23 +4,22 @@ A record is on the topic `/vehicle/<id>/<name>`, the record of the whole run on 
 number, which orders all inputs and outputs of its core, independent of clocks.
 """
 
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 import msgspec
 
 from agents.drops import Drops
 from agents.flight_end import LastPosition
 from agents.inputs import Command, CoreInput, Message
-from agents.notes import AlertChange, CommandOutcome, GuardAction, Note, ReferenceChange, TacticChange
+from agents.notes import Note
 from agents.outputs import TickOutput
 from agents.ports import Setpoint
 from agents.team.codec import encode
-from agents.team.messages import NextChange, Outlook
+from agents.team.messages import Outlook
 from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate
 from gcs.flightlog.audit import AuditEntry
-
-ValuesT = TypeVar("ValuesT", TacticChange, AlertChange, CommandOutcome, ReferenceChange)
+from gcs.flightlog.schema import plain_message
 
 PROFILE = "cordon"
 """The profile name in the MCAP file."""
@@ -296,20 +295,7 @@ def decision_of(output: TickOutput) -> Decision:
 
 def notes_of(decision: Any) -> list[Note]:
     """Return the notes of a decision that was read as a Protobuf message; in logs of 0.2.0 they have no values."""
-    return [
-        Note(
-            note.time_s,
-            note.kind,
-            note.text,
-            note.because,
-            tactic=_values(note, "tactic", TacticChange),
-            alert=_values(note, "alert", AlertChange),
-            guard=_guard_of(note),
-            command=_values(note, "command", CommandOutcome),
-            reference=_values(note, "reference", ReferenceChange),
-        )
-        for note in decision.notes
-    ]
+    return [msgspec.convert(plain_message(note), Note) for note in decision.notes]
 
 
 def outlook_of(decision: Any) -> Outlook | None:
@@ -317,21 +303,8 @@ def outlook_of(decision: Any) -> Outlook | None:
 
     Logs of 0.2.0 do not hold it.
     """
-    if "outlook" not in decision.DESCRIPTOR.fields_by_name or not decision.HasField("outlook"):
-        return None
-    held = decision.outlook
-    change = NextChange(held.next.tactic, held.next.at_s, held.next.cause) if held.HasField("next") else None
-    return Outlook(change, held.blocks, held.waits_for_resume, tuple(held.also), tuple(held.guard), tuple(held.evaded))
-
-
-def _guard_of(note: Any) -> GuardAction | None:
-    known = "guard" in note.DESCRIPTOR.fields_by_name and note.HasField("guard")
-    return GuardAction(tuple(note.guard.causes), tuple(note.guard.evaded)) if known else None
-
-
-def _values(note: Any, name: str, kind: type[ValuesT]) -> ValuesT | None:
-    known = name in note.DESCRIPTOR.fields_by_name and note.HasField(name)
-    return kind(**{each: getattr(getattr(note, name), each) for each in kind.__struct_fields__}) if known else None
+    known = "outlook" in decision.DESCRIPTOR.fields_by_name and decision.HasField("outlook")
+    return msgspec.convert(plain_message(decision.outlook), Outlook) if known else None
 
 
 def _polar_motion(polar: Polar) -> PolarMotion:

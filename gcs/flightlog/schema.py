@@ -92,7 +92,7 @@ class Decoder:
 
     def decode(self, payload: bytes) -> dict[str, Any]:
         """Return a record as plain data, None for missing fields; raises ValueError when it is damaged."""
-        return _plain_message(self.message(payload))
+        return plain_message(self.message(payload))
 
     def message(self, payload: bytes) -> Any:
         """Return a record as a Protobuf message: quicker than `decode` for a few fields; the same errors."""
@@ -179,14 +179,15 @@ def _taken_apart(kind: inspect.Type) -> tuple[inspect.Type, bool, bool]:
     return kind, False, False
 
 
-def _plain_message(message: Message) -> dict[str, Any]:
+def plain_message(message: Message) -> dict[str, Any]:
+    """Return a Protobuf message as plain data, None for missing fields."""
     return {field.name: _plain_field(message, field) for field in message.DESCRIPTOR.fields}
 
 
 def _plain_field(message: Message, field: Any) -> Any:
     value = getattr(message, field.name)
     if field.is_repeated:
-        return [_plain_message(each) for each in value] if field.message_type else list(value)
+        return [plain_message(each) for each in value] if field.message_type else list(value)
     if field.has_presence and not message.HasField(field.name):
         return None
-    return _plain_message(value) if field.message_type else value
+    return plain_message(value) if field.message_type else value

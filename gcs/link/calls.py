@@ -3,23 +3,24 @@
 import asyncio
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from math import dist
 from typing import Any, TypeVar
 
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
-from mavsdk.plugins.telemetry import TelemetryError
 
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
-from gcs.link.rates import Rates
+from gcs.link.rates import ATTITUDE, LOCAL_POSITION_NED, SLOW_STATUS_BYTES, STATUS_BYTES, Rates
 from gcs.link.status_texts import quoted
+from gcs.link.streams import Streams
 
 Result = TypeVar("Result")
 
@@ -28,6 +29,10 @@ POLL_PERIOD_S = 0.02
 TEXT_DELAY_S = 0.3
 """Wait for the status text that explains a refusal: PX4 sends it beside the acknowledgement."""
 SPEED_SNAP = 0.1
+DELAY_CHANGE_MAX_S = 1.0
+"""By how much a link's delay may change while a clock is measured: as long as a full buffer of 2 kB takes to empty at
+19 200 baud [wall s].
+"""
 CLOCK_SAMPLES, CLOCK_LONGEST_S = 6, 5.0
 ORIGIN_DISTANCE_MAX_M = 20_000.0
 SET_MESSAGE_INTERVAL = 511
@@ -36,10 +41,6 @@ RATE_ATTEMPTS = 5
 TIMEOUT = "TIMEOUT"
 """The name of the result, in each plugin of MAVSDK, of a request that was not answered."""
 DO_SET_MODE, CUSTOM_MODE_ENABLED, AUTOPILOT_COMPONENT = 176, 1, 1
-STATUS = ("health", "in_air", "attitude_euler")
-"""Telemetry at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
-SLOW_STATUS = ("battery", "home", "gps_info", "position", "altitude")
-"""Telemetry at half the status rate. ArduPilot sends only requested messages, PX4 more than a radio carries."""
 
 
 class NotReadyError(VehicleRefusedError):
@@ -50,14 +51,17 @@ class VehicleCalls:
     """Runs MAVSDK's blocking calls for one vehicle, and waits for their effect.
 
     Every vehicle has its own threads: calls to a dead vehicle block for seconds and must not delay the others.
-    Waits are times of the mission's clock.
+    Waits are times of the mission's clock. `received` returns how many messages of each number have arrived.
     """
 
-    def __init__(self, system_id: int, feed: VehicleFeed, clock: MissionClock) -> None:
+    def __init__(
+        self, system_id: int, feed: VehicleFeed, clock: MissionClock, received: Callable[[], Mapping[int, int]]
+    ) -> None:
         self._clock = clock
         self._system_id = system_id
         self._subject = f"vehicle {system_id}"
         self._feed = feed
+        self._streams = Streams(received, clock.now_s)
         self._executor = ThreadPoolExecutor(2, thread_name_prefix=f"vehicle-{system_id}")
         self._urgent = ThreadPoolExecutor(1, thread_name_prefix=f"vehicle-{system_id}-urgent")
 
@@ -140,59 +144,79 @@ class VehicleCalls:
         reported = f"; the autopilot reports {quoted(texts)}" if texts else ""
         return f"{reason}{lost}{reported}"
 
-    async def request(self, function: Callable[..., object], argument: object) -> None:
-        """Run a call that may be refused, and repeat it without an answer: it, or its answer, may be lost."""
+    async def request_rates(self, rates: Rates) -> None:
+        """Request the vehicle's motion at the telemetry rate, and its status at lower rates.
+
+        ArduPilot sends only requested messages, PX4 more than a radio carries. Raises VehicleRefusedError when the
+        motion is refused; a refused status message does not prevent a flight.
+        """
+        motion = partial(self._set_interval, LOCAL_POSITION_NED, rates.telemetry_hz)
+        await self.command("send its local position", motion, attempts=RATE_ATTEMPTS)
+        # Without motion the autopilot may have restarted, with another origin: the link requests everything again.
+        self._streams.expect(LOCAL_POSITION_NED, rates.telemetry_hz, attempts=0)
+        for message in STATUS_BYTES:
+            await self._request(message, rates.status_hz)
+        estimator = self._feed.autopilot.estimator
+        for message in (*SLOW_STATUS_BYTES, estimator.number, estimator.wind_number):
+            await self._request(message, rates.status_hz / 2.0)
+        if self._feed.truth is not None:
+            await self._request(self._feed.autopilot.truth.number, TRUTH_RATE_HZ)
+
+    async def correct_rates(self) -> bool:
+        """Request again what arrives at another rate than requested, and return whether all was right.
+
+        After a request without an answer the others wait for the next time.
+        """
+        wrong = self._streams.wrong()
+        with suppress(MavlinkDirectError):
+            for message, rate_hz in wrong.items():
+                await self.run(self._set_interval, message, rate_hz)
+        return not wrong
+
+    async def _request(self, message: int, rate_hz: float) -> None:
+        """Request a message at a rate [Hz], again without an answer: the request, or its answer, may be lost."""
         for _ in range(RATE_ATTEMPTS):
             try:
-                await self.run(function, argument)
-            except (TelemetryError, MavlinkDirectError) as error:
-                if error.result.name == TIMEOUT:
-                    continue
-            return
+                await self.run(self._set_interval, message, rate_hz)
+            except MavlinkDirectError as error:
+                if error.result.name != TIMEOUT:
+                    self._streams.forget(message)
+                    return
+            else:
+                break
+        self._streams.expect(message, rate_hz)
 
-    async def request_message(self, direct: Any, message: int, rate_hz: float) -> None:
-        """Request a message that MAVSDK's telemetry does not support, at a rate [Hz]."""
+    def _set_interval(self, message: int, rate_hz: float) -> None:
+        """Request a message at a rate [Hz]; blocks until acknowledged, raises MavlinkDirectError otherwise."""
         command = command_long(self._system_id, SET_MESSAGE_INTERVAL, float(message), 1e6 / rate_hz)
-        await self.request(direct.send_command, command)
+        self._feed.reports.direct.send_command(command)
 
     async def clock_ratio(self, rates: Rates, duration_s: float) -> float | None:
         """Return how many times faster than its link's time the autopilot's clock runs; None without attitudes.
 
         The attitude rate is set for `duration_s` [s of the link] only, or for as long as some of them take at a low
-        rate. On a governed clock, which is the autopilot's as well, nothing is measured.
+        rate; for longer while a change of the link's delay may be why the ratio is no whole number. On a governed
+        clock, which is the autopilot's as well, nothing is measured.
         """
         duration_s = max(duration_s, min(CLOCK_SAMPLES / rates.clock_hz, CLOCK_LONGEST_S))
         if self._clock.is_governed:
             await self._clock.sleep(duration_s)
             return 1.0
-        await self.request(self._feed.plugin.set_rate_attitude_euler, rates.clock_hz)
+        await self._request(ATTITUDE, rates.clock_hz)
         try:
-            return clock_ratio(await self._feed.attitude_clock(duration_s), duration_s)
+            times = await self._feed.attitude_clock(duration_s)
+            longer_s = DELAY_CHANGE_MAX_S / SPEED_SNAP
+            while _delay_explains(ratio := clock_ratio(times, duration_s), times) and longer_s > 0.0:
+                times += await self._feed.attitude_clock(duration_s)
+                longer_s -= duration_s
+            return ratio
         finally:
-            await self.request(self._feed.plugin.set_rate_attitude_euler, rates.status_hz)
+            await self._request(ATTITUDE, rates.status_hz)
 
     async def close(self) -> None:
         """Wait for running calls: destroying MAVSDK's objects before would block their threads for ever."""
         for executor in (self._executor, self._urgent):
             await asyncio.to_thread(executor.shutdown, cancel_futures=True)
-
-
-async def request_rates(calls: VehicleCalls, feed: VehicleFeed, rates: Rates) -> None:
-    """Request the vehicle's motion at the telemetry rate, and its status at lower rates.
-
-    Raises VehicleRefusedError when the motion is refused; a refused status message does not prevent a flight.
-    """
-    telemetry = feed.plugin
-    motion = telemetry.set_rate_position_velocity_ned
-    await calls.command("send its local position", motion, rates.telemetry_hz, attempts=RATE_ATTEMPTS)
-    slow = [(name, rates.status_hz) for name in STATUS]
-    for name, rate_hz in (*slow, *((name, rates.status_hz / 2.0) for name in SLOW_STATUS)):
-        await calls.request(getattr(telemetry, f"set_rate_{name}"), rate_hz)
-    estimator = feed.autopilot.estimator
-    for number in (estimator.number, estimator.wind_number):
-        await calls.request_message(feed.reports.direct, number, rates.status_hz / 2.0)
-    if feed.truth is not None:
-        await calls.request_message(feed.reports.direct, feed.autopilot.truth.number, TRUTH_RATE_HZ)
 
 
 def choose_guided(system: Any, guided_mode: int) -> None:
@@ -251,6 +275,14 @@ def clock_ratio(times: Sequence[tuple[float, float]], duration_s: float) -> floa
     ratio = autopilot_s / wall_s
     whole = float(max(1, round(ratio)))
     return whole if abs(ratio - whole) <= SPEED_SNAP * whole else ratio
+
+
+def _delay_explains(ratio: float | None, times: Sequence[tuple[float, float]]) -> bool:
+    """Return whether a ratio may be no whole number only because the link's delay has changed."""
+    if ratio is None:
+        return False
+    whole = max(1, round(ratio))
+    return 0.0 < abs(ratio / whole - 1.0) * (times[-1][0] - times[0][0]) <= DELAY_CHANGE_MAX_S
 
 
 def _origin(telemetry: Any) -> Geodetic | None:

@@ -5,16 +5,16 @@ import json
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from math import dist, hypot, isfinite
+from math import dist, hypot, nan
 from typing import Any
 
-from mavsdk.plugins.telemetry import BatteryFunction
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 from msgspec.structs import replace
 
-from agents.ports import FlightMode, VehicleStatus
-from agents.shell.clock import LinkTransit, MissionClock
+from agents.ports import FlightMode, ModeSource, VehicleStatus
+from agents.safety.failsafe import FIX_DIMENSIONS
+from agents.shell.clock import LinkTransit, MissionClock, link_s
 from agents.shell.handover import Handover
 from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.filters.own import JUMP_M, jump_m
@@ -22,8 +22,9 @@ from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.link.batteries import Batteries, BatteryReport
 from gcs.link.ground_truth import GroundTruth
-from gcs.link.received_fields import CHARGE, FLIGHT_TIME, PITCH, ROLL
-from gcs.link.self_reports import SelfReports, tilt_deg
+from gcs.link.heights import BAROMETER, GPS, GPS_SIGMA_M, RANGEFINDER, HeightComparison
+from gcs.link.received_fields import CHARGE, FLIGHT_TIME, GPS_HEIGHT_SIGMA, PITCH, ROLL
+from gcs.link.self_reports import BATTERY, NOT_FOR_FLIGHT, SelfReports, tilt_deg
 from gcs.link.status_texts import HealthItem, StatusTexts
 
 
@@ -74,15 +75,17 @@ HEALTH_FIELDS = {
 """Their fields in MAVSDK."""
 NEEDS_GPS = (HealthItem.GLOBAL_POSITION, HealthItem.HOME_POSITION, HealthItem.ARMING)
 """Without GPS PX4's arming checks fail until take-off is selected: they apply to its present mode, hold."""
-NOT_FOR_FLIGHT = (BatteryFunction.AVIONICS, BatteryFunction.PAYLOAD)
 CLOCK_BACK_S = 0.5
 """A backward step of the autopilot's clock by more than this is a restart: no datagram is that late."""
 
 LATE_UNTIL = 0.8
 """Share of the limit of the round trip below which it is no longer reported as late."""
-BAROMETER, RANGEFINDER = "barometer", "rangefinder"
-HEIGHT_OFF_STEP_M = 0.5
-"""Smaller changes of a height's offset from another sensor's are not reported: they are noise."""
+SILENT_S, BAROMETER_LAG_S = 1.0, 1.0
+"""After a break of the motion by the first time, the height is compared with the barometer's change during it. A climb
+explains a difference by what it is in the second: the two are not measured at the same time.
+"""
+SPEED_MAX_M_S = 20.0
+"""The largest speed that can be set in PX4 (MPC_XY_VEL_MAX) and in ArduCopter (WPNAV_SPEED)."""
 ORIGIN_STEP_M = 0.1
 """An origin that moves by less is taken over without an event: autopilots correct its height in flight."""
 ROUND_TRIP_STEP_S = 0.01
@@ -106,8 +109,8 @@ class VehicleFeed:
     `origin_m` is the mission position of the vehicle's NED origin: no telemetry is delivered before it is set. It is
     reset when the link is lost or the autopilot restarts, which `on_loss` and `on_return` report. A restart is detected
     by a backward step of the autopilot's clock. It is also reset when it is in doubt (`doubt`): until it has been read
-    again no telemetry is delivered, and the sample after that shows what has changed. `truth` collects a simulator's
-    true motions, if requested.
+    again no telemetry is delivered, and the sample after that shows what has changed. `by_failsafe` returns whether a
+    failsafe of the autopilot made the newest change of mode. `truth` collects a simulator's true motions, if requested.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class VehicleFeed:
         clock: MissionClock,
         posted_calls: PostedCalls,
         *,
+        by_failsafe: Callable[[], bool] = lambda: False,
         truth: GroundTruth | None = None,
         transit: LinkTransit | None = None,
     ) -> None:
@@ -127,12 +131,13 @@ class VehicleFeed:
         self.on_loss: Callable[[], None] | None = None
         self.on_return: Callable[[], None] | None = None
         self.on_offboard_left: Callable[[], None] | None = None
+        self._by_failsafe = by_failsafe
         self._clock = clock
         self._transit = transit
         self._began_s = self._motion_received_s = self.link_s()
         self.clock_received = False
         self.plugin: Any = TelemetryPlugin(system)
-        self.reports = SelfReports(system, self._update)
+        self.reports = SelfReports(system, self._update, self.link_s)
         self.texts = StatusTexts()
         self.batteries = Batteries()
         self.autopilot = self.reports.autopilot
@@ -148,7 +153,10 @@ class VehicleFeed:
         self._received: Telemetry | None = None
         self._jumped_m = _STILL_M
         self._is_jumping = False
-        self._stood_m: tuple[float, float] | None = None
+        self._before_loss: Telemetry | None = None
+        self._barometer_off_m = nan
+        self._compares_height = False
+        self._heights = HeightComparison()
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
         self._posted_calls = posted_calls
@@ -166,6 +174,7 @@ class VehicleFeed:
         telemetry.subscribe_battery(self._posting(self._take_battery))
         if not self._frame.is_local:
             self.reports.direct.subscribe_message("GPS_GLOBAL_ORIGIN", self._posting(self._take_origin))
+            telemetry.subscribe_raw_gps(self._posting(self._take_gps))
         telemetry.subscribe_status_text(self._posting(self._take_text))
         telemetry.subscribe_attitude_euler(self._note_attitude)
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
@@ -255,7 +264,7 @@ class VehicleFeed:
 
     def link_s(self) -> float:
         """Return the time of what carries messages: the wall's, unless the clock is governed."""
-        return self._clock.now_s() / self._clock.time_scale
+        return link_s(self._clock)
 
     def _posting(self, take: Callable[[Any], None]) -> Callable[[Any, object], None]:
         """Return a callback for MAVSDK's thread that runs `take` on the event loop."""
@@ -284,7 +293,7 @@ class VehicleFeed:
             self._clock_notes.append(times_s)
         if last_s is not None and last_s - times_s[1] > CLOCK_BACK_S:
             self._update(restarts=self.status.restarts + 1)
-            self._located_m, self._height_off_m = None, 0.0
+            self._located_m, self._height_off_m, self._barometer_off_m = None, 0.0, nan
             self.lose()
             self._return()
         self.clock_received = True
@@ -293,6 +302,7 @@ class VehicleFeed:
         """Reset the vehicle's origin: positions from now on may refer to another one."""
         self._origin_m = self._origin_before_m = self._received = None
         self._is_jumping, self._jumped_m = False, _STILL_M
+        self._before_loss, self._compares_height = self.motion, True
         self._refer(is_known=True)
         self.clock_received = False
         if self.on_loss is not None:
@@ -368,8 +378,9 @@ class VehicleFeed:
         moves the origin instead, since no vehicle climbs or sinks that fast: the height is that before the jump.
         """
         before, self._received = self._received, received
-        if before is not None and (jump := jump_m(before, received)) is not None:
-            self._jumped_m = _sum(self._jumped_m, jump)
+        if before is not None:
+            self._compares_height = self._compares_height or received.time_s - before.time_s > SILENT_S
+            self._jumped_m = _sum(self._jumped_m, jump_m(before, received) or _STILL_M)
         if (origin_m := self.origin_m) is None:
             return None
         x, y, z = (
@@ -381,19 +392,33 @@ class VehicleFeed:
             if not self._is_jumping and self.doubt():
                 self._is_jumping = True
                 return None
-            jumps = self.status.reference.jumps + 1
-            self._refer(jumps=jumps, jumped_m=self._north_east_up((x, y, z)))
-            self._height_off_m += z
-            self._located_m = self._origin_m = origin_m = origin_m[0], origin_m[1], origin_m[2] - z
+            origin_m = self._count_jump((x, y, z), origin_m)
         self._is_jumping, self._jumped_m, self._origin_before_m = False, _STILL_M, origin_m
         if self.is_doubted:
             self._refer(is_known=True)
-        return replace(received, position_m=_sum(received.position_m, origin_m))
+        sample = replace(received, position_m=_sum(received.position_m, origin_m))
+        if self._before_loss is not None:
+            x, y, _ = _difference(sample.position_m, self._before_loss.position_m)
+            if hypot(x, y) > JUMP_M + SPEED_MAX_M_S * (sample.time_s - self._before_loss.time_s):
+                self._count_jump((x, y, 0.0), origin_m)
+            self._before_loss = None
+        return sample
+
+    def _count_jump(self, jumped_m: Triple, origin_m: Triple) -> Triple:
+        """Count a jump of the position, and return the origin, moved by its vertical part."""
+        x, y, z = origin_m
+        self._refer(jumps=self.status.reference.jumps + 1, jumped_m=self._north_east_up(jumped_m))
+        self._height_off_m += jumped_m[2]
+        self._located_m = self._origin_m = self._origin_before_m = x, y, z - jumped_m[2]
+        return self._origin_m
 
     def _take_mode(self, mode: Any) -> None:
         self._mode, before = mode, self.status.mode
-        self._update(mode=MODES.get(mode, FlightMode.OTHER))
-        if before is FlightMode.OFFBOARD is not self.status.mode and self.on_offboard_left is not None:
+        if (after := MODES.get(mode, FlightMode.OTHER)) is before:
+            return
+        announced = self.reports.mode_changed()
+        self._update(mode=after, mode_by=ModeSource.FAILSAFE if self._by_failsafe() else announced)
+        if before is FlightMode.OFFBOARD and self.on_offboard_left is not None:
             self.on_offboard_left()
 
     def _take_health(self, health: Any) -> None:
@@ -405,25 +430,35 @@ class VehicleFeed:
             self.texts.note_pass()
 
     def _take_altitude(self, altitude: Any) -> None:
-        """Compare the height with those of a barometer and a rangefinder, from where the vehicle stood."""
-        if self.motion is None or self.is_doubted:
+        """Compare the height with those of a barometer and a rangefinder.
+
+        A difference to the barometer that has changed in a break of the motion is a jump of the height.
+        """
+        if self.motion is None or self._before_loss is not None or (origin_m := self.setpoint_origin_m) is None:
             return
-        height_m, barometer_m, clearance_m = (
-            self.motion.position_m[2],
-            altitude.altitude_monotonic_m,
-            altitude.bottom_clearance_m,
-        )
-        if not self.status.armed or self._stood_m is None:
-            self._stood_m = height_m, barometer_m
-        stood_m, barometer_stood_m = self._stood_m
-        risen_m = height_m - stood_m
-        found = {BAROMETER: risen_m - (barometer_m - barometer_stood_m)}
-        # Less clearance than height may be a tree or a roof, and more a slope.
-        if clearance_m < risen_m / 2.0:
-            found[RANGEFINDER] = risen_m - clearance_m
-        known = {sensor: off_m for sensor, off_m in found.items() if isfinite(off_m)}
-        sensor = max(known, key=lambda each: abs(known[each]), default="")
-        off_m = round(known[sensor] / HEIGHT_OFF_STEP_M) * HEIGHT_OFF_STEP_M if known else None
+        height_m, barometer_m = self.motion.position_m[2], altitude.altitude_monotonic_m
+        stepped_m = height_m - barometer_m - self._barometer_off_m
+        climbed_m = BAROMETER_LAG_S * abs(self.motion.velocity_m_s[2])
+        if self._compares_height and abs(stepped_m) > JUMP_M + climbed_m:
+            self._count_jump((0.0, 0.0, stepped_m), origin_m)
+            height_m -= stepped_m
+        self._compares_height, self._barometer_off_m = False, height_m - barometer_m
+        flies = self.status.armed
+        self._heights.take(BAROMETER, height_m, barometer_m, flies=flies)
+        self._heights.take(RANGEFINDER, height_m, altitude.bottom_clearance_m, flies=flies)
+        self._report_height()
+
+    def _take_gps(self, gps: Any) -> None:
+        """Compare the height with that of the GPS: an autopilot whose height is its barometer's has no other check."""
+        if self.motion is None or self._before_loss is not None or self.setpoint_origin_m is None:
+            return
+        gps_m = gps.absolute_altitude_m if self.status.gps_dimensions == FIX_DIMENSIONS else nan
+        sigma_m = GPS_HEIGHT_SIGMA.known(gps.vertical_uncertainty_m) or GPS_SIGMA_M
+        self._heights.take(GPS, self.motion.position_m[2], gps_m, sigma_m, flies=self.status.armed)
+        self._report_height()
+
+    def _report_height(self) -> None:
+        off_m, sensor = self._heights.worst
         if (off_m, sensor) != (self.status.height_off_m, self.status.height_sensor):
             self._update(height_off_m=off_m, height_sensor=sensor)
 
@@ -432,7 +467,8 @@ class VehicleFeed:
         charge, endurance_s = None if percent is None else percent / 100.0, FLIGHT_TIME.known(battery.time_remaining_s)
         flies = battery.battery_function not in NOT_FOR_FLIGHT
         self.batteries.take(BatteryReport(int(battery.id), charge, endurance_s, flies), self.link_s())
-        self._update(battery=self.batteries.charge, endurance_s=self.batteries.endurance_s)
+        lowest, shortest_s = self.batteries.charge, self.batteries.endurance_s
+        self.reports.take_repeated(BATTERY, battery=lowest, endurance_s=shortest_s)
 
     def _take_origin(self, message: Any) -> None:
         """Take an origin that the autopilot sends: the one in doubt, or one that has moved and is read again."""

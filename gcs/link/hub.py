@@ -5,7 +5,7 @@ import logging
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
@@ -105,6 +105,11 @@ class MavsdkHub:
         """Return the report of what arrived with the system id of a vehicle."""
         url = self._vehicles.get(system_id)
         return self._relays[url][0].report(system_id) if url in self._relays else LinkReport()
+
+    def messages(self, system_id: int) -> Mapping[int, int]:
+        """Return how many messages of each number have arrived from a vehicle."""
+        url = self._vehicles.get(system_id)
+        return self._relays[url][0].messages(system_id) if url in self._relays else {}
 
     def set_pace(self, url: str, pace: RateController, speed: float) -> None:
         """Set a connection's pace of sending; the mission clock runs `speed` times as fast as the wall's."""

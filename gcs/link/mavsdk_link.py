@@ -5,7 +5,6 @@ before it carries it out. Mode and armed are up to a second old.
 """
 
 import asyncio
-import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,12 +17,12 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
 from msgspec.structs import replace
 
-from agents.ports import Connection, FlightMode, ModeSource, Setpoint, VehicleRefusedError, VehicleStatus
+from agents.ports import Connection, FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
 from estimation.frames import MissionFrame, Triple, wrap_signed_rad
 from estimation.state import Telemetry
-from gcs.link.calls import VehicleCalls, choose_guided, find_origin, request_rates
+from gcs.link.calls import VehicleCalls, choose_guided, find_origin
 from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender
 from gcs.link.feed import VehicleFeed
@@ -31,6 +30,7 @@ from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates import RateController, Rates
 from gcs.link.relay.gate import LinkReport
+from gcs.link.self_reports import is_explained
 
 
 class LinkParts(NamedTuple):
@@ -113,9 +113,8 @@ WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
 """Without motion for this long on a live link, the autopilot has lost the rates: they are requested again."""
 RENEWAL_TIMEOUT_S = 5.0
-EXPLAINED_S, BATTERY_FAILSAFE = 3.0, 0.15
-"""Status texts of this time, and this share of the battery (PX4's BAT_LOW_THR), explain a failsafe."""
-_FENCE = re.compile("fence", re.IGNORECASE)
+EXPLAINED_S = 3.0
+"""Status texts of this time explain a failsafe."""
 
 
 class MavsdkLink:
@@ -133,7 +132,7 @@ class MavsdkLink:
         self.truth = GroundTruth(config.system_id, config.frame, clock.now_s) if config.truth else None
         self._parts: LinkParts | None = None
         self._guided: Callable[[], object] | None = None
-        self._keeper: asyncio.Task[None] | None = None
+        self._keepers: list[asyncio.Task[None]] = []
         self._watch_period = PeriodicWait(clock)
         self._silent = False
         self._muted = False
@@ -198,9 +197,16 @@ class MavsdkLink:
         )
         self._transit = self._clock.transit(self._config.system_id)
         feed = VehicleFeed(
-            system, self._config.frame, self._clock, self._hub.posted_calls, truth=self.truth, transit=self._transit
+            system,
+            self._config.frame,
+            self._clock,
+            self._hub.posted_calls,
+            by_failsafe=lambda: self.report.failsafe,
+            truth=self.truth,
+            transit=self._transit,
         )
-        calls = VehicleCalls(self._config.system_id, feed, self._clock)
+        received = partial(self._hub.messages, self._config.system_id)
+        calls = VehicleCalls(self._config.system_id, feed, self._clock, received)
         external = None
         if self._config.external_positions:
             external = ExternalPositionSender(system, self._config.frame, self._config.origin_m)
@@ -214,7 +220,7 @@ class MavsdkLink:
         feed.on_telemetry = on_telemetry
         feed.on_loss, feed.on_return = self._mute, self._on_return
         feed.on_offboard_left = self._explain_failsafe
-        self._keeper = asyncio.get_running_loop().create_task(self._keep())
+        self._keepers = [asyncio.create_task(self._keep()), asyncio.create_task(self._keep_rates())]
 
     def locate(self, position: ExternalPosition) -> None:
         """Send the autopilot an external position."""
@@ -358,8 +364,8 @@ class MavsdkLink:
     async def close(self) -> None:
         """Release the link after running calls have ended. May be called twice, and without `connect`."""
         parts, self._parts = self._parts, None
-        if self._keeper is not None:
-            self._keeper.cancel()
+        for keeper in self._keepers:
+            keeper.cancel()
         if parts is not None:
             feed = parts.feed
             feed.on_telemetry = feed.on_loss = feed.on_return = feed.on_offboard_left = None
@@ -445,16 +451,10 @@ class MavsdkLink:
     def _explain_failsafe(self) -> None:
         """Note the lost connection that explains why the autopilot's failsafe left offboard, if nothing else does.
 
-        Setpoints are not acknowledged. A pilot's change of the flight mode is no failsafe, and a return may be that of
-        another one.
+        Setpoints are not acknowledged.
         """
         feed = self._connected().feed
-        status, texts = feed.status, feed.texts.refusing(time.monotonic() - EXPLAINED_S)
-        told = status.lost is not Connection.NONE or status.mode_by in (ModeSource.PILOT, ModeSource.STATION)
-        returns = status.mode is FlightMode.RETURN
-        explained = told or returns or status.estimator_fault or _FENCE.search(" ".join(texts))
-        charged = status.battery is None or status.battery > BATTERY_FAILSAFE
-        if self._silent or explained or not charged or not self.report.failsafe:
+        if self._silent or is_explained(feed.status, feed.texts.refusing(time.monotonic() - EXPLAINED_S)):
             return
         if feed.origin_m is None:
             feed.reports.note_lost(Connection.GROUND_STATION)
@@ -472,6 +472,7 @@ class MavsdkLink:
             notified = await self._watch_period.wait(WATCH_PERIOD_S)
             if self._clock.is_governed:
                 self._hub.send_heartbeats(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
+            feed.reports.expire()
             silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and (feed.origin_m is not None or feed.is_doubted):
                 feed.lose()
@@ -487,16 +488,26 @@ class MavsdkLink:
                     await self._renew()
             self._config.pace.look(self._hub.traffic(self._config.url), time.monotonic())
             feed.note_link(self.report.round_trip_s, self._config.pace.fault, self._clock.time_scale)
+
+    async def _keep_rates(self) -> None:
+        """Request rates that have changed, and messages again that arrive at other rates than requested.
+
+        Over a link that is cut meanwhile a request waits for seconds: that must not delay what `_keep` notices.
+        """
+        _, feed, calls, *_ = self._connected()
+        while True:
+            await self._clock.sleep(WATCH_PERIOD_S * self._clock.time_scale)
             if self._rates is not self._config.pace.rates:
                 with suppress(VehicleRefusedError):
                     await self._request_rates()
+            elif feed.status.connected and feed.motion_age_s < WATCH_PERIOD_S:
+                await calls.correct_rates()
 
     async def _request_rates(self) -> None:
         """Request the rates in force, and set them in the relay."""
-        _, feed, calls, *_ = self._connected()
         self._rates = self._config.pace.rates
         self._hub.set_pace(self._config.url, self._config.pace, self._clock.speed)
-        await request_rates(calls, feed, self._rates)
+        await self._connected().calls.request_rates(self._rates)
 
     async def _renew(self) -> None:
         """Request rates and origin: a restarted autopilot has lost the rates, and its origin may have moved.

@@ -1,9 +1,10 @@
 """Message rates: of one vehicle, their load on a connection in bytes, and their choice by its capacity."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import chain, takewhile
-from math import ceil, inf
+from math import ceil, inf, sqrt
 
 from agents.safety.failsafe import LINK_LOSS_MAX, SILENCES_PER_HOUR_MAX
 
@@ -43,6 +44,16 @@ class Losses:
             return 0.0
         in_a_row = max(ceil(frames_hz * silence_s) - 1, 1)
         return 3600.0 * frames_hz * self.share / self.burst * (1.0 - 1.0 / self.burst) ** (in_a_row - 1)
+
+    def longer(self, deviations: float) -> "Losses":
+        """Return as many losses in bursts that are longer by standard deviations of what is known of their length.
+
+        After each of the lost frames, and of three more as in `burst`, the burst went on or ended.
+        """
+        frames = self.lost + 3.0
+        goes_on = 1.0 - 1.0 / self.burst
+        goes_on += deviations * sqrt(goes_on * (1.0 - goes_on) / frames)
+        return replace(self, bursts=frames * min(max(1.0 - goes_on, 1.0 / frames), 1.0) - 1.0)
 
     def and_then(self, more: "Losses", kept: float = 1.0) -> "Losses":
         """Return these and later ones together, of these the share `kept`."""
@@ -132,13 +143,15 @@ def _steps(full_hz: float, step: float, least_hz: float) -> list[float]:
     return [full_hz, *lower, *([least_hz] if full_hz > least_hz else [])]
 
 
-TELEMETRY_BYTES = 40
-"""LOCAL_POSITION_NED."""
-STATUS_BYTES = (43, 40, 14)
-"""SYS_STATUS, ATTITUDE, EXTENDED_SYS_STATE."""
-SLOW_STATUS_BYTES = (67, 53, 64, 40, 44, 54, 52)
-"""At half the status rate: HOME_POSITION, BATTERY_STATUS, GPS_RAW_INT, GLOBAL_POSITION_INT, ALTITUDE, ESTIMATOR_STATUS
-and WIND_COV, as PX4 sends them; ArduPilot's EKF_STATUS_REPORT and WIND are smaller.
+LOCAL_POSITION_NED, TELEMETRY_BYTES = 32, 40
+SYS_STATUS, ATTITUDE, EXTENDED_SYS_STATE = 1, 30, 245
+HOME_POSITION, BATTERY_STATUS, GPS_RAW_INT, GLOBAL_POSITION_INT, ALTITUDE = 242, 147, 24, 33, 141
+STATUS_BYTES = {SYS_STATUS: 43, ATTITUDE: 40, EXTENDED_SYS_STATE: 14}
+"""The size of each message at the status rate; attitudes carry the autopilot's clock, which shows a restart."""
+SLOW_STATUS_BYTES = {HOME_POSITION: 67, BATTERY_STATUS: 53, GPS_RAW_INT: 64, GLOBAL_POSITION_INT: 40, ALTITUDE: 44}
+ESTIMATOR_BYTES = (54, 52)
+"""At half the status rate, beside the former: ESTIMATOR_STATUS and WIND_COV, as PX4 sends them; ArduPilot's
+EKF_STATUS_REPORT and WIND are smaller.
 """
 SETPOINT_BYTES = 65
 """SET_POSITION_TARGET_LOCAL_NED."""
@@ -173,8 +186,8 @@ def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: flo
     extra = SIGNATURE_BYTES if signed else 0
     streams = (
         (rates.telemetry_hz, (TELEMETRY_BYTES,)),
-        (rates.status_hz, STATUS_BYTES),
-        (rates.status_hz / 2.0, SLOW_STATUS_BYTES),
+        (rates.status_hz, STATUS_BYTES.values()),
+        (rates.status_hz / 2.0, (*SLOW_STATUS_BYTES.values(), *ESTIMATOR_BYTES)),
         (HEARTBEAT_HZ, (HEARTBEAT_BYTES,)),
         (ROUND_TRIP_HZ, (ROUND_TRIP_BYTES,)),
     )
@@ -198,7 +211,8 @@ def fitting(
     return next(fits, len(levels) - 1)
 
 
-DOWN_HZ = STATUS_MIN_HZ * (len(STATUS_BYTES) + len(SLOW_STATUS_BYTES) / 2.0) + HEARTBEAT_HZ + ROUND_TRIP_HZ
+_SLOW_MESSAGES = len(SLOW_STATUS_BYTES) + len(ESTIMATOR_BYTES)
+DOWN_HZ = STATUS_MIN_HZ * (len(STATUS_BYTES) + _SLOW_MESSAGES / 2.0) + HEARTBEAT_HZ + ROUND_TRIP_HZ
 UP_HZ = HEARTBEAT_HZ + ROUND_TRIP_HZ
 """The frames a second beside motion, at the least status rate, and beside setpoints."""
 
@@ -211,6 +225,8 @@ def least_hz(losses: Losses, beside_hz: float, silence_s: float) -> float:
     return next(few, RAISED_MAX_HZ)
 
 
+DEVIATIONS = 2.0
+"""The length of the bursts is known to so many standard deviations."""
 SILENCES_PER_HOUR = SILENCES_PER_HOUR_MAX / 10.0
 """How many silences an hour the rates are chosen for: losses are not known exactly."""
 LOSSY_SHARE = 0.9
@@ -313,6 +329,17 @@ class RateController:
         """How many silences of motion, or of setpoints, an hour has at these rates and losses for each vehicle."""
         of_motion = self.losses.silences_per_hour(self.rates.telemetry_hz + DOWN_HZ, self.telemetry_s)
         return of_motion + self.losses.silences_per_hour(self.rates.setpoint_hz + UP_HZ, self.offboard_s)
+
+    def silences_of(self, losses: Losses) -> tuple[float, float, float]:
+        """Return the least, likely and most silences an hour for losses, each with the rates that are chosen for it.
+
+        95 of 100 connections with losses like these are between the least and the most.
+        """
+        chosen, likely = copy(self), list[float]()
+        for deviations in (-DEVIATIONS, 0.0, DEVIATIONS):
+            chosen.adapt(losses.longer(deviations))
+            likely.append(chosen.silences_per_hour)
+        return min(likely), likely[1], max(likely)
 
     def adapt(self, losses: Losses) -> None:
         """Take the newest losses, and choose the rates for them."""

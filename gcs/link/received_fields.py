@@ -36,6 +36,8 @@ CHARGE = ReceivedField(("BATTERY_STATUS", "SYS_STATUS"), "battery_remaining", -1
 FLIGHT_TIME = ReceivedField(("BATTERY_STATUS",), "time_remaining", 0, 0.0)
 """The time until a battery is empty [s]."""
 SATELLITES = ReceivedField(("GPS_RAW_INT",), "satellites_visible", 255, 0)
+GPS_HEIGHT_SIGMA = ReceivedField(("GPS_RAW_INT",), "v_acc", 0, 0.0)
+"""The standard deviation of a GPS's height [m]."""
 ROLL = ReceivedField(("ATTITUDE",), "roll", nan)
 PITCH = ReceivedField(("ATTITUDE",), "pitch", nan)
 BUFFER_FREE = ReceivedField(("RADIO_STATUS",), "txbuf", 255, 0, 100)
@@ -58,6 +60,7 @@ RECEIVED_FIELDS = (
     CHARGE,
     FLIGHT_TIME,
     SATELLITES,
+    GPS_HEIGHT_SIGMA,
     ROLL,
     PITCH,
     BUFFER_FREE,

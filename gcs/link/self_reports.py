@@ -1,19 +1,18 @@
 """An autopilot's reports on its estimator, GPS and connections, as fields of `VehicleStatus` and as a report."""
 
-import asyncio
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import acos, cos, degrees, hypot, inf, isfinite, radians
 from typing import Any
 
 from mavsdk.plugins.mavlink_direct import MavlinkDirect
-from mavsdk.plugins.telemetry import FixType
+from mavsdk.plugins.telemetry import BatteryFunction, FixType
 
-from agents.ports import Connection, GpsThreat, ModeSource
-from agents.safety.failsafe import COMPASS, RATIO_MAX
+from agents.ports import Connection, FlightMode, GpsThreat, ModeSource, VehicleStatus
+from agents.safety.failsafe import COMPASS, FIX_DIMENSIONS, RATIO_MAX, STATUS_STALE_S
 from gcs.autopilots.autopilot import ATTITUDE, CORDON_ID, POS_VERT_ABS, SENSORS, EstimatorDialect
 from gcs.autopilots.registry import autopilot_of
 from gcs.link.received_fields import RATIOS, SATELLITES, WINDS
@@ -81,9 +80,6 @@ _CONNECTIONS = {
 CHANGES_WITHIN_S = 3.0
 """A report of who changes the mode explains a change within this time: heartbeats come once a second."""
 _PILOT = re.compile(r"\bpilot took over\b", re.IGNORECASE)
-AUTOPILOT_COMPONENT = 1
-_CRITICAL = (5, 6)
-"""MAV_STATE_CRITICAL and _EMERGENCY: PX4 reports them while it flies a failsafe, ArduPilot once one has triggered."""
 _MODE_COMMANDS = (20, 21, 22, 176)
 """MAV_CMD_NAV_RETURN_TO_LAUNCH, _NAV_LAND, _NAV_TAKEOFF, _DO_SET_MODE."""
 _ACCEPTED = 0
@@ -91,20 +87,49 @@ _THREATS = {
     GpsThreat.SPOOFED: re.compile(r"\b(gnss|gps)\b.*\bspoof", re.IGNORECASE),
     GpsThreat.JAMMED: re.compile(r"\b(gnss|gps)\b.*\bjam", re.IGNORECASE),
 }
+BATTERY, GPS, ESTIMATOR = REPEATED = "battery", "GPS", "estimator"
+"""What an autopilot reports repeatedly, beside its motion."""
+_UNKNOWN = VehicleStatus()
+_CHARGE_STATES = {2: "low", 3: "critical", 4: "empty", 5: "failed", 6: "unhealthy"}
+"""MAV_BATTERY_CHARGE_STATE_LOW, _CRITICAL, _EMERGENCY, _FAILED, _UNHEALTHY."""
+NOT_FOR_FLIGHT = (BatteryFunction.AVIONICS, BatteryFunction.PAYLOAD)
+"""What a battery is for that the vehicle does not fly with; their values are MAVLink's."""
+BATTERY_FAILSAFE = 0.15
+"""The share of the battery at which PX4's failsafe acts (BAT_LOW_THR)."""
+_FENCE = re.compile("fence", re.IGNORECASE)
+
+
+def is_explained(status: VehicleStatus, texts: Sequence[str]) -> bool:
+    """Return whether a report or a text of an autopilot explains why its mode changed, other than by lost setpoints.
+
+    A return may be that of any failsafe. Without a GPS fix the position ends before the estimator reports it.
+    """
+    return (
+        status.mode_by is not ModeSource.FAILSAFE
+        or status.lost is not Connection.NONE
+        or status.mode is FlightMode.RETURN
+        or (status.gps_dimensions is not None and status.gps_dimensions < FIX_DIMENSIONS)
+        or (status.battery is not None and status.battery <= BATTERY_FAILSAFE)
+        or bool(status.estimator_fault or status.battery_fault or _FENCE.search(" ".join(texts)))
+    )
 
 
 class SelfReports:
-    """Subscribes to a system's reports, and passes changes of the status to `update`."""
+    """Subscribes to a system's reports, and passes changes of the status to `update`.
 
-    def __init__(self, system: Any, update: Callable[..., None]) -> None:
+    Reports count for a time of `now_s`, which `expire` has to be called for repeatedly.
+    """
+
+    def __init__(self, system: Any, update: Callable[..., None], now_s: Callable[[], float]) -> None:
         self.direct: Any = MavlinkDirect(system)
         self.autopilot = autopilot_of(system.autopilot_type().name)
         self.system_id = int(system.get_system_id())
         self._update = update
+        self._now_s = now_s
         self._had_remote_control = False
-        self._timers: dict[str, asyncio.TimerHandle] = {}
-        self._mode: object = None
-        self._is_critical = False
+        self._kept: dict[str, tuple[float, tuple[str, ...]]] = {}
+        self._stale: set[str] = set()
+        self._battery_faults: dict[int, str] = {}
         self._changed_s = self._announced_s = -inf
         self._announced = ModeSource.UNKNOWN
 
@@ -115,7 +140,7 @@ class SelfReports:
         """
         self.direct.subscribe_message(self.autopilot.estimator.message, posting(self._take_estimator))
         self.direct.subscribe_message(self.autopilot.estimator.wind, posting(self._take_wind))
-        self.direct.subscribe_message("HEARTBEAT", posting(self._take_heartbeat))
+        self.direct.subscribe_message("BATTERY_STATUS", posting(self._take_charge_state))
         self.direct.subscribe_message("COMMAND_ACK", posting(self._take_acknowledgement))
         telemetry.subscribe_rc_status(posting(self._take_remote_control))
         if gps:
@@ -127,14 +152,36 @@ class SelfReports:
             self._announce(ModeSource.PILOT)
         for threat, words in _THREATS.items():
             if words.search(text):
-                self._keep("gps_threat", threat, GpsThreat.NONE, THREAT_S)
+                self._keep("threat", THREAT_S, gps_threat=threat)
         for connection, words in _CONNECTIONS.items():
             if words.search(text) and _LOST.search(text) and not _OVER.search(text):
-                self._keep("lost", connection, Connection.NONE, LOST_S)
+                self.note_lost(connection)
 
     def note_lost(self, connection: Connection) -> None:
         """Take the connection whose loss explains a failsafe."""
-        self._keep("lost", connection, Connection.NONE, LOST_S)
+        self._keep("lost", LOST_S, lost=connection)
+
+    def take_repeated(self, source: str, **values: object) -> None:
+        """Take what is reported repeatedly by a `source`, which the status names as stale once it stops."""
+        if source in self._stale:
+            self._stale.remove(source)
+            self._update(stale=self._stale_text)
+        self._keep(source, STATUS_STALE_S, **values)
+
+    def expire(self) -> None:
+        """Set what was reported too long ago to unknown."""
+        for source, (until_s, fields) in list(self._kept.items()):
+            if self._now_s() > until_s:
+                del self._kept[source]
+                self._update(**{field: getattr(_UNKNOWN, field) for field in fields})
+                if source in REPEATED:
+                    self._stale.add(source)
+                    self._update(stale=self._stale_text)
+
+    def mode_changed(self) -> ModeSource:
+        """Take a change of mode that has just been received, and return who announced it."""
+        self._changed_s = self._now_s()
+        return self._announced if self._changed_s - self._announced_s <= CHANGES_WITHIN_S else ModeSource.UNKNOWN
 
     def close(self) -> None:
         """Unsubscribe; blocks until running callbacks have returned."""
@@ -144,28 +191,27 @@ class SelfReports:
         with suppress(ValueError):  # malformed bytes are dropped here
             report = estimator_report(self.autopilot.estimator, json.loads(message.fields_json))
             if report is not None and message.system_id == self.system_id:
-                self._update(**estimator_facts(report))
+                facts = estimator_facts(report)
+                self._update(estimator_fault=facts.pop("estimator_fault"))  # it is not over because reports end
+                self.take_repeated(ESTIMATOR, **facts)
 
     def _take_wind(self, message: Any) -> None:
         with suppress(ValueError):
             speed_m_s = wind_m_s(self.autopilot.estimator, json.loads(message.fields_json))
             if speed_m_s is not None and message.system_id == self.system_id:
-                self._keep("wind_m_s", round(speed_m_s, 1), None, WIND_S)
+                self._keep("wind", WIND_S, wind_m_s=round(speed_m_s, 1))
 
-    def _take_heartbeat(self, message: Any) -> None:
-        """Take mode and state; a failsafe that begins with a change of mode caused it."""
+    def _take_charge_state(self, message: Any) -> None:
+        """Take what an autopilot says of a battery: it compares the voltage with thresholds, cordon only the charge."""
         with suppress(ValueError, KeyError):
-            if (message.system_id, message.component_id) != (self.system_id, AUTOPILOT_COMPONENT):
-                return
             fields = json.loads(message.fields_json)
-            mode, is_critical = fields["custom_mode"], fields["system_status"] in _CRITICAL
-            if mode != self._mode:
-                self._mode, self._changed_s = mode, self._now_s()
-                recent = self._changed_s - self._announced_s <= CHANGES_WITHIN_S
-                announced = self._announced if recent else ModeSource.UNKNOWN
-                begins = is_critical and not self._is_critical
-                self._update(mode_by=ModeSource.FAILSAFE if begins else announced)
-            self._is_critical = is_critical
+            if (
+                message.system_id == self.system_id
+                and BatteryFunction(fields["battery_function"]) not in NOT_FOR_FLIGHT
+            ):
+                self._battery_faults[fields["id"]] = _CHARGE_STATES.get(fields["charge_state"], "")
+                found = [f"battery {number} {fault}" for number, fault in sorted(self._battery_faults.items()) if fault]
+                self._keep("charge state", STATUS_STALE_S, battery_fault=", ".join(found))
 
     def _take_acknowledgement(self, message: Any) -> None:
         """Take the acknowledgement of a command; one of another station arrives where a hub copies all messages."""
@@ -182,23 +228,21 @@ class SelfReports:
             self._update(mode_by=source)
 
     def _take_gps(self, gps: Any) -> None:
-        self._update(gps_dimensions=DIMENSIONS.get(gps.fix_type, 3), satellites=satellites(gps))
+        self.take_repeated(GPS, gps_dimensions=DIMENSIONS.get(gps.fix_type, 3), satellites=satellites(gps))
 
     def _take_remote_control(self, status: Any) -> None:
         if self._had_remote_control and not status.is_available:
-            self._keep("lost", Connection.REMOTE_CONTROL, Connection.NONE, LOST_S)
+            self.note_lost(Connection.REMOTE_CONTROL)
         self._had_remote_control = bool(status.is_available)
 
-    @staticmethod
-    def _now_s() -> float:
-        return asyncio.get_running_loop().time()
+    def _keep(self, source: str, for_s: float, **values: object) -> None:
+        """Set fields of the status for a time."""
+        self._kept[source] = self._now_s() + for_s, tuple(values)
+        self._update(**values)
 
-    def _keep(self, field: str, value: object, after: object, for_s: float) -> None:
-        """Set a field of the status for a time."""
-        if field in self._timers:
-            self._timers[field].cancel()
-        self._update(**{field: value})
-        self._timers[field] = asyncio.get_running_loop().call_later(for_s, lambda: self._update(**{field: after}))
+    @property
+    def _stale_text(self) -> str:
+        return ", ".join(sorted(self._stale))
 
 
 def satellites(gps: Any) -> int | None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite
 
 import numpy as np
 from pydantic import Field
@@ -111,20 +110,10 @@ def _passed(record: FlightRecord, track: VehicleTrack, allowed_m: float) -> tupl
 
 @dataclass(frozen=True, slots=True)
 class DesiredRing:
-    """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
-
-    Raises ValueError when the radius is not positive or a number is not finite.
-    """
+    """The desired ring about the target; a positive angular rate is counter-clockwise seen from above."""
 
     radius_m: float
     angular_rate_rad_s: float
-
-    def __post_init__(self) -> None:
-        """Validate the numbers."""
-        if not (isfinite(self.radius_m) and self.radius_m > 0.0):
-            raise ValueError(f"ring radius_m = {self.radius_m}: it must be positive")
-        if not isfinite(self.angular_rate_rad_s):
-            raise ValueError(f"ring angular_rate_rad_s = {self.angular_rate_rad_s} is not finite")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,19 +121,10 @@ class FormationReference:
     """The desired formation, travelling along +x of the mission frame.
 
     `slots_m` maps vehicle ids to their slots (x, y) in line order: each spacing is measured to the previous vehicle.
-    Raises ValueError when a number is not finite.
     """
 
     speed_m_s: float
     slots_m: Mapping[int, tuple[float, float]]
-
-    def __post_init__(self) -> None:
-        """Validate the numbers."""
-        if not isfinite(self.speed_m_s):
-            raise ValueError(f"formation speed_m_s = {self.speed_m_s} is not finite")
-        for vehicle_id, slot in self.slots_m.items():
-            if not all(map(isfinite, slot)):
-                raise ValueError(f"formation slot of vehicle {vehicle_id} = {slot} is not finite")
 
 
 class VerdictTolerances(VerdictSection):

@@ -5,9 +5,10 @@
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import msgspec
 import numpy as np
 
 from gcs.metrics.catalogue import Verdicts, VerdictState
@@ -124,19 +125,13 @@ class FlightResult:
 
     def to_dict(self) -> dict[str, object]:
         """Return the result as plain dicts and lists, keys in their documented order."""
-        plain = {"mission": self.mission, "ended": None, **asdict(self)}  # how it ended comes before any figure
-        for key in ("vehicles", "transitions", "faults", "departures", "not_judged"):
-            plain[key] = None if plain[key] is None else list(plain[key])
+        plain = {
+            "mission": self.mission,
+            "ended": None,
+            **msgspec.to_builtins(self, str_keys=True),
+        }
         plain["events"] = [each.to_dict() for each in self.events]
-        if self.estimate is not None:
-            plain["estimate"]["vehicles"] = list(plain["estimate"]["vehicles"])
-        if self.ended is not None:
-            for key in ("vehicles", "unaccounted"):
-                plain["ended"][key] = list(plain["ended"][key])
-        plain["engagement"] = {name: list(ids) for name, ids in plain["engagement"].items()}
-        plain["window_s"] = None if self.window_s is None else list(self.window_s)
         plain["verdicts"] = self.verdicts.named()
-        plain["kinds"] = {str(i): kind for i, kind in self.kinds.items()}
         return plain
 
     def to_json(self) -> str:

@@ -1,9 +1,10 @@
 """Checks across the sections of a mission: ids, positions, limits and orders."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from math import ceil, hypot
+from typing import Any
 
 from agents.ring.place import chord_m
 from agents.settings.sections import (
@@ -17,7 +18,6 @@ from agents.settings.sections import (
 from estimation.plant.model import FEEDFORWARD_MAX, Plant, PlantAxis
 from estimation.profile.autopilots import DEFAULT
 from estimation.profile.profile import Profile
-from estimation.settings import Settings
 from gcs.errors import KeyFault
 from gcs.mission.excitation import limits_rise
 from gcs.mission.geometry import (
@@ -32,7 +32,6 @@ from gcs.mission.geometry import (
 from gcs.mission.mission import (
     FrameSection,
     LinkSection,
-    MissionSection,
     MissionVehicle,
     NetworkSection,
     TargetSection,
@@ -110,29 +109,29 @@ def beyond_limits(
 LAYER_LEAST_M = 1.0
 
 
-def cross_checked(sections: dict[str, Settings | None], vehicles: list[LoadedVehicle | None]) -> Iterator[KeyFault]:
-    """Check across sections, as far as these are valid themselves."""
+def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | None]) -> Iterator[KeyFault]:
+    """Check across sections, each of its model, or None or missing if it is not valid itself."""
     known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
     yield from _all_distinct(known)
-    formation, ring, safety = sections.get("formation"), sections.get("encirclement"), sections.get("safety")
-    if isinstance(formation, FormationSettings) and len(known) == len(vehicles) and known:
+    formation: FormationSettings | None = sections.get("formation")
+    ring: EncirclementSettings | None = sections.get("encirclement")
+    safety: SafetySettings | None = sections.get("safety")
+    network: NetworkSection | None = sections.get("network")
+    link: LinkSection | None = sections.get("link")
+    if formation is not None and len(known) == len(vehicles) and known:
         ids = [vehicle.id for _, vehicle in known]
         if formation.leader not in ids:
             yield KeyFault(
                 "formation.leader", f"no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
             )
-    if isinstance(safety, SafetySettings):
+    if safety is not None:
         yield from _separated(known, safety, ring, len(vehicles))
         yield from _inside_limits(sections, known, safety)
-    network = sections.get("network")
-    if isinstance(ring, EncirclementSettings) and isinstance(network, NetworkSection):
+    if ring is not None and network is not None:
         yield from ring_in_range(ring, network, len(vehicles))
-    frame = sections.get("frame")
-    if isinstance(frame, FrameSection):
-        yield from _located(frame, known)
-    link = sections.get("link")
+    yield from _located(sections.get("frame"), known)
     yield from kept_up(sections.get("mission"), link)
-    if isinstance(link, LinkSection):
+    if link is not None:
         yield from of_another_kind(link, vehicles)
     yield from _way_home(known, sections.get("choreography"))
     yield from _in_order(sections.get("failsafe"))
@@ -148,22 +147,14 @@ def _all_distinct(vehicles: IndexedVehicles) -> Iterator[KeyFault]:
 
 
 def _inside_limits(
-    sections: dict[str, Settings | None], vehicles: IndexedVehicles, safety: SafetySettings
+    sections: Mapping[str, Any], vehicles: IndexedVehicles, safety: SafetySettings
 ) -> Iterator[KeyFault]:
-    mission, formation, ring, target = (
-        sections.get(name) for name in ("mission", "formation", "encirclement", "target")
-    )
-    ring = ring if isinstance(ring, EncirclementSettings) else None
-    target = target if isinstance(target, TargetSection) else None
-    mission = mission if isinstance(mission, MissionSection) else None
-    formation = formation if isinstance(formation, FormationSettings) else None
+    formation, ring, target = (sections.get(name) for name in ("formation", "encirclement", "target"))
     yield from slots_fit(vehicles, safety, formation, sections.get("network"))
     yield from limits_agree(safety, ring, formation)
-    layers = sections.get("choreography")
-    layers = layers if isinstance(layers, ChoreographySettings) else None
-    yield from altitudes_fit(vehicles, safety, layers)
+    yield from altitudes_fit(vehicles, safety, sections.get("choreography"))
     yield from follows_fit(vehicles, safety, ring, target)
-    yield from fence_fits(safety, vehicles, ring, target, mission)
+    yield from fence_fits(safety, vehicles, ring, target, sections.get("mission"))
 
 
 def _exclusive_part(url: str) -> str:
@@ -194,7 +185,7 @@ def _distinct(
 def _separated(
     vehicles: list[tuple[int, VehicleSection]],
     safety: SafetySettings,
-    ring: Settings | None,
+    ring: EncirclementSettings | None,
     count: int,
 ) -> Iterator[KeyFault]:
     least = safety.separation_m
@@ -205,7 +196,7 @@ def _separated(
                 f"vehicles[{k}].start_m",
                 f"{distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m",
             )
-    if isinstance(ring, EncirclementSettings) and count > 1 and chord_m(ring.radius_m, count) < least:
+    if ring is not None and count > 1 and chord_m(ring.radius_m, count) < least:
         needed_m = least / chord_m(1.0, count)
         yield KeyFault(
             "encirclement.radius_m",
@@ -215,8 +206,10 @@ def _separated(
         )
 
 
-def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings | None) -> Iterator[KeyFault]:
-    if not isinstance(choreography, ChoreographySettings):
+def _way_home(
+    vehicles: list[tuple[int, VehicleSection]], choreography: ChoreographySettings | None
+) -> Iterator[KeyFault]:
+    if choreography is None:
         return
     order, ids = choreography.landing_order, [vehicle.id for _, vehicle in vehicles]
     for i, vehicle_id in enumerate(order):
@@ -233,9 +226,9 @@ def _way_home(vehicles: list[tuple[int, VehicleSection]], choreography: Settings
         )
 
 
-def _in_order(failsafe: Settings | None) -> Iterator[KeyFault]:
+def _in_order(failsafe: FailsafeSettings | None) -> Iterator[KeyFault]:
     """Check that the thresholds of more severe conditions come after those of less severe ones."""
-    if not isinstance(failsafe, FailsafeSettings):
+    if failsafe is None:
         return
     low, critical = failsafe.battery_low, failsafe.battery_critical
     if critical >= low and critical > 0.0:
@@ -247,8 +240,10 @@ def _in_order(failsafe: Settings | None) -> Iterator[KeyFault]:
         )
 
 
-def _located(frame: FrameSection, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[KeyFault]:
+def _located(frame: FrameSection | None, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[KeyFault]:
     """Check that the frame has a position on Earth, or that no key depends on one."""
+    if frame is None:
+        return
     place = {name: getattr(frame, name) for name in ("latitude_deg", "longitude_deg", "altitude_m")}
     for name, value in place.items():
         if frame.local and value is not None:
@@ -281,16 +276,19 @@ def _within_reach(ring: EncirclementSettings) -> Iterator[KeyFault]:
 
 
 def _fast_enough(
-    vehicles: list[LoadedVehicle | None], formation: Settings | None, ring: Settings | None, target: Settings | None
+    vehicles: list[LoadedVehicle | None],
+    formation: FormationSettings | None,
+    ring: EncirclementSettings | None,
+    target: TargetSection | None,
 ) -> Iterator[KeyFault]:
     """Check the speeds of ring and line against their own limits and those of every vehicle's profile."""
-    if isinstance(formation, FormationSettings) and formation.speed_m_s > formation.speed_max_m_s:
+    if formation is not None and formation.speed_m_s > formation.speed_max_m_s:
         highest = formation.speed_max_m_s
         yield KeyFault("formation.speed_m_s", f"{formation.speed_m_s} m/s is more than speed_max_m_s = {highest} m/s")
-    if not isinstance(ring, EncirclementSettings):
+    if ring is None:
         return
     yield from _within_reach(ring)
-    if not isinstance(target, TargetSection):
+    if target is None:
         return
     along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
     needed_m_s = along_m_s + target.motion.speed_max_m_s
@@ -300,5 +298,5 @@ def _fast_enough(
             f"{ring.angular_rate_rad_s} rad/s at {ring.radius_m} m about this target "
             f"takes {needed_m_s:.2f} m/s, more than speed_max_m_s = {ring.speed_max_m_s} m/s",
         )
-    elif isinstance(formation, FormationSettings):
+    elif formation is not None:
         yield from beyond_limits(vehicles, max(needed_m_s, formation.speed_m_s), along_m_s**2 / ring.radius_m)

@@ -7,7 +7,6 @@ from math import dist
 from agents.control.excitation import APPROACH_SHARE, programme
 from agents.safety.fence import Fence
 from agents.settings.sections import ExcitationSettings
-from estimation.settings import Settings
 from gcs.errors import KeyFault
 from gcs.mission.mission import Mission, MissionVehicle
 
@@ -30,9 +29,9 @@ def box_m(settings: ExcitationSettings, start_m: Place) -> tuple[Place, ...]:
     return (x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)
 
 
-def limits_rise(excitation: Settings | None) -> Iterator[KeyFault]:
+def limits_rise(excitation: ExcitationSettings | None) -> Iterator[KeyFault]:
     """Return the settings that contradict each other."""
-    if not isinstance(excitation, ExcitationSettings):
+    if excitation is None:
         return
     for low, high in (("level_shortest_s", "level_longest_s"), ("sweep_from_hz", "sweep_to_hz")):
         least, most = getattr(excitation, low), getattr(excitation, high)

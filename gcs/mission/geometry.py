@@ -11,7 +11,6 @@ from agents.ring.place import chord_m
 from agents.safety.fence import Fence
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, FormationSettings, SafetySettings
 from agents.settings.shapes import gap_m
-from estimation.settings import Settings
 from gcs.errors import KeyFault
 from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, VehicleSection
 
@@ -41,7 +40,10 @@ def nearest_other(vehicle_id: int, places_m: Mapping[int, Place]) -> tuple[int, 
 
 
 def slots_fit(
-    vehicles: IndexedVehicles, safety: SafetySettings, formation: FormationSettings | None, network: Settings | None
+    vehicles: IndexedVehicles,
+    safety: SafetySettings,
+    formation: FormationSettings | None,
+    network: NetworkSection | None,
 ) -> Iterator[KeyFault]:
     """Check that all vehicles or none have a slot, that slots are apart, and that followers are in radio range."""
     placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
@@ -64,7 +66,7 @@ def slots_fit(
         yield KeyFault(
             "formation.spacing_m", f"{formation.spacing_m} m is less than safety.separation_m = {safety.separation_m} m"
         )
-    if formation is not None and formation.station == "predecessor" and isinstance(network, NetworkSection):
+    if formation is not None and formation.station == "predecessor" and network is not None:
         yield from _neighbours_in_range(vehicles, formation, network)
 
 

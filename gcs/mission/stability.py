@@ -16,7 +16,6 @@ from agents.control.lmpc_cost import formation_programme, ring_programme
 from agents.ring.place import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant, PlantAxis, exact_step
-from estimation.settings import Settings
 from estimation.state import Vector
 from gcs.errors import KeyFault
 from gcs.mission.mission import LinkSection, Mission, MissionSection
@@ -151,9 +150,9 @@ def _not_followed(every: Sequence[ClosedLoop], index: int, mission: Mission) -> 
         )
 
 
-def kept_up(mission: Settings | None, link: Settings | None) -> Iterator[KeyFault]:
+def kept_up(mission: MissionSection | None, link: LinkSection | None) -> Iterator[KeyFault]:
     """Check that the link's setpoint rate does not exceed the rate of the control loop."""
-    if not (isinstance(mission, MissionSection) and isinstance(link, LinkSection)):
+    if mission is None or link is None:
         return
     if link.setpoint_rate_hz is not None and link.setpoint_rate_hz > mission.rate_hz:
         yield KeyFault(

@@ -13,8 +13,8 @@ import threading
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
-from copy import copy
 from dataclasses import replace
+from functools import partial
 from math import cos, inf, sin, tau
 from typing import Any, NamedTuple
 
@@ -25,10 +25,10 @@ from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
-from agents.shell.clock import MissionClock, WallClock
+from agents.shell.clock import MissionClock, WallClock, link_s
 from estimation.frames import Geodetic, MissionFrame
 from gcs.autopilots.autopilot import Autopilot
-from gcs.link.calls import AUTOPILOT_COMPONENT, NotReadyError, VehicleCalls, command_long, find_origin, request_rates
+from gcs.link.calls import AUTOPILOT_COMPONENT, NotReadyError, VehicleCalls, command_long, find_origin
 from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
@@ -180,10 +180,12 @@ ORIGIN_TIMEOUT_S = 5.0
 STATUS_TIMEOUT_S = 4.0
 LISTENING_S = 1.5
 TRAFFIC_S = 2.0
-LOSSES_LONGEST_S, FRAMES_ENOUGH, BURSTS_ENOUGH = 25.0, 300, 12
-"""How long the losses of a connection are counted at most, the number of frames without any that shows that there are
-few, and the number of bursts that shows their length.
-"""
+CORRECTIONS, CORRECTION_S = 3, 1.0
+"""How often, and after which time, messages at other rates than requested are requested again before losses count."""
+LOSSES_S, LOSSES_LONGEST_S = 40.0, 90.0
+"""How long the losses of a connection are counted where they are not known before, and where they would refuse it."""
+FRAMES_ENOUGH, BURSTS_ENOUGH = 300, 2
+"""The number of frames without a loss that shows that there are few, and that of bursts which may show their length."""
 PARAMETERS_TIMEOUT_S = 3.0
 LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter timeouts for the preflight check in `fly`, whose links are connected already."""
@@ -192,22 +194,27 @@ SLOW_PERIODS = 4.0
 CIRCLE_CORNERS = 36
 
 
-def are_known(losses: Losses, pace: RateController) -> bool:
-    """Return whether enough frames or bursts have been counted; where the data rate is unknown, only if some are lost.
+def are_known(losses: Losses, pace: RateController, counted_s: float) -> bool:
+    """Return whether losses that were counted for a time [s of the link] decide about their connection.
 
-    Losses that would refuse the connection are counted for as long as possible.
+    They do if they permit a flight even with the longest bursts that they may mean; after LOSSES_S, if those that are
+    likely do, or if not even the shortest do. Where the data rate is unknown, only losses are counted.
     """
+    if counted_s >= LOSSES_LONGEST_S:
+        return True
     if not losses.lost:
         return pace.capacity_bytes_s is None or losses.frames >= FRAMES_ENOUGH
-    chosen = copy(pace)
-    chosen.adapt(losses)
-    return losses.bursts >= BURSTS_ENOUGH and chosen.silences_per_hour <= SILENCES_PER_HOUR_MAX
+    least, likely, most = pace.silences_of(losses)
+    if counted_s < LOSSES_S:
+        return losses.bursts >= BURSTS_ENOUGH and most <= SILENCES_PER_HOUR_MAX
+    return likely <= SILENCES_PER_HOUR_MAX or least > SILENCES_PER_HOUR_MAX
 
 
-async def known_losses(count: Callable[[], Losses], pace: RateController, clock: MissionClock) -> Losses:
-    """Return the losses of a connection once they are known, or `LOSSES_LONGEST_S` of the link have passed."""
-    end_s = clock.now_s() + LOSSES_LONGEST_S * clock.time_scale
-    while clock.now_s() < end_s and not are_known(count(), pace):
+async def known_losses(
+    count: Callable[[], Losses], pace: RateController, clock: MissionClock, since_s: float
+) -> Losses:
+    """Return the losses of a connection once they are known; they have been counted since a time [s of the link]."""
+    while not are_known(count(), pace, link_s(clock) - since_s):
         await clock.sleep(_PARAMETER_REQUEST_PERIOD_S * clock.time_scale)
     return count()
 
@@ -260,11 +267,12 @@ class _Connection:
         self.hub, self.pace, self.streaming = hub, pace, streaming
         self._url = url
         self._quiet = asyncio.Barrier(pace.vehicles)
-        self._streaming = Traffic()
+        self._clock = WallClock()
+        self._streaming, self._streaming_s = Traffic(), link_s(self._clock)
 
     def note_rates(self) -> None:
         """Count losses from now on: before the rates are set, default streams may fill a slow connection."""
-        self._streaming = self.hub.traffic(self._url)
+        self._streaming, self._streaming_s = self.hub.traffic(self._url), link_s(self._clock)
 
     async def measured(self) -> tuple[float | None, Losses]:
         """Return the traffic per second from all vehicles once all queries are answered, and the losses.
@@ -278,7 +286,9 @@ class _Connection:
             await asyncio.sleep(TRAFFIC_S)
             down_bytes = self.hub.traffic(self._url).down_bytes - before.down_bytes
             bytes_s = down_bytes / (time.monotonic() - began_s)
-        losses = await known_losses(lambda: self.hub.traffic(self._url).losses(self._streaming), self.pace, WallClock())
+        losses = await known_losses(
+            lambda: self.hub.traffic(self._url).losses(self._streaming), self.pace, self._clock, self._streaming_s
+        )
         await self._quiet.wait()  # the first query that ends may close the connection
         return bytes_s, losses
 
@@ -286,14 +296,18 @@ class _Connection:
 class CheckedLink(MavsdkLink):
     """A vehicle's link that also reads the facts for the preflight checks; read-only."""
 
+    _counted_since_s: float | None = None
+
     async def facts(self, vehicle_id: int, settle_s: float) -> VehicleFacts:
         """Return the facts of a connected vehicle once it is healthy, or `settle_s` [s of the link] have passed."""
         system, feed, calls, *_ = self._connected()
+        if self._counted_since_s is None:
+            self._counted_since_s = link_s(self._clock)
         await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s * self._clock.time_scale)
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.pace.rates)
         facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
         pace = self._config.pace
-        losses = await known_losses(lambda: pace.losses, pace, self._clock)
+        losses = await known_losses(lambda: pace.losses, pace, self._clock, self._counted_since_s)
         if losses.frames >= FRAMES_MIN:
             pace.adapt(losses)
         return replace(facts, link=self.report, losses=losses)
@@ -320,12 +334,16 @@ async def _facts(
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
     feed = VehicleFeed(system, frame, clock, hub.posted_calls)
-    calls = VehicleCalls(system_id, feed, clock)
+    calls = VehicleCalls(system_id, feed, clock, partial(hub.messages, system_id))
     try:
         feed.subscribe()
         with suppress(VehicleRefusedError):  # the measured rate shows a refusal
             hub.set_pace(url, pace, 1.0)
-            await request_rates(calls, feed, pace.rates)
+            await calls.request_rates(pace.rates)
+        for _ in range(CORRECTIONS):
+            await clock.sleep(CORRECTION_S)
+            if await calls.correct_rates():
+                break
         connection.note_rates()
         lost = await _find_place(vehicle, feed, calls, frame)
         query = _VehicleQuery(vehicle.id, system, feed, calls, frame, pace.rates)

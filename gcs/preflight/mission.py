@@ -12,7 +12,6 @@ from gcs.link.rates import (
     FRAMES_MIN,
     LOAD_SHARE,
     SETPOINT_MIN_HZ,
-    SILENCES_PER_HOUR,
     Load,
     RateController,
     Rates,
@@ -63,22 +62,26 @@ def losses(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> It
     name, _ = facts.autopilot.setpoint_timeout
     pace.offboard_s = facts.autopilot.setpoint_timeout_s(facts.parameters)
     pace.adapt(known)
-    likely, found = pace.silences_per_hour, f"of {known.frames:.0f} messages none was lost"
+    found = f"of {known.frames:.0f} messages none was lost"
     why = f"after {pace.telemetry_s:g} s without motion it holds (safety.telemetry_timeout_s)"
     if name:
         why += f", and after {pace.offboard_s:g} s without setpoints it leaves offboard ({name})"
     step = "move the antennas nearer, or use a faster radio, or one for each vehicle"
     if not pace.automatic:
         step += ', or set rates = "auto" in [link]'
+    least, likely, most = pace.silences_of(known)
+    may_exceed = Grade.WARNING if most > SILENCES_PER_HOUR_MAX else Grade.PASS
+    grade = Grade.REFUSE if likely > SILENCES_PER_HOUR_MAX else may_exceed
     if known.lost:
-        found = f"{known}: {likely:.2g} silences an hour are likely with {_shown(pace.rates)}"
-    for timeout_s in TIMEOUTS_S if likely > SILENCES_PER_HOUR else ():
+        found = (
+            f"{known}: {likely:.2g} silences an hour are likely ({least:.1g} to {most:.1g}) with {_shown(pace.rates)}"
+        )
+    for timeout_s in TIMEOUTS_S if grade is not Grade.PASS else ():
         pace.telemetry_s, pace.offboard_s = max(timeout_s, pace.telemetry_s), max(timeout_s, pace.offboard_s)
         pace.adapt(known)
         if pace.silences_per_hour <= SILENCES_PER_HOUR_MAX:
             step += f", or set safety.telemetry_timeout_s {f'and {name} ' if name else ''}to {timeout_s:g} s"
             break
-    grade = limited(likely, SILENCES_PER_HOUR_MAX, SILENCES_PER_HOUR / SILENCES_PER_HOUR_MAX)
     yield Finding.graded(grade, facts.vehicle_id, "losses", found, why, step, temporary=True)
 
 

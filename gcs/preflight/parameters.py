@@ -184,7 +184,9 @@ def _stated(facts: VehicleFacts) -> Finding:
 
 def _mixed(team: Sequence[VehicleFacts]) -> Finding:
     step = "fly the real vehicles apart from simulated ones, with a team name and a mission of their own"
-    return Finding(Grade.REFUSE, MISSION, "kinds", f"real and simulated vehicles: {bench_line(team)}", MIXED, step)
+    found = f"real and simulated vehicles: {bench_line(team)}"
+    unknown = any(facts.kind is VehicleKind.UNKNOWN for facts in team)
+    return Finding(Grade.REFUSE, MISSION, "kinds", found, MIXED, step, temporary=unknown)
 
 
 def _not_simulated(facts: VehicleFacts) -> Finding:

@@ -90,7 +90,6 @@ class _End:
         return cls(carrier, carrier.known)
 
     def frames(self) -> list[bytes]:
-        """Return the frames that have arrived."""
         frames = []
         self.carrier.call_again()
         for data, address in self.carrier.receive():

@@ -92,7 +92,8 @@ class LostPicture(msgspec.Struct, frozen=True):
     """A flight whose messages have stopped while its vehicles may be in the air.
 
     `reason` is a clause, `vehicles` are those that are unaccounted for, `since_wall_s` is Unix time. `autopilots` is
-    what controls the vehicles now, empty if it is not known, `advice` the operator's action.
+    what controls the vehicles now, empty if it is not known, `advice` the operator's action. With `processes_ended`
+    no process is left that receives commands.
     """
 
     reason: str
@@ -100,6 +101,7 @@ class LostPicture(msgspec.Struct, frozen=True):
     since_wall_s: float
     autopilots: str
     advice: str
+    processes_ended: bool = False
 
 
 class TeamPicture(_Picture, frozen=True, tag="team"):

@@ -155,10 +155,13 @@ class TeamPictures:
             for vehicle_id, text, level in events
         ]
 
-    def picture(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:
-        """Return the team at `now_s`; `link` is the fault of the link to it, and no flight runs if it `is_over`."""
+    def picture(self, now_s: float, link: str = "", stood_s: float = 0.0, *, is_over: bool = False) -> TeamPicture:
+        """Return the team at `now_s`; `link` is the fault of the link to it, and no flight runs if it `is_over`.
+
+        Nothing could come from the team for `stood_s` since its last message: see `Standstill`.
+        """
         self._update_time(now_s)
-        lost = self._lost_picture(now_s, is_over=is_over)
+        lost = self._lost_picture(now_s, stood_s, is_over=is_over)
         self._unaccounted = self._found_unaccounted(is_gone=is_over or lost is not None)
         unaccounted = tuple(i for i in self._received if i in self._unaccounted)
         lost = replace(lost, vehicles=unaccounted) if lost is not None and unaccounted else None
@@ -192,20 +195,21 @@ class TeamPictures:
             found |= self._received.keys() & self._lost[1].vehicles
         return found - self._recovered
 
-    def _lost_picture(self, now_s: float, *, is_over: bool) -> LostPicture | None:
+    def _lost_picture(self, now_s: float, stood_s: float, *, is_over: bool) -> LostPicture | None:
         """Return the loss that the supervisor reported, or that of a whole team whose messages stopped in flight."""
         if self._lost is not None:
             flight = self._lost[1]
-            return LostPicture(flight.reason, flight.vehicles, flight.ended_s, flight.autopilots, flight.next_step)
+            reason, alone, advice = flight.reason, flight.autopilots, flight.next_step
+            return LostPicture(reason, flight.vehicles, flight.ended_s, alone, advice, is_over)
         received = [each for each in self._received.values() if each.any_s > -inf]
         if any(each.ended for each in received) or not any(each.may_fly for each in received):
             return None
         since_s = max(each.any_s for each in received)
-        if now_s - since_s <= (SILENT_AFTER_S if is_over else VANISHED_AFTER_S):
+        if now_s - since_s - stood_s <= (SILENT_AFTER_S if is_over else VANISHED_AFTER_S):
             return None
         reason = _PROCESSES_ENDED if is_over else _VANISHED
         alone = AUTOPILOTS_ALONE if is_over else f"if their processes have ended, {AUTOPILOTS_ALONE}"
-        return LostPicture(reason, (), since_s + self._unix_offset_s, alone, WATCH_THEM)
+        return LostPicture(reason, (), since_s + self._unix_offset_s, alone, WATCH_THEM, is_over)
 
     def _update_time(self, now_s: float) -> None:
         """Update the mission's time from the vehicles' messages; without messages and after the end it stands still."""

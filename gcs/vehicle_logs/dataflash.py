@@ -197,7 +197,7 @@ def _dtype(form: Any) -> np.dtype[Any]:
     return np.dtype(list(zip(form.columns, types, strict=True)))
 
 
-def read_dataflash(log: LogFile) -> tuple[VehicleLog, ...]:
+def read(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return the one vehicle's log; raises LogError when it cannot be read as one."""
     records = _Records(log)
     raw = RawLog(

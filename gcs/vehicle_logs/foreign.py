@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from estimation.input_file import open_plain
@@ -17,11 +18,16 @@ _HEAD_BYTES = 64
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """One format: its name, the test of its first bytes, and its reader."""
+    """One format: its name, the test of its first bytes, and the module of this folder that reads it."""
 
     format: str
     recognises: Callable[[bytes], bool]
-    read: Callable[[LogFile], tuple[VehicleLog, ...]]
+    module: str
+
+    def read(self, log: LogFile) -> tuple[VehicleLog, ...]:
+        """Return the log of each vehicle, imported now: the readers' libraries are slow to import; raises LogError."""
+        read: Callable[[LogFile], tuple[VehicleLog, ...]] = import_module(f"gcs.vehicle_logs.{self.module}").read
+        return read(log)
 
 
 def is_foreign(path: Path) -> bool:
@@ -55,44 +61,17 @@ def read_vehicle_logs(path: Path) -> tuple[VehicleLog, ...]:
         raise LogError([f"{log.name}: cannot be read as a {reader.format}: it is damaged ({reason})"]) from error
 
 
-# The readers' libraries are slow to import: only the needed one is imported.
-
-
-def _read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
-    from gcs.vehicle_logs.ulog import read_ulog  # noqa: PLC0415
-
-    return read_ulog(log)
-
-
-def _read_dataflash(log: LogFile) -> tuple[VehicleLog, ...]:
-    from gcs.vehicle_logs.dataflash import read_dataflash  # noqa: PLC0415
-
-    return read_dataflash(log)
-
-
-def _read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
-    from gcs.vehicle_logs.tlog import read_tlog  # noqa: PLC0415
-
-    return read_tlog(log)
-
-
-def _read_own(log: LogFile) -> tuple[VehicleLog, ...]:
-    from gcs.vehicle_logs.own_log import read_own_log  # noqa: PLC0415
-
-    return read_own_log(log)
-
-
 def _is_tlog(head: bytes) -> bool:
     stamp_us = int.from_bytes(head[:STAMP_BYTES], "big")
     return len(head) > STAMP_BYTES and head[STAMP_BYTES] in MAVLINK_MAGICS and stamp_us in STAMPS_US
 
 
 FOREIGN = (
-    Reader("PX4 log (.ulg)", lambda head: head.startswith(ULOG_MAGIC), _read_ulog),
-    Reader("ArduPilot log (.bin)", lambda head: head.startswith(DATAFLASH_MAGIC), _read_dataflash),
-    Reader("MAVLink telemetry log (.tlog)", _is_tlog, _read_tlog),
+    Reader("PX4 log (.ulg)", lambda head: head.startswith(ULOG_MAGIC), "ulog"),
+    Reader("ArduPilot log (.bin)", lambda head: head.startswith(DATAFLASH_MAGIC), "dataflash"),
+    Reader("MAVLink telemetry log (.tlog)", _is_tlog, "tlog"),
 )
 """Other programs' formats, in the order in which they are tried."""
 
-READERS = (*FOREIGN, Reader("log of cordon (.mcap)", lambda head: head.startswith(MCAP_MAGIC), _read_own))
+READERS = (*FOREIGN, Reader("log of cordon (.mcap)", lambda head: head.startswith(MCAP_MAGIC), "own_log"))
 """Every format."""

@@ -25,7 +25,7 @@ FORMAT = "log of cordon (.mcap)"
 DECISION, TELEMETRY, TRUTH, AUTOPILOT = "decision", "telemetry", "truth", "autopilot"
 
 
-def read_own_log(log: LogFile) -> tuple[VehicleLog, ...]:
+def read(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return the log of each vehicle that this process flew; raises LogError when it cannot be read or has none."""
     flight = read_log(log.path)
     mission = mission_of(flight)

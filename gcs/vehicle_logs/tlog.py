@@ -140,7 +140,7 @@ class _Vehicle:
         self.autopilot = NO_AUTOPILOT
 
 
-def read_tlog(log: LogFile) -> tuple[VehicleLog, ...]:
+def read(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return each vehicle's log, by ascending system id; raises LogError when it cannot be read as one."""
     vehicles: defaultdict[int, _Vehicle] = defaultdict(_Vehicle)
     setpoints_sent: defaultdict[int, list[Packet]] = defaultdict(list)

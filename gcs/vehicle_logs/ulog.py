@@ -59,7 +59,7 @@ _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 Columns = dict[str, Any]
 
 
-def read_ulog(log: LogFile) -> tuple[VehicleLog, ...]:
+def read(log: LogFile) -> tuple[VehicleLog, ...]:
     """Return the one vehicle's log; raises LogError when it cannot be read as one."""
     data = log.content()
     begins = [match.start() for match in re.finditer(re.escape(MAGIC), data)]

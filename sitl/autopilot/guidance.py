@@ -4,7 +4,7 @@ Mission frame, metres, seconds; headings clockwise from north.
 """
 
 from dataclasses import dataclass
-from math import hypot, inf, isfinite
+from math import hypot, inf
 
 from estimation.frames import Triple
 from estimation.vectors import clipped_pair
@@ -23,26 +23,17 @@ DESCENT_LEAD_M = 10.0
 
 @dataclass(frozen=True, slots=True)
 class PositionTarget:
-    """A received setpoint: mission position, heading (None keeps the present one), and velocity, empty if none.
-
-    Raises ValueError when a number is not finite.
-    """
+    """A received setpoint: mission position, heading (None keeps the present one), and velocity, empty if none."""
 
     position_m: Triple
     heading_rad: float | None = None
     velocity_m_s: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Refuse NaN and infinity."""
-        if not all(map(isfinite, (*self.position_m, self.heading_rad or 0.0, *self.velocity_m_s))):
-            raise ValueError(f"setpoint {self.position_m}, {self.heading_rad}, {self.velocity_m_s} is not finite")
 
 
 class Guidance:
     """Turns a flight mode into a target for the airframe, step by step."""
 
     def __init__(self, parameters: Parameters, airframe: Airframe) -> None:
-        """Hold the airframe's position, which is also home."""
         self._parameters = parameters
         self._airframe = airframe
         self._hold_m = self.home_m = airframe.position_m

@@ -64,7 +64,6 @@ class SelectedMode:
     """The mode that the user has selected, and the mode after disarming."""
 
     def __init__(self, mode: NavMode) -> None:
-        """Start in a mode."""
         self.mode = mode
         self._resting = mode
 

@@ -11,11 +11,13 @@ from enum import IntEnum
 from math import ceil, inf, isfinite
 from typing import Any
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from estimation.frames import MissionFrame
 from sitl.autopilot.autopilot import MavResult, StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.mavlink.reports import TelemetryFields
-from sitl.mavlink_constants import Fields, MessageId, ModeFlag, Outgoing, Result
+from sitl.mavlink_constants import Fields, MessageId, Outgoing, Result
 
 PLAN_TYPES = frozenset({0, 1, 2})
 FENCE_PLAN, ALL_PLANS = 1, 255
@@ -38,7 +40,6 @@ class Plans:
     """Stored plans by type, and at most one upload in progress."""
 
     def __init__(self) -> None:
-        """Start without plans."""
         self._stored: dict[int, tuple[Fields, ...]] = {}
         self._upload: _Upload | None = None
 
@@ -93,20 +94,28 @@ def _ack(sender: Sender, result: int, plan_type: int) -> Outgoing:
     return MessageId.MISSION_ACK, (*sender, result, plan_type)
 
 
+FAST_S = 0.1
+"""Messages with at most this interval are fast: motions come at the same time from all vehicles."""
 TOLERANCE_S = 1e-6
 """A message is due up to this long before its time, because the sum of physics steps has rounding errors."""
 
 
 class Schedule:
-    """Message ids with an interval each; ids without a default rate are sent on request only."""
+    """Message ids with an interval each; ids without a default rate are sent on request only.
 
-    def __init__(self, rates_hz: Mapping[int, float], known: Iterable[int]) -> None:
-        """Start every message of `rates_hz` at once; `known` are the ids with a settable interval."""
+    Messages come on a grid from the start, so that what a client requests a moment later comes at the same times
+    nevertheless. The grid of slow ones is later by a vehicle's own `phase_s`: if all vehicles sent theirs at one time,
+    their client's queues would overflow.
+    """
+
+    def __init__(self, rates_hz: Mapping[int, float], known: Iterable[int], phase_s: float = 0.0) -> None:
+        """Start the messages of `rates_hz`; `known` are the ids with a settable interval."""
         self._default_s = {message: 1.0 / rate for message, rate in rates_hz.items()}
         self._known = frozenset(known)
         self._interval_s = dict(self._default_s)
-        self._due_s = dict.fromkeys(self._interval_s, 0.0)
         self._next_s = 0.0
+        self._phase_s = phase_s
+        self._due_s = {message: self._due_from_s(0.0, interval) for message, interval in self._interval_s.items()}
 
     def interval_s(self, message: int) -> float | None:
         """Return a message's interval; None if it is not being sent."""
@@ -121,10 +130,13 @@ class Schedule:
         self._due_s.pop(message, None)
         if interval is not None:
             self._interval_s[message] = interval
-            # On a grid from the start: what a client requests a moment later comes at the same times nevertheless.
-            self._due_s[message] = ceil(now_s / interval - TOLERANCE_S) * interval
+            self._due_s[message] = self._due_from_s(now_s, interval)
         self._next_s = now_s
         return True
+
+    def _due_from_s(self, now_s: float, interval_s: float) -> float:
+        phase_s = self._phase_s % interval_s if interval_s > FAST_S else 0.0
+        return ceil((now_s - phase_s) / interval_s - TOLERANCE_S) * interval_s + phase_s
 
     def due(self, now_s: float) -> list[int]:
         """Return the messages due at `now_s` and schedule the next ones; missed ones are not made up."""
@@ -210,7 +222,7 @@ class Commander:
     def _set_mode(self, params: Params) -> tuple[Result, list[Outgoing]]:
         base, main, sub = params[:3]
         mode = self._dialect.mode_of(main, sub)
-        if mode is None or not (isfinite(base) and int(base) & ModeFlag.CUSTOM_MODE_ENABLED):
+        if mode is None or not (isfinite(base) and int(base) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED):
             return self._dialect.refused, []
         return self._select(mode)
 

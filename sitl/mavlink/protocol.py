@@ -14,6 +14,7 @@ from typing import Any, Protocol
 from pymavlink.dialects.v20 import ardupilotmega as mavlink  # common and EKF_STATUS_REPORT
 
 from estimation.frames import Geodetic
+from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.autopilot import Severity, StubAutopilot
 from sitl.autopilot.fence import zones_of
 from sitl.autopilot.guidance import PositionTarget
@@ -70,11 +71,9 @@ class Observer(Protocol):
 
     def on_motion(self, ned: tuple[float, ...]) -> None:
         """Take position and velocity in NED that are about to be sent."""
-        ...
 
     def on_setpoint(self, ned: tuple[float, float, float]) -> None:
         """Take the position in NED of a setpoint that has arrived."""
-        ...
 
 
 class MavlinkVehicle:
@@ -98,7 +97,7 @@ class MavlinkVehicle:
         self._config = config
         self._reporter = TelemetryFields(autopilot, config, self._faults)
         self._origin_m = self._reporter.origin_m
-        self._schedule = Schedule(self._dialect.rates_hz, self._reporter.known)
+        self._schedule = Schedule(self._dialect.rates_hz, self._reporter.known, STEP_S * config.system_id)
         self._commander = Commander(autopilot, frame=config.frame, reporter=self._reporter, schedule=self._schedule)
         self._listing: list[int] = []
         self._texts_chunked = 0
@@ -110,7 +109,6 @@ class MavlinkVehicle:
         self._handlers = self._message_handlers()
 
     def _message_handlers(self) -> dict[str, Callable[[Any, float], list[Outgoing]]]:
-        """Return the handler of each message by name."""
         return {
             "COMMAND_INT": self._on_command_int,
             "COMMAND_LONG": self._on_command_long,

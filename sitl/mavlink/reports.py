@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from math import atan2, cos, degrees, nan, sin, sqrt, tau
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from estimation.frames import Geodetic, MissionFrame, Triple
 from sitl.autopilot.airframe import GRAVITY_M_S2
@@ -15,32 +16,22 @@ from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.dialect import EstimatorState, TrueMotion, bounded_i16
 from sitl.faults import VehicleFaults, shifted
 from sitl.mavlink.signing import SigningKey
-from sitl.mavlink_constants import (
-    ACTIVE,
-    ALL_FUNCTIONS,
-    CELL_EMPTY_V,
-    CELL_FULL_V,
-    CELLS,
-    CHARGE_OK,
-    CRITICAL,
-    GPS_FIX_3D,
-    GPS_FIX_NONE,
-    LITHIUM_POLYMER,
-    QUADROTOR,
-    STANDBY,
-    UID_OF_STUBS,
-    UNINITIALISED,
-    UNKNOWN_I16,
-    UNKNOWN_U8,
-    UNKNOWN_U16,
-    EstimatorFlag,
-    Fields,
-    MessageId,
-    ModeFlag,
-    Outgoing,
-    SensorFlag,
-)
+from sitl.mavlink_constants import Fields, MessageId, Outgoing
 
+UID_OF_STUBS = 0x5354_5542_0000_0000
+"""The unique id of system id 0: "STUB" in its upper half."""
+CELLS = 4
+CELL_EMPTY_V, CELL_FULL_V = 3.5, 4.2
+UNKNOWN_U8, UNKNOWN_I16, UNKNOWN_U16 = 255, 32767, 65535
+SENSORS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+)
+"""Without the GPS."""
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
 """The gates of the estimators' tests: five standard deviations of a GPS with errors of 0.5 m and 0.3 m/s."""
 MOTION_MESSAGES = frozenset({MessageId.ATTITUDE, MessageId.LOCAL_POSITION_NED, MessageId.GLOBAL_POSITION_INT})
@@ -49,15 +40,10 @@ MOTION_MESSAGES = frozenset({MessageId.ATTITUDE, MessageId.LOCAL_POSITION_NED, M
 
 @dataclass(frozen=True, slots=True)
 class EstimatorNoise:
-    """White noise on reported position and velocity, one sigma per axis. Raises ValueError if negative."""
+    """White noise on reported position and velocity, one sigma per axis."""
 
     position_m: float = 0.0
     velocity_m_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse negative and NaN sigmas."""
-        if not (self.position_m >= 0.0 and self.velocity_m_s >= 0.0):
-            raise ValueError(f"{self}: a standard deviation is not negative")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +123,8 @@ class TelemetryFields:
         """Return a message, or nothing while the estimator is not ready; KeyError if the message is unknown."""
         if self._faults.motion_silent and message in {*MOTION_MESSAGES, self._dialect.truth_message}:
             return []
+        if self._faults.battery_silent and message == MessageId.BATTERY_STATUS:
+            return []
         fields = self._builders[message]()
         second = [] if message != MessageId.BATTERY_STATUS else self._second_battery()
         return [] if fields is None else [(message, fields), *second]
@@ -173,49 +161,46 @@ class TelemetryFields:
 
     def _heartbeat(self) -> Fields:
         autopilot = self._autopilot
-        flags = ModeFlag.CUSTOM_MODE_ENABLED | (ModeFlag.SAFETY_ARMED if autopilot.armed else 0)
+        armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if autopilot.armed else 0
+        flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed
         hil = self._dialect.hil_parameter
         if hil and autopilot.parameters[hil] != 0:
-            flags |= ModeFlag.HIL_ENABLED
+            flags |= mavlink.MAV_MODE_FLAG_HIL_ENABLED
         mode = self._dialect.modes[autopilot.mode][0]
-        return QUADROTOR, self._dialect.autopilot, int(flags), mode, self._system_status(), 3
+        return mavlink.MAV_TYPE_QUADROTOR, self._dialect.autopilot, flags, mode, self._system_status(), 3
 
     def _system_status(self) -> int:
         autopilot = self._autopilot
         if autopilot.armed:
-            return CRITICAL if autopilot.failsafe else ACTIVE
+            return int(mavlink.MAV_STATE_CRITICAL if autopilot.failsafe else mavlink.MAV_STATE_ACTIVE)
         # Where the heartbeat shows the checks, it reports standby only if it can be armed.
-        return STANDBY if autopilot.armable or not self._dialect.tells_checks_in_heartbeat else UNINITIALISED
+        standby = autopilot.armable or not self._dialect.tells_checks_in_heartbeat
+        return int(mavlink.MAV_STATE_STANDBY if standby else mavlink.MAV_STATE_UNINIT)
 
     def _sys_status(self) -> Fields:
-        present = (
-            SensorFlag.GYRO
-            | SensorFlag.ACCEL
-            | SensorFlag.MAG
-            | SensorFlag.PRESSURE
-            | SensorFlag.POSITION
-            | SensorFlag.BATTERY
-        )
+        present = SENSORS
         if self._autopilot.gps:
-            present |= SensorFlag.GPS
-        healthy = present if self._ready else present & ~(SensorFlag.GPS | SensorFlag.POSITION)
+            present |= mavlink.MAV_SYS_STATUS_SENSOR_GPS
+        located = mavlink.MAV_SYS_STATUS_SENSOR_GPS | mavlink.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+        healthy = present if self._ready else present & ~located
         if self._autopilot.armable or self._autopilot.armed:
-            healthy |= SensorFlag.PREARM_CHECK
-        enabled = present | SensorFlag.PREARM_CHECK
+            healthy |= mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        enabled = present | mavlink.MAV_SYS_STATUS_PREARM_CHECK
         millivolts = UNKNOWN_U16 if self._faults.values_unknown else sum(self._cell_mv())
         remaining = self._battery_percent()
-        return int(enabled), int(enabled), int(healthy), 300, millivolts, -1, remaining, 0, 0, 0, 0, 0, 0
+        return enabled, enabled, healthy, 300, millivolts, -1, remaining, 0, 0, 0, 0, 0, 0
 
     def _gps_raw_int(self) -> Fields:
         time_us = self._boot_ms * 1000
         if not self._on_globe:
-            return time_us, GPS_FIX_NONE, 0, 0, 0, *[UNKNOWN_U16] * 4, 0
+            return time_us, mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0, *[UNKNOWN_U16] * 4, 0
         estimate = self._estimate()
         north, east, _ = self._config.frame.ned_from_mission(estimate.velocity_m_s)
         speed_cm_s = bounded_i16(100.0 * float(np.hypot(north, east)))
         unknown = (*[UNKNOWN_U16] * 4, UNKNOWN_U8)
         measured = unknown if self._faults.values_unknown else (70, 110, speed_cm_s, 0, 14)
-        return time_us, GPS_FIX_3D, *self._place(estimate.position_m), *measured
+        place_m = shifted(self._autopilot.airframe.position_m, self._faults.estimate_offset_m)
+        return time_us, mavlink.GPS_FIX_TYPE_3D_FIX, *self._place(place_m), *measured
 
     def _attitude(self) -> Fields:
         airframe = self._autopilot.airframe
@@ -261,14 +246,15 @@ class TelemetryFields:
         return *self._place(home), *local, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._boot_ms * 1000
 
     def _altitude(self) -> Fields | None:
-        """Return the barometer's altitude, which is true, and those of the estimate; terrain is not simulated."""
+        """Return the barometer's altitude and those of the estimate; terrain is not simulated."""
         if not self._ready:
             return None
-        true_m, told_m = self._autopilot.airframe.position_m[2], self._estimate().position_m[2]
+        sensed_m = self._autopilot.airframe.position_m[2] + self._faults.barometer_off_m
+        told_m = self._estimate().position_m[2]
         origin = self._config.frame.origin
         datum_m = 0.0 if origin is None else origin.altitude_m
         above_home_m, above_origin_m = told_m - self._autopilot.home_m[2], told_m - self.origin_m[2]
-        heights_m = (datum_m + true_m, datum_m + told_m, above_origin_m, above_home_m, nan, nan)
+        heights_m = (datum_m + sensed_m, datum_m + told_m, above_origin_m, above_home_m, nan, nan)
         return self._boot_ms * 1000, *heights_m
 
     def _battery_status(self) -> Fields:
@@ -283,13 +269,15 @@ class TelemetryFields:
         endurance_s = round(self._faults.endurance_s or 0.0)  # 0 is unknown
         if self._faults.values_unknown:
             volts, temperature, endurance_s = [UNKNOWN_U16] * 10, UNKNOWN_I16, 0
-        return number, ALL_FUNCTIONS, LITHIUM_POLYMER, temperature, volts, -1, -1, -1, percent, endurance_s, CHARGE_OK
+        kind = mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO
+        state = self._faults.charge_state
+        return number, *kind, temperature, volts, -1, -1, -1, percent, endurance_s, state
 
     def _extended_sys_state(self) -> Fields:
         return 0, int(self._autopilot.landed_state)
 
     def _estimator(self) -> Fields:
-        flags, accuracy_m = int(self._estimator_flags()), self._config.noise.position_m
+        flags, accuracy_m = self._estimator_flags(), self._config.noise.position_m
         return self._dialect.estimator(EstimatorState(self._boot_ms, flags, self._shares_of_gates(), accuracy_m))
 
     def _shares_of_gates(self) -> tuple[float, float, float, float]:
@@ -300,17 +288,19 @@ class TelemetryFields:
         position = np.subtract(estimate.position_m, airframe.position_m) / POSITION_GATE_M
         velocity = np.subtract(estimate.velocity_m_s, airframe.velocity_m_s) / VELOCITY_GATE_M_S
         horizontal = max(float(np.hypot(position[0], position[1])), sqrt(self._faults.estimator_ratio))
-        height = abs(float(position[2]) - self._faults.height_jump_m / POSITION_GATE_M)
+        height = abs(float(position[2]) - self._faults.unnoticed_m / POSITION_GATE_M)
         return float(np.linalg.norm(velocity)), horizontal, height, 0.0
 
-    def _estimator_flags(self) -> EstimatorFlag:
+    def _estimator_flags(self) -> int:
         """Attitude and height, from gyros and barometer, are always valid; the rest needs a source of position."""
-        flags = EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_VERT | EstimatorFlag.POS_VERT_ABS
+        flags: int = mavlink.ESTIMATOR_ATTITUDE | mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
         if not self._ready:
-            return flags | EstimatorFlag.CONST_POS_MODE
-        flags |= EstimatorFlag.VELOCITY_HORIZ | EstimatorFlag.POS_HORIZ_REL | EstimatorFlag.PRED_POS_HORIZ_REL
+            return int(flags | mavlink.ESTIMATOR_CONST_POS_MODE)
+        flags |= (
+            mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
+        )
         if self._on_globe:
-            flags |= EstimatorFlag.POS_HORIZ_ABS | EstimatorFlag.PRED_POS_HORIZ_ABS
+            flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
         return flags
 
     def _autopilot_version(self) -> Fields:

@@ -5,7 +5,7 @@ from struct import Struct
 from typing import Any
 
 NEVER_US = 1 << 56
-VERSION = 2
+VERSION = 3
 SEAT_BITS = 6
 SEATS = 1 << SEAT_BITS
 IDLE = NEVER_US << SEAT_BITS
@@ -31,7 +31,7 @@ class ClockMemory:
         self.version, self.now_us, self.begin_us = (self._integers(1) for _ in range(3))
         self.epoch_s, self.speed = self._section(_WORD).cast("d"), self._section(_WORD).cast("d")
         self._views += [self.epoch_s, self.speed]
-        self.event, self.hung, self.serial, self.process = (self._integers(SEATS) for _ in range(4))
+        self.event, self.hung, self.serial, self.process, self.waits = (self._integers(SEATS) for _ in range(5))
         self._motions_sent, self._setpoints_sent, self.states_sent = (self._integers(VEHICLES) for _ in range(3))
         self._motion_us = self._integers(VEHICLES * _MOTIONS)
         self._motions = self._section(VEHICLES * _MOTIONS * MOTION.size)
@@ -40,7 +40,7 @@ class ClockMemory:
     @classmethod
     def size(cls) -> int:
         """Return its length [bytes]."""
-        words = 5 + 4 * SEATS + 3 * VEHICLES + VEHICLES * _MOTIONS
+        words = 5 + 5 * SEATS + 3 * VEHICLES + VEHICLES * _MOTIONS
         return words * _WORD + VEHICLES * (_MOTIONS * MOTION.size + SETPOINT.size)
 
     def motions(self, system_id: int) -> int:

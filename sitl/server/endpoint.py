@@ -20,23 +20,18 @@ class StubClock(Protocol):
     @property
     def speed(self) -> float:
         """How many times as fast as the wall's it runs, at most."""
-        ...
 
     def now_s(self) -> float:
         """Return the present time."""
-        ...
 
     def call_at(self, time_s: float, call: Callable[[], object]) -> object:
         """Call a function at a time, on the running event loop."""
-        ...
 
     async def sleep_until(self, time_s: float) -> float:
         """Wait until a time has come, yielding at least once."""
-        ...
 
     def close(self) -> None:
         """Leave the clock."""
-        ...
 
 
 class Endpoint(asyncio.DatagramProtocol):

@@ -15,17 +15,17 @@ from typing import Protocol, Self
 from weakref import WeakKeyDictionary
 
 from sitl.server.clock_memory import MOTION, NEVER_US, SETPOINT, VEHICLES
-from sitl.server.shared_clock import HUNG_S, LOOK_S, US_PER_S, ClockName, Rank, Seat
+from sitl.server.shared_clock import LOOK_S, US_PER_S, ClockName, Rank, Seat
 from sitl.server.wall_limit import WallLimit
 
 HELD_MAX_S = 1.0
-"""Wall time for which work on this computer holds the time, without that for which it lacks the processor; `HUNG_S` at
-most, after which others would pass over this participant.
-"""
+"""Wall time for which work on this computer holds the time, without that for which it lacks the processor."""
 TRANSIT_MAX_S = 0.5
-"""Wall time after which a message that has not arrived is taken as lost. It passes from thread to thread: the times for
-which each of them lacks the processor do not count, up to `HUNG_S` as well.
+"""Wall time after which a message that has not arrived is taken as lost. It passes from thread to thread, behind all
+others: the times for which each of them computes, or lacks the processor, do not count.
 """
+WAITS_LONGEST_S = 10.0
+"""Wall time after which neither is waited for any longer."""
 _LOOKING: "WeakKeyDictionary[asyncio.AbstractEventLoop, int]" = WeakKeyDictionary()
 """How many governed clocks are about to look, by event loop."""
 
@@ -35,11 +35,9 @@ class Arriving(Protocol):
 
     def arrived(self) -> bool:
         """Return whether all that were sent have arrived."""
-        ...
 
     def forget(self) -> None:
         """Take those under way as lost."""
-        ...
 
 
 class Alarm:
@@ -146,7 +144,7 @@ class GovernedClock:
 
         A call to a vehicle that does not answer takes longer, and this event loop has other vehicles to fly.
         """
-        hold = WallLimit(HELD_MAX_S, HUNG_S, os.getpid(), time.monotonic())
+        hold = WallLimit(HELD_MAX_S, WAITS_LONGEST_S, os.getpid(), time.monotonic())
         self._holds.add(hold)
         self._state()
         self.look()
@@ -220,6 +218,7 @@ class GovernedClock:
         self._holds = {hold for hold in self._holds if not hold.is_over(wall_s)}
         self._state()
         if self._holds:
+            self._seat.note_wait()
             self._look_later(LOOK_S)
             return
         if not self._alarms:
@@ -248,8 +247,11 @@ class GovernedClock:
             self._in_transit = None
             return 0.0
         wall_s = time.monotonic()
-        self._in_transit = self._in_transit or WallLimit(TRANSIT_MAX_S, HUNG_S, os.getpid(), wall_s, sum)
+        self._in_transit = self._in_transit or WallLimit(
+            TRANSIT_MAX_S, WAITS_LONGEST_S, os.getpid(), wall_s, hand_over=True
+        )
         if not self._in_transit.is_over(wall_s):
+            self._seat.note_wait()
             return 0.005
         for each in self._arriving:
             each.forget()
@@ -267,11 +269,9 @@ class GovernedClock:
         self.look()
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the clock."""
         self.close()
 
 

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
-from math import ceil, floor, inf, isfinite
+from math import ceil, floor, inf
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class StubConfig:
     """One stub vehicle: its identity, the address of its client, its start and its flight properties.
 
     The vehicle id is its MAVLink system id. Mission frame; `origin_offset_m` is the estimator's origin seen from the
-    start position, `wind_m_s2` a constant disturbance acceleration. Raises ValueError for invalid values.
+    start position, `wind_m_s2` a constant disturbance acceleration.
 
     Without `gps` it has a local position but no global one, no home and no geodetic origin, as a PX4 that is flown
     indoors by external position: neither hold nor return can be flown, and it arms in take-off or offboard only. If it
@@ -73,21 +73,6 @@ class StubConfig:
     parameters: Mapping[str, Value] = field(default_factory=dict)
     signing_key: SigningKey | None = None
     uid: int | None = None
-
-    def __post_init__(self) -> None:
-        """Check ranges."""
-        if not 1 <= self.vehicle_id <= 254:
-            raise ValueError(f"vehicle_id = {self.vehicle_id}: a MAVLink system id lies between 1 and 254")
-        if not (1 <= self.client_port <= 65535 and 0 <= self.port <= 65535):
-            raise ValueError(f"client_port = {self.client_port}, port = {self.port}: one is not a port")
-        if not all(
-            map(isfinite, (*self.start_position_m, *self.origin_offset_m, *self.wind_m_s2, self.height_error_m))
-        ):
-            raise ValueError(f"vehicle {self.vehicle_id}: its start, origin and wind must be finite")
-        if not (self.seed >= 0 and 0.0 <= self.battery_fraction <= 1.0):
-            raise ValueError(f"vehicle {self.vehicle_id}: a negative seed, or no battery fraction")
-        if self.gps and self.frame.is_local:
-            raise ValueError(f"vehicle {self.vehicle_id}: in a local frame there is no GPS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +275,6 @@ async def serve(
 
 
 async def _step(stubs: Sequence[Stub], pace: _Pace, clock: StubClock) -> None:
-    """Take every step at its time."""
     wake_period_s = 0.0 if isinstance(clock, GovernedClock) else WAKE_PERIOD_S * clock.speed
     governed = clock if isinstance(clock, GovernedClock) else None
     began_s = None

@@ -5,9 +5,9 @@ only one that may go on: it sets the time to that of its event, handles it, and 
 passes a participant, and events happen in one order on every computer. Simultaneous events happen in the order of the
 seats.
 
-A participant that does not go on for `HUNG_S` of wall time is passed over until it states another event; the time for
-which it waits for the processor does not count. One whose process has ended is removed. Imports nothing heavy: a
-supervisor uses it.
+A participant that does not go on for `HUNG_S` of wall time, and does not say that it waits, is passed over until it
+states another event; the time for which it waits for the processor does not count. One whose process has ended is
+removed. Imports nothing heavy: a supervisor uses it.
 """
 
 import errno
@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from math import isnan
-from mmap import mmap
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Self
 
@@ -125,6 +125,19 @@ def clock_of(ports: Collection[int]) -> ClockName | None:
     return None
 
 
+def clock_time_s(ports: Collection[int]) -> float | None:
+    """Return the present time of the clock of the stubs that send to these UDP ports, None if there is none."""
+    if (name := clock_of(ports)) is None:
+        return None
+    with suppress(OSError), (name.folder / "memory").open("rb") as file:
+        memory = ClockMemory(mmap(file.fileno(), ClockMemory.size(), access=ACCESS_READ))
+        try:
+            return float(memory.epoch_s[0]) + int(memory.now_us[0]) / US_PER_S
+        finally:
+            memory.close()
+    return None
+
+
 def _is_owned(folder: Path) -> bool:
     """Return whether the program that made a clock still runs. Raises OSError if it never completed the clock."""
     owner = os.open(folder / "owner", os.O_RDWR)
@@ -183,7 +196,7 @@ class Seat:
             raise ClockError(f"there is no clock in {self._folder}: {error}") from error
         self._serial = self.memory.serial[self._seat]
         self._others: dict[int, int] = {}
-        self._blocking, self._patience = IDLE, WallLimit(HUNG_S, HUNG_LONGEST_S, os.getpid(), 0.0)
+        self._blocking, self._patience = (IDLE, 0), WallLimit(HUNG_S, HUNG_LONGEST_S, os.getpid(), 0.0)
         self._stated_us = NEVER_US
         self._paced_us, self._paced_s, self._paced_speed = self.now_us, time.monotonic(), self.speed
 
@@ -226,6 +239,10 @@ class Seat:
         first = self._first()
         if first is not None and first != self._seat:
             self._wake(first)
+
+    def note_wait(self) -> None:
+        """State that this participant does not hang, but waits for something before its event."""
+        self.memory.waits[self._seat] += 1
 
     def turn(self) -> float:
         """Return 0 if the stated event happens now, and set the time; else wall seconds after which to look again."""
@@ -307,11 +324,11 @@ class Seat:
 
     def _watch(self, blocking: int, wall_s: float) -> None:
         """Pass over the seat that may go on if it has not done so for too long; remove it if its process has ended."""
-        event = int(self.memory.event[blocking])
-        if event != self._blocking:
+        event, waits = int(self.memory.event[blocking]), int(self.memory.waits[blocking])
+        if (event, waits) != self._blocking:
             due_s = max(self._due_s(event >> SEAT_BITS, wall_s), wall_s)
             process = int(self.memory.process[blocking])
-            self._blocking, self._patience = event, WallLimit(HUNG_S, HUNG_LONGEST_S, process, due_s)
+            self._blocking, self._patience = (event, waits), WallLimit(HUNG_S, HUNG_LONGEST_S, process, due_s)
         if self._patience.is_over(wall_s):
             self.memory.hung[blocking] = event
         self._wake(blocking)
@@ -331,9 +348,7 @@ class Seat:
             self.memory.event[seat] = IDLE
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave."""
         self.leave()

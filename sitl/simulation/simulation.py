@@ -38,11 +38,6 @@ class Absence:
     to_s: float = inf
     at_m: tuple[float, float] | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse a time that ends before it begins."""
-        if not 0.0 <= self.from_s < self.to_s:
-            raise ValueError(f"vehicle {self.vehicle_id} is to be away from {self.from_s} s until {self.to_s} s")
-
 
 def absence_at(absences: Sequence[Absence], now_s: float) -> Absence | None:
     """Return the absence at a time, None if the agent is present."""
@@ -84,7 +79,6 @@ class Sensor(Protocol):
 
     def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         """Return a sighting when one is due and in range."""
-        ...
 
 
 class WantedPosition(Protocol):
@@ -93,12 +87,10 @@ class WantedPosition(Protocol):
     @property
     def position_m(self) -> tuple[float, float, float]:
         """The position in the mission frame."""
-        ...
 
     @property
     def velocity_m_s(self) -> tuple[float, ...]:
         """The feed-forward velocity, empty if none is sent."""
-        ...
 
 
 class Packet(Protocol):
@@ -106,7 +98,6 @@ class Packet(Protocol):
 
     def received(self) -> object:
         """Return the message as its receivers decode it."""
-        ...
 
 
 class Output(Protocol):
@@ -115,12 +106,10 @@ class Output(Protocol):
     @property
     def setpoint(self) -> WantedPosition | None:
         """The setpoint, if any."""
-        ...
 
     @property
     def messages(self) -> Sequence[Packet]:
         """The messages to peers."""
-        ...
 
 
 OutputT = TypeVar("OutputT", bound=Output)
@@ -132,11 +121,9 @@ class Core(Protocol[OutputT_co]):
 
     def take(self, item: Any) -> None:
         """Take a sample of the vehicle's motion, a sighting, or one of the inputs that `Inputs` makes."""
-        ...
 
     def tick(self, now_s: float) -> OutputT_co:
         """Decide and plan."""
-        ...
 
 
 class Inputs(NamedTuple):

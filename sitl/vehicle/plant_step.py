@@ -1,7 +1,6 @@
 """The plant over one time step on plain numbers, because for two axes arrays cost more than their arithmetic."""
 
 from collections.abc import Callable
-from typing import Protocol
 
 from estimation.plant.model import Plant, PlantStep, exact_step
 
@@ -15,14 +14,6 @@ A step is any part of a period of the loop: it ends when a setpoint begins to ac
 they were sent, and include the feed-forward of velocities. A function with state serves one vehicle in one flight.
 """
 _Axis = tuple[float, float, float, float, float, float, float, float]
-
-
-class MotionStep(Protocol):
-    """A vehicle's dynamics over one time step."""
-
-    def advance(self, motion: Motion, aim_m: Pair, disturbance_m_s2: Pair) -> Motion:
-        """Return the motion one step later."""
-        ...
 
 
 class FunctionStep:
@@ -40,7 +31,6 @@ class NumericStep:
     """The same as `estimation.plant.model.PlantStep`, bit for bit: none of its entries couples the axes."""
 
     def __init__(self, plant: Plant, step_s: float) -> None:
-        """Discretise the plant exactly."""
         step = exact_step(plant, step_s)
         self._x, self._y = _axis(step, 0), _axis(step, 1)
 
@@ -55,6 +45,10 @@ class NumericStep:
         later_y = a_pp * y + a_pv * y_rate + (b_p * aim_y + e_p * push_y)
         later_y_rate = a_vp * y + a_vv * y_rate + (b_v * aim_y + e_v * push_y)
         return later_x, later_y, later_x_rate, later_y_rate
+
+
+MotionStep = FunctionStep | NumericStep
+"""A vehicle's dynamics over one time step."""
 
 
 def _axis(step: PlantStep, position: int) -> _Axis:

@@ -21,7 +21,6 @@ class ShapeLimits:
     jerk_m_s3: float
 
     def __post_init__(self) -> None:
-        """Refuse limits that are not positive."""
         for each in fields(self):
             if not getattr(self, each.name) > 0.0:
                 raise ValueError(f"{each.name} = {getattr(self, each.name)}: it must be positive")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from agents.command_handler import NUMBERS_KEPT, Circumstances, CommandHandler, Reshaping
 from agents.core import VehicleCore
-from agents.inputs import Command, Message
+from agents.inputs import Command, Message, TimeScale
 from agents.notes import Notes
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ExcitationSettings
@@ -283,6 +283,25 @@ def test_a_core_answers_in_its_next_tick_even_without_telemetry(make_config: Mak
     ]
     assert ("command", f"kill by pat@here: {CUTTING}") in [(note.kind, note.text) for note in output.status.notes]
     assert core.tick(1.2).messages == ()
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("speed", [1.0, 4.0])
+def test_a_late_command_is_refused_unless_it_stops_a_flight_or_lands_gently(
+    make_config: Maker, verb: Verb, speed: float
+) -> None:
+    """At a speed of 4 the mission's clock shows 10 s of a delay of 2.5 s."""
+    for delay_s, late in ((1.5, False), (2.5, verb not in {"hold", "land", "abort"})):
+        core = VehicleCore(make_config(vehicle_id=2))
+        core.take(TimeScale(speed))
+        core.take(Message(20.0, OperatorCommand(20.0 - speed * delay_s, verb, 2, "pat@here", 7)))
+        (answer,) = (decode(each.payload) for each in core.tick(20.1).messages)
+        assert isinstance(answer, CommandAnswer)
+        assert ("s old" in answer.did) is late
+        if late:
+            assert answer.outcome == "refused"
+        elif verb == "hold":
+            assert answer.outcome in {"obeyed", "begun"}
 
 
 def test_a_core_that_hovers_for_an_abort_lands_though_it_lost_its_telemetry(make_config: Maker) -> None:

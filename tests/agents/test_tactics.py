@@ -1,4 +1,4 @@
-"""The tactic machine walked through whole, the decision rule at its thresholds, and the mixing of tactics."""
+"""The diagram of the tactics, the decision rule at its thresholds, and the mixing of tactics."""
 
 from math import pi
 
@@ -8,62 +8,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from agents.settings.sections import DecisionSettings
-from agents.tactics import TRANSITIONS, Event, Tactic, decides_to_encircle, mixing_share, next_tactic
+from agents.tactics import TRANSITIONS, Event, decides_to_encircle, mixing_share
 from estimation.state import TargetEstimate
 from tests.support.diagrams import tactic_diagram
 from tests.support.estimates import target_spread
-
-# One line for each tactic, one letter for each event in the order below; '.' changes nothing.
-EVENTS = (
-    Event.START,
-    Event.ENGAGE,
-    Event.HOLD,
-    Event.RESUME,
-    Event.LAND,
-    Event.HANDED_OVER,
-    Event.END,
-    Event.RETURN,
-    Event.STEP_ASIDE,
-    Event.EXCITE,
-)
-LETTERS = {
-    "F": Tactic.FORMATION,
-    "E": Tactic.ENCIRCLE,
-    "X": Tactic.EXCITE,
-    "A": Tactic.ASIDE,
-    "H": Tactic.HOLD,
-    "D": Tactic.RETURN_AND_LAND,
-    "L": Tactic.LAND,
-    "S": Tactic.PILOT_OVERRIDE,
-}
-TABLE = {
-    Tactic.STANDBY: "F.H.LSDD.X",
-    Tactic.FORMATION: ".EH.LSDDA.",
-    Tactic.ENCIRCLE: "..H.LSDDA.",
-    Tactic.EXCITE: "..H.LSDDH.",
-    Tactic.ASIDE: "..HFLSDD..",
-    Tactic.HOLD: "...FLSDD.X",
-    Tactic.RETURN_AND_LAND: "..H.LS....",
-    Tactic.LAND: "..........",
-    Tactic.PILOT_OVERRIDE: "...F.....X",
-}
-
-
-def test_the_table_here_knows_every_tactic_and_every_event() -> None:
-    assert set(TABLE) == set(Tactic)
-    assert set(EVENTS) == set(Event)
 
 
 def test_an_event_of_an_earlier_log_is_known_by_its_former_name() -> None:
     assert Event("pilot took over") is Event.HANDED_OVER
     with pytest.raises(ValueError, match="nothing of that kind"):
         Event("nothing of that kind")
-
-
-@pytest.mark.parametrize("tactic", Tactic)
-def test_every_event_in_every_tactic(tactic: Tactic) -> None:
-    for event, letter in zip(EVENTS, TABLE[tactic], strict=True):
-        assert next_tactic(tactic, event) is LETTERS.get(letter, tactic)
 
 
 def test_the_diagram_shows_every_transition_and_no_other() -> None:

@@ -7,77 +7,44 @@ as the control. A relay between each autopilot and cordon records cordon's heart
 import asyncio
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import AsyncExitStack
 
 from agents.ports import VehicleRefusedError
 from gcs.drill.faults import Roles
-from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD
 from gcs.drill.run import drill_mission
 from tests.experiments.arguments import parser
-from tests.support.arducopter import OWN_DEFAULTS, ArduCopterMissing, ArduCopterSimulator
-from tests.support.relay import HEARTBEAT, Message, Relay, flight_mode, is_armed
-from tests.support.wire import free_port
+from tests.support.arducopter import ArduCopterMissing
+from tests.support.firmware_flight import CopterFlight
 
 MISSION = "ardupilot-trio"
-READY_S, WATCHED_S = 45.0, 10.0
-METRES_PER_DEGREE = 111_195.0
+WATCHED_S = 10.0
 LAND, RETURN, OFF = 5, 1, 0
 REACTIONS = {LAND: "land", RETURN: "return", OFF: OFFBOARD, 3: "SmartRTL", 4: "SmartRTL", 7: "brake"}
-MODES = {4: OFFBOARD, 6: "return", 9: "land", 17: "brake", 21: "SmartRTL"}
 TIMEOUT_S, CHECK_S = 5.0, 0.5
 """FS_GCS_TIMEOUT, and the tolerance of the reaction time."""
 
 
-class CopterFlight(DrillFlight):
-    """A flight of ArduCopter simulators behind relays."""
+class DeadmanFlight(CopterFlight):
+    """A flight of ArduCopter simulators, each with its own FS_GCS_ENABLE."""
 
     def __init__(self, text: str, speed: float, enabled: Mapping[int, int]) -> None:
         super().__init__(text, speed)
         self.enabled = enabled
         self.heartbeat_s: dict[int, float] = {}
 
-    async def serve(self, stack: AsyncExitStack) -> None:
-        """Start relays and simulators, and wait until their estimators have a position."""
-        frame = self.mission.frame
-        assert frame.latitude_deg is not None
-        assert frame.longitude_deg is not None
-        assert frame.altitude_m is not None
-        for instance, vehicle in enumerate(self.mission.vehicles):
-            _, north_m = vehicle.section.start_m  # all starts are on the north axis
-            place = (frame.latitude_deg + north_m / METRES_PER_DEGREE, frame.longitude_deg, frame.altitude_m)
-            port = free_port()
-            own = {**OWN_DEFAULTS, "FS_GCS_ENABLE": self.enabled[vehicle.id]}
-            simulator = ArduCopterSimulator(
-                port, free_port(), speed=self.speed, place=place, instance=instance, parameters=own
-            )
-            stack.callback(simulator.close)
-            await self._relay(stack, vehicle.id, vehicle.system_id, port, vehicle.section.url)
-            simulator.start()
-        await asyncio.sleep(READY_S)
+    def parameters(self, vehicle: int) -> Mapping[str, float]:
+        """Return a vehicle's own default parameters."""
+        return {**super().parameters(vehicle), "FS_GCS_ENABLE": self.enabled[vehicle]}
 
-    async def _relay(self, stack: AsyncExitStack, vehicle: int, system_id: int, port: int, url: str) -> None:
-        def take(message: Message) -> None:
-            mode = flight_mode(message)
-            if message.kind == HEARTBEAT and mode is not None:
-                self.log.note_mode(self.now_s(), vehicle, MODES.get(mode, "other") if is_armed(message) else "disarmed")
-
-        def hear() -> None:
-            self.heartbeat_s[vehicle] = self.now_s()
-
-        back_port = int(url.rpartition(":")[2])
-        relay = Relay(system_id, port, back_port, on_message=take, on_setpoint=lambda: None, on_heartbeat=hear)
-        await relay.open()
-        stack.push_async_callback(relay.close)
-
-    def observe(self, now_s: float) -> None:
-        """Do nothing: the relays connect the vehicles."""
+    def take_heartbeat(self, vehicle: int) -> None:
+        """Note when cordon's heartbeat arrives."""
+        self.heartbeat_s[vehicle] = self.now_s()
 
 
 async def main(values: Sequence[int]) -> int:
     """Fly, kill cordon, and print each vehicle's reaction; return whether all are as expected."""
     text, faults, enabled_of = drill_mission(MISSION), 0, dict(enumerate(values, start=1))
-    async with CopterFlight(text, 1.0, enabled_of) as flight:
+    async with DeadmanFlight(text, 1.0, enabled_of) as flight:
         roles = Roles(flight.mission)
         await flight.reach_mission(roles.airborne, roles.tactic)
         flight.fail("killed agent", roles)

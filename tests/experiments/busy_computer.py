@@ -36,11 +36,18 @@ ENDS_WITHIN_S = 120.0
 SIMULATOR_PRIORITY = 3
 PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
 WAITS_S = 60
-SPINS = "while True: pass"
+SPINS = """
+import os
+parent = os.getppid()
+while os.getppid() == parent:
+    for _ in range(1_000_000): pass
+"""
+"""It ends with its parent, also if that is killed."""
 BURSTS = """
 import os, time
+parent = os.getppid()
 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))
-while True:
+while os.getppid() == parent:
     end_s = time.monotonic() + 0.3
     while time.monotonic() < end_s: pass
     time.sleep(0.3)

@@ -10,7 +10,6 @@ nor is refused.
 
 import asyncio
 import json
-import os
 import subprocess
 import sys
 from collections import Counter
@@ -39,12 +38,14 @@ from sitl.radio import Air, RadioSpec
 from sitl.server.server import Stub, serve
 from tests.experiments.arguments import parser
 from tests.support.mission_text import content, text_of
-from tests.support.paths import MISSIONS, ROOT
+from tests.support.paths import MISSIONS
 from tests.support.px4 import Px4Missing, Px4Simulator, px4_build
 from tests.support.ring_mission import ring_mission
 from tests.support.simulated_link import SimulatedLink
 from tests.support.wire import free_ports
 
+CORDON = Path(sys.executable).with_name("cordon")
+"""That of this installation."""
 VEHICLES = 3
 BAUDS = (19200, 38400, 57600, 115200)
 RADIUS_RMS_MAX_M = 0.3
@@ -174,7 +175,11 @@ async def px4s(mission: Mission, spec: RadioSpec, ports: Sequence[int], folder: 
             for instance, line in enumerate(lines):
                 options = ["--instance", str(instance), "start", "-d", str(line), "-b", str(spec.baud), "-m", "minimal"]
                 subprocess.run([px4_build() / "bin" / "px4-mavlink", *options], check=True, stdout=subprocess.DEVNULL)
-            yield seen
+            try:
+                yield seen
+            finally:
+                for simulator in simulators:
+                    simulator.stop()  # before its line is gone: PX4 reads a closed one without a pause
         for simulator in simulators:
             if "Failsafe activated" in (simulator.folder / "px4.log").read_text(encoding="utf-8", errors="replace"):
                 seen.failsafes.append((nan, simulator.system_id))
@@ -183,13 +188,12 @@ async def px4s(mission: Mission, spec: RadioSpec, ports: Sequence[int], folder: 
             simulator.close()
 
 
-async def flight(mission: Path, log: Path, checkout: Path, within_s: float) -> tuple[int, dict[str, Any], str]:
-    """Fly with the cordon of a checkout; return its exit code, JSON and messages."""
+async def flight(mission: Path, log: Path, cordon: Path, within_s: float) -> tuple[int, dict[str, Any], str]:
+    """Fly with a cordon; return its exit code, JSON and messages."""
     options = ["--json", "--log", str(log), "--wait", f"{WAIT_S:g}"]
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gcs", "fly", str(mission), *options),
-        cwd=checkout,
-        env=os.environ | {"PYTHONPATH": str(checkout)},
+        *(str(cordon), "fly", str(mission), *options),
+        cwd=mission.parent,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -223,17 +227,17 @@ class Flown:
         )
 
 
-async def flown(seed: int, spec: RadioSpec, duration_s: float, checkout: Path, *, px4: bool) -> Flown:
-    """Fly a team over a radio, and judge it."""
+async def flown(seed: int, spec: RadioSpec, duration_s: float, cordon: Path, logs: Path | None, *, px4: bool) -> Flown:
+    """Fly a team over a radio, and judge it; its flight log is kept in `logs`."""
     ports, endpoints = free_ports(1 if spec.shared else VEHICLES), free_ports(VEHICLES)
     with TemporaryDirectory() as place:
         folder = Path(place)
-        path, log = folder / "radio.toml", folder / "flight.mcap"
+        path, log = folder / "radio.toml", (logs or folder) / f"{seed}.mcap"
         path.write_text(mission_text(spec, duration_s, ports, endpoints, px4=px4), encoding="utf-8")
         mission = load_mission(str(path))
         async with (px4s if px4 else stubs)(mission, spec, ports, folder) as seen:
             within_s = duration_s + WAIT_S + PATIENCE_S
-            code, result, said = await flight(path, log, checkout, within_s)
+            code, result, said = await flight(path, log, cordon, within_s)
         if code == Exit.REFUSED and "vehicles" not in result:
             return Flown(seed, spec, REFUSED, _refusals(said))
         if not result.get("vehicles"):
@@ -294,7 +298,15 @@ def _refusals(said: str) -> str:
 
 
 async def main(
-    count: int, first: int, duration_s: float, jobs: int, checkout: Path, *, px4: bool, only_links: bool
+    count: int,
+    first: int,
+    duration_s: float,
+    jobs: int,
+    cordon: Path,
+    logs: Path | None,
+    *,
+    px4: bool,
+    only_links: bool,
 ) -> int:
     """Fly a number of teams, some at a time, and print the table."""
     print("| seed | baud | line | delay, ms | lost | in a row | outcome | radius rms, m | warnings | |")
@@ -307,7 +319,7 @@ async def main(
             if only_links:
                 team = simulated(seed, spec, duration_s)
             else:
-                team = await flown(seed, spec, duration_s, checkout, px4=px4)
+                team = await flown(seed, spec, duration_s, cordon, logs, px4=px4)
             teams.append(team)
             print(team, flush=True)
 
@@ -325,7 +337,8 @@ if __name__ == "__main__":
     reader.add_argument("--jobs", type=int, default=1, help="flights at a time (default: %(default)s)")
     reader.add_argument("--links", action="store_true", help="simulate the links only")
     reader.add_argument("--px4", action="store_true", help="fly PX4 simulators, one team at a time")
-    reader.add_argument("--cordon", type=Path, default=ROOT, help="checkout whose cordon flies (default: this one)")
+    reader.add_argument("--cordon", type=Path, default=CORDON, help="command that flies (default: %(default)s)")
+    reader.add_argument("--logs", type=Path, help="existing folder in which the flight logs are kept")
     given = reader.parse_args()
     try:
         if given.px4:
@@ -335,7 +348,8 @@ if __name__ == "__main__":
             given.seed,
             given.duration,
             1 if given.px4 else given.jobs,
-            given.cordon,
+            given.cordon.absolute(),
+            given.logs and given.logs.absolute(),
             px4=given.px4,
             only_links=given.links,
         )

@@ -1,5 +1,6 @@
 """The stub autopilot: its motion against independent closed forms, and PX4's measured manners."""
 
+from collections import Counter
 from collections.abc import Callable
 from math import hypot, inf, nan, pi, sqrt
 
@@ -423,18 +424,6 @@ def test_not_localised_it_arms_in_no_mode() -> None:
 # Values
 
 
-def test_setpoints_that_are_not_finite_are_refused(subtests: pytest.Subtests) -> None:
-    for bad in [nan, inf, -inf]:
-        with subtests.test(bad=bad):
-            for index in range(3):
-                position = [0.0, 0.0, 0.0]
-                position[index] = bad
-                with pytest.raises(ValueError, match="not finite"):
-                    PositionTarget((position[0], position[1], position[2]))
-            with pytest.raises(ValueError, match="not finite"):
-                PositionTarget((0.0, 0.0, 0.0), bad)
-
-
 def test_parameters_keep_their_types_and_refuse_nan() -> None:
     parameters = Parameters(Px4.TABLE)
     assert not parameters.set("COM_OBL_RC_ACT", 4.0)
@@ -474,6 +463,23 @@ def test_the_battery_drains_while_armed() -> None:
     autopilot.take_off()
     wait(autopilot, 20.0)
     assert autopilot.battery_fraction == pytest.approx(0.3)
+
+
+def test_slow_messages_of_several_vehicles_come_at_different_times_and_fast_ones_together() -> None:
+    times = {message: Counter[int]() for message in (1, 2, 3)}
+    for vehicle in range(1, 33):
+        schedule = Schedule({1: 1.0, 2: 20.0}, known=(1, 2, 3), phase_s=STEP_S * vehicle)
+        assert schedule.set_interval(3, 0.5, now_s=0.0)
+        due: dict[int, list[float]] = {message: [] for message in times}
+        for step in range(round(4.0 / STEP_S)):
+            for message in schedule.due(step * STEP_S):
+                times[message][step] += 1
+                due[message].append(step * STEP_S)
+        assert np.diff(due[1]) == pytest.approx(1.0)
+        assert np.diff(due[3]) == pytest.approx(0.5)
+    assert max(times[2].values()) == 32
+    assert max(times[1].values()) == 1
+    assert max(times[3].values()) == 2
 
 
 def test_rates_are_kept_on_average_and_missed_messages_not_made_up() -> None:

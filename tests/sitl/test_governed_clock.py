@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -19,6 +20,7 @@ from sitl.server import shared_clock
 from sitl.server.clock_memory import NEVER_US
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import ClockError, ClockName, Rank, Seat, new_clock
+from sitl.server.wall_limit import WallLimit
 from tests.support.wire import PATIENCE_S, until
 
 MOTION = (1.0, 2.0, -3.0, 0.1, 0.2, 0.3)
@@ -97,6 +99,44 @@ def test_one_that_hangs_is_passed_over_until_it_goes_on(fast: ClockName, monkeyp
         assert hangs.turn() == 0.0
         hangs.state(NEVER_US)
         assert other.turn() == 0.0
+
+
+def test_one_that_says_that_it_waits_does_not_hang(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_clock, "HUNG_S", 0.1)
+    with Seat(fast, Rank.AGENTS) as waits, Seat(fast, Rank.SUPERVISOR) as other:
+        waits.state(1_000)
+        other.state(2_000)
+        for _ in range(50):
+            waits.note_wait()
+            assert other.turn() > 0.0
+            time.sleep(0.01)
+        assert waits.turn() == 0.0
+        end_s = time.monotonic() + 5.0
+        while other.turn() > 0.0:  # without a word it hangs
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="the system does not tell who waits")
+def test_a_message_behind_others_is_not_lost_while_a_thread_computes() -> None:
+    def spin() -> None:
+        end_s = time.thread_time() + 0.5
+        while time.thread_time() < end_s:
+            pass
+
+    def waited_s(*, hand_over: bool) -> float:
+        began_s = time.monotonic()
+        limit = WallLimit(0.1, 20.0, os.getpid(), began_s, hand_over=hand_over)
+        while not limit.is_over(time.monotonic()):
+            time.sleep(0.005)
+        return time.monotonic() - began_s
+
+    for hand_over, at_least_s in ((False, 0.1), (True, 0.5)):
+        worker = threading.Thread(target=spin)
+        worker.start()
+        assert waited_s(hand_over=hand_over) >= at_least_s
+        assert worker.is_alive() is not hand_over
+        worker.join()
 
 
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="the system does not tell who waits")

@@ -73,9 +73,13 @@ def test_many_events_take_no_room_from_the_map(open_page: OpenPage) -> None:
     with CannedStation(MISSION, every_state) as served:
         page = open_page(served.url, viewport=WIDE)
         expect(page.locator("#verbs button")).to_have_count(6)
+        events = [EventPicture(i, float(i), 1.7e9, "information", "something happened") for i in range(1, 101)]
+        served.send(events[0])
+        expect(page.locator("#events li")).to_have_count(1)  # after the team, whose figures take room in the top bar
+        expect(page.locator(".card .tactic").first).to_be_visible()
         before = page.locator("#map-panel").bounding_box()
-        for number in range(1, 101):
-            served.send(EventPicture(number, float(number), 1.7e9, "information", "something happened"))
+        for event in events[1:]:
+            served.send(event)
         expect(page.locator("#events li")).to_have_count(100)
         assert page.locator("#map-panel").bounding_box() == before
         assert page.locator("[data-verb='kill']").is_visible()

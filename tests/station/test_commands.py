@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
-from gcs.station.picture import AnswerPicture, CommandRequest, OperatorRights, ReceiptPicture, TeamPicture
+from gcs.station.picture import AnswerPicture, CommandRequest, LostPicture, OperatorRights, ReceiptPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
@@ -154,6 +154,20 @@ def test_vehicles_whose_flight_has_ended_are_not_counted(page: Page, served: Can
     )
     expect(page.locator("#target-text")).to_have_text("To all 2 vehicles (1 missing)")
     expect(page.get_by_label("Select vehicle 2")).to_be_disabled()
+
+
+def test_a_flight_without_processes_receives_no_commands(page: Page, served: CannedStation) -> None:
+    mission = ring_mission()
+    expect(page.locator("#hold-all")).to_be_enabled()
+    picture = LostPicture("every process has ended", (1, 2, 3), 100.0, "", "watch them")
+    for ended in (False, True, False):  # a network that is cut may come back
+        lost = replace(picture, processes_ended=ended)
+        served.team = lambda time_s, lost=lost: replace(ring_team(mission, 100.0 + time_s), lost=lost)
+        for button in ("#hold-all", "#verbs [data-verb='land']"):
+            expect(page.locator(button)).to_be_enabled(enabled=not ended)
+        served.await_pictures(page)
+        page.keyboard.press("h")
+        assert len(sent(page, served)) == (not ended)
 
 
 def test_land_and_return_have_to_be_held(page: Page, served: CannedStation) -> None:

@@ -78,6 +78,11 @@ class Px4Simulator:
                 command, cwd=self.folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
 
+    def run(self, command: str, *words: str) -> None:
+        """Run a command of its shell; raises subprocess.CalledProcessError."""
+        program = [str(self._build / "bin" / f"px4-{command}"), "--instance", str(self._instance), *words]
+        subprocess.run(program, cwd=self.folder, check=True, capture_output=True)
+
     def stop(self) -> None:
         """Stop the process, if it runs."""
         process, self._process = self._process, None

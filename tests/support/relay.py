@@ -83,7 +83,19 @@ class Relay:
     def command(self, command: int, *parameters: float) -> None:
         """Send the autopilot a command as a separate client, also while the link is cut."""
         filled = [*parameters, *[0.0] * (7 - len(parameters))]
-        message = self._mavlink.command_long_encode(self._system_id, AUTOPILOT, command, 0, *filled)
+        self._send(self._mavlink.command_long_encode(self._system_id, AUTOPILOT, command, 0, *filled))
+
+    def set_parameter(self, name: str, value: float) -> None:
+        """Set a parameter of the autopilot as a separate client; integers too are sent as floats, as ArduPilot does."""
+        real = mavlink.MAV_PARAM_TYPE_REAL32
+        self._send(self._mavlink.param_set_encode(self._system_id, AUTOPILOT, name.encode(), value, real))
+
+    def set_origin(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
+        """Ask the autopilot as a separate client to take another origin."""
+        place = round(latitude_deg * 1e7), round(longitude_deg * 1e7), round(altitude_m * 1e3)
+        self._send(self._mavlink.set_gps_global_origin_encode(self._system_id, *place))
+
+    def _send(self, message: mavlink.MAVLink_message) -> None:
         if self._front is not None and self._autopilot is not None:
             self._front.sendto(message.pack(self._mavlink), self._autopilot)
 

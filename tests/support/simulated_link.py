@@ -9,6 +9,7 @@ from math import inf
 
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
 from gcs.link.rates import (
+    ESTIMATOR_BYTES,
     HEARTBEAT_BYTES,
     HEARTBEAT_HZ,
     ROUND_TRIP_BYTES,
@@ -24,7 +25,7 @@ from gcs.link.rates import (
 from gcs.link.relay.frames import HEARTBEAT, MAGIC_V2, SETPOINT, TIMESYNC, target_system
 from gcs.link.relay.gate import RoundTrips, Sequences
 from gcs.link.relay.relay import TransmitQueue
-from gcs.preflight.link_facts import LOSSES_LONGEST_S, are_known
+from gcs.preflight.link_facts import are_known
 from sitl.radio import Air, Channel, RadioSpec
 
 STEP_S = 0.01
@@ -151,9 +152,8 @@ class SimulatedLink:
         if self.pace.load.bytes_s > self.pace.capacity_bytes_s:
             return "too slow"
         self._advance(2.0)
-        before = self.traffic
-        end_s = self.now_s + LOSSES_LONGEST_S
-        while self.now_s < end_s and not are_known(self.traffic.losses(before), self.pace):
+        before, since_s = self.traffic, self.now_s
+        while not are_known(self.traffic.losses(before), self.pace, self.now_s - since_s):
             self._advance(self.now_s + 0.4)
         self.pace.adapt(self.traffic.losses(before))
         self._set_rates()
@@ -199,7 +199,7 @@ class SimulatedLink:
             self.pace.look(self.traffic, now_s)
             if self.pace.fault and not before:
                 self.faults.append(self.pace.fault)
-            if self.pace.rates is not rates:
+            if self.pace.rates != rates:
                 self._set_rates()
 
     def _set_rates(self) -> None:
@@ -254,5 +254,5 @@ _MOTION = 32
 def _streams(phase_s: float) -> Iterator[tuple[str, Stream]]:
     yield "motion", Stream(_MOTION, TELEMETRY_BYTES, phase_s)
     yield "heartbeat", Stream(HEARTBEAT, HEARTBEAT_BYTES, phase_s)
-    yield from (("status", Stream(1, length, phase_s)) for length in STATUS_BYTES)
-    yield from (("slow", Stream(2, length, phase_s)) for length in SLOW_STATUS_BYTES)
+    yield from (("status", Stream(1, length, phase_s)) for length in STATUS_BYTES.values())
+    yield from (("slow", Stream(2, length, phase_s)) for length in (*SLOW_STATUS_BYTES.values(), *ESTIMATOR_BYTES))

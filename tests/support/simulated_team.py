@@ -8,7 +8,6 @@ import asyncio
 from collections.abc import Callable, Sequence
 from itertools import count
 from math import hypot
-from types import TracebackType
 from typing import Self
 
 from agents.core import VehicleCore
@@ -247,9 +246,7 @@ class SimulatedTeam:
         self.links = {vehicle.id: AutopilotLink(vehicle, self._step) for vehicle in self.mission.vehicles}
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await asyncio.gather(*map(self.end, self.agents))
 
     async def begin(self, duration_s: float = LAST_S, vehicles: Sequence[int] = ()) -> None:

@@ -112,9 +112,9 @@ def recorded(
 def saturated(
     truth: Truth, seed: int, *, speed_max_m_s: float = np.inf, acceleration_max_m_s2: float = np.inf
 ) -> MotionRecording:
-    """Return the log of a flight with bounded speed and acceleration along each axis."""
+    """Return the log of half such a flight, with bounded speed and acceleration along each axis."""
     random = np.random.default_rng(seed)
-    sent_m = excitation_m(random)
+    sent_m = excitation_m(random, 45.0, 30.0)
     step_s, late = 0.01, round(truth.delay_s / 0.01)
     a0, a1 = np.array(truth.a0), np.array(truth.a1)
     position, velocity, path = sent_m[0].copy(), np.zeros(2), []

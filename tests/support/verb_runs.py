@@ -97,10 +97,10 @@ ALONE = (
     VerbRun(
         "relay", "pty:station pty:vehicle --radio latency_ms=5", keys=OUTPUT_KEYS["relay"], ready="vehicle", lasts=True
     ),
-    VerbRun("drill", "case2 --fault latency", (0, 1), OUTPUT_KEYS["drill"]),
 )
+DRILL = VerbRun("drill", "case2 --fault frozen-interpreter", keys=OUTPUT_KEYS["drill"])
 EXCITE = VerbRun(
-    "excite", "ring.toml --sitl --speed 10 --log excited.mcap", keys=OUTPUT_KEYS["excite --preview"] + " flown"
+    "excite", "ring.toml --sitl --speed max --log excited.mcap", keys=OUTPUT_KEYS["excite --preview"] + " flown"
 )
 EXCITED = (
     VerbRun("report", "excited.mcap", keys=RESULT_KEYS[""]),
@@ -127,7 +127,7 @@ def _commands(command: App, name: str) -> Iterator[tuple[str, bool]]:
 def run_all(folder: Path) -> Iterator[Ran]:
     """Run every command in an empty folder."""
     write_missions(folder)
-    for run in (*ALONE, EXCITE, *EXCITED):
+    for run in (*ALONE, DRILL, EXCITE, *EXCITED):
         yield finished(run, folder)
     yield from beside(STUBS, BESIDE_STUBS, folder)
     yield from beside(FLIGHT, BESIDE, folder)

@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
+from math import inf
 from typing import TypeVar
 
 from agents.shell.clock import MissionClock
@@ -128,7 +129,18 @@ async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[S
             yield Served(clock, stubs)
 
 
-PATIENCE_S = 60.0
+@contextmanager
+def hurried(clock: GovernedClock) -> Iterator[None]:
+    """Let the time go on as fast as its participants do, while a test only waits for what it begins with."""
+    before = clock.speed
+    clock.set_speed(inf)
+    try:
+        yield
+    finally:
+        clock.set_speed(before)
+
+
+PATIENCE_S = 120.0
 """How long a test waits for something that this computer does: no measure of how fast it does it."""
 
 

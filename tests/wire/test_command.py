@@ -29,7 +29,7 @@ from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.server.governed_clock import GovernedClock
 from tests.support.flights import flying, in_flight, unseen_view
-from tests.support.wire import served, until
+from tests.support.wire import hurried, served, until
 
 pytestmark = pytest.mark.wire
 
@@ -79,9 +79,14 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
             team.clock, team.vehicles = stubs.clock, stubs.vehicles
             plan = FlightPlan(mission, 300.0, mission.vehicles, speed=None, clock=stubs.clock.name)
             async with flying(plan, view) as team.flight:
-                await in_flight(
-                    team.flight, lambda: list(team.tactics.values()) == ["formation"] * 3, "formation", stubs.clock
+                await until(
+                    lambda: team.flight.done() or any(each.armed for each in team.vehicles.values()),
+                    waiting_for="a take-off",
                 )
+                with hurried(stubs.clock):
+                    await in_flight(
+                        team.flight, lambda: list(team.tactics.values()) == ["formation"] * 3, "formation", stubs.clock
+                    )
                 yield team
 
     return in_formation
@@ -197,7 +202,8 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             stack.callback(terminal.close)
             await until(lambda: all(each.armed for each in stubs.vehicles.values()), waiting_for="all have armed")
             stubs.clock.set_speed(SPEED)
-            await until(lambda: list(tactics.values()) == ["formation"] * 2, 300.0, clock=stubs.clock)
+            with hurried(stubs.clock):
+                await until(lambda: list(tactics.values()) == ["formation"] * 2, 300.0, clock=stubs.clock)
             assert "h hold" in terminal.text
             terminal.type("h")
             await until(lambda: list(tactics.values()) == ["hold"] * 2)

@@ -25,7 +25,7 @@ from tests.support.wire import PATIENCE_S
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
-SPEED = "4"
+SPEED = "8"
 HOLDERS = ("router-hill", "vehicle-1", "vehicle-2", "operator-anna")
 KEYLESS, PLAIN = "keyless", "plain"
 """Who has the mission without its keys, and who has it without its security."""
@@ -77,7 +77,7 @@ class Site:
 
     def ended(self, holder: str, *arguments: str) -> tuple[int, str, str]:
         process = self.run(holder, *arguments)
-        out, err = process.communicate(timeout=2.0 * PATIENCE_S)
+        out, err = process.communicate(timeout=PATIENCE_S)
         return process.returncode, out, err
 
     def agent(self, vehicle: int) -> "subprocess.Popen[str]":
@@ -103,7 +103,7 @@ def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_ope
         said_until(site.run("vehicle-1", "sitl", "mission.toml", "--lockstep", "--speed", SPEED), "Ctrl-C ends it")
         first = site.agent(1)
         said_until(first, "waits for its start: ready")
-        code, out, _ = site.ended("operator-anna", "start", "mission.toml", "--wait", "6", "--json")
+        code, out, _ = site.ended("operator-anna", "start", "mission.toml", "--wait", "3", "--json")
         assert code == Exit.REFUSED
         result = json.loads(out)
         assert not result["started"]

@@ -11,18 +11,17 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from math import nan, radians
+from math import radians
 from typing import Any
 
 import numpy as np
 import pytest
 from mavsdk.mavsdk import ComponentType, Configuration, Mavsdk
-from mavsdk.plugins.action import Action, ActionError
+from mavsdk.plugins.action import Action
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceData, Point, Polygon
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.mission_raw import MissionRaw
-from mavsdk.plugins.offboard import Offboard, PositionNedYaw, VelocityNedYaw
-from mavsdk.plugins.param import Param, ParamError
+from mavsdk.plugins.offboard import Offboard, PositionNedYaw
 from mavsdk.plugins.telemetry import Telemetry
 from pymavlink.dialects.v20 import common as dialect
 from scipy.linalg import expm
@@ -64,7 +63,6 @@ class Vehicle:
     telemetry: Any
     action: Any
     offboard: Any
-    param: Any
 
     def mode(self) -> str:
         return str(self.telemetry.flight_mode().name)
@@ -75,10 +73,6 @@ class Vehicle:
 
     def go(self, north: float, east: float, down: float) -> None:
         self.offboard.set_position_ned(PositionNedYaw(north, east, down, 0.0))
-
-    def stop_positions(self) -> None:
-        """MAVSDK repeats the last setpoint for ever: a velocity that the stub does not fly ends the stream."""
-        self.offboard.set_velocity_ned(VelocityNedYaw(0.1, 0.0, 0.0, 0.0))
 
     def take_off(self, height_m: float) -> None:
         self.launch(height_m)
@@ -109,7 +103,7 @@ class Station:
             self._clock.until(lambda vehicle=vehicle: vehicle.telemetry.health_all_ok(), "health all ok")  # type: ignore[misc]
 
     def _vehicle(self, system: Any) -> Vehicle:
-        return Vehicle(self._clock, system, Telemetry(system), Action(system), Offboard(system), Param(system))
+        return Vehicle(self._clock, system, Telemetry(system), Action(system), Offboard(system))
 
     def close(self) -> None:
         self.mavsdk.destroy()
@@ -149,20 +143,6 @@ def battery_gps_and_version_are_told(team: list[Vehicle]) -> None:
     assert info.get_identification().legacy_uid != Info(team[1].system).get_identification().legacy_uid
 
 
-def parameters_are_read_and_set(team: list[Vehicle]) -> None:
-    param = team[0].param
-    assert param.get_param_float("COM_OF_LOSS_T") == 1.0
-    param.set_param_int("COM_OBL_RC_ACT", 4)
-    assert param.get_param_int("COM_OBL_RC_ACT") == 4
-    param.set_param_float("MPC_XY_CRUISE", 7.5)
-    assert param.get_param_float("MPC_XY_CRUISE") == 7.5
-    param.set_param_int("COM_OBL_RC_ACT", 0)
-    team[0].action.set_takeoff_altitude(3.5)
-    assert team[0].action.get_takeoff_altitude() == 3.5
-    with pytest.raises(ParamError):
-        param.get_param_float("COM_OBL_RC_ACT")
-
-
 def fences_and_missions_are_uploaded_and_cleared(team: list[Vehicle]) -> None:
     geofence = Geofence(team[0].system)
     corners = [Point(47.397 + 0.001 * n, 8.545 + 0.001 * (n % 2)) for n in range(4)]
@@ -174,60 +154,9 @@ def fences_and_missions_are_uploaded_and_cleared(team: list[Vehicle]) -> None:
     assert list(missions.download_geofence()) == []
 
 
-def a_flight_in_px4s_manner(team: list[Vehicle]) -> None:
-    vehicle = team[0]
-    states: list[str] = []
-    vehicle.telemetry.subscribe_landed_state(lambda state, _: states.append(state.name))
-    assert not vehicle.telemetry.in_air()
-    vehicle.take_off(4.0)
-    assert vehicle.telemetry.in_air()
-    with pytest.raises(ActionError):
-        vehicle.action.disarm()
-
-    # The acknowledgement says yes to what the flight mode denies.
-    vehicle.stop_positions()
-    vehicle.offboard.start()
-    vehicle.clock.sleep(1.5)
-    assert vehicle.mode() == "HOLD"
-
-    vehicle.go(1.0, 1.0, -4.0)
-    vehicle.offboard.start()
-    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
-    vehicle.clock.until(lambda: np.allclose(vehicle.ned(), (1.0, 1.0, -4.0), atol=0.05), "at the setpoint")
-
-    # Landed out of offboard it rests in offboard, and cannot be armed before it is told to hold.
-    vehicle.action.land()
-    vehicle.clock.until(lambda: not vehicle.telemetry.armed(), "disarmed")
-    vehicle.stop_positions()
-    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "resting in offboard")
-    vehicle.clock.until(lambda: not vehicle.telemetry.health().is_armable, "not armable")
-    with pytest.raises(ActionError):
-        vehicle.action.arm()
-    vehicle.action.hold()
-    vehicle.clock.until(lambda: vehicle.telemetry.health().is_armable, "armable again")
-    vehicle.action.arm()
-    vehicle.action.disarm()
-    assert list(dict.fromkeys(states)) == ["ON_GROUND", "TAKING_OFF", "IN_AIR", "LANDING"]
-
-
-def a_stream_that_stops_and_comes_back(team: list[Vehicle]) -> None:
-    vehicle = team[1]
-    vehicle.param.set_param_int("COM_OBL_RC_ACT", 4)
-    vehicle.take_off(5.0)
-    vehicle.go(0.0, 0.0, -5.0)
-    vehicle.offboard.start()
-    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "offboard")
-    vehicle.stop_positions()
-    vehicle.clock.until(lambda: vehicle.mode() == "LAND", "the chosen failsafe")
-    vehicle.go(0.0, 0.0, -5.0)
-    vehicle.clock.until(lambda: vehicle.mode() == "OFFBOARD", "offboard again, unasked")
-    vehicle.action.kill()
-    vehicle.clock.until(lambda: not vehicle.telemetry.armed(), "killed in the air")
-    vehicle.clock.until(lambda: not vehicle.telemetry.in_air(), "on the ground")
-    vehicle.action.hold()
-
-
 def three_vehicles_fly_at_once(team: list[Vehicle]) -> None:
+    states: list[str] = []
+    team[0].telemetry.subscribe_landed_state(lambda state, _: states.append(state.name))
     for vehicle in team:
         vehicle.launch(4.0)
     for vehicle in team:
@@ -242,6 +171,7 @@ def three_vehicles_fly_at_once(team: list[Vehicle]) -> None:
         vehicle.action.land()
     for vehicle in team:
         vehicle.clock.until(lambda vehicle=vehicle: not vehicle.telemetry.armed(), "disarmed")  # type: ignore[misc]
+    assert list(dict.fromkeys(states)) == ["ON_GROUND", "TAKING_OFF", "IN_AIR", "LANDING"]
 
 
 @pytest.mark.long
@@ -254,10 +184,7 @@ def test_mavsdk_flies_a_team(subtests: pytest.Subtests) -> None:
         for check in (
             every_vehicle_is_found_healthy_where_it_stands,
             battery_gps_and_version_are_told,
-            parameters_are_read_and_set,
             fences_and_missions_are_uploaded_and_cleared,
-            a_flight_in_px4s_manner,
-            a_stream_that_stops_and_comes_back,
             three_vehicles_fly_at_once,
         ):
             with subtests.test(check.__name__):
@@ -417,21 +344,6 @@ async def test_time_that_cannot_be_caught_up_is_given_up_and_told() -> None:
     assert len(track.time_s) == pytest.approx(18, abs=1)
 
 
-def test_configurations_that_make_no_vehicle_are_refused(subtests: pytest.Subtests) -> None:
-    rows: tuple[dict[str, Any], ...] = (
-        {"vehicle_id": 0},
-        {"vehicle_id": 255},
-        {"client_port": 0},
-        {"start_position_m": (nan, 0.0)},
-        {"wind_m_s2": (0.0, nan)},
-        {"battery_fraction": 1.1},
-        {"seed": -1},
-    )
-    for changes in rows:
-        with subtests.test(changes=changes), pytest.raises(ValueError, match=r"vehicle|client_port"):
-            config(**changes)
-
-
 def test_a_process_that_starts_stubs_still_holds_signals_back() -> None:
     program = """
 import signal
@@ -446,5 +358,5 @@ stubs.start()
 print(ENDING <= signal.pthread_sigmask(signal.SIG_BLOCK, ()))
 stubs.stop()
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "True\n", "Ctrl-C would end the supervisor, or the flying process"

@@ -136,7 +136,7 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
     mission_file: Callable[..., str], subtests: pytest.Subtests
 ) -> None:
     address = f"{LOOPBACK}:{free_port()}"
-    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "300", "--no-log")
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "10", "--duration", "1000", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
         port, cookie = entered(process.stderr.readline())
@@ -167,7 +167,7 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
 ) -> None:
     """A page stays with the vehicles' last state, until the operator closes it at the terminal."""
     address = f"{LOOPBACK}:{free_port()}"
-    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "4", "--duration", "300", "--no-log")
+    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "10", "--duration", "1000", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
         port, cookie = entered(process.stderr.readline())
@@ -191,7 +191,7 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
                     pass
                 assert [each["position_m"] for each in team["vehicles"]] == places_m
                 assert {(each["is_stale"], each["has_ended"]) for each in team["vehicles"]} == {(True, False)}
-                assert (team["lost"], team["ending"]) == (lost, "")
+                assert (team["lost"], team["ending"]) == ({**lost, "processes_ended": True}, "")
             assert process.poll() is None
             process.send_signal(signal.SIGINT)
             assert await asyncio.to_thread(process.wait, PATIENCE_S) == 4
@@ -214,7 +214,7 @@ async def test_the_page_stays_open_for_a_vehicle_that_was_lost_in_the_air_until_
         "--speed",
         "10",
         "--duration",
-        "60",
+        "20",
         "--fault",
         "link-cut@5:3",
     )

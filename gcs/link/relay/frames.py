@@ -15,12 +15,12 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 _MAGIC_V1, _MAGIC_V2 = bytes((MAGIC_V1,)), bytes((MAGIC_V2,))
 HEAD_V1, HEAD_V2, CHECKSUM_LENGTH, SIGNATURE_LENGTH = 6, 10, 2, 13
 SIGNED_FLAG = 1
-HEARTBEAT, _BASE_MODE_AT, _STATE_AT = 0, 6, 7
+HEARTBEAT, _CUSTOM_MODE_LENGTH, _BASE_MODE_AT, _STATE_AT = 0, 4, 6, 7
 TIMESYNC, TIMESYNC_LENGTH = 111, 16
 HIL_ENABLED = 32
 """MAV_MODE_FLAG_HIL_ENABLED."""
-CRITICAL = 5
-"""MAV_STATE_CRITICAL: a failsafe acts."""
+FAILSAFE_STATES = (5, 6)
+"""MAV_STATE_CRITICAL and _EMERGENCY: PX4 reports them while it flies a failsafe, ArduPilot once one has triggered."""
 AUTOPILOT_COMPONENT = 1
 STATION_SYSTEM, STATION_COMPONENT = 245, 190
 """cordon's own ids, those of MAVSDK's ground station."""
@@ -94,7 +94,12 @@ def is_hil(frame: bytes) -> bool:
 
 def is_failsafe(frame: bytes) -> bool:
     """Return whether a heartbeat states that a failsafe of the autopilot acts."""
-    return _payload_byte(frame, _STATE_AT) == CRITICAL
+    return _payload_byte(frame, _STATE_AT) in FAILSAFE_STATES
+
+
+def custom_mode(frame: bytes) -> int:
+    """Return the autopilot's flight mode in a heartbeat."""
+    return sum(_payload_byte(frame, at) << 8 * at for at in range(_CUSTOM_MODE_LENGTH))
 
 
 def is_signed(frame: bytes) -> bool:

@@ -13,6 +13,7 @@ from gcs.link.relay.frames import (
     HEAD_V2,
     FrameStream,
     buffer_free,
+    custom_mode,
     estimator_resets,
     header,
     is_autopilot_heartbeat,
@@ -123,8 +124,9 @@ class LinkReport:
     `address` is the verified one, `impostors` others that used the same system id, with their number of frames;
     `moves` are the addresses from which the vehicle continued after a silence; `dropped` counts frames by reason.
     `doubled`: two vehicles send with this system id from one address, so that sequence numbers jump back and forth.
-    `hil`: the newest heartbeat has the flag of a simulated body, `failsafe`: it states that a failsafe of the autopilot
-    acts. `round_trip_s` is the time from a request to its answer [wall s], None before the first answer.
+    `hil`: the newest heartbeat has the flag of a simulated body. `failsafe`: a failsafe of the autopilot began with the
+    newest change of the flight mode; if it acted before, someone else may have changed it.
+    `round_trip_s` is the time from a request to its answer [wall s], None before the first answer.
     `estimator_resets` is the newest count of its estimator's resets, None where none is sent.
     """
 
@@ -161,9 +163,11 @@ class Claim:
         self._moves: list[Address] = []
         self._dropped: Counter[str] = Counter()
         self.sequences = Sequences()
-        """Of the frames from the verified address."""
+        self.messages: Counter[int] = Counter()
+        """How many of each number have arrived. Both count the frames from the verified address."""
         self.round_trips = RoundTrips()
-        self._hil = self._failsafe = False
+        self._hil = self._is_failsafe = self._changed_by_failsafe = False
+        self._mode: int | None = None
         self._estimator_resets: int | None = None
 
     def admits(self, frame: bytes, address: Address, now_s: float) -> bool:
@@ -183,9 +187,11 @@ class Claim:
         if now_s - self._received_s > BREAK_S:
             self._heartbeat = b""
         self._received_s = now_s
-        self.sequences.take(header(frame).component, sequence(frame))
+        head = header(frame)
+        self.sequences.take(head.component, sequence(frame))
+        self.messages[head.message] += 1
         if is_autopilot_heartbeat(frame):
-            self._hil, self._failsafe = is_hil(frame), is_failsafe(frame)
+            self._take_mode(frame)
             self._heartbeat, self._heartbeat_s = frame, now_s
             self._passed_s = now_s
         if (resets := estimator_resets(frame)) is not None:
@@ -242,8 +248,15 @@ class Claim:
             self._hil,
             self.round_trips.median_s,
             self._estimator_resets,
-            self._failsafe,
+            self._changed_by_failsafe,
         )
+
+    def _take_mode(self, heartbeat: bytes) -> None:
+        was_failsafe, self._is_failsafe = self._is_failsafe, is_failsafe(heartbeat)
+        before, self._mode = self._mode, custom_mode(heartbeat)
+        if self._mode != before:
+            self._changed_by_failsafe = self._is_failsafe and not was_failsafe
+        self._hil = is_hil(heartbeat)
 
     def _move(self, address: Address, verdict: SignatureCheck) -> None:
         if verdict is SignatureCheck.AUTHENTIC:

@@ -288,6 +288,12 @@ class Relay:
             claim = self._gate.claims.get(system_id)
             return LinkReport() if claim is None else claim.report()
 
+    def messages(self, system_id: int) -> dict[int, int]:
+        """Return how many messages of each number have arrived from a vehicle."""
+        with self._lock:
+            claim = self._gate.claims.get(system_id)
+            return {} if claim is None else dict(claim.messages)
+
     def traffic(self) -> Traffic:
         """Return the counts of this connection."""
         with self._lock:

@@ -44,9 +44,15 @@ export class Commands {
     this.#showTarget();
   }
 
+  get #processesEnded() {
+    return Boolean(this.team?.lost?.processes_ended);
+  }
+
   update(team) {
+    const hadEnded = this.#processesEnded;
     this.team = team;
     this.selection.update(team);
+    if (this.#processesEnded !== hadEnded) this.#showTarget();
     this.#showReadOnly();
     this.#showRest();
   }
@@ -110,7 +116,7 @@ export class Commands {
 
   #key(event) {
     const isChord = event.ctrlKey || event.altKey || event.metaKey;
-    if (!this.hold || event.key !== HOLD.key || isChord || event.repeat || byId("commands").hidden) return;
+    if (!this.hold || this.#processesEnded || event.key !== HOLD.key || isChord || event.repeat || byId("commands").hidden) return;
     event.preventDefault();
     this.#hold(this.#target());
   }
@@ -175,13 +181,13 @@ export class Commands {
     const { vehicles, all, without, isEmpty } = this.selection;
     setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${without && ` (${without})`}`);
     setText(byId("hold-all"), `Hold all ${all.length}`);
-    byId("hold-all").disabled = all.length === 0;
+    byId("hold-all").disabled = all.length === 0 || this.#processesEnded;
     byId("select-all").hidden = isEmpty;
     this.#showRest();
     for (const button of byId("verbs").children) {
       const how = button.classList.contains("held") ? ", hold 1 s" : button.dataset.verb === HOLD.verb ? `, key ${HOLD.key}` : "";
       setText(button.querySelector(".whom"), shortNames(vehicles, all) + how);
-      button.disabled = all.length === 0;
+      button.disabled = all.length === 0 || this.#processesEnded;
     }
   }
 

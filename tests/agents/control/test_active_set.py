@@ -1,7 +1,5 @@
 """The active set against the conditions of Karush, Kuhn and Tucker: only the optimum of a convex problem meets them."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -69,20 +67,6 @@ def test_bounds_that_depend_on_each_other_are_met_together() -> None:
     assert_optimal(hessian, rows, (gradient, lower, upper), active_set)
     upper[-1] = -1.0  # and now the last one rules
     assert_optimal(hessian, rows, (gradient, lower, upper), active_set)
-
-
-def test_the_optimum_moves_with_its_bounds_as_far_as_they_do() -> None:
-    """On the same active set it is linear in the bounds."""
-    hessian, rows = steep(), nearly_parallel()
-    lower, upper, active_set = np.full(len(rows), -1.0), np.full(len(rows), 1.0), ActiveSet(hessian, rows)
-    optima = []
-    for moved in (0.0, 0.01, 0.02):
-        found = active_set.optimum(-20.0 * np.ones(SIZE), lower, upper + moved)
-        assert found is not None
-        optima.append(found[0])
-    first, second = (after - before for before, after in pairwise(optima))
-    assert np.abs(first).max() > 1e-3
-    assert first == pytest.approx(second, abs=1e-9)
 
 
 def test_the_search_begins_at_the_active_set_found_last_and_ends_when_it_takes_too_long(

@@ -11,12 +11,10 @@ from scipy.linalg import expm
 
 from agents.control.formation import FormationPlanner, Predecessor, leader_of, mission_line, predecessor_of
 from agents.settings.config import AgentConfig
-from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, PlantAxis, exact_step
-from estimation.state import DISTURBANCE, MOTION, OwnEstimate, Telemetry, Vector
+from estimation.state import Vector
 
 PLANT = Plant(PlantAxis(0.80, 0.87), PlantAxis(0.60, 1.10))
-PERTURBED = Plant(PlantAxis(0.80 * 1.15, 0.87 * 0.9), PlantAxis(0.80 * 0.9, 0.87 * 1.1))
 WIND = np.array([0.15, -0.1])
 PERIOD_S = 0.1
 STILL = np.zeros(2)
@@ -50,49 +48,6 @@ def test_the_mission_line_is_a_flight_that_the_plant_can_really_fly() -> None:
         setpoint = mission_line(PLANT, start, 0.7, 10.0 + (tick + 0.5) * step_s).aim_m
         motion = exact_step(PLANT, step_s).advance(motion, setpoint, STILL)
     assert motion == pytest.approx([3.0 + 0.7 * 12.0, -2.0, 0.7, 0.0], abs=1e-6)
-
-
-class Flyer:
-    """A vehicle of the perturbed plant, with filter and planner of the nominal one."""
-
-    def __init__(self, config: AgentConfig, start: tuple[float, float], true_plant: Plant) -> None:
-        self.config = config
-        self.motion = np.array([*start, 0.0, 0.0])
-        self.own = OwnFilter(config.plant, config.own_filter)
-        self.planner = FormationPlanner(config)
-        self.true_plant = true_plant
-        self.undisturbed = np.array(start)
-
-    def tick(self, now_s: float, predecessor: Predecessor, offset: tuple[float, float]) -> None:
-        x, y, x_rate, y_rate = self.motion.tolist()
-        self.own.measure(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
-        acting = self.own.predicted(now_s + PERIOD_S / 2.0, PERIOD_S / 2.0)[MOTION]
-        plan = self.planner.plan(acting, self.estimate(now_s).mean[DISTURBANCE], predecessor, offset)
-        self.undisturbed = plan.undisturbed_aim_m
-        self.own.command(now_s, plan.aim_m)
-        self.motion = exact_step(self.true_plant, PERIOD_S).advance(self.motion, plan.aim_m, WIND)
-
-    def estimate(self, now_s: float) -> OwnEstimate:
-        estimate = self.own.estimate(now_s)
-        assert estimate is not None
-        return estimate
-
-
-@pytest.mark.parametrize("speed", [0.2, 1.0])
-def test_leader_and_follower_fly_a_line_without_lag_on_a_plant_that_is_not_theirs(
-    speed: float, make_config: Callable[..., AgentConfig]
-) -> None:
-    config = make_config(formation={"speed_m_s": speed})
-    leader, follower = Flyer(config, (0.0, 0.0), PERTURBED), Flyer(config, (-1.0, 4.0), PERTURBED)
-    velocity, ahead_s = np.array([speed, 0.0]), PERIOD_S / 2.0
-    for tick in range(601):
-        now_s = tick * PERIOD_S
-        leader.tick(now_s, mission_line(config.plant, (0.0, 0.0), speed, now_s + ahead_s), (0.0, 0.0))
-        heard = leader.estimate(now_s).mean[MOTION] + np.concatenate([velocity * ahead_s, STILL])
-        follower.tick(now_s, Predecessor(heard, leader.undisturbed), (0.0, 5.0))
-    line = np.array([speed * (now_s + PERIOD_S), 0.0, speed, 0.0])
-    assert leader.motion == pytest.approx(line, abs=0.01)
-    assert follower.motion == pytest.approx(line + np.array([0.0, 5.0, 0.0, 0.0]), abs=0.02)
 
 
 def test_a_vehicle_far_from_its_slot_comes_about_as_fast_as_it_may(make_config: Callable[..., AgentConfig]) -> None:

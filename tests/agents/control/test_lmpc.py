@@ -163,16 +163,6 @@ def test_on_the_bounds_the_plan_is_what_slsqp_finds(subtests: pytest.Subtests) -
             assert (np.abs(plan.inputs) <= input_max).all()
 
 
-def test_a_warm_start_leads_to_the_same_plan() -> None:
-    given, elsewhere = problem(3, 2), problem(4, 2)
-    lmpc, limits = given.lmpc(), bounds(0.5)
-    fresh = lmpc.solve(given.state, given.reference, given.previous, limits)
-    lmpc.solve(elsewhere.state, elsewhere.reference, elsewhere.previous, bounds(0.2, 1.0))
-    warm = lmpc.solve(given.state, given.reference, given.previous, limits)
-    assert fresh.status is warm.status is QpStatus.BOUNDED
-    assert warm.first_input == pytest.approx(fresh.first_input, abs=1e-4)
-
-
 def test_osqp_begins_at_the_optimum_and_takes_one_step(monkeypatch: pytest.MonkeyPatch) -> None:
     setup = osqp.OSQP.setup
     monkeypatch.setattr("osqp.OSQP.setup", lambda *given, **settings: setup(*given, **settings | {"max_iter": 1}))

@@ -3,7 +3,7 @@
 import pytest
 
 from agents.ports import FlightMode, VehicleStatus
-from agents.shell.life import TRANSITIONS, Action, LifeEvent, Phase, next_phase, pilot_took_over, resumed
+from agents.shell.life import TRANSITIONS, Action, LifeEvent, Phase, is_taken_over, next_phase, resumed
 from agents.tactics import Tactic
 from tests.support.diagrams import life_diagram
 
@@ -16,7 +16,7 @@ EVENTS = (
     *(E.OFFBOARD_CONFIRMED, E.OFFBOARD_REFUSED),
     *(E.START_AGREED, E.START_REFUSED, E.DURATION_OVER),
     *(E.OPERATOR_STOP, E.OPERATOR_HURRY, E.HOLD_OVER),
-    *(E.LAND_DECIDED, E.PILOT_TOOK_OVER, E.RESUME),
+    *(E.LAND_DECIDED, E.TAKEN_OVER, E.RESUME),
     *(E.ARMED, E.DISARMED),
     *(E.OFFBOARD_LEFT, E.OFFBOARD_KEPT),
     *(E.LANDED, E.LANDING_REFUSED),
@@ -152,7 +152,7 @@ def test_what_ends_a_flight_in_the_air_leads_down_or_away() -> None:
 
 @pytest.mark.parametrize("phase", sorted(STEERED, key=str))
 def test_a_pilot_may_take_over_in_every_phase_with_control(phase: Phase) -> None:
-    assert A.HAND_OVER in next_phase(phase, E.PILOT_TOOK_OVER)[1]
+    assert A.HAND_OVER in next_phase(phase, E.TAKEN_OVER)[1]
 
 
 def test_only_resume_leads_from_pilot_override_towards_offboard() -> None:
@@ -204,7 +204,7 @@ def test_the_diagram_shows_every_transition_and_no_other() -> None:
     ],
 )
 def test_when_a_pilot_has_taken_over(connected: bool, armed: bool, mode: FlightMode, taken: bool) -> None:
-    assert pilot_took_over(VehicleStatus(connected=connected, armed=armed, mode=mode)) is taken
+    assert is_taken_over(VehicleStatus(connected=connected, armed=armed, mode=mode)) is taken
 
 
 def test_a_core_has_resumed_only_where_the_agent_is_out_of_its_mission() -> None:

@@ -25,7 +25,7 @@ from gcs.mission.sections import mission_schema
 from tests.conftest import Ran, RunHere
 from tests.support import installation
 from tests.support.paths import DATA, MISSIONS
-from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
+from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wire import PATIENCE_S, until_now
 from tests.support.wording import facts_missing
 
@@ -59,7 +59,7 @@ def cordon(*arguments: str, cwd: Path | None = None) -> Ran:
     """Run a command to its end; however it ends, it does not end in a traceback."""
     command = [sys.executable, "-m", "gcs", *arguments]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=120, cwd=cwd, env=environment(), check=False, encoding="utf-8"
+        command, capture_output=True, text=True, cwd=cwd, env=environment(), check=False, encoding="utf-8"
     )
     assert "Traceback" not in done.stderr, done.stderr
     return Ran(done.returncode, done.stdout, done.stderr)
@@ -105,7 +105,7 @@ for arguments in (["--help"], *([name, "--help"] for name in {COMMANDS})):
     print(*(f"{{arguments}}: {{name}}" for name in {HEAVY} if name in sys.modules), sep="\\n", file=sys.stderr)
 """
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment(), timeout=60
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment()
     )
     assert done.stderr.split() == []
     assert done.stdout.count("Usage: cordon") == 1 + len(COMMANDS)
@@ -115,7 +115,7 @@ def test_a_verb_is_imported_once_it_is_used() -> None:
     program = f"import sys, gcs.cli; print([name for name in {COMMANDS} if 'gcs.cli.' + name in sys.modules])"
     program += "; gcs.cli.app['check']; print('gcs.cli.check' in sys.modules, 'gcs.cli.fly' in sys.modules)"
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment(), timeout=60
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment()
     )
     assert done.stdout.splitlines() == ["[]", "True False"]
 
@@ -200,25 +200,6 @@ def test_no_command_at_all_is_a_plea_for_help(run_here: RunHere) -> None:
 # Flying in simulation
 
 
-def test_json_is_one_object_with_its_keys_in_their_order(run_here: RunHere) -> None:
-    ran = run_here("sim", "case1", "--duration", "3", "--json")
-    assert ran.code == Exit.VERDICT_FAILED, "too short to be judged"
-    assert ran.out.count("\n") == 1
-    result = json.loads(ran.out)
-    assert list(result) == RESULT_KEYS[""].split()
-    assert [list(vehicle) for vehicle in result["vehicles"]] == [RESULT_KEYS["vehicles"].split()] * 3
-    for part in ("ring", "loop", "verdicts"):
-        assert list(result[part]) == RESULT_KEYS[part].split()
-    assert (result["mission"], result["seed"], result["source"], result["reference"]) == (
-        "case1",
-        0,
-        "simulation",
-        "truth",
-    )
-    assert (result["duration_s"], result["window_s"], result["loop"]["ticks"]) == (3.0, None, 93)
-    assert result["wall_time_s"] > 0.0
-
-
 def test_people_are_told_on_standard_error_only() -> None:
     ran = cordon("sim", "case1", "--duration", "3")
     assert (ran.code, ran.out) == (Exit.VERDICT_FAILED, "")
@@ -253,19 +234,6 @@ BLIND = ("--set", "encirclement.radius_m=16", "--set", "encirclement.angular_rat
 """A ring of case2-field whose target, in its middle, is beyond the 15 m that the sensors see."""
 
 
-def test_three_vehicles_that_a_failsafe_took_off_the_ring_are_no_success(run_here: RunHere) -> None:
-    near = ("--set", "target.start_m=[14.0,0.0]", "--seed", "0", "--duration", "80")
-    ran = run_here("sim", "case2-field", *near, *BLIND, "--json")
-    assert ran.code == Exit.VERDICT_FAILED
-    result = json.loads(ran.out)
-    assert [(each["tactic"], each["engaged_at_s"] is None) for each in result["vehicles"]] == [("hold", False)] * 3
-    assert result["verdicts"]["kept"] is False
-    assert {(each["vehicle"], each["place"], each["cause"]) for each in result["departures"]} == {
-        (vehicle, "ring", "target stale") for vehicle in (1, 2, 3)
-    }
-    assert result["not_judged"] == ["C1", "C2", "C3"]
-
-
 def test_a_ring_from_which_no_sensor_sees_the_target_is_warned_of_before_it_flies(run_here: RunHere) -> None:
     warned = "warning: the shortest sensor range is 15 m, the ring's radius is 16 m"
     assert warned in run_here("sim", "case2-field", "--duration", "1", *BLIND).err
@@ -282,14 +250,6 @@ def test_wall_times_are_told_or_left_out_as_asked(run_here: RunHere) -> None:
         assert (result["loop"]["tick_p50_us"] is not None) is timed
 
 
-def test_a_figure_is_drawn_beside_the_result(tmp_path: Path, run_here: RunHere) -> None:
-    ran = run_here("sim", "case1", "--duration", "2", "--plot", "flight.svg", "--json")
-    assert ran.code == Exit.VERDICT_FAILED, "too short to be judged"
-    assert json.loads(ran.out)["mission"] == "case1"
-    assert (tmp_path / "flight.svg").read_text(encoding="utf-8").startswith("<?xml")
-    assert "figure: flight.svg" in ran.err
-
-
 # Bad input: exit code 2, nothing on standard output, every fault on a line of standard error
 
 
@@ -304,26 +264,10 @@ def test_bad_input_is_an_exit_code_of_the_process_and_text_on_standard_error(mis
     ]
 
 
-def test_every_fault_of_a_mission_is_a_line_with_its_place(mission: Callable[..., str], refused: Refused) -> None:
-    path = mission(
-        ("radius_m = 10.0", 'radius_m = "10 m"'),
-        ("spacing_m = 5.0", "spacing_m = nan"),
-        ("id = 3", "id = 1"),
-        ("leader = 2", "leader = 2\ncolour = 1"),
-        ("start_m = [0.0, -4.0]", 'start_m = [0.0, -4.0]\nplant = "none"'),
-    )
-    for command in ("sim", "fly", "sitl"):
-        places = sorted(line.partition(": ")[0] for line in refused(command, path))
-        assert places == ["encirclement.radius_m", "formation.colour", "formation.spacing_m", "vehicles[2].plant"]
-
-
 REFUSED: tuple[tuple[str, ...], ...] = (
-    ("sim", "--mission"),
     ("sim case9", "case9", "did you mean 'case", ", ".join(bundled_missions())),
     ("sim case1 case2", "case2"),
-    ("sim case1 --sede 3", "--seed"),
     ("sim case1 --seed -1", "--seed"),
-    ("sim case1 --seed x", "--seed"),
     *((f"sim case1 --duration {given}", "--duration") for given in ("0", "nan", "inf", "1e9")),
     *((f"{verb} case1 --plot flight.bmp", "--plot", "'flight.bmp'", ".png, .svg, .pdf") for verb in ("sim", "fly")),
     *((f"{verb} case1 --plot no/flight.png", "--plot", "'no'", "mkdir -p no") for verb in ("sim", "fly")),
@@ -335,7 +279,6 @@ REFUSED: tuple[tuple[str, ...], ...] = (
         (f"fly case1 --sitl --no-log --live --live-address={address}", "--live-address", f"'{address}'", "HOST:PORT")
         for address in ("8765", "127.0.0.1", ":8765", "here:", "here:0", "here:65536", "::1:8765", "[::1", "here:-1")
     ),
-    ("flyy case1", "fly"),
     ("excite case1 --vehicle 9", "--vehicle", "9", "1, 2, 3"),
     ("sitl case1 --speed 1000", "--speed"),
     ("drill nowhere", "nowhere: "),
@@ -466,13 +409,6 @@ def not_taken_off(*arguments: str) -> tuple[str, str]:
 
 
 @pytest.mark.wire
-def test_a_vehicle_that_is_not_heard_is_a_refusal_with_a_next_step(own_ports: str) -> None:
-    reason, following = not_taken_off("fly", own_ports, "--only", "1", "--json")
-    assert reason == f"no heartbeat on udpin://127.0.0.1:{ports_of(own_ports, 'url')[0]} within 10 s"
-    assert "cordon sitl" in following
-
-
-@pytest.mark.wire
 def test_all_vehicles_that_cannot_be_reached_are_named_one_a_line(own_ports: str, taken: Callable[..., None]) -> None:
     ports = ports_of(own_ports, "url")
     taken(ports[1], socket.SOCK_DGRAM)
@@ -480,17 +416,10 @@ def test_all_vehicles_that_cannot_be_reached_are_named_one_a_line(own_ports: str
     assert (ran.code, ran.out) == (3, "")
     first, second, third = ran.err.splitlines()[-3:]
     assert first.startswith(f"vehicle 1: no heartbeat on udpin://127.0.0.1:{ports[0]} within 10 s; next: ")
+    assert "cordon sitl" in first
     assert second.startswith(f"vehicle 2: udp port {ports[1]} of udpin://127.0.0.1:{ports[1]} ")
+    assert "end the other" in second
     assert third.startswith(f"vehicle 3: no heartbeat on udpin://127.0.0.1:{ports[2]} within 10 s; next: ")
-
-
-@pytest.mark.wire
-def test_a_vehicles_port_that_is_taken_is_a_refusal(own_ports: str, taken: Callable[..., None]) -> None:
-    port = ports_of(own_ports, "url")[0]
-    taken(port, socket.SOCK_DGRAM)
-    reason, following = not_taken_off("fly", own_ports, "--only", "1")
-    assert reason.startswith(f"udp port {port} of udpin://127.0.0.1:{port} ")
-    assert "end the other" in following
 
 
 @pytest.mark.wire
@@ -501,20 +430,6 @@ def test_a_peers_endpoint_that_is_taken_is_a_refusal(own_ports: str, taken: Call
     assert reason == f"peer endpoint tcp/127.0.0.1:{port} is taken"
     assert "[" in following, "where in the mission file"
     assert "]" in following
-
-
-@pytest.mark.wire
-def test_a_drill_tells_its_progress_and_its_table() -> None:
-    ran = cordon("drill", "case2", "--fault", "frozen-interpreter", "--json")
-    assert ran.code == 0, ran.err
-    result = json.loads(ran.out)
-    assert (result["mission"], result["holds"]) == ("case2", True)
-    (row,) = result["drills"]
-    assert list(row) == ["fault", "expected", "limit_s", "measured_s", "holds", "detail"]
-    assert (row["fault"], row["limit_s"], row["holds"]) == ("frozen interpreter", 2.0, True)
-    assert 1.0 < row["measured_s"] <= 2.0, "later than a process that is gone: somebody had to notice"
-    assert "1 of 1: frozen interpreter ..." in ran.err
-    assert "drills of case2" in ran.err
 
 
 @pytest.mark.wire

@@ -119,13 +119,14 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
     assert "all checks passed" in page
 
 
-def test_a_damaged_log_gives_its_plant_and_exit_code_one(ran: Runner) -> None:
-    ran.hold(log := log_of(is_damaged=True, notes=("damaged: 100 bytes were skipped",)))
+def test_a_damaged_log_of_an_unknown_autopilot_gives_a_profile_for_any_and_exit_code_one(ran: Runner) -> None:
+    ran.hold(log := log_of(is_damaged=True, notes=("damaged: 100 bytes were skipped",), autopilot="simulation"))
     code, out, err = ran(log.path, "-o", "own.toml", "--json")
     assert code == 1
     result = json.loads(out)
     assert (result["verdict"], result["logs"][0]["damaged"]) == ("good", True)
-    assert (ran.folder / "own.toml").exists()
+    profile = ProfileLibrary(ran.folder).load("own.toml")
+    assert (profile.autopilot, profile.own_filter, profile.limits) == (None, OwnFilterSettings(), LimitsSection())
     assert f"{log.path}: damaged: 100 bytes" in err
 
 
@@ -248,10 +249,3 @@ def test_one_of_several_vehicles_is_chosen(ran: Runner) -> None:
     code, _, err = ran("a.ulg", "b.ulg", "--vehicle", "4")
     assert code == 1
     assert "vehicle 4, px4" in err
-
-
-def test_a_profile_of_an_unknown_autopilot_is_for_any_with_the_filters_defaults(ran: Runner) -> None:
-    ran.hold(log := log_of(autopilot="simulation"))
-    assert ran(log.path, "-o", "own.toml")[0] == 0
-    profile = ProfileLibrary(ran.folder).load("own.toml")
-    assert (profile.autopilot, profile.own_filter, profile.limits) == (None, OwnFilterSettings(), LimitsSection())

@@ -3,12 +3,14 @@
 import os
 import pty
 import sys
+import time
 import tomllib
 from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import get_args
 
+import psutil
 import pytest
 
 from agents.settings.shapes import SPACED_SHAPES
@@ -163,8 +165,13 @@ def test_ctrl_c_at_a_question_writes_nothing(tmp_path: Path) -> None:
     os.write(terminal, b"udp\n")
     while b"(px4)" not in said:
         said += os.read(terminal, 4096)
+    while psutil.Process(process).status() != psutil.STATUS_SLEEPING:
+        time.sleep(
+            0.01
+        )  # an interrupt between the question and the read of its answer takes effect with the next key only
     os.write(terminal, b"\x03")
-    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 3
+    _, status = os.waitpid(process, 0)
+    assert os.waitstatus_to_exitcode(status) == 3
     os.close(terminal)
     assert list(tmp_path.iterdir()) == []
 

@@ -37,7 +37,7 @@ def start(*arguments: str) -> "subprocess.Popen[str]":
 
 def ended(process: "subprocess.Popen[str]") -> tuple[Exit, str, str]:
     """Return exit code, standard output and standard error of a process."""
-    out, err = process.communicate(timeout=200)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert "Traceback" not in err, err
     return Exit(process.returncode), out, err
 
@@ -156,7 +156,7 @@ def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path, run_her
     mission.write_text("edited")
     plotted = run_here("sweep", "plot", str(folder), "--out", str(figure), "--json")
     drawn = json.loads(plotted.out)
-    (failed,) = (each for each in drawn["worst"] if "-1" in each["command"])
+    (failed,) = (each for each in drawn["worst"] if "radius_m=-1 " in each["command"])
     plot_keys = OUTPUT_KEYS["sweep plot"].split(), OUTPUT_KEYS["worst[] of sweep plot"].split()
     assert (list(drawn), list(failed)) == plot_keys
     copy = folder / "mission" / "mine.toml"

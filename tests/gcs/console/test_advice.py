@@ -25,6 +25,8 @@ FLIES_ON = {
     "peer silent",
     "peer doubtful",
     "link degraded",
+    "battery warning",
+    "status stale",
     "sightings contradict",
     "target from outside only",
 }

@@ -12,14 +12,12 @@ from agents.team.messages import (
     CommandAnswer,
     MemberState,
     NeighbourAngle,
-    NextChange,
     OperatorCommand,
-    Outlook,
     VehicleReport,
 )
 from estimation.frames import MissionFrame
 from gcs.console.team_state import EVENTS_KEPT, SILENT_AFTER_S, TeamEvent, TeamState
-from gcs.console.vehicle_view import NextView, TeamRow, with_alert
+from gcs.console.vehicle_view import TeamRow, with_alert
 from gcs.console.watch import WatchView, watch_line, watch_table
 
 UNKNOWN = TeamRow(3, note="not received")
@@ -56,36 +54,6 @@ def test_who_has_said_nothing_has_an_empty_row() -> None:
     picture.receive(state(2), 0.0)
     assert [row.vehicle_id for row in picture.rows(0.0)] == [1, 2]
     assert picture.any_received
-
-
-def test_a_row_is_the_last_words_and_their_age() -> None:
-    picture = TeamState((1,))
-    picture.receive(state(angle=NeighbourAngle(1, 100.0, 0.3, 0.05, 10.5)), 5.0)
-    (row,) = picture.rows(5.25)
-    assert row == TeamRow(
-        1,
-        0.25,
-        is_stale=False,
-        tactic="formation",
-        position_m=(1.0, -2.0, 8.0),
-        velocity_m_s=(0.0, 0.0),
-        aim_m=(1.0, -2.0),
-        radius_m=10.5,
-        angular_rate_rad_s=0.05,
-    )
-    picture.receive(state(time_s=101.5), 6.0)
-    (row,) = picture.rows(6.0)
-    assert (row.radius_m, row.angular_rate_rad_s) == (None, None), "it has left the ring"
-
-
-def test_what_a_vehicle_reports_to_do_next_counts_down_by_the_age_of_its_state() -> None:
-    picture = TeamState((1,))
-    picture.receive(
-        VehicleReport(1, 99.5, "offboard", outlook=Outlook(NextChange("land", 118.0, "not following"))), 4.5
-    )
-    picture.receive(state(alert="not following"), 5.0)
-    (row,) = picture.rows(5.5)
-    assert row.next == NextView("lands", 17.5, "not following")
 
 
 def test_silence_is_news_once_and_so_is_its_end() -> None:
@@ -226,7 +194,10 @@ def test_neighbours_fences_and_the_ring_are_those_of_the_messages() -> None:
     assert (first.speed_m_s, first.nearest_id, first.nearest_m, first.fence_margin_m) == (5.0, 2, 7.0, 3.0)
     assert (second.speed_m_s, second.nearest_id, second.nearest_m, second.fence_margin_m) == (0.0, 1, 7.0, None)
     assert picture.ring_members(0.5) == 1
+    assert (second.age_s, second.radius_m, second.angular_rate_rad_s) == (0.0, 10.5, 0.05)
     assert picture.ring_members(0.6 + SILENT_AFTER_S) == 0, "its messages have stopped"
+    picture.receive(state(2), 3.0)
+    assert picture.rows(3.0)[1].radius_m is None, "it has left the ring"
 
 
 def test_of_a_view_that_is_closed_nothing_is_shown_as_if_it_went_on() -> None:

@@ -6,7 +6,6 @@ undisturbed flight. The other drills fly in `tests/wire/test_drill.py`.
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
 from typing import Self
 
 import pytest
@@ -55,10 +54,8 @@ class FlightBelowTheWire(DrillFlight):
         await self.team.begin()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self.team.__aexit__(kind, error, trace)
+    async def __aexit__(self, *error: object) -> None:
+        await self.team.__aexit__(*error)
 
     @property
     def has_begun(self) -> bool:

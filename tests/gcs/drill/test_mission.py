@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gcs.drill.faults import DRILLS, Roles, chosen
-from gcs.drill.run import drill_mission, profiles_of
+from gcs.drill.run import drill_mission
 from gcs.errors import InputError
 from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
 from gcs.mission.mission import Mission
@@ -16,7 +16,7 @@ from tests.support.paths import PROFILES
 
 
 def drilled(name: str, *changes: tuple[str, str, object]) -> Mission:
-    return parse_mission(drill_mission(name, changes), None, profiles_of(name))
+    return parse_mission(drill_mission(name, changes), None, load_mission(name).profile_texts)
 
 
 @pytest.mark.parametrize("name", bundled_missions())

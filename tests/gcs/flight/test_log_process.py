@@ -69,7 +69,7 @@ def test_a_flight_is_written_as_if_by_its_own_process(tmp_path: Path) -> None:
 def test_a_log_is_completed_when_the_flying_process_is_killed(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     flying = subprocess.run(
-        [sys.executable, "-c", KILLED.format(path=str(path))], cwd=ROOT, env=finds_tests(), check=False, timeout=60
+        [sys.executable, "-c", KILLED.format(path=str(path))], cwd=ROOT, env=finds_tests(), check=False
     )
     assert flying.returncode == -signal.SIGKILL
     until_now(lambda: _is_closed(path))

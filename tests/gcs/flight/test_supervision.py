@@ -1,7 +1,9 @@
 """When a control loop counts as dead: what a supervisor concludes from heartbeats and polls, without processes."""
 
 import os
+import signal
 import socket
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -130,6 +132,35 @@ def test_vehicles_that_are_unaccounted_for_at_the_end_are_known() -> None:
     monitor.receive(tick(1) + tick(2) + encode_beat(Beat.ENDED, 1) + encode_beat(Beat.ENDED, 2))
     monitor.receive(encode_beat(Beat.UNACCOUNTED, 2))
     assert (monitor.unaccounted, monitor.flying) == ((2,), ())
+
+
+class Ending(subprocess.Popen[bytes]):
+    """Stands for a process that was killed and has not ended yet."""
+
+    def __init__(self) -> None:
+        self.killed = self.is_over = False
+
+    def poll(self) -> int | None:
+        return -signal.SIGKILL if self.is_over else None
+
+    def wait(self, timeout: float | None = None) -> int:
+        self.is_over = True
+        return -signal.SIGKILL
+
+    def kill(self) -> None:
+        self.killed = True
+
+    def __del__(self) -> None:
+        pass
+
+
+def test_a_process_that_is_about_to_end_is_not_called_silent(pair: tuple[socket.socket, socket.socket]) -> None:
+    ours, theirs = pair
+    ours.setblocking(False)
+    theirs.send(tick(1))
+    flying = Ending()
+    assert supervisor._watch(flying, ours, LoopMonitor()) == {}
+    assert not flying.killed
 
 
 def test_a_flight_that_ended_as_it_should_has_no_words_of_the_watchdog() -> None:

@@ -18,7 +18,7 @@ from gcs.cli.log import audit
 from gcs.errors import Exit
 from gcs.flightlog.audit import AuditEntry, chain_fault
 from gcs.flightlog.container import LogError
-from gcs.flightlog.flight import FlightRecording
+from gcs.flightlog.flight import Recording
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
@@ -33,9 +33,9 @@ def command(number: int, verb: str, time_s: float, name: str = "anna") -> Operat
     return OperatorCommand(time_s, verb, None, name, number)  # type: ignore[arg-type]
 
 
-def fly_commanded(recording: FlightRecording) -> None:
+def fly_commanded(recording: Recording) -> None:
     mission = load_mission("case2")
-    recording.begin(run_of(mission, (2,), seed=0, source="flight", speed=1.0, began_s=1.7e9, duration_s=10.0))
+    recording.note_run(run_of(mission, (2,), seed=0, source="flight", speed=1.0, began_s=1.7e9, duration_s=10.0))
     core = recording.core(CONFIG)
     core.take(Start(0.0))
     for tick in range(12):
@@ -59,7 +59,7 @@ def fly_commanded(recording: FlightRecording) -> None:
 def log(tmp_path: Path) -> Path:
     """Return the log of a vehicle that was commanded over the bus and by keyboard."""
     path = tmp_path / "log.mcap"
-    with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
+    with Recording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         fly_commanded(recording)
     return path
 
@@ -116,7 +116,7 @@ def test_whatever_is_changed_is_found(log: Path, subtests: pytest.Subtests) -> N
 
 def test_a_log_that_was_not_closed_does_not_verify(tmp_path: Path) -> None:
     path, cut = tmp_path / "log.mcap", tmp_path / "cut.mcap"
-    with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
+    with Recording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         fly_commanded(recording)
 
         def holds_entries() -> bool:

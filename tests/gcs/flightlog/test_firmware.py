@@ -11,7 +11,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from agents.shell.clock import WallClock
 from gcs.autopilots import px4
-from gcs.flightlog.flight import FlightRecording
+from gcs.flightlog.flight import Recording
 from gcs.flightlog.writer import LogWriter
 from gcs.preflight import link_facts
 from gcs.preflight.findings import VehicleFacts
@@ -64,7 +64,7 @@ def test_a_version_in_words(version: Any, words: str, monkeypatch: pytest.Monkey
 
 def test_a_log_holds_it_beside_the_parameters(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
-    with FlightRecording(LogWriter(path, Context()), WallClock(1.0)) as recording:
+    with Recording(LogWriter(path, Context()), WallClock(1.0)) as recording:
         parameters = {"COM_OBL_RC_ACT": 4.0, "NOT_THERE": None}
         recording.begin_vehicle(
             VehicleFacts(vehicle_id=2, autopilot=px4.AUTOPILOT, firmware="1.17.0", parameters=parameters)

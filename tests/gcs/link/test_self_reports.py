@@ -1,6 +1,5 @@
 """What autopilots report in words and numbers of their own, as facts of the vehicle's status."""
 
-import asyncio
 import json
 from math import acos, degrees
 from types import SimpleNamespace
@@ -10,23 +9,24 @@ import numpy as np
 import pytest
 from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.telemetry import FixType
+from msgspec.structs import replace
 
-from agents.ports import Connection, GpsThreat, ModeSource
+from agents.ports import Connection, FlightMode, GpsThreat, ModeSource, VehicleStatus
+from agents.safety.failsafe import STATUS_STALE_S
 from gcs.link import self_reports
 from gcs.link.self_reports import (
+    BATTERY,
     CHANGES_WITHIN_S,
     LOST_S,
     WIND_S,
     EstimatorReport,
     SelfReports,
     estimator_facts,
+    is_explained,
     tilt_deg,
 )
-from tests.support.simulated_loop import run_simulated
 
 SYSTEM = 4
-ACTIVE, CRITICAL = 4, 5
-OFFBOARD, HOLD, LANDS = 6 << 16, 3 << 24 | 4 << 16, 6 << 24 | 4 << 16
 
 
 class Subscriptions:
@@ -47,18 +47,18 @@ class Reports:
         monkeypatch.setattr(self_reports, "MavlinkDirect", Subscriptions)
         system = SimpleNamespace(autopilot_type=lambda: autopilot, get_system_id=lambda: SYSTEM)
         self.status: dict[str, object] = {}
-        self.reports = SelfReports(system, self.status.update)
+        self.now_s = 0.0
+        self.reports = SelfReports(system, self.status.update, lambda: self.now_s)
         self.telemetry = Subscriptions()
         self.reports.subscribe(self.telemetry, lambda take: take, gps=True)
+
+    def wait(self, duration_s: float) -> None:
+        self.now_s += duration_s
+        self.reports.expire()
 
     def receive(self, message: str, system_id: int, component_id: int = 1, **fields: object) -> None:
         received = SimpleNamespace(system_id=system_id, component_id=component_id, fields_json=json.dumps(fields))
         self.reports.direct.taken[message](received)
-
-    def heartbeat(self, mode: int, state: int = ACTIVE, **ids: int) -> object:
-        """Receive a heartbeat, and return what has changed the mode."""
-        self.receive("HEARTBEAT", **{"system_id": SYSTEM, **ids}, custom_mode=mode, system_status=state)
-        return self.status["mode_by"]
 
 
 TEXTS = {
@@ -94,16 +94,38 @@ async def test_texts_name_the_lost_connection_and_the_threat(
 
 
 def test_what_a_text_reported_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def reported() -> None:
-        flight = Reports(monkeypatch)
-        for _ in range(2):
-            flight.reports.take_text("GCS Failsafe")
-            await asyncio.sleep(0.6 * LOST_S)
-        assert flight.status == {"lost": Connection.GROUND_STATION}
-        await asyncio.sleep(0.5 * LOST_S)
-        assert flight.status == {"lost": Connection.NONE}
+    flight = Reports(monkeypatch)
+    for _ in range(2):
+        flight.reports.take_text("GCS Failsafe")
+        flight.wait(0.6 * LOST_S)
+    assert flight.status == {"lost": Connection.GROUND_STATION}
+    flight.wait(0.5 * LOST_S)
+    assert flight.status == {"lost": Connection.NONE}
 
-    run_simulated(reported())
+
+def test_a_report_that_stops_is_named_and_its_values_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Reports(monkeypatch)
+    flight.wait(2.0 * STATUS_STALE_S)
+    assert flight.status == {}, "what was never reported is not missed"
+    for _ in range(3):
+        flight.reports.take_repeated(BATTERY, battery=0.8, endurance_s=600.0)
+        flight.telemetry.taken["gps_info"](SimpleNamespace(fix_type=FixType.FIX_3D, num_satellites=14))
+        flight.wait(0.6 * STATUS_STALE_S)
+    assert "stale" not in flight.status
+    flight.telemetry.taken["gps_info"](SimpleNamespace(fix_type=FixType.FIX_3D, num_satellites=14))
+    flight.wait(0.6 * STATUS_STALE_S)
+    assert flight.status == {
+        "battery": None,
+        "endurance_s": None,
+        "gps_dimensions": 3,
+        "satellites": 14,
+        "stale": "battery",
+    }
+    flight.wait(0.6 * STATUS_STALE_S)
+    assert flight.status["stale"] == "GPS, battery"
+    assert flight.status["satellites"] is None
+    flight.reports.take_repeated(BATTERY, battery=0.7, endurance_s=None)
+    assert (flight.status["battery"], flight.status["stale"]) == (0.7, "GPS")
 
 
 async def test_a_remote_control_is_lost_only_where_there_was_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,46 +138,26 @@ async def test_a_remote_control_is_lost_only_where_there_was_one(monkeypatch: py
     assert flight.status == {"lost": Connection.REMOTE_CONTROL}
 
 
-async def test_a_failsafe_changed_the_mode_only_if_it_begins_with_the_change(monkeypatch: pytest.MonkeyPatch) -> None:
-    flight = Reports(monkeypatch)
-    assert flight.heartbeat(OFFBOARD) is ModeSource.UNKNOWN
-    assert flight.heartbeat(LANDS, CRITICAL, system_id=SYSTEM + 1) is ModeSource.UNKNOWN
-    assert flight.heartbeat(LANDS, CRITICAL, component_id=154) is ModeSource.UNKNOWN
-    assert flight.heartbeat(LANDS, CRITICAL) is ModeSource.FAILSAFE
-    assert flight.heartbeat(LANDS, ACTIVE) is ModeSource.FAILSAFE, "the mode is the same"
-    assert flight.heartbeat(OFFBOARD) is ModeSource.UNKNOWN
-    assert flight.heartbeat(OFFBOARD, CRITICAL) is ModeSource.UNKNOWN
-    assert flight.heartbeat(HOLD, CRITICAL) is ModeSource.UNKNOWN, "critical before: someone else may have changed it"
-
-
 ACCEPTED, DENIED = 0, 2
 SET_MODE, SET_INTERVAL = 176, 511
 
 
 def test_pilot_and_station_changed_the_mode_only_if_that_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    def acknowledge(flight: Reports, command: int, result: int, station: int) -> None:
+    flight = Reports(monkeypatch)
+
+    def acknowledge(command: int, result: int, station: int) -> None:
         flight.receive("COMMAND_ACK", SYSTEM, command=command, result=result, target_system=station)
 
-    async def reported() -> None:
-        flight = Reports(monkeypatch)
-        flight.heartbeat(OFFBOARD)
-        acknowledge(flight, SET_MODE, ACCEPTED, 255)
-        assert flight.heartbeat(HOLD) is ModeSource.STATION
-        for command, result, station in (
-            (SET_MODE, ACCEPTED, 245),
-            (SET_MODE, DENIED, 255),
-            (SET_INTERVAL, ACCEPTED, 255),
-        ):
-            await asyncio.sleep(2.0 * CHANGES_WITHIN_S)
-            flight.heartbeat(OFFBOARD)
-            acknowledge(flight, command, result, station)
-            assert flight.heartbeat(HOLD) is ModeSource.UNKNOWN
-        flight.reports.take_text("Pilot took over using sticks")  # after the heartbeat that shows it
-        assert flight.status["mode_by"] is ModeSource.PILOT
-        await asyncio.sleep(2.0 * CHANGES_WITHIN_S)
-        assert flight.heartbeat(LANDS) is ModeSource.UNKNOWN, "that was about another change"
-
-    run_simulated(reported())
+    acknowledge(SET_MODE, ACCEPTED, 255)
+    assert flight.reports.mode_changed() is ModeSource.STATION
+    for command, result, station in ((SET_MODE, ACCEPTED, 245), (SET_MODE, DENIED, 255), (SET_INTERVAL, ACCEPTED, 255)):
+        flight.wait(2.0 * CHANGES_WITHIN_S)
+        acknowledge(command, result, station)
+        assert flight.reports.mode_changed() is ModeSource.UNKNOWN
+    flight.reports.take_text("Pilot took over using sticks")  # after the heartbeat that shows it
+    assert flight.status["mode_by"] is ModeSource.PILOT
+    flight.wait(2.0 * CHANGES_WITHIN_S)
+    assert flight.reports.mode_changed() is ModeSource.UNKNOWN, "that was about another change"
 
 
 async def test_the_estimator_counts_with_its_own_system_id_and_dialect(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,27 +170,28 @@ async def test_the_estimator_counts_with_its_own_system_id_and_dialect(monkeypat
     assert copter.status == expected
     px4 = Reports(monkeypatch)
     px4.receive("ESTIMATOR_STATUS", SYSTEM, flags=32, vel_ratio=None)
-    assert px4.status == {
+    expected = {
         "estimator_ratio": None,
         "estimator_sensor": "",
         "estimator_fault": "no attitude, no horizontal position",
     }
+    assert px4.status == expected
+    px4.wait(2.0 * STATUS_STALE_S)
+    assert px4.status == expected | {"stale": "estimator"}, "its fault is not over"
 
 
 def test_the_wind_is_that_of_each_autopilots_own_message_and_expires(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def blown() -> None:
-        px4, copter = Reports(monkeypatch), Reports(monkeypatch, Autopilot.ARDUPILOT)
-        px4.receive("WIND_COV", SYSTEM + 1, wind_x=9.0, wind_y=0.0)
-        px4.receive("WIND_COV", SYSTEM, wind_x=9.0, wind_y=None)
-        px4.receive("WIND_COV", SYSTEM, wind_x=9.0)
-        assert px4.status == {}
-        px4.receive("WIND_COV", SYSTEM, wind_x=-9.0, wind_y=12.04, wind_z=100.0)
-        copter.receive("WIND", SYSTEM, direction=200.0, speed=7.26, speed_z=-3.0)
-        assert (px4.status, copter.status) == ({"wind_m_s": 15.0}, {"wind_m_s": 7.3})
-        await asyncio.sleep(1.1 * WIND_S)
-        assert (px4.status, copter.status) == ({"wind_m_s": None}, {"wind_m_s": None})
-
-    run_simulated(blown())
+    px4, copter = Reports(monkeypatch), Reports(monkeypatch, Autopilot.ARDUPILOT)
+    px4.receive("WIND_COV", SYSTEM + 1, wind_x=9.0, wind_y=0.0)
+    px4.receive("WIND_COV", SYSTEM, wind_x=9.0, wind_y=None)
+    px4.receive("WIND_COV", SYSTEM, wind_x=9.0)
+    assert px4.status == {}
+    px4.receive("WIND_COV", SYSTEM, wind_x=-9.0, wind_y=12.04, wind_z=100.0)
+    copter.receive("WIND", SYSTEM, direction=200.0, speed=7.26, speed_z=-3.0)
+    assert (px4.status, copter.status) == ({"wind_m_s": 15.0}, {"wind_m_s": 7.3})
+    for each in (px4, copter):
+        each.wait(1.1 * WIND_S)
+    assert (px4.status, copter.status) == ({"wind_m_s": None}, {"wind_m_s": None})
 
 
 def test_a_rejected_sensor_is_not_hidden_by_a_worse_compass() -> None:
@@ -216,3 +219,30 @@ def test_the_tilt_is_the_angle_between_the_rotated_axis_and_the_vertical() -> No
         about_y = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
         upright = float((about_y @ about_x)[2, 2])
         assert tilt_deg(roll_deg, pitch_deg) == round(degrees(acos(upright)))
+
+
+LEFT_OFFBOARD = VehicleStatus(mode=FlightMode.LAND, mode_by=ModeSource.FAILSAFE, battery=0.8, gps_dimensions=3)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"mode_by": ModeSource.PILOT},
+        {"mode_by": ModeSource.UNKNOWN},
+        {"lost": Connection.REMOTE_CONTROL},
+        {"mode": FlightMode.RETURN},
+        {"gps_dimensions": 0},
+        {"gps_dimensions": 2},
+        {"battery": 0.15},
+        {"estimator_fault": "no horizontal position"},
+        {"battery_fault": "battery 0 critical"},
+    ],
+)
+def test_another_cause_than_lost_setpoints_explains_a_change_of_mode(changes: dict[str, Any]) -> None:
+    assert is_explained(replace(LEFT_OFFBOARD, **changes), [])
+
+
+def test_a_failsafe_without_a_cause_is_left_to_lost_setpoints() -> None:
+    assert not is_explained(LEFT_OFFBOARD, ["Failsafe activated"])
+    assert not is_explained(replace(LEFT_OFFBOARD, battery=None, gps_dimensions=None), [])
+    assert is_explained(LEFT_OFFBOARD, ["Fence breached"])

@@ -62,8 +62,8 @@ class Page:
         for message in messages:
             self.pictures.receive(message, now_s)
 
-    def team(self, now_s: float, link: str = "", *, is_over: bool = False) -> TeamPicture:
-        picture = self.pictures.picture(now_s, link, is_over=is_over)
+    def team(self, now_s: float, link: str = "", stood_s: float = 0.0, *, is_over: bool = False) -> TeamPicture:
+        picture = self.pictures.picture(now_s, link, stood_s, is_over=is_over)
         self.events += self.pictures.new_events(now_s)
         return picture
 
@@ -325,14 +325,15 @@ def test_a_team_that_vanishes_in_flight_is_kept_as_it_was_and_the_time_counts_up
     """Whoever looks after a while sees where the vehicles were, that nobody flies them, and since when."""
     page = Page()
     page.hears(1.0, *(state(each, START_S, (each, 0.0)) for each in (1, 2, 3)))
-    for at_s, is_over in ((1.9, True), (3.9, False)):
-        assert page.team(at_s, is_over=is_over).lost is None
+    for at_s, stood_s, is_over in ((1.9, 0.0, True), (3.9, 0.0, False), (4.1, 0.2, False), (30.0, 26.1, False)):
+        assert page.team(at_s, stood_s=stood_s, is_over=is_over).lost is None
     for at_s, is_over in ((2.1, True), (4.1, False), (99.0, True), (99.0, False)):
         team = page.team(at_s, is_over=is_over)
         assert team.lost is not None
         assert (team.lost.since_wall_s, team.lost.vehicles) == (UNIX_S + 1.0, (1, 2, 3))
         assert "COM_OBL_RC_ACT" in team.lost.autopilots
         assert ("network is cut" in team.lost.reason) is not is_over
+        assert team.lost.processes_ended is is_over
         assert shown(team) == [LOST] * 3
         assert team.link == f"no message from any vehicle for {at_s - 1.0:.0f} s"
         assert [each.position_m for each in team.vehicles] == [(1.0, 0.0, 8.0), (2.0, 0.0, 8.0), (3.0, 0.0, 8.0)]
@@ -360,7 +361,7 @@ def test_what_the_supervisor_says_of_a_lost_flight_is_shown_until_the_next_messa
     assert [(each.text, each.severity, each.vehicle_id) for each in page.events if each.vehicle_id is None] == [
         (f"vehicles 1 and 2 {UNACCOUNTED}: no tick of vehicle 2 for 0.6 s", "alarm", None)
     ]
-    assert page.team(500.0, is_over=True).lost == lost
+    assert page.team(500.0, is_over=True).lost == replace(lost, processes_ended=True)
     assert shown(page.team(500.0, is_over=True))[:2] == [LOST] * 2
     page.pictures.recover(1)
     left = page.team(500.0, is_over=True)

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
@@ -15,6 +15,7 @@ from math import dist, hypot, radians
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 from mavsdk.plugins.action import ActionError, ActionResult
 from mavsdk.plugins.telemetry import StatusTextType
@@ -31,11 +32,13 @@ from gcs.link.calls import VehicleCalls, find_origin
 from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
-from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.mavsdk_link import SILENCE_MAX_S, WATCH_PERIOD_S, MavsdkLink
 from gcs.link.rates import RateController, Rates
 from gcs.link.status_texts import StatusTexts
+from gcs.link.streams import Streams
 from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.guidance import PositionTarget
+from sitl.mavlink.commands import Schedule
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink_constants import MessageId, Outgoing
 from sitl.server.governed_clock import GovernedClock
@@ -246,6 +249,32 @@ async def test_the_clock_is_measured_at_its_own_rate_for_a_moment(monkeypatch: p
         await repeated(attempt)
 
 
+async def test_a_rate_is_requested_again_whose_answer_was_that_to_another_request(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent, set_interval, lost = sent_by_stubs(monkeypatch), Schedule.set_interval, [MessageId.ATTITUDE]
+
+    def lose(schedule: Schedule, message: int, interval_s: float | None, *, now_s: float) -> bool:
+        """Lose the first request: its answer, which names no message, is one that was late."""
+        if message in lost:
+            lost.remove(MessageId(message))
+            return True
+        return set_interval(schedule, message, interval_s, now_s=now_s)
+
+    monkeypatch.setattr(Schedule, "set_interval", lose)
+    pace = RateController(Rates(telemetry_hz=10.0, status_hz=2.0, setpoint_hz=20.0))
+    config, clock = StubConfig(1, free_port(), PLANT, FRAME), WallClock()
+    async with served_by(clock, [config]), link_on(clock, udp_in(config), 1, pace=pace):
+
+        async def attempt() -> None:
+            sent.clear()
+            await clock.sleep(3.0)
+            assert sent[MessageId.ATTITUDE] / 3.0 == pytest.approx(2.0, abs=0.6)
+
+        await repeated(attempt)
+    assert not lost
+
+
 @pytest.mark.parametrize(("rate_hz", "expected_hz"), [(None, 20.0), (5.0, 5.0)])
 async def test_setpoints_are_handed_on_at_the_rate_asked_for(
     rate_hz: float | None, expected_hz: float, monkeypatch: pytest.MonkeyPatch
@@ -408,6 +437,20 @@ async def test_urls_that_lead_nowhere_are_refused(subtests: pytest.Subtests) -> 
             await hub.close()
 
 
+async def test_a_silence_is_noticed_while_a_request_for_a_rate_waits_for_its_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Streams, "wrong", lambda _: {int(MessageId.ATTITUDE): 2.0})
+    async with served_here() as (served, link_url), link_on(served.clock, link_url, 1) as (link, _):
+        await served.clock.sleep(3.0)
+        served.stubs[1].faults.link_cut = True
+        cut_s = served.clock.now_s()
+        parts = link._parts
+        assert parts is not None
+        lost_s = await until(lambda: parts.feed.origin_m is None, 60.0, "the loss", clock=served.clock)
+        assert lost_s - cut_s <= SILENCE_MAX_S + 2.0 * WATCH_PERIOD_S
+
+
 async def test_a_lost_vehicle_shows_is_refused_commands_and_comes_back() -> None:
     config = StubConfig(1, free_port(), PLANT, FRAME)
     first = StubProcess([config], partial(WallClock, 1.0))
@@ -453,6 +496,8 @@ class FakeFeed:
     def __init__(self, origin: Callable[[], object]) -> None:
         self.status = VehicleStatus(connected=True)
         self.plugin = SimpleNamespace(get_gps_global_origin=origin)
+        self.reports = SimpleNamespace(direct=SimpleNamespace(send_command=lambda _: None))
+        self.attitude_clock: Callable[[float], Awaitable[list[tuple[float, float]]]]
         self.texts = StatusTexts()
         self.texts.take("EKF3 IMU0 is using GPS", StatusTextType.INFO)
         self.texts.take("Preflight Fail: no GPS", StatusTextType.CRITICAL)
@@ -466,7 +511,31 @@ def calls_and_feed(monkeypatch: pytest.MonkeyPatch) -> tuple[VehicleCalls, FakeF
     monkeypatch.setattr(shell_clock, "_WALL_WAIT_MIN_S", 0.005)
     monkeypatch.setattr(link_calls, "TEXT_DELAY_S", 0.0)
     feed = FakeFeed(lambda: SimpleNamespace(latitude_deg=float("nan"), longitude_deg=0.0, altitude_m=0.0))
-    return VehicleCalls(4, cast(VehicleFeed, feed), WallClock(10.0)), feed
+    return VehicleCalls(4, cast(VehicleFeed, feed), WallClock(10.0), dict), feed
+
+
+@pytest.mark.parametrize(
+    ("rate", "delay_s", "ratio"),
+    [(1.0, 0.5, 1.0), (1.0, -0.5, 1.0), (1.0, 0.9, 1.0), (2.0, 0.5, 2.0), (0.85, 0.0, 0.85), (0.5, 0.0, 0.5)],
+)
+async def test_a_clock_is_measured_for_longer_than_messages_may_have_waited(
+    calls_and_feed: tuple[VehicleCalls, FakeFeed], rate: float, delay_s: float, ratio: float
+) -> None:
+    calls, feed = calls_and_feed
+    at_s = 0.0
+
+    async def attitudes(duration_s: float) -> list[tuple[float, float]]:
+        """Return attitudes that arrive later by `delay_s` than those of the first second."""
+        nonlocal at_s
+        began_s, at_s = at_s, at_s + duration_s
+        sent_s = np.arange(began_s, at_s, 0.1)
+        return [(time_s + delay_s * min(time_s, 1.0), rate * time_s) for time_s in sent_s.tolist()]
+
+    feed.attitude_clock = attitudes
+    measured = await calls.clock_ratio(Rates(20.0, 2.0, 20.0), 1.5)
+    assert measured == pytest.approx(ratio, rel=0.1)
+    assert ratio != round(ratio) or measured == ratio
+    assert at_s < 15.0
 
 
 async def test_a_vehicle_that_finds_itself_nowhere_is_refused(calls_and_feed: tuple[VehicleCalls, FakeFeed]) -> None:

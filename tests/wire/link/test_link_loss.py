@@ -41,7 +41,7 @@ from sitl.autopilot.modes import NavMode
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
-from tests.support.wire import LOOPBACK, free_ports, served_by, stub_clock, until
+from tests.support.wire import LOOPBACK, free_ports, hurried, served_by, stub_clock, until
 
 pytestmark = pytest.mark.wire
 
@@ -167,7 +167,9 @@ class Team:
             plan = FlightPlan(self.mission, duration_s, vehicles, speed=SPEED, clock=self.clock.name)
             flight = asyncio.create_task(fly(plan, self._view, self._tell))
             try:
-                await self.until(lambda: flight.done() or self.spaced(120.0, 1, 2, 3), 300.0, "a ring of three")
+                await self.until(lambda: flight.done() or self.any_armed, 300.0, "a take-off")
+                with hurried(self.clock):
+                    await self.until(lambda: flight.done() or self.spaced(120.0, 1, 2, 3), 300.0, "a ring of three")
                 assert not flight.done(), flight.result()
                 yield flight
             finally:
@@ -175,6 +177,10 @@ class Team:
                 await asyncio.gather(flight, return_exceptions=True)
                 for stub in self.stubs.values():
                     await stub.kill()
+
+    @property
+    def any_armed(self) -> bool:
+        return any(stub.vehicle.armed for stub in self.stubs.values())
 
     async def until(self, condition: Callable[[], bool], within_s: float, waiting_for: str = "it") -> float:
         """Wait for a condition on the team's clock; return when it became true."""
@@ -296,7 +302,7 @@ async def test_setpoints_that_do_not_arrive_are_told_as_that_and_offboard_is_req
 
 @pytest.mark.long
 async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
-    duration_s = 120.0
+    duration_s = 160.0
     # Vehicle 1 comes back with the address it had, as a PX4 or a radio does; vehicle 3 after a silence with another.
     team.configs[1] = replace(team.configs[1], port=free_ports(1)[0])
     async with team.flying(duration_s) as flight:
@@ -329,7 +335,8 @@ async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
         assert answers[1] is not None
         assert "is disarmed" in answers[1].did
         assert team.tactics(1) == ["pilot override"]
-        outcomes = (await flight).outcomes
+        with hurried(clock):
+            outcomes = (await flight).outcomes
     endings = [outcomes[i].how for i in (1, 2, 3)]
     assert endings == [FlightEnd.PILOT, FlightEnd.LANDED, FlightEnd.PILOT], outcomes
     for i in (1, 3):

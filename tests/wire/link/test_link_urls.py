@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import cast
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic, MissionFrame
@@ -27,7 +28,6 @@ from gcs.link.ports import require_usable
 from gcs.mission.file import load_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.px4 import Px4
-from sitl.mavlink import reports
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import StubConfig
 from tests.support.flights import unseen_view
@@ -230,7 +230,7 @@ async def test_what_is_no_multicopter_of_a_known_autopilot_is_not_armed(
     change: str, found: str, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if change == "airframe":
-        monkeypatch.setattr(reports, "QUADROTOR", 1)  # an aeroplane
+        monkeypatch.setattr(mavlink, "MAV_TYPE_QUADROTOR", 1)  # an aeroplane
     else:
         monkeypatch.setattr(Px4, "DIALECT", replace(Px4.DIALECT, autopilot=0))
     mission = load_mission(mission_file("px4-trio"))

@@ -6,7 +6,7 @@ The truth is that of the stub. One autopilot sends an origin that has moved, the
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from math import cos, dist, nan, sin
+from math import cos, dist, nan, sin, sqrt
 from typing import Any
 
 import pytest
@@ -20,7 +20,8 @@ from estimation.profile.autopilots import AutopilotName
 from estimation.state import Telemetry
 from gcs.link import mavsdk_link
 from gcs.link.calls import find_origin
-from gcs.link.feed import BAROMETER, ORIGIN_STEP_M
+from gcs.link.feed import ORIGIN_STEP_M
+from gcs.link.heights import BAROMETER, GPS, GPS_SIGMA_M, SIGMAS
 from gcs.link.mavsdk_link import MavsdkLink
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
@@ -158,6 +159,28 @@ async def test_a_height_that_drifts_is_compared_with_the_barometer() -> None:
             Condition.ESTIMATOR_FAILING,
             Condition.ESTIMATOR_DEGRADED,
         ]
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+async def test_a_height_that_follows_a_drifting_barometer_is_compared_with_the_gps(autopilot: AutopilotName) -> None:
+    explained_m = SIGMAS * sqrt(2.0) * GPS_SIGMA_M  # the stub's GPS states no accuracy
+    async with in_flight(autopilot) as flight:
+        for off_m, conditions in (
+            (explained_m + 1.0, []),
+            (explained_m + 3.0, [Condition.ESTIMATOR_DEGRADED]),
+            (explained_m + 5.0, [Condition.ESTIMATOR_FAILING, Condition.ESTIMATOR_DEGRADED]),
+        ):
+            # It climbs: below it is the ground.
+            while flight.stub.faults.barometer_off_m > -off_m:
+                flight.stub.faults.barometer_off_m -= 0.3
+                await flight.hold(0.5)
+            await flight.hold()
+            status = flight.link.status
+            assert flight.true_m[2] == pytest.approx(PLACE_M[2] + off_m, abs=0.5)
+            assert status.height_off_m == pytest.approx(explained_m - off_m, abs=0.5)
+            assert status.height_sensor == GPS
+            assert [*reported_faults(status, FailsafeSettings())] == conditions
+        assert flight.reference == Reference()
 
 
 async def unreadable(*_: Any) -> Triple:

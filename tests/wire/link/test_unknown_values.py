@@ -2,10 +2,13 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from agents.ports import FlightMode, ModeSource, Setpoint
+from agents.safety.failsafe import STATUS_STALE_S
 from estimation.profile.autopilots import AutopilotName
 from gcs.link.batteries import KEPT_S
 from gcs.link.config import LinkConfig
@@ -69,6 +72,36 @@ async def test_the_lower_of_two_batteries_counts_whichever_is_reported_last(auto
         assert seen == {0.06}
 
 
+@BOTH
+async def test_a_battery_that_is_no_longer_reported_is_unknown_and_told(autopilot: AutopilotName) -> None:
+    async with linked(autopilot) as (stub, link, clock):
+        await until(lambda: link.status.battery == 1.0, clock=clock)
+        stub.faults.battery_silent = True
+        await until(lambda: link.status.stale == "battery", (STATUS_STALE_S + 6.0) * clock.time_scale, clock=clock)
+        assert link.status.battery is None
+        stub.faults.battery_silent = False
+        await until(lambda: (link.status.battery, link.status.stale) == (1.0, ""), clock=clock)
+
+
+@BOTH
+async def test_what_an_autopilot_says_of_a_battery_is_told(autopilot: AutopilotName) -> None:
+    async with linked(autopilot) as (stub, link, clock):
+
+        def told(fault: str) -> bool:
+            return link.status.battery_fault == fault
+
+        await until(lambda: link.status.battery == 1.0, clock=clock)
+        assert told("")
+        stub.faults.second_battery = 0.9
+        for state, fault in (
+            (mavlink.MAV_BATTERY_CHARGE_STATE_LOW, "battery 0 low, battery 1 low"),
+            (mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY, "battery 0 unhealthy, battery 1 unhealthy"),
+            (mavlink.MAV_BATTERY_CHARGE_STATE_OK, ""),
+        ):
+            stub.faults.charge_state = state
+            await until(partial(told, fault), clock=clock)
+
+
 async def test_check_lists_the_batteries_that_an_autopilot_reports() -> None:
     config = StubConfig(1, free_port(), PLANT, FRAME)
     async with served([config], SPEED) as stubs:
@@ -100,4 +133,5 @@ async def test_a_failsafe_of_the_autopilot_is_told_from_a_selected_mode() -> Non
         await link.start_offboard()
         link.hand_over()  # no setpoint arrives any more
         await until(lambda: link.status.mode is FlightMode.LAND, clock=clock)
-        await until(lambda: link.status.mode_by is ModeSource.FAILSAFE, 2.0, clock=clock)
+        status = link.status
+        assert status.mode_by is ModeSource.FAILSAFE

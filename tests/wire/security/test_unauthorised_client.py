@@ -100,9 +100,14 @@ class Scene:
         return min(drops.unknown_key, drops.not_a_member, drops.own_id) > 0
 
     async def command(self, verb: str, shape: str | None = None) -> dict[int, tuple[str, float]]:
-        """Return what each vehicle answers, and after how long."""
+        """Return what each vehicle answers, and after how long, to an operator who has received the team."""
         client = CommandClient(self.mission)
-        answers = await client.command(verb, self.mission.ids, None, shape)  # type: ignore[arg-type]
+        await client.open()
+        try:
+            await until(lambda: client._missions.any_received, PATIENCE_S)
+            answers = await client.command(verb, self.mission.ids, None, shape)  # type: ignore[arg-type]
+        finally:
+            await client.close()
         return {i: ("", 9.9) if answer is None else (answer.did, answer.after_s) for i, answer in answers.items()}
 
 

@@ -3,16 +3,24 @@
 from itertools import pairwise
 from math import inf
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
 from gcs.autopilots import ardupilot, px4
 from gcs.link.rates import (
+    ALTITUDE,
+    ATTITUDE,
+    DEVIATIONS,
+    ESTIMATOR_BYTES,
+    EXTENDED_SYS_STATE,
+    GLOBAL_POSITION_INT,
     LOOK_PERIOD_S,
     SETPOINT_BYTES,
     SLOW_STATUS_BYTES,
     STATUS_BYTES,
+    SYS_STATUS,
     TELEMETRY_BYTES,
     UP_AFTER_S,
     Losses,
@@ -47,15 +55,15 @@ def test_a_rate_below_the_least_stays() -> None:
     ("name", "payload", "size"),
     [
         ("local_position_ned", (1, 1.1, 2.2, 3.3, 4.4, 5.5, 6.6), TELEMETRY_BYTES),
-        ("sys_status", (1, 1, 1, 500, 12000, 1, 50, 0, 0, 0, 0, 0, 1), STATUS_BYTES[0]),
-        ("attitude", (1, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), STATUS_BYTES[1]),
-        ("extended_sys_state", (0, 1), STATUS_BYTES[2]),
-        ("global_position_int", (1, 1, 1, 1, 1, 1, 1, 1, 30000), SLOW_STATUS_BYTES[3]),
-        ("altitude", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[4]),
-        ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[5]),
+        ("sys_status", (1, 1, 1, 500, 12000, 1, 50, 0, 0, 0, 0, 0, 1), STATUS_BYTES[SYS_STATUS]),
+        ("attitude", (1, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), STATUS_BYTES[ATTITUDE]),
+        ("extended_sys_state", (0, 1), STATUS_BYTES[EXTENDED_SYS_STATE]),
+        ("global_position_int", (1, 1, 1, 1, 1, 1, 1, 1, 30000), SLOW_STATUS_BYTES[GLOBAL_POSITION_INT]),
+        ("altitude", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[ALTITUDE]),
+        ("estimator_status", (1, 831, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), ESTIMATOR_BYTES[0]),
         ("sim_state", (0.1,) * 21 + (473977420, 85455940), ardupilot.AUTOPILOT.truth.size_bytes),
         ("hil_state_quaternion", (1, [0.1] * 4, *(0.1,) * 3, *(300,) * 11), px4.AUTOPILOT.truth.size_bytes),
-        ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), SLOW_STATUS_BYTES[6]),
+        ("wind_cov", (1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1), ESTIMATOR_BYTES[1]),
         (
             "set_position_target_local_ned",
             (1, 1, 1, 1, 0, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0),
@@ -128,6 +136,16 @@ def test_silences_are_as_often_as_the_formula_says(loss: float, burst: float, fr
     silences = sum(later - earlier >= 1.0 - 1e-6 for earlier, later in pairwise(arrived_s)) / 4.0
     assert silences > 50
     assert losses.silences_per_hour(frames_hz, 1.0) == pytest.approx(silences, rel=0.2)
+
+
+def test_the_length_of_bursts_is_known_as_well_as_is_said() -> None:
+    bursts, drawn = 12, np.random.default_rng(1).geometric(1.0 / 4.0, (400, 12)).sum(axis=1)
+    counted = [Losses(1000.0, float(lost), bursts) for lost in drawn]
+    within = [losses.longer(-DEVIATIONS).burst <= 4.0 <= losses.longer(DEVIATIONS).burst for losses in counted]
+    assert 0.92 <= np.mean(within) <= 0.98
+    assert {losses.longer(DEVIATIONS).share for losses in counted} == {losses.share for losses in counted}
+    assert Losses(1000.0, 3.0, 3.0).longer(-9.0).burst == 1.0
+    assert Losses(1000.0, 3.0, 3.0).longer(9.0).burst == 6.0, "all of them, and three more"
 
 
 def test_nothing_lost_and_no_timeout_make_no_silence() -> None:

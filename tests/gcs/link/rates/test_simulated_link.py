@@ -27,6 +27,17 @@ def test_most_lossy_lines_pass_the_check_and_those_that_lose_longer_bursts_do_no
     assert all("in a row" in refusal for refusal in longer)
 
 
+@pytest.mark.parametrize(
+    ("loss", "burst", "refused"),
+    [(0.05, 3.0, range(2)), (0.031, 3.8, range(6)), (0.1, 4.5, range(19, 25))],
+)
+def test_few_lines_are_refused_that_are_fit_and_few_pass_that_are_not(
+    loss: float, burst: float, refused: range
+) -> None:
+    # These losses cause 0.01, 0.1 and 2 silences an hour; 0.3 are permitted.
+    assert sum(SimulatedLink(lossy(seed, loss=loss, burst=burst), 1).check() != "" for seed in range(24)) in refused
+
+
 def test_a_line_that_loses_nothing_is_not_raised_and_one_that_is_too_slow_is_refused() -> None:
     link = SimulatedLink(lossy(1, loss=0.0), 1)
     assert link.check() == ""

@@ -16,8 +16,8 @@ def packed(message: dialect.MAVLink_message, system_id: int = 1) -> bytes:
     return bytes(message.pack(dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)))
 
 
-def heartbeat(system_id: int = 1) -> bytes:
-    return packed(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3), system_id)
+def heartbeat(system_id: int = 1, mode: int = 0, state: int = 3) -> bytes:
+    return packed(dialect.MAVLink_heartbeat_message(2, 12, 0, mode, state, 3), system_id)
 
 
 ATTITUDE = packed(dialect.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
@@ -71,3 +71,24 @@ def test_what_is_heard_of_one_vehicle_is_no_life_of_another() -> None:
         gate.admit(heartbeat(system_id), VEHICLE, 0.0)
     gate.admit(ATTITUDE, VEHICLE, 0.9)
     assert gate.admit(ATTITUDE, VEHICLE, 1.8) == ATTITUDE + heartbeat(1)
+
+
+ACTIVE, CRITICAL, EMERGENCY = 4, 5, 6
+OFFBOARD, HOLD, LANDS = 6 << 16, 3 << 24 | 4 << 16, 6 << 24 | 4 << 16
+
+
+@pytest.mark.parametrize("acts", [CRITICAL, EMERGENCY])
+def test_a_failsafe_changed_the_mode_only_if_it_begins_with_the_change(acts: int) -> None:
+    gate = of_vehicles(1, 2)
+
+    def failsafe(mode: int, state: int, system_id: int = 1) -> bool:
+        gate.admit(heartbeat(system_id, mode, state), VEHICLE, 0.0)
+        return gate.claims[1].report().failsafe
+
+    assert not failsafe(OFFBOARD, ACTIVE)
+    assert not failsafe(LANDS, acts, system_id=2)
+    assert failsafe(LANDS, acts)
+    assert failsafe(LANDS, ACTIVE), "the mode is the same"
+    assert not failsafe(OFFBOARD, ACTIVE)
+    assert not failsafe(OFFBOARD, acts)
+    assert not failsafe(HOLD, acts), "critical before: someone else may have changed it"
