@@ -11,6 +11,7 @@ from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from agents.shell.control_loop import AgentParts
+from agents.shell.mailbox import KEY_RATE_HZ
 from agents.shell.outcome import Outcome
 from agents.tactics import Tactic
 from agents.team.codec import encode
@@ -31,6 +32,8 @@ from estimation.state import POSITION, VELOCITY
 PERIOD_S = 1.0
 """The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
+_LAST_AFTER_S = 2.0 / KEY_RATE_HZ
+"""The last report follows the one before after this [wall s]: sooner, the bus would drop it."""
 _CLIMB_SENT_M = 0.5
 _WORDS_LIMIT = 32
 ANNOUNCED_S = 60.0
@@ -121,9 +124,10 @@ class Reporter:
     async def close(self) -> None:
         """Send the last report and stop."""
         if self._running is not None:
-            self._send(self._wall_s())
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
+            await asyncio.sleep(_LAST_AFTER_S)
+            self._send(self._wall_s())
 
     async def _run(self) -> None:
         while True:

@@ -16,7 +16,7 @@ import zenoh
 
 from agents.ports import VehicleRefusedError
 from agents.shell.bus_security import BusSecurity, secured
-from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES
+from agents.shell.mailbox import KEY_RATE_HZ, PAYLOAD_LIMIT_BYTES
 from agents.team.messages import (
     OPERATORS_TOPIC,
     PRESENCE_TOPIC,
@@ -39,10 +39,6 @@ _MESSAGE_LIMIT_BYTES = 16 * PAYLOAD_LIMIT_BYTES
 """Zenoh drops larger messages before it has reassembled them."""
 _GUEST_SESSIONS = 32
 """The largest number of connections to a vehicle from others than the team's vehicles."""
-_KEY_RATE_HZ = 1000.0
-"""Zenoh drops messages above this rate on one key, and so parts of a burst. The limit is therefore far above the rate
-of any vehicle, and set only on topics where only the newest message matters.
-"""
 _NEWEST_COUNTS = (MemberState, StartProposal, VehicleReport)
 
 
@@ -261,7 +257,7 @@ def _limits(prefix: str, members: Collection[int]) -> dict[str, object]:
                 "id": key.replace("/", "-"),
                 "messages": ["put", "delete"],
                 "flows": ["ingress"],
-                "rules": [{"key_expr": key, "freq": _KEY_RATE_HZ}],
+                "rules": [{"key_expr": key, "freq": KEY_RATE_HZ}],
             }
             for key in keys
         ],

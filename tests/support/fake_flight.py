@@ -246,19 +246,18 @@ class FakeFlight:
         self._numbers = count(1)
         self.core: VehicleCore = RecordedCore(config, self)
         frame = MissionFrame(Geodetic(47.4, 8.5, 488.0))
-        self.agent = Agent(
-            AgentParts(
-                core=self.core,
-                config=config,
-                link=self.link,
-                bus=self.bus,
-                clock=self.clock,
-                make_sensor=lambda _start_s: _NoTarget(),
-                observe=lambda status, _tick_us: self.statuses.append(status),
-                heartbeat=self.heartbeat,
-                perception=Perception(frame, lambda _reason: None),
-            )
+        self.parts = AgentParts(
+            core=self.core,
+            config=config,
+            link=self.link,
+            bus=self.bus,
+            clock=self.clock,
+            make_sensor=lambda _start_s: _NoTarget(),
+            observe=lambda status, _tick_us: self.statuses.append(status),
+            heartbeat=self.heartbeat,
+            perception=Perception(frame, lambda _reason: None),
         )
+        self.agent = Agent(self.parts)
         self.task: asyncio.Task[Outcome] | None = None
 
     def write(self, item: object) -> None:

@@ -7,19 +7,24 @@ import sys
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from functools import partial
 
 import pytest
 
 from agents.drops import NO_DROPS, Drops
+from agents.flight_end import FlightEnd
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES
+from agents.shell.outcome import Outcome
+from agents.shell.reporter import Reporter
 from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team import codec
 from agents.team.codec import decode, encode
-from agents.team.messages import BusMessage, CommandAnswer, StartProposal
+from agents.team.messages import REPORT_TOPIC, BusMessage, CommandAnswer, StartProposal, VehicleReport
 from agents.team.participant import Participant, vehicle
+from tests.support.fake_flight import FakeFlight
 from tests.support.paths import ROOT
 from tests.support.wire import free_ports, repeated, until
 
@@ -411,3 +416,29 @@ async def test_nobody_else_speaks_for_the_vehicles_of_a_session_and_sightings_go
         finally:
             await sensor.close()
             await impostor.close()
+
+
+async def test_the_last_report_of_a_flight_arrives_however_soon_after_another_it_is_sent() -> None:
+    """Zenoh drops the newest of messages that follow each other within a millisecond."""
+    (end,) = free_endpoints(1)
+    flight, reports = FakeFlight(), list[VehicleReport]()
+    flown_bus = single_bus(vehicle(1), BusTeam("wire", (1,)), end)
+    watching = single_bus(Participant("observer", "anna"), BusTeam("wire", (1,)), None, [end])
+
+    def read(message: BusMessage) -> None:
+        if isinstance(message, VehicleReport):
+            reports.append(message)
+
+    reporter = Reporter(replace(flight.parts, bus=flown_bus), lambda: None, dict)
+    await flown_bus.open(lambda _message: None, lambda *_: None, lambda *_: None)
+    await watching.open(read, lambda *_: None, lambda *_: None)
+    try:
+        reporter.begin()
+        await until(lambda: bool(reports), waiting_for="a report")
+        flown_bus.publish(REPORT_TOPIC, encode(reports[-1]))
+        reporter.end(Outcome(FlightEnd.LANDED))
+        await reporter.close()
+        await flown_bus.close()
+        await until(lambda: reports[-1].ended == "landed", 5.0, waiting_for="the end of the flight")
+    finally:
+        await watching.close()
