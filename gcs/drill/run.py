@@ -31,7 +31,8 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
     """Return the text of the mission to fly; raises MissionError.
 
     `changes` are (section, key, value). The target starts near enough for vehicles to encircle it at once, which saves
-    the wait for the ring; if the mission forbids that, its start is not changed.
+    the wait for the ring, and a line that all leave for the ring moves on with it: a vehicle that a fault has moved out
+    of the target's reach comes back to it in formation. If the mission forbids that, it is not changed.
     """
     mission = load_mission(name)
     content = toml_content(mission.text)
@@ -40,10 +41,14 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
         content.setdefault(section, {})[key] = value
     near = {**content, "target": {**content["target"], "start_m": _near_m(mission)}}
     try:
-        parse_mission(tomli_w.dumps(near), None, mission.profile_texts)
+        roles = Roles(parse_mission(tomli_w.dumps(near), None, mission.profile_texts))
+        if roles.on_ring != roles.airborne or mission.target.legs:
+            return tomli_w.dumps(near)
+        abreast = {**near, "formation": {**near["formation"], "speed_m_s": max(mission.target.velocity_m_s[0], 0.0)}}
+        parse_mission(tomli_w.dumps(abreast), None, mission.profile_texts)
     except InputError:
         return tomli_w.dumps(content)
-    return tomli_w.dumps(near)
+    return tomli_w.dumps(abreast)
 
 
 def _near_m(mission: Mission) -> list[float]:

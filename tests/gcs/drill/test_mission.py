@@ -22,7 +22,10 @@ def drilled(name: str, *changes: tuple[str, str, object]) -> Mission:
 @pytest.mark.parametrize("name", bundled_missions())
 def test_everything_but_ports_team_and_target_is_kept(name: str) -> None:
     given, flown = load_mission(name), drilled(name)
-    assert replace(flown, vehicles=(), network=given.network, target=given.target) == replace(given, vehicles=())
+    kept = replace(flown, vehicles=(), network=given.network, target=given.target, formation=given.formation)
+    assert kept == replace(given, vehicles=())
+    moves_on = {"speed_m_s": given.formation.speed_m_s}
+    assert flown.formation.model_copy(update=moves_on) == given.formation
     for before, after in zip(given.vehicles, flown.vehicles, strict=True):
         section = after.section.model_copy(update={"url": before.section.url, "endpoint": before.section.endpoint})
         assert replace(after, section=section) == before
@@ -43,6 +46,13 @@ def test_the_target_is_in_reach_of_those_who_want_it() -> None:
     assert [Roles(case1).tactic(i) for i in case1.ids] == ["encircle", "formation", "formation"]
     x, y = case2.target.start_m
     assert hypot(x, abs(y) + case2.formation.spacing_m) == pytest.approx(12.0)
+
+
+def test_a_line_that_all_leave_for_the_ring_moves_on_with_the_target() -> None:
+    """Else it overtakes the target, and who was moved out of its reach does not come back."""
+    assert (load_mission("case2").formation.speed_m_s, drilled("case2").formation.speed_m_s) == (0.2, 0.1)
+    assert drilled("case1").formation == load_mission("case1").formation, "two vehicles stay in line"
+    assert drilled("crossing").formation == load_mission("crossing").formation, "nobody leaves it"
 
 
 def test_where_nobody_gets_to_it_the_target_stays() -> None:
