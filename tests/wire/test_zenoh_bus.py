@@ -231,9 +231,11 @@ async def test_a_frozen_peer_is_missed_after_its_lease_and_found_again() -> None
                     process.send_signal(signal.SIGSTOP)
                     lost_s = await after_s(lambda: heard.presence[1:] == [(9, False)])
                     process.send_signal(signal.SIGCONT)
-                    await until(lambda: heard.presence[2:] == [(9, True)])
+                    # It may be missed once more: its own lease of this peer has ended as well.
+                    await until(lambda: len(heard.presence) > 2 and heard.presence[-1] == (9, True))
                     await answered(bus, heard)
                 finally:
+                    print(heard.presence)
                     process.kill()
         print(f"lost {lost_s:.3f} s after SIGSTOP")
         assert 0.5 < lost_s < 2.0
@@ -418,6 +420,7 @@ async def test_nobody_else_speaks_for_the_vehicles_of_a_session_and_sightings_go
             await impostor.close()
 
 
+@pytest.mark.wire
 async def test_the_last_report_of_a_flight_arrives_however_soon_after_another_it_is_sent() -> None:
     """Zenoh drops the newest of messages that follow each other within a millisecond."""
     (end,) = free_endpoints(1)
