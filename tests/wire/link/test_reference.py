@@ -6,6 +6,7 @@ The truth is that of the stub. One autopilot sends an origin that has moved, the
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from math import cos, dist, nan, sin, sqrt
 from typing import Any
 
@@ -25,7 +26,7 @@ from gcs.link.heights import BAROMETER, GPS, GPS_SIGMA_M, SIGMAS
 from gcs.link.mavsdk_link import MavsdkLink
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
-from tests.support.wire import free_port, served
+from tests.support.wire import free_port, served, until
 from tests.wire.link.test_link import BEARING_RAD, FRAME, PLANT, QUANTUM_M, SPEED, hold_setpoint, link_on, udp_in
 
 pytestmark = pytest.mark.wire
@@ -33,6 +34,8 @@ pytestmark = pytest.mark.wire
 PLACE_M = (3.0, -2.0, 8.0)
 STAYS_M = 0.8
 """How far a vehicle may be moved by the one or two setpoints that are sent before the change is received."""
+SAMPLED_S = 0.05
+"""The period of the telemetry."""
 NONE = (0.0, 0.0, 0.0)
 
 
@@ -135,10 +138,14 @@ async def test_a_position_that_jumps_with_its_origin_where_it_was_is_told_as_it_
 
 async def test_one_wrong_sample_is_dropped() -> None:
     async with in_flight() as flight:
+        count = len(flight.telemetry)
+        await until(lambda: len(flight.telemetry) > count, waiting_for="a sample", clock=flight.clock)
         flight.stub.faults.estimate_offset_m = (7.0, 0.0, 3.0)
-        await flight.clock.sleep(0.05)  # one period of the telemetry
+        await flight.clock.sleep(SAMPLED_S)  # begins and ends between samples: one is wrong
         flight.stub.faults.estimate_offset_m = NONE
         assert await flight.hold() < STAYS_M
+        apart_s = [later.time_s - before.time_s for before, later in pairwise(flight.telemetry)]
+        assert max(apart_s) > 1.5 * SAMPLED_S, "it was sent"
         assert max(dist(each.position_m, PLACE_M) for each in flight.telemetry) < STAYS_M
         assert flight.reference == Reference()
 
