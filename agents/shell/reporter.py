@@ -10,6 +10,7 @@ from agents.flight_end import FlightEnd, LastPosition
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
+from agents.shell.clock import link_s
 from agents.shell.control_loop import AgentParts
 from agents.shell.mailbox import KEY_RATE_HZ
 from agents.shell.outcome import Outcome
@@ -81,11 +82,11 @@ class Reporter:
         """The newest position that has been received, None before the first."""
         if self._position_m is None or self._motion_s is None:
             return None
-        return LastPosition(self._position_m, self._wall_s() - self._motion_s)
+        return LastPosition(self._position_m, link_s(self._parts.clock) - self._motion_s)
 
     def sense(self, position_m: Triple) -> None:
         """Note that a sample of the vehicle's motion has been received now, with its position."""
-        self._position_m, self._motion_s = position_m, self._wall_s()
+        self._position_m, self._motion_s = position_m, link_s(self._parts.clock)
 
     def start_mission(self, start_s: float, duration_s: float) -> None:
         """Take the mission's begin on the team's clock, and its duration."""
@@ -127,20 +128,21 @@ class Reporter:
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
             await asyncio.sleep(_LAST_AFTER_S)
-            self._send(self._wall_s())
+            self._send(link_s(self._parts.clock))
 
     async def _run(self) -> None:
         while True:
             self._look()
             await self._parts.clock.sleep(_LOOK_S * self._parts.clock.time_scale)
 
-    def _wall_s(self) -> float:
-        """Return the time of links and radios: of the wall, or simulated as they are."""
-        return self._parts.clock.now_s() / self._parts.clock.time_scale
-
     def _look(self) -> None:
         """Send a report if one is due or something has changed."""
-        output, status, now_s, place_m = self._newest(), self._parts.link.status, self._wall_s(), self._place_m
+        output, status, now_s, place_m = (
+            self._newest(),
+            self._parts.link.status,
+            link_s(self._parts.clock),
+            self._place_m,
+        )
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
         report = (
