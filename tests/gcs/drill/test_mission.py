@@ -52,7 +52,7 @@ def test_a_line_that_all_leave_for_the_ring_moves_on_with_the_target() -> None:
     """Else it overtakes the target, and who was moved out of its reach does not come back."""
     assert (load_mission("case2").formation.speed_m_s, drilled("case2").formation.speed_m_s) == (0.2, 0.1)
     assert drilled("case1").formation == load_mission("case1").formation, "two vehicles stay in line"
-    assert drilled("crossing").formation == load_mission("crossing").formation, "nobody leaves it"
+    assert drilled("crossing").formation == load_mission("crossing").formation, "no vehicle engages"
 
 
 def test_where_nobody_gets_to_it_the_target_stays() -> None:
