@@ -1,6 +1,7 @@
 """The operators' commands for one vehicle: the event that each triggers, and its answer.
 
-Operators repeat a command until it is answered. Repeats, which have the same number, act once and are answered again.
+Operators repeat a command until it is answered. Repeats, which have the same origin, verb and number, act once and are
+answered again.
 """
 
 from collections import OrderedDict
@@ -12,27 +13,30 @@ import msgspec
 from agents.notes import CommandOutcome, Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import DID_LIMIT, TOPICS, CommandAnswer, OperatorCommand, Outcome
+from agents.team.messages import DID_LIMIT, TOPICS, CommandAnswer, CommandKey, OperatorCommand, Outcome
 from agents.team.text import printable
 from agents.team.verbs import VERBS, VerbRow
 
-NUMBERS_KEPT = 64
-"""The number of commands kept to recognise repeats, which are sent for two seconds at most."""
+COMMANDS_KEPT = 2048
+"""The number of commands kept to recognise repeats. They are sent for 12 s at most, in which three operators can send
+this many more at the rate that the mailbox allows each (50 a second).
+"""
 _WHY_NOT = {
     Tactic.RETURN_AND_LAND: "it is on its way to land",
     Tactic.LAND: "it is landing",
     Tactic.PILOT_OVERRIDE: "cordon has handed it over: resume takes it back, kill cuts its motors",
 }
-AGE_MAX_S = TOPICS[OperatorCommand].age_max_s
+AGE_MAX_S, AHEAD_MAX_S = TOPICS[OperatorCommand].age_max_s, 1.0
 _DISARMED = "it has flown and is disarmed: end the flight, then take off again"
 
 
 class Circumstances(NamedTuple):
     """What decides, beside the tactic, whether and when a vehicle carries out a command.
 
-    `age_s` is the time since the command was sent [wall s]. `resume_refused` is why the vehicle must not resume, empty
-    if it may. It `is_down` if it was armed and no longer is, and `follows` setpoints unless it takes off or was handed
-    over. The flight `ends` once the operator has stopped it; its mission `is_over` from the return on.
+    `age_s` is the time since the command was sent [wall s], by the vehicle's clock: negative if dated ahead of it.
+    `resume_refused` is why the vehicle must not resume, empty if it may. It `is_down` if it was armed and no longer is,
+    and `follows` setpoints unless it takes off or was handed over. The flight `ends` once the operator has stopped it;
+    its mission `is_over` from the return on.
     """
 
     age_s: float = 0.0
@@ -78,8 +82,8 @@ class CommandHandler:
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
         """Whether an operator has started the vehicle."""
-        self._done: OrderedDict[int, tuple[OperatorCommand, _Answer]] = OrderedDict()
-        self._unanswered: dict[int, None] = {}
+        self._done: OrderedDict[CommandKey, tuple[OperatorCommand, _Answer]] = OrderedDict()
+        self._unanswered: dict[CommandKey, None] = {}
         self._abort: tuple[float, str] | None = None
         self._kills: list[OperatorCommand] = []
         self._notes = notes
@@ -100,14 +104,18 @@ class CommandHandler:
         """Take a command in the present tactic; return the event that it triggers, None if it changes nothing."""
         if command.vehicle not in (None, self._vehicle_id):
             return None
+        _, before = self._done.get(command.key, (command, None))
+        misdated = _misdated(VERBS[command.verb], circumstances.age_s)
         event = None
-        if command.number not in self._done:
-            late = _lateness(VERBS[command.verb], circumstances.age_s)
-            answer, event = (_refused(late), None) if late else self._carry_out(command, tactic, now_s, circumstances)
+        if before is None or (before.outcome == "misdated" and not misdated):
+            if misdated:
+                answer = _refused(misdated, "misdated")
+            else:
+                answer, event = self._carry_out(command, tactic, now_s, circumstances)
             if circumstances.link_lost and answer.outcome == "obeyed":
                 answer = answer._replace(did=f"{answer.did}; its link is lost")
             self._record(command, answer, now_s)
-        self._unanswered[command.number] = None
+        self._unanswered[command.key] = None
         return event
 
     def due(self, tactic: Tactic, now_s: float) -> Event | None:
@@ -128,14 +136,14 @@ class CommandHandler:
         answer = _refused(refusal) if refusal else _Answer(VERBS["kill"].done)
         for command in self._kills:
             self._record(command, answer, now_s)
-            self._unanswered[command.number] = None
+            self._unanswered[command.key] = None
         self._kills.clear()
 
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
         """Return and remove the answers since the last call."""
         if not self._unanswered:
             return ()
-        answers = tuple(self._answer(*self._done[number], now_s) for number in self._unanswered)
+        answers = tuple(self._answer(*self._done[key], now_s) for key in self._unanswered)
         self._unanswered.clear()
         return answers
 
@@ -226,20 +234,22 @@ class CommandHandler:
 
     def _record(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
         answer = answer._replace(did=printable(answer.did))  # it may hold text from the autopilot
-        self._done[command.number] = command, answer
-        while len(self._done) > NUMBERS_KEPT:
+        self._done[command.key] = command, answer
+        while len(self._done) > COMMANDS_KEPT:
             dropped, _ = self._done.popitem(last=False)
             self._unanswered.pop(dropped, None)
-        is_refused = answer.outcome == "refused"
+        is_refused = answer.outcome in ("refused", "misdated")
         self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
 
 
-def _lateness(row: VerbRow, age_s: float) -> str:
-    """Return why a command of this age is too late, empty if it is not."""
-    if row.acts_late or age_s <= AGE_MAX_S:
+def _misdated(row: VerbRow, age_s: float) -> str:
+    """Return why a command of this age is too old, or dated too far ahead; empty if it is neither."""
+    if row.acts_late or -AHEAD_MAX_S <= age_s <= AGE_MAX_S:
         return ""
+    if age_s < 0.0:
+        return f"it is dated {-age_s:.0f} s ahead of this vehicle's clock: send it again"
     return f"it is {age_s:.0f} s old, and {AGE_MAX_S:g} s at most are allowed: send it again"
 
 
-def _refused(why: str) -> _Answer:
-    return _Answer(f"refused: {why}"[:DID_LIMIT], "refused")
+def _refused(why: str, outcome: Outcome = "refused") -> _Answer:
+    return _Answer(f"refused: {why}"[:DID_LIMIT], outcome)

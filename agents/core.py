@@ -431,7 +431,8 @@ class VehicleCore:
                 if message.shape is not None:
                     self._reshape(Reshaping(message.shaped_s, message.shape))
             case OperatorCommand():
-                self._command(message, now_s, max(now_s - message.time_s, 0.0) / self._time_scale)
+                sent_s = message.sent_s(self._config.vehicle_id)
+                self._command(message, now_s, (now_s - sent_s) / self._time_scale)
             case CommandAnswer():
                 self._answers.append(message)
 

@@ -6,7 +6,7 @@ Text with control characters is refused there.
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 
@@ -19,7 +19,8 @@ from agents.team.text import PRINTABLE
 from agents.team.verbs import Verb
 
 VehicleId = Annotated[int, msgspec.Meta(ge=1, le=254)]
-TimeS = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
+TIME_MAX_S = 1e12
+TimeS = Annotated[float, msgspec.Meta(ge=0.0, le=TIME_MAX_S)]
 _Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6), Unit(1e3)]
 _Radius = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
 _Speed = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3), Unit(1e3)]
@@ -46,7 +47,7 @@ _DOES = {
     Tactic.LAND.value: "lands",
 }
 Metres2 = tuple[_Metres, _Metres]
-Outcome = Literal["begun", "obeyed", "refused"]
+Outcome = Literal["begun", "obeyed", "refused", "misdated"]
 
 
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
@@ -135,10 +136,20 @@ class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
     mission: MissionIdentity | None = None
 
 
-class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):
-    """An operator's command to one vehicle, or to all (None), on the team's clock; `origin` is the operator.
+class CommandKey(NamedTuple):
+    """What identifies a command: no operator can answer, repeat or withhold another's by its number."""
 
-    It is repeated until it is answered: `number` identifies the command. `shape` is the argument of the verb formation.
+    origin: str
+    verb: Verb | None
+    number: int
+
+
+class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command"):
+    """An operator's command to one vehicle, or to all (None), dated by the team's clock; `origin` is the operator.
+
+    It is repeated, with a new date, until it is answered: `origin`, `verb` and `number` identify it. `shape` is the
+    argument of the verb formation. `times_s` holds the date by each vehicle's own clock that the operator has received:
+    a team's clocks may differ, and what one vehicle tells must not make the command too old for another.
     """
 
     time_s: TimeS
@@ -147,13 +158,24 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     origin: _Name
     number: _Number
     shape: Shape | None = None
+    times_s: tuple[tuple[VehicleId, TimeS], ...] = ()
+
+    @property
+    def key(self) -> "CommandKey":
+        """What identifies it."""
+        return CommandKey(self.origin, self.verb, self.number)
+
+    def sent_s(self, vehicle_id: int) -> float:
+        """Return its date by the clock of a vehicle, by the team's where the operator has not received that."""
+        return dict(self.times_s).get(vehicle_id, self.time_s)
 
 
 class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
-    """A vehicle's answer to an operator's command, and its time; verb and origin of the command are for observers.
+    """A vehicle's answer to an operator's command, and its time.
 
-    Observers receive from vehicles only: operators connect to vehicles, not to each other. `did` is for people. A
-    command that has `begun` is answered again once it is `obeyed` or `refused`.
+    Observers receive commands by their answers only: operators connect to vehicles, not to each other. `did` is for
+    people. A command that has `begun` is answered again once it is `obeyed` or `refused`. One that is `misdated` was
+    not carried out, and is once it is repeated with a date by the vehicle's clock, which the answer has.
     """
 
     sender: VehicleId
@@ -165,14 +187,24 @@ class CommandAnswer(msgspec.Struct, frozen=True, array_like=True, tag="answer"):
     outcome: Outcome | None = None
 
     @property
+    def key(self) -> CommandKey:
+        """What identifies the command."""
+        return CommandKey(self.origin, self.verb, self.number)
+
+    @property
     def is_obeyed(self) -> bool:
         """Whether the vehicle carries out the command, or did so before."""
         return self.outcome in ("begun", "obeyed")
 
     @property
+    def is_refused(self) -> bool:
+        """Whether the vehicle does not carry it out."""
+        return self.outcome in ("refused", "misdated")
+
+    @property
     def is_final(self) -> bool:
         """Whether no other answer follows."""
-        return self.outcome != "begun"
+        return self.outcome not in ("begun", "misdated")
 
 
 class TargetReport(msgspec.Struct, frozen=True):

@@ -1,11 +1,14 @@
-"""Client that sends commands and sightings to a running team over its bus, and collects the answers."""
+"""Client that sends commands and sightings to a running team over its bus, and collects the answers.
+
+A command that does not depend on the mission's content, such as hold and kill, is sent at once and repeated, to whoever
+hears it: nothing that a vehicle tells, or does not tell, keeps it from the others.
+"""
 
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from itertools import count
 from random import randrange
 from statistics import median_low
 from time import monotonic
@@ -15,7 +18,16 @@ import msgspec
 
 from agents.ports import VehicleRefusedError
 from agents.settings.shapes import Shape
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal, VehicleReport
+from agents.team.messages import (
+    TIME_MAX_S,
+    BusMessage,
+    CommandAnswer,
+    CommandKey,
+    MemberState,
+    OperatorCommand,
+    StartProposal,
+    VehicleReport,
+)
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from agents.team.verbs import VERBS, Verb
 from gcs.console.team_bus import guest_bus, send_command
@@ -25,6 +37,10 @@ from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
 
 _RECEIVED_TIMEOUT_S = 3.0
+_MISSION_TIMEOUT_S = 0.5
+"""Wait for a vehicle's mission before a command that does not depend on its content: one that names the mission of
+another team is refused, if every vehicle has told by then that it flies another one.
+"""
 _ALL_RECEIVED_TIMEOUT_S = 0.5
 """Wait for the other vehicles after the first message from one: a dead vehicle must not delay a command."""
 _ANSWER_TIMEOUT_S = 4.0
@@ -39,7 +55,7 @@ _CLOCK_AGE_MAX_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class CommandResult:
-    """A vehicle's answer to a command, and the time from the first transmission to its reception [wall s]."""
+    """A vehicle's answer to a command, and its reception after the first transmission to a vehicle [wall s]."""
 
     did: str
     after_s: float
@@ -54,7 +70,7 @@ OnAnswer = Callable[[int, CommandResult], None]
 
 @dataclass(slots=True)
 class _Sent:
-    """A command under way: when it was first sent [wall s], and each vehicle's latest answer."""
+    """A command under way: when it was first sent to a vehicle [wall s], and each vehicle's latest answer."""
 
     first_s: float
     on_answer: OnAnswer
@@ -100,8 +116,7 @@ class CommandClient:
         self._on_message = on_message
         self.present: set[int] = set()
         """The vehicles on the bus."""
-        self._numbers = count(randrange(2**32))
-        self._sent: dict[int, _Sent] = {}
+        self._sent: dict[CommandKey, _Sent] = {}
         self._is_open = False
         self._first_message_s: float | None = None
         self.tactics: dict[int, str] = {}
@@ -128,39 +143,55 @@ class CommandClient:
         vehicle: int | None,
         shape: Shape | None = None,
         on_answer: OnAnswer = lambda _vehicle, _answer: None,
+        number: int | None = None,
     ) -> dict[int, CommandResult | None]:
         """Send a command to one vehicle, or to all (None); return each vehicle's answer, None after a timeout.
 
-        Of all, those whose flight has ended are not waited for, and not in the result.
+        Of all, those whose flight has ended are not waited for, and not in the result. `number` is that of a command
+        that vehicles have received elsewhere already, None of a new one.
 
         Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission.
         """
-        async with self._joined(vehicles):
+        async with self._joined():
             if VERBS[verb].needs_mission:
-                self._missions.require_version(verb)
-            number = next(self._numbers) % 2**32
-            sent = self._sent[number] = _Sent(monotonic(), on_answer)
-            end_s = sent.first_s + (_DONE_TIMEOUT_S if VERBS[verb].done else _ANSWER_TIMEOUT_S)
-            latest_s = 0.0
+                await self._wait_for_team(vehicles, verb)
+            else:
+                await self._until(lambda: self._missions.is_same or self._missions.is_other, _MISSION_TIMEOUT_S)
+                self._missions.refuse_other()
+            number = randrange(2**32) if number is None else number
+            command = OperatorCommand(0.0, verb, vehicle, self._identity.participant.name, number, shape)
+            sent = self._sent[command.key] = _Sent(monotonic(), on_answer)
             try:
-                while monotonic() < end_s and not all(sent.is_done(each) or each in self.ended for each in vehicles):
-                    if monotonic() - latest_s >= _REPEAT_S:
-                        latest_s = monotonic()
-                        origin = self._identity.participant.name
-                        send_command(self._bus, OperatorCommand(self._team_s, verb, vehicle, origin, number, shape))
-                    await asyncio.sleep(_POLL_S)
+                await self._repeat(command, sent, vehicles)
             finally:
-                del self._sent[number]
+                del self._sent[command.key]
+            self._require_any()
             asked = [each for each in vehicles if vehicle == each or each in sent.answers or each not in self.ended]
             return {each: sent.answers.get(each) for each in asked}
+
+    async def _repeat(self, command: OperatorCommand, sent: _Sent, vehicles: Collection[int]) -> None:
+        """Send a command until every vehicle has answered it or its time is over."""
+        began_s = latest_s = monotonic() - _REPEAT_S
+        timeout_s = _DONE_TIMEOUT_S if VERBS[command.verb].done else _ANSWER_TIMEOUT_S
+        while not all(sent.is_done(each) or each in self.ended for each in vehicles):
+            now_s = monotonic()
+            if self._first_message_s is None:
+                sent.first_s = now_s
+            if now_s - began_s > (_RECEIVED_TIMEOUT_S if self._first_message_s is None else timeout_s):
+                break
+            if now_s - latest_s >= _REPEAT_S:
+                latest_s = now_s
+                times_s = self._clocks.times_s(now_s)
+                send_command(self._bus, msgspec.structs.replace(command, time_s=self._team_s, times_s=times_s))
+            await asyncio.sleep(_POLL_S)
 
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
 
         Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission.
         """
-        async with self._joined(self._vehicles):
-            self._missions.require_version("target")
+        async with self._joined():
+            await self._wait_for_team(self._vehicles, "target")
             end_s = monotonic() + lasting_s
             while True:
                 # Sent twice against loss: vehicles ignore a second sighting of the same time and source.
@@ -173,38 +204,39 @@ class CommandClient:
                 await asyncio.sleep(_SIGHTING_PERIOD_S - 2.0 * _REPEAT_S)
 
     @asynccontextmanager
-    async def _joined(self, vehicles: Collection[int]) -> AsyncIterator[None]:
-        """Join the bus and wait for these vehicles; leave it afterwards unless it was open before."""
+    async def _joined(self) -> AsyncIterator[None]:
+        """Join the bus; leave it afterwards unless it was open before."""
         stays, began_s = self._is_open, monotonic()
         try:
             if not stays:
                 await self.open()
-            await self._wait_for_team(vehicles)
             self.joined_after_s = monotonic() - began_s
             yield
         finally:
             if not stays:
                 await self.close()
 
-    async def _wait_for_team(self, vehicles: Collection[int]) -> None:
+    async def _wait_for_team(self, vehicles: Collection[int], verb: str) -> None:
+        """Wait for these vehicles and for one that flies the mission on which a command or sighting depends."""
         await self._until(lambda: self._first_message_s is not None, _RECEIVED_TIMEOUT_S)
+        first_s = self._require_any()
+        await self._until(lambda: self._missions.is_same or self._missions.is_other, _RECEIVED_TIMEOUT_S)
+        self._missions.require_version(verb)
+        rest_s = first_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
+        await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
+
+    def _require_any(self) -> float:
+        """Return when the first vehicle was received [wall s]; raise VehicleRefusedError if none was."""
         if self._first_message_s is None:
             raise VehicleRefusedError(
                 f"no vehicle found on the bus within {_RECEIVED_TIMEOUT_S:g} s",
                 "check that the team is running, and that --mission names its mission",
             )
-        await self._until(lambda: self._missions.any_received, _RECEIVED_TIMEOUT_S)
-        if not self._missions.any_received:
-            raise VehicleRefusedError(
-                "no vehicle has reported its mission yet", "try again: a flight reports it once its vehicles are found"
-            )
-        self._missions.require_same()
-        rest_s = self._first_message_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
-        await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
+        return self._first_message_s
 
     @property
     def difference(self) -> str:
-        """How the team's mission differs from the operator's; empty if it does not."""
+        """How the missions that vehicles report differ from the operator's; empty if they do not."""
         return self._missions.difference
 
     @property
@@ -221,7 +253,7 @@ class CommandClient:
     def _receive(self, message: BusMessage) -> None:
         self._missions.receive(message)
         self._on_message(message)
-        if isinstance(message, MemberState | StartProposal):
+        if isinstance(message, MemberState | StartProposal | CommandAnswer):
             self._clocks.receive(message.sender, message.time_s, monotonic())
         if isinstance(message, MemberState):
             self.tactics[message.sender] = message.tactic
@@ -230,8 +262,9 @@ class CommandClient:
             self.ended.pop(message.sender, None)
             if message.ended:
                 self.ended[message.sender] = message.ended
-        if isinstance(message, CommandAnswer) and message.number in self._sent:
-            self._sent[message.number].receive(message)
+        if isinstance(message, CommandAnswer) and message.key in self._sent:
+            self._note_first_message()
+            self._sent[message.key].receive(message)
 
     def _note_first_message(self) -> None:
         """Record when the first vehicle was received."""
@@ -245,7 +278,7 @@ class CommandClient:
 
 
 class TeamClock:
-    """The team's clock from its members' messages: the median, so that a single wrong clock has no effect.
+    """The clocks of a team's members from their messages, and the team's: their median.
 
     It may run faster than wall time. Between messages, which come every tick, it advances at the wall clock's rate.
     """
@@ -262,16 +295,24 @@ class TeamClock:
         """Store the time in a vehicle's message, received at `received_s` [wall s]."""
         self._received[vehicle_id] = time_s, received_s
 
+    def times_s(self, at_s: float) -> tuple[tuple[int, float], ...]:
+        """Return the time at `at_s` [wall s] by the clock of each vehicle that has been received."""
+        return tuple((vehicle, self._time_s(vehicle, at_s)) for vehicle in self._received)
+
     def now_s(self, at_s: float) -> float | None:
         """Return the team's time at `at_s` [wall s], None if no clock has been received."""
         if not self._received:
             return None
         newest_s = max(received_s for _, received_s in self._received.values())
         return median_low(
-            time_s + at_s - received_s
-            for time_s, received_s in self._received.values()
+            self._time_s(vehicle, at_s)
+            for vehicle, (_, received_s) in self._received.items()
             if newest_s - received_s <= _CLOCK_AGE_MAX_S
         )
+
+    def _time_s(self, vehicle: int, at_s: float) -> float:
+        time_s, received_s = self._received[vehicle]
+        return min(time_s + at_s - received_s, TIME_MAX_S)  # beyond it the command of which it is a part is malformed
 
 
 _START_POLL_S = 0.1

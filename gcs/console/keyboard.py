@@ -7,7 +7,7 @@ import signal
 import sys
 import termios
 import tty
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Coroutine, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from random import randrange
@@ -17,12 +17,10 @@ from typing import Self, TextIO
 
 from rich.text import Text
 
-from agents.ports import PeerBus
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock
 from agents.team.messages import OperatorCommand
 from agents.team.verbs import VERBS, Verb, VerbRow
-from gcs.console.team_bus import send_command
 
 ANSWERED_WITHIN_S, TYPED_WITHIN_S = 3.0, 10.0
 TYPED_GAP_S = 0.02
@@ -199,16 +197,16 @@ def _named(vehicles: Sequence[int]) -> str:
             return f"{many} vehicles"
 
 
-REPEAT_S, REPEATS = 0.2, 10
+Elsewhere = Callable[[KeyedCommand, int], Coroutine[object, object, None]]
+"""Sends a command of this number to the vehicles of other processes."""
 _QUESTION = "bold white on red"
 
 
 class KeyCommands:
     """Sends a command for each key, or once it is confirmed.
 
-    The agents of this process receive it directly; for all others it is repeated for 2 s on `bus`, the bus of an
-    operator. Without a bus, keys command the vehicles of this process only. `piloted` returns those that pilots fly,
-    `ended` those whose flight has ended.
+    The agents of this process receive it directly, those of other processes by `elsewhere`. `piloted` returns those
+    that pilots fly, `ended` those whose flight has ended.
     """
 
     def __init__(
@@ -216,7 +214,7 @@ class KeyCommands:
         agents: Sequence[Agent],
         clock: MissionClock,
         operator: str,
-        bus: PeerBus | None,
+        elsewhere: Elsewhere,
         bindings: KeyBindings,
         piloted: Callable[[], Collection[int]],
         ended: Callable[[], Collection[int]],
@@ -224,11 +222,11 @@ class KeyCommands:
         self._agents = agents
         self._clock = clock
         self._operator = operator
-        self._bus = bus
+        self._elsewhere = elsewhere
         self._bindings = bindings
         self._piloted = piloted
         self._ended = ended
-        self._repeating: dict[int | None, asyncio.Task[None]] = {}
+        self._sending: dict[int | None, asyncio.Task[None]] = {}
 
     @property
     def hint(self) -> Text:
@@ -250,18 +248,10 @@ class KeyCommands:
         command = OperatorCommand(self._clock.now_s(), keyed.verb, keyed.vehicle, self._operator, randrange(2**32))
         for agent in self._agents:
             agent.obey(command)
-        if self._bus is None:
-            return
         # A superseded command must not arrive after the command that supersedes it.
-        for receiver in [each for each in self._repeating if keyed.vehicle in (None, each)]:
-            self._repeating.pop(receiver).cancel()
-        self._repeating[keyed.vehicle] = asyncio.create_task(_repeat(self._bus, command))
-
-
-async def _repeat(bus: PeerBus, command: OperatorCommand) -> None:
-    for _ in range(REPEATS):
-        send_command(bus, command)
-        await asyncio.sleep(REPEAT_S)
+        for receiver in [each for each in self._sending if keyed.vehicle in (None, each)]:
+            self._sending.pop(receiver).cancel()
+        self._sending[keyed.vehicle] = asyncio.create_task(self._elsewhere(keyed, command.number))
 
 
 AT_ONCE_MAX = 3

@@ -37,50 +37,68 @@ from gcs.mission.mission import Mission
 
 
 class TeamMissions:
-    """The missions that the vehicles on the bus report."""
+    """The missions that the vehicles on the bus report, compared with the operator's.
+
+    One vehicle with the right mission is enough: a wrong report of another one must not lock operators out.
+    """
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
         self._flown: dict[int, MissionIdentity] = {}
 
     @property
-    def any_received(self) -> bool:
-        """Whether any vehicle has reported its mission."""
-        return bool(self._flown)
+    def is_same(self) -> bool:
+        """Whether a vehicle has reported the mission of this name."""
+        return any(each.name == self._mission.mission.name for each in self._flown.values())
+
+    @property
+    def is_other(self) -> bool:
+        """Whether every vehicle of the mission has reported one of another name."""
+        return self._flown.keys() >= set(self._mission.ids) and not self.is_same
 
     def receive(self, message: BusMessage) -> None:
         """Process a message from the bus."""
         if isinstance(message, StartProposal) and message.mission is not None:
             self._flown[message.sender] = message.mission
 
-    def require_same(self) -> None:
-        """Raise VehicleRefusedError unless a vehicle flies the mission of this name.
-
-        One vehicle is enough: a wrong report of another one must not block the operator's commands.
-        """
-        ours = self._mission.mission.name
-        if self._flown and all(each.name != ours for each in self._flown.values()):
-            names = ", ".join(sorted({repr(each.name) for each in self._flown.values()}))
-            raise VehicleRefusedError(
-                f"team {self._mission.network.team} flies the mission {names}, not {ours!r}",
-                "give the mission that it flies by --mission",
-            )
-
-    @property
-    def difference(self) -> str:
-        """The difference between missions of the same name; empty if there is none."""
-        ours = self._mission.identity
-        if not self._flown or ours in self._flown.values():
-            return ""
-        return f"the team flies another version of the mission {self._mission.mission.name!r}"
+    def refuse_other(self) -> None:
+        """Raise VehicleRefusedError if every vehicle of the mission has reported another one."""
+        if self.is_other:
+            raise self._refusal()
 
     def require_version(self, verb: str) -> None:
-        """Raise VehicleRefusedError if the mission's content, on which a command or sighting depends, differs."""
-        if self.difference:
+        """Raise VehicleRefusedError unless a vehicle flies the mission that a command or sighting depends on."""
+        if not self._flown:
+            raise VehicleRefusedError(
+                "no vehicle has reported its mission yet", "try again: a flight reports it once its vehicles are found"
+            )
+        if not self.is_same:
+            raise self._refusal()
+        if self._mission.identity not in self._flown.values():
             raise VehicleRefusedError(
                 f"{verb}: {self.difference}",
                 "give by --mission the file as it was at the start of the flight, with the same --set",
             )
+
+    @property
+    def difference(self) -> str:
+        """How the missions reported differ from the operator's, with the vehicles; empty if they do not."""
+        ours, name = self._mission.identity, self._mission.mission.name
+        others = {vehicle: flown for vehicle, flown in sorted(self._flown.items()) if flown != ours}
+        if others and ours not in self._flown.values() and all(flown.name == name for flown in others.values()):
+            return f"the team flies another version of the mission {name!r}"
+        return "; ".join(
+            f"vehicle {vehicle} reports "
+            + (f"another version of the mission {name!r}" if flown.name == name else f"{flown.name!r}, not {name!r}")
+            for vehicle, flown in others.items()
+        )
+
+    def _refusal(self) -> VehicleRefusedError:
+        names = ", ".join(sorted({repr(each.name) for each in self._flown.values()}))
+        return VehicleRefusedError(
+            f"team {self._mission.network.team} flies the mission {names}, not {self._mission.mission.name!r}",
+            "give the mission that it flies by --mission",
+        )
 
 
 SILENT_AFTER_S = 1.0
@@ -204,13 +222,13 @@ class TeamState:
     def _receive_command(self, message: OperatorCommand | CommandAnswer) -> None:
         """Add commands and answers once; they are repeated on the bus."""
         if isinstance(message, OperatorCommand):
-            key: tuple[object, ...] = (message.number,)
+            key: tuple[object, ...] = (message.key,)
             receiver = "all vehicles" if message.vehicle is None else f"vehicle {message.vehicle}"
             text = f"command from {message.origin} to {receiver}: {message.verb}"
             event = TeamEvent(None, text, "warning" if VERBS[message.verb].is_dangerous else "information")
         else:
-            key = (message.number, message.sender, message.did)
-            level: Severity = "warning" if message.outcome == "refused" else "information"
+            key = (message.key, message.sender, message.did)
+            level: Severity = "warning" if message.is_refused else "information"
             answered = f"{message.verb} by {message.origin}" if message.verb else "answers"
             event = TeamEvent(message.sender, f"{answered}: {message.did}", level)
         if key not in self._known:

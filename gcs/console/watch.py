@@ -84,7 +84,7 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
         while not stop.is_set():
             await bus.follow()
             now_s = monotonic()
-            missions.require_same()
+            missions.refuse_other()
             for event in team.new_events(now_s):
                 view.print_line(event.line, event.severity)
             message = bus.refusal or missions.difference or _message(mission, team, now_s - began_s)

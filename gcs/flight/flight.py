@@ -12,17 +12,16 @@ from time import perf_counter
 from rich.text import Text
 
 from agents.flight_end import FlightEnd
-from agents.ports import PeerBus, VehicleRefusedError
+from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
 from agents.shell.life import Phase
 from agents.shell.outcome import BY_OPERATOR, Outcome, Stop
 from agents.tactics import Tactic
-from agents.team.messages import BusMessage, VehicleReport
 from agents.team.participant import Participant
 from estimation.frames import Triple
-from gcs.console.keyboard import KeyBindings, Keyboard, KeyCommands
+from gcs.console.command_client import CommandClient
+from gcs.console.keyboard import KeyBindings, Keyboard, KeyCommands, KeyedCommand
 from gcs.console.live import LiveView
-from gcs.console.team_bus import guest_bus
 from gcs.errors import InputError
 from gcs.flight.faults.failing_equipment import FailingEquipment
 from gcs.flight.faults.schedule import ScheduledFault
@@ -40,6 +39,7 @@ from gcs.keys.team_keys import flight_keys
 from gcs.link.hub import MavsdkHub
 from gcs.link.ports import fed_ports, flight_claims
 from gcs.link.signing_keys import signing_keys
+from gcs.metrics.ending import named
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
@@ -123,24 +123,35 @@ async def command_by_keyboard(team: FlightTeam, stack: AsyncExitStack) -> Callab
     """
     if not team.view.is_live:
         return Text
-    identity, bus = Identity(Participant("operator", user_name())), None
-    ended_elsewhere: dict[int, str] = {}
+    mission, here = team.plan.mission, {member.vehicle.id for member in team.members}
+    identity, client = Identity(Participant("operator", user_name())), None
     if len(team.members) < len(team.plan.mission.vehicles):
         try:
             identity = team.keys.identity("operator")
         except InputError as error:
             team.view.print_line(f"{_HERE_ONLY}: {error}")
         else:
-            bus = await _opened(team, identity, stack, ended_elsewhere)
-    here = [member.vehicle.id for member in team.members]
-    bindings = KeyBindings(here if bus is None else team.plan.mission.ids)
+            client = CommandClient(mission, identity)
+            stack.push_async_callback(client.close)
+            await client.open()
+    bindings = KeyBindings(sorted(here) if client is None else mission.ids)
 
     def ended() -> set[int]:
         ended_here = {member.vehicle.id for member in team.members if member.agent.phase is Phase.ENDED}
-        return ended_here | {vehicle_id for vehicle_id, how in ended_elsewhere.items() if how}
+        return ended_here | (set() if client is None else client.ended.keys())
+
+    async def elsewhere(keyed: KeyedCommand, number: int) -> None:
+        """Command the vehicles of other processes: these accept none from a vehicle's own bus."""
+        asked = [each for each in mission.ids if each not in here and keyed.vehicle in (None, each)]
+        if client is None or not asked:
+            return
+        try:
+            await client.command(keyed.verb, asked, keyed.vehicle, number=number)
+        except VehicleRefusedError as refusal:
+            team.view.print_line(f"{keyed.verb} for {named(asked)}: {refusal.reason}")
 
     commands = KeyCommands(
-        team.agents, team.clock, identity.participant.name, bus, bindings, lambda: _piloted(team), ended
+        team.agents, team.clock, identity.participant.name, elsewhere, bindings, lambda: _piloted(team), ended
     )
     keyboard = stack.enter_context(Keyboard(commands.press, commands.ignore_paste))
     return (lambda: commands.hint) if keyboard.active else Text
@@ -151,22 +162,6 @@ def _piloted(team: FlightTeam) -> set[int]:
     newest, pilot = team.newest.values(), Tactic.PILOT_OVERRIDE
     here = {status.vehicle_id for status in newest if status.tactic is pilot}
     return here | {peer.sender for status in newest for peer in status.peers if peer.tactic == pilot.value}
-
-
-async def _opened(team: FlightTeam, identity: Identity, stack: AsyncExitStack, ended: dict[int, str]) -> PeerBus:
-    """Return the bus to vehicles of other processes, which accept no commands from a vehicle's own bus.
-
-    How their flights ended is kept in `ended`.
-    """
-
-    def take(message: BusMessage) -> None:
-        if isinstance(message, VehicleReport):
-            ended[message.sender] = message.ended
-
-    bus = guest_bus(team.plan.mission, identity)
-    stack.push_async_callback(bus.close)
-    await bus.open(take, lambda *_: None, lambda _vehicle, _present: None)
-    return bus
 
 
 def preparing_speed(vehicles: int) -> float:

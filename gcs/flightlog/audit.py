@@ -11,7 +11,7 @@ import msgspec
 from agents.inputs import Command, Message
 from agents.outputs import TickOutput
 from agents.team.codec import decode
-from agents.team.messages import TOPICS, CommandAnswer, OperatorCommand, key_of
+from agents.team.messages import TOPICS, CommandAnswer, CommandKey, OperatorCommand, key_of
 
 Event = Literal["received", "answered", "closed"]
 Source = Literal["bus", "keyboard", ""]
@@ -69,8 +69,8 @@ class AuditTrail:
 
     def __init__(self) -> None:
         self._previous = ""
-        self._commands: OrderedDict[tuple[int, int], tuple[Source, str, str]] = OrderedDict()
-        self._answers: OrderedDict[tuple[int, int, str], None] = OrderedDict()
+        self._commands: OrderedDict[tuple[int, CommandKey], tuple[Source, str, str]] = OrderedDict()
+        self._answers: OrderedDict[tuple[int, CommandKey, str], None] = OrderedDict()
 
     def take(self, vehicle_id: int, time_s: float, item: object) -> Iterator[AuditEntry]:
         """Return the entries for an input or output of a vehicle's core."""
@@ -91,28 +91,28 @@ class AuditTrail:
     def _received(
         self, vehicle_id: int, time_s: float, command: OperatorCommand, source: Source, key: str
     ) -> Iterator[AuditEntry]:
-        known = (vehicle_id, command.number)
+        known = (vehicle_id, command.key)
         if known in self._commands:
             return
         self._commands[known] = source, key.rpartition("/")[2], key
         if len(self._commands) > _REMEMBERED:
             self._commands.popitem(last=False)
-        yield self._entry(vehicle_id, time_s, "received", command.number, "")
+        yield self._entry(vehicle_id, time_s, "received", command.key, "")
 
     def _answered(self, vehicle_id: int, time_s: float, answer: object) -> Iterator[AuditEntry]:
-        if not isinstance(answer, CommandAnswer) or (vehicle_id, answer.number) not in self._commands:
+        if not isinstance(answer, CommandAnswer) or (vehicle_id, answer.key) not in self._commands:
             return
-        known = (vehicle_id, answer.number, answer.did)
+        known = (vehicle_id, answer.key, answer.did)
         if known in self._answers:
             return
         self._answers[known] = None
         if len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)
-        yield self._entry(vehicle_id, time_s, "answered", answer.number, answer.did)
+        yield self._entry(vehicle_id, time_s, "answered", answer.key, answer.did)
 
-    def _entry(self, vehicle_id: int, time_s: float, event: Event, number: int, did: str) -> AuditEntry:
-        source, operator, key = self._commands[vehicle_id, number]
-        return self._chained(AuditEntry(time_s, event, vehicle_id, source, operator, key, number, did, "", ""))
+    def _entry(self, vehicle_id: int, time_s: float, event: Event, command: CommandKey, did: str) -> AuditEntry:
+        source, operator, key = self._commands[vehicle_id, command]
+        return self._chained(AuditEntry(time_s, event, vehicle_id, source, operator, key, command.number, did, "", ""))
 
     def _chained(self, entry: AuditEntry) -> AuditEntry:
         chained = sealed(entry, self._previous)

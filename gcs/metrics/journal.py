@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import CoreStatus
 from agents.tactics import NO_TACTIC
-from agents.team.messages import CommandAnswer, MemberState, NeighbourAngle
+from agents.team.messages import CommandAnswer, CommandKey, MemberState, NeighbourAngle
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import (
@@ -35,7 +35,7 @@ class EventLog:
         self.events: list[FlightEvent] = []
         self._local_ids: set[int] = set()
         self._last: dict[int, MemberState] = {}
-        self._answered: set[tuple[int, int, str]] = set()
+        self._answered: set[tuple[int, CommandKey, str]] = set()
         self._reported = 0
 
     def note(self, status: CoreStatus) -> None:
@@ -78,10 +78,10 @@ class EventLog:
         """Add the answer of a vehicle in another process to an operator."""
         if answer.sender in self._local_ids:
             return
-        key = (answer.sender, answer.number, answer.did)
+        key = (answer.sender, answer.key, answer.did)
         if key not in self._answered:
             self._answered.add(key)
-            outcome = CommandOutcome(answer.verb or "", answer.origin, answer.did, answer.outcome == "refused")
+            outcome = CommandOutcome(answer.verb or "", answer.origin, answer.did, answer.is_refused)
             text = f"answers: {answer.did}"
             self.events.append(FlightEvent(answer.time_s, answer.sender, "command", text, command=outcome))
 

@@ -94,7 +94,7 @@ class LiveTeam:
     def _link(self) -> str:
         """Return the fault of the link to the team, empty without one."""
         try:
-            self._missions.require_same()
+            self._missions.refuse_other()
         except VehicleRefusedError as other:
             return other.reason
         return self._fault or self._missions.difference

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.command_handler import NUMBERS_KEPT, Circumstances, CommandHandler, Reshaping
+from agents.command_handler import COMMANDS_KEPT, Circumstances, CommandHandler, Reshaping
 from agents.core import VehicleCore
 from agents.inputs import Command, Message, TimeScale
 from agents.notes import Notes
@@ -265,12 +265,48 @@ def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
     assert vehicle.tactic is Tactic.LAND
 
 
+def test_no_operator_keeps_a_command_of_another_from_the_vehicle() -> None:
+    """Another operator sends hold with the numbers that a kill is to have, before it and as often as it may."""
+    vehicle = Vehicle()
+    for number in range(40):
+        vehicle.commands.take(OperatorCommand(0.0, "hold", None, "eve", number), vehicle.tactic, 0.0)
+    vehicle.commands.answers(0.0)
+    vehicle.commands.take(OperatorCommand(0.0, "kill", None, "anna", 7), vehicle.tactic, 0.0)
+    assert vehicle.commands.kills
+    assert [(each.origin, each.verb, each.did) for each in vehicle.commands.answers(0.0)] == [("anna", "kill", CUTTING)]
+
+
+@pytest.mark.parametrize("off_s", [-60.0, 60.0])
+@pytest.mark.parametrize("verb", ["hold", "kill"])
+def test_a_command_is_dated_by_the_clock_of_its_recipient(make_config: Maker, verb: Verb, off_s: float) -> None:
+    """The other vehicle's clock is off, and the team's is the lower of the two."""
+    core = VehicleCore(make_config(vehicle_id=2))
+    command = OperatorCommand(100.0 + off_s, verb, None, "anna", 7, None, ((1, 100.0 + off_s), (2, 100.0)))
+    core.take(Message(100.1, command))
+    (answer,) = (decode(each.payload) for each in core.tick(100.1).messages)
+    assert isinstance(answer, CommandAnswer)
+    assert (answer.is_obeyed, answer.key) == (True, command.key), answer
+
+
+@pytest.mark.parametrize("off_s", [-60.0, 60.0])
+def test_a_kill_that_was_misdated_acts_once_it_is_repeated_with_the_right_date(
+    make_config: Maker, off_s: float
+) -> None:
+    core = VehicleCore(make_config(vehicle_id=2))
+    for sent_s, outcome in ((100.0 + off_s, "misdated"), (100.2, "begun")):
+        core.take(Message(100.2, OperatorCommand(sent_s, "kill", None, "anna", 7)))
+        (answer,) = (decode(each.payload) for each in core.tick(100.2).messages)
+        assert isinstance(answer, CommandAnswer)
+        assert answer.outcome == outcome
+    assert core.commands.kills
+
+
 def test_what_is_remembered_is_bounded() -> None:
     vehicle = Vehicle()
-    for number in range(3 * NUMBERS_KEPT):
+    for number in range(COMMANDS_KEPT + 50):
         command = OperatorCommand(0.0, "hold", None, "pat@here", number)
         vehicle.commands.take(command, vehicle.tactic, 0.0)
-    assert len(vehicle.commands.answers(0.0)) == NUMBERS_KEPT
+    assert len(vehicle.commands.answers(0.0)) == COMMANDS_KEPT
 
 
 def test_a_core_answers_in_its_next_tick_even_without_telemetry(make_config: Maker) -> None:
@@ -299,7 +335,7 @@ def test_a_late_command_is_refused_unless_it_stops_a_flight_or_lands_gently(
         assert isinstance(answer, CommandAnswer)
         assert ("s old" in answer.did) is late
         if late:
-            assert answer.outcome == "refused"
+            assert (answer.outcome, answer.is_refused, answer.is_final) == ("misdated", True, False)
         elif verb == "hold":
             assert answer.outcome in {"obeyed", "begun"}
 

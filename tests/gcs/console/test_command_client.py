@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from agents.team.messages import CommandAnswer, MemberState
+from agents.team.codec import decode, encode
+from agents.team.messages import TIME_MAX_S, CommandAnswer, CommandKey, MemberState, OperatorCommand
 from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock, _Sent
 from gcs.keys.identity import Identity
@@ -25,6 +26,16 @@ def test_one_wrong_clock_changes_nothing(wrong_s: float) -> None:
     assert clock({1: 500.0, 2: wrong_s, 3: 500.1}).now_s(10.25) == pytest.approx(500.25, abs=0.11)
 
 
+def test_no_vehicle_makes_a_command_malformed_by_its_clock() -> None:
+    team = clock({1: TIME_MAX_S, 2: 500.0})
+    assert team.times_s(12.0) == ((1, TIME_MAX_S), (2, 502.0))
+    for alone in (team, clock({1: TIME_MAX_S})):
+        time_s = alone.now_s(12.0)
+        assert time_s is not None
+        command = OperatorCommand(time_s, "kill", None, "anna", 7, None, alone.times_s(12.0))
+        assert decode(encode(command)) == command
+
+
 def test_clocks_go_on_between_messages_and_those_of_silent_vehicles_do_not_count() -> None:
     team = clock({1: 500.0, 2: 500.0})
     team.receive(3, 620.0, 70.0)  # two fell silent a minute ago, and this one flies at twice the speed
@@ -36,12 +47,13 @@ def test_answers_to_its_own_commands_count_and_clocks(mission_file: Callable[...
     client = CommandClient(load_mission(mission_file("case2", INSECURE)), Identity(Participant("operator", "pat")))
     here = (0.0, 0.0)
     told: list[tuple[int, str]] = []
-    sent = client._sent[7] = _Sent(0.0, lambda vehicle, answer: told.append((vehicle, answer.did)))
-    client._receive(CommandAnswer(3, 100.0, 8, "motors cut"))
+    key = CommandKey("pat", "kill", 7)
+    sent = client._sent[key] = _Sent(0.0, lambda vehicle, answer: told.append((vehicle, answer.did)))
+    for number, verb, origin in ((8, "kill", "pat"), (7, "hold", "pat"), (7, "kill", "eve")):
+        client._receive(CommandAnswer(3, 100.0, number, "motors cut", verb, origin))  # type: ignore[arg-type]
     assert sent.answers == {}
-    assert client._clocks.members == set()
     for _ in range(2):  # answers are repeated
-        client._receive(CommandAnswer(3, 100.0, 7, "motors cut"))
+        client._receive(CommandAnswer(3, 100.0, 7, "motors cut", "kill", "pat"))
     client._receive(MemberState(3, 100.0, "hold", here, here, here, here))
     assert sent.answers[3].did == "motors cut"
     assert told == [(3, "motors cut")]

@@ -14,7 +14,6 @@ from typing import Any, cast
 
 import pytest
 
-from agents.team.codec import decode
 from agents.team.messages import OperatorCommand
 from gcs.console.keyboard import (
     ANSWERED_WITHIN_S,
@@ -26,7 +25,7 @@ from gcs.console.keyboard import (
     KeyedCommand,
 )
 from tests.support.paths import ROOT
-from tests.support.wire import PATIENCE_S, until
+from tests.support.wire import PATIENCE_S
 
 TEAM = (1, 2, 3)
 BY_HAND_S = 0.15
@@ -206,41 +205,41 @@ class Agent:
     """What a vehicle's agent takes from the keyboard."""
 
     def __init__(self) -> None:
-        self.taken: list[tuple[str, int | None]] = []
+        self.numbered: list[tuple[str, int | None, int]] = []
+
+    @property
+    def taken(self) -> list[tuple[str, int | None]]:
+        return [(verb, vehicle) for verb, vehicle, _ in self.numbered]
 
     def obey(self, command: OperatorCommand) -> None:
-        self.taken.append((command.verb, command.vehicle))
+        self.numbered.append((command.verb, command.vehicle, command.number))
 
 
-class Bus:
-    """What is sent to the vehicles of other processes."""
+async def test_a_command_is_sent_elsewhere_until_a_newer_one_to_the_same_vehicle() -> None:
+    agent, sending = Agent(), list[tuple[str, int | None]]()
 
-    def __init__(self) -> None:
-        self.sent: list[tuple[str, int | None]] = []
+    async def elsewhere(keyed: KeyedCommand, number: int) -> None:
+        sending.append((keyed.verb, keyed.vehicle))
+        assert (keyed.verb, keyed.vehicle, number) == agent.numbered[-1], "vehicles here may receive both"
+        try:
+            await asyncio.Event().wait()
+        finally:
+            sending.remove((keyed.verb, keyed.vehicle))
 
-    def publish(self, _topic: str, payload: bytes) -> None:
-        command = decode(payload)
-        assert isinstance(command, OperatorCommand)
-        self.sent.append((command.verb, command.vehicle))
-
-
-async def test_a_command_is_repeated_until_a_newer_one_to_the_same_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcs.console.keyboard.REPEAT_S", 0.01)
-    agent, bus = Agent(), Bus()
     agents, clock = cast(Any, [agent]), cast(Any, SimpleNamespace(now_s=lambda: 5.0))
-    keys = KeyCommands(agents, clock, "pat", cast(Any, bus), KeyBindings(TEAM), set, set)
-    for key in "2h3h":
-        keys.press(key)
-    await until(lambda: len(bus.sent) >= 20, waiting_for="the repetitions")
-    await asyncio.sleep(0.05)
-    assert agent.taken == [("hold", 2), ("hold", 3)]
-    assert [bus.sent.count(("hold", vehicle)) for vehicle in (2, 3)] == [10, 10]
-    for key in "2ah":
-        keys.press(key)
-    await until(lambda: bus.sent.count(("hold", None)) >= 10, waiting_for="the repetitions")
-    await asyncio.sleep(0.05)
-    assert bus.sent.count(("abort", 2)) == 0, "the newer command is for all"
-    assert bus.sent.count(("hold", None)) == 10
+    keys = KeyCommands(agents, clock, "pat", elsewhere, KeyBindings(TEAM), set, set)
+    for pressed, sent in (
+        ("2h", [("hold", 2)]),
+        ("3h", [("hold", 2), ("hold", 3)]),
+        ("2a", [("hold", 3), ("abort", 2)]),
+        ("h", [("hold", None)]),
+    ):
+        for key in pressed:
+            keys.press(key)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        assert sending == sent
+    assert agent.taken == [("hold", 2), ("hold", 3), ("abort", 2), ("hold", None)]
 
 
 @pytest.fixture

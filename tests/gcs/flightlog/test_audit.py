@@ -48,7 +48,7 @@ def fly_commanded(recording: Recording) -> None:
         if tick == 6:
             core.take(Message(now_s, command(3, "formation", now_s)))
         if tick == 7:
-            core.take(Message(now_s, command(4, "hold", 1e3)))
+            core.take(Message(now_s, command(1, "kill", 1e3, "bob")))  # the number of another's command
         if tick == 8:
             for_another = msgspec.structs.replace(command(5, "land", now_s), vehicle=3)
             core.take(Message(now_s, for_another))
@@ -77,11 +77,13 @@ def test_every_command_and_what_came_of_it_is_an_entry_once(log: Path) -> None:
         ("answered", 2, "keyboard", "command/resume/bob", 2, "resumes its mission"),
         ("received", 2, "bus", "command/formation/anna", 3, ""),
         ("answered", 2, "bus", "command/formation/anna", 3, found[5][5]),
-        ("received", 2, "bus", "command/hold/anna", 4, ""),  # from the future: received, and not obeyed
+        ("received", 2, "bus", "command/kill/bob", 1, ""),
+        ("answered", 2, "bus", "command/kill/bob", 1, found[7][5]),
         ("closed", 0, "", "", 0, ""),
     ]
     assert found[5][5].startswith("refused")
-    assert [each.operator for each in entries_of(log)] == ["anna"] * 2 + ["bob"] * 2 + ["anna"] * 3 + [""]
+    assert "ahead of this vehicle's clock" in found[7][5]
+    assert [each.operator for each in entries_of(log)] == ["anna"] * 2 + ["bob"] * 2 + ["anna"] * 2 + ["bob"] * 2 + [""]
 
 
 def test_the_chain_is_of_plain_hashes_and_whole(log: Path) -> None:
@@ -122,7 +124,7 @@ def test_a_log_that_was_not_closed_does_not_verify(tmp_path: Path) -> None:
         def holds_entries() -> bool:
             shutil.copyfile(path, cut)
             with suppress(LogError):  # the first records are not written yet
-                return len(entries_of(cut)) == 7
+                return len(entries_of(cut)) == 8
             return False
 
         until_now(holds_entries)  # it is flushed every second

@@ -157,7 +157,9 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
         if isinstance(message, OperatorCommand) and message.vehicle in (None, vehicle_id):
             team.received.append((vehicle_id, message))
             if vehicle_id not in team.silent | team.ended:
-                answer = CommandAnswer(vehicle_id, time.time(), message.number, "holds", outcome="obeyed")
+                answer = CommandAnswer(
+                    vehicle_id, time.time(), message.number, "holds", message.verb, message.origin, "obeyed"
+                )
                 bus.publish("answer", encode(answer))
 
     async def send() -> None:

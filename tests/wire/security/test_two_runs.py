@@ -17,7 +17,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.zenoh_bus import single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import StartProposal
+from agents.team.messages import BusMessage, OperatorCommand, StartProposal
 from agents.team.participant import vehicle
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
@@ -128,6 +128,39 @@ async def test_the_same_mission_changed_since_is_commanded_down_but_not_on(missi
     finally:
         flying.cancel()
         await bus.close()
+
+
+async def test_a_kill_is_not_refused_for_what_one_vehicle_tells(missions: tuple[str, str, str]) -> None:
+    """Vehicle 2 is all that the operator receives, tells of another mission, and its clock is off by a century."""
+    text = load_mission(missions[0]).text.replace(*INSECURE)
+    flown, other = parse_mission(text, None), parse_mission(text.replace('name = "case2"', 'name = "survey"'), None)
+    buses = [
+        single_bus(vehicle(i), BusTeam(flown.network.team, flown.ids), flown.vehicle(i).section.endpoint)
+        for i in (1, 2)
+    ]
+    received = asyncio.Queue[BusMessage]()
+    await buses[0].open(received.put_nowait, lambda *_: None, lambda *_: None)
+    await buses[1].open(lambda *_: None, lambda *_: None, lambda *_: None)
+
+    async def lie() -> None:
+        while True:
+            buses[1].publish("start", encode(StartProposal(2, time.time() + 3e9, None, mission=other.identity)))
+            await asyncio.sleep(0.01)
+
+    lying = asyncio.create_task(lie())
+    operator = CommandClient(flown)
+    commanding = asyncio.create_task(operator.command("kill", flown.ids, None))
+    try:
+        async with asyncio.timeout(PATIENCE_S):
+            while not isinstance(await received.get(), OperatorCommand):
+                pass
+        assert operator.difference == "vehicle 2 reports 'survey', not 'case2'"
+        with pytest.raises(VehicleRefusedError, match="'survey', not 'case2'"):
+            await CommandClient(flown).command("resume", flown.ids, None)
+    finally:
+        lying.cancel()
+        commanding.cancel()
+        await asyncio.gather(*(bus.close() for bus in buses))
 
 
 async def test_stub_vehicles_serve_a_ground_station_that_listens_already(missions: tuple[str, str, str]) -> None:

@@ -104,7 +104,7 @@ class Scene:
         client = CommandClient(self.mission)
         await client.open()
         try:
-            await until(lambda: client._missions.any_received, PATIENCE_S)
+            await until(lambda: client._missions.is_same, PATIENCE_S)
             answers = await client.command(verb, self.mission.ids, None, shape)  # type: ignore[arg-type]
         finally:
             await client.close()
