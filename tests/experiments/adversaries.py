@@ -1,0 +1,442 @@
+"""Command a flying team while adversaries act on it at random: an authorised hold or kill must arrive within a second.
+
+Stubs fly with issued keys on a governed clock at the speed of the wall's. In each round one or two adversaries act,
+each a process of its own, and an operator who has just joined sends hold to all vehicles, or kill to one. The audit
+logs of the flights are the judge: every vehicle has to have received the command and not refused it within a second,
+and to have obeyed nobody else. Adversaries are an outsider without keys, another user of this computer (only as root),
+and insiders with valid keys of a vehicle, of an operator who may only hold, and of a sensor. Exit code 1 if a round
+failed.
+"""
+
+import asyncio
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Event, Thread
+from typing import Literal
+
+import numpy as np
+import zenoh
+
+from agents.ports import VehicleRefusedError
+from agents.team.codec import decode, encode
+from agents.team.messages import TIME_MAX_S, CommandAnswer, MemberState, MissionIdentity, OperatorCommand, StartProposal
+from agents.team.perception import ExternalSighting, encode_sighting
+from agents.team.verbs import Verb
+from cordon.lockstep import LockstepClient
+from gcs.console.command_client import CommandClient
+from gcs.errors import InputError
+from gcs.flight.stubs import url_ports
+from gcs.flightlog.audit import AuditEntry
+from gcs.flightlog.reader import read_log
+from gcs.keys.key_folder import KeyFolder
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from tests.experiments.arguments import parser
+from tests.support.paths import ROOT, finds_tests
+from tests.support.ring_mission import ring_mission
+from tests.support.wire import free_ports
+
+Kind = Literal["outsider", "other user", "vehicle", "operator", "sensor"]
+KINDS: Sequence[Kind] = ("outsider", "other user", "vehicle", "operator", "sensor")
+COMMANDER, HOLDER, SENSOR = "anna", "eve", "mast"
+NOBODY = 65534
+HOLDS = 24
+"""The rounds of a flight with hold; a kill of each vehicle follows."""
+WITHIN_S = 1.0
+IN_FLIGHT_WITHIN_S, ENDS_WITHIN_S = 180.0, 120.0
+CONNECTIONS = 400
+Say = Callable[[str, bytes], None]
+
+
+@dataclass(frozen=True)
+class Round:
+    """One command: who acted meanwhile, and when it was sent on the team's clock [s]."""
+
+    kinds: Sequence[Kind]
+    verb: Verb
+    vehicles: Sequence[int]
+    number: int
+    sent_s: float
+
+
+# Adversaries
+
+
+def endpoints(mission: Mission) -> list[tuple[str, int]]:
+    """Return where the vehicles are reached on the bus."""
+    found = (vehicle.section.endpoint.partition("/")[2].rpartition(":") for vehicle in mission.vehicles)
+    return [(host, int(port)) for host, _, port in found]
+
+
+def idle(mission: Mission, random: np.random.Generator, over: Event) -> None:
+    """Open connections that say nothing, or nonsense, and keep them or open others."""
+    nonsense, keeps = random.bytes(int(random.integers(0, 200))), random.random() < 0.5
+    held = list[socket.socket]()
+    while not over.wait(0.002):
+        if len(held) >= CONNECTIONS:
+            if keeps:
+                continue
+            held.pop(0).close()
+        with suppress(OSError):
+            held.append(socket.create_connection(endpoints(mission)[int(random.integers(len(mission.ids)))], 0.2))
+            held[-1].sendall(nonsense)
+    for each in held:
+        each.close()
+
+
+def impostor(mission: Mission, random: np.random.Generator, over: Event) -> None:
+    """Send nonsense to the UDP ports where autopilots are received."""
+    ports = list(url_ports(mission, mission.ids).values())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        while not over.wait(0.002):
+            with suppress(OSError):
+                nonsense = b"\xfd" + random.bytes(int(random.integers(1, 280)))
+                sender.sendto(nonsense, ("127.0.0.1", ports[int(random.integers(len(ports)))]))
+
+
+def uninvited(mission: Mission, random: np.random.Generator, over: Event) -> None:
+    """Join without keys, and command."""
+    scheme = "tls" if random.random() < 0.5 else "tcp"
+    session = joined(mission, {"connect/endpoints": [f"{scheme}/{host}:{port}" for host, port in endpoints(mission)]})
+    while not over.wait(0.01):
+        number = int(random.integers(2**32))
+        session.put(*command_of(mission, "kill", COMMANDER, number, time.time()))
+    session.close()  # type: ignore[no-untyped-call]
+
+
+def joined(mission: Mission, settings: dict[str, object]) -> zenoh.Session:
+    """Open a plain session without access control."""
+    config = zenoh.Config()
+    for path, value in {
+        "mode": "peer",
+        "listen/endpoints": [],
+        "connect/endpoints": [f"tls/{host}:{port}" for host, port in endpoints(mission)],
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 200, "period_increase_factor": 1},
+        "scouting/multicast/enabled": False,
+        "transport/shared_memory/enabled": False,
+        **settings,
+    }.items():
+        config.insert_json5(path, json.dumps(value))
+    return zenoh.open(config)
+
+
+def command_of(mission: Mission, verb: Verb, name: str, number: int, now_s: float) -> tuple[str, bytes]:
+    """Return the full key and the payload of a command to all."""
+    command = OperatorCommand(now_s, verb, None, name, number)
+    return f"cordon/{mission.network.team}/command/{verb}/{name}", encode(command)
+
+
+class Insider:
+    """Has the keys of a vehicle, of an operator who may hold, or of a sensor, and says what it may and what not."""
+
+    def __init__(self, kind: Kind, mission: Mission, keys: KeyFolder) -> None:
+        role, name = {
+            "vehicle": ("vehicle", str(mission.ids[-1])),
+            "operator": ("operator", HOLDER),
+            "sensor": ("sensor", SENSOR),
+        }[kind]
+        self._kind, self._mission, self._name = kind, mission, name
+        security = keys.identity(role, name).security  # type: ignore[arg-type]
+        assert security is not None
+        team = mission.network.team
+        self._session = joined(mission, {"transport/link/tls": security.settings(team)["transport/link/tls"]})
+        self._prefix = f"cordon/{team}"
+        self._number, self._now_s = 0, time.time()
+        self._session.declare_subscriber(f"{self._prefix}/**", self._hear)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        """Learn the team's time and the number of the newest command."""
+        with suppress(ValueError):
+            message = decode(sample.payload.to_bytes())
+            if isinstance(message, MemberState) and message.sender == self._mission.ids[0]:
+                self._now_s = message.time_s
+            if isinstance(message, CommandAnswer | OperatorCommand):
+                self._number = message.number
+
+    def __call__(self, _mission: Mission, random: np.random.Generator, over: Event) -> None:
+        """Act."""
+        says = {"vehicle": self._as_vehicle, "operator": self._as_operator, "sensor": self._as_sensor}[self._kind]
+        off_s = float(random.choice([0.0, -60.0, 60.0, 1e9, TIME_MAX_S]))
+        period_s = 1.0 / float(random.choice([10.0, 50.0, 200.0]))
+        aims = [int(each) for each in random.choice(4, 2)]
+        while not over.wait(period_s):
+            for aim in aims:
+                key, payload = says(aim, random, min(self._now_s + off_s, TIME_MAX_S))
+                self._session.put(f"{self._prefix}/{key}", payload)
+            verb, name = str(random.choice(["kill", "land"])), str(random.choice([COMMANDER, HOLDER, self._name]))
+            number = int(random.choice([self._number, self._number + 1])) % 2**32
+            self._session.put(*command_of(self._mission, verb, name, number, self._now_s))  # type: ignore[arg-type]
+
+    def _as_vehicle(self, aim: int, random: np.random.Generator, now_s: float) -> tuple[str, bytes]:
+        own = int(self._name)
+        match aim:
+            case 0:
+                other = MissionIdentity("another", "0" * 16)
+                return f"start/{own}", encode(StartProposal(own, now_s, None, mission=other))
+            case 1:
+                place = (float(random.normal(0.0, 20.0)), float(random.normal(0.0, 20.0)))
+                state = MemberState(own, now_s, "encircle", place, (0.0, 0.0), place, (0.0, 0.0), 8.0)
+                return f"member/{own}", encode(state)
+            case 2:
+                lie = CommandAnswer(own, now_s, self._number, "motors cut", "kill", COMMANDER, "obeyed")
+                return f"answer/{own}", encode(lie)
+            case _:
+                return f"member/{own}", random.bytes(64)
+
+    def _as_operator(self, aim: int, random: np.random.Generator, now_s: float) -> tuple[str, bytes]:
+        number = (self._number + 1 + aim) % 2**32 if aim < 3 else int(random.integers(2**32))
+        return f"command/hold/{HOLDER}", encode(OperatorCommand(now_s, "hold", None, HOLDER, number))
+
+    def _as_sensor(self, aim: int, random: np.random.Generator, _now_s: float) -> tuple[str, bytes]:
+        if aim == 0:
+            return f"perception/{SENSOR}", random.bytes(200)
+        place = (float(random.normal(0.0, 3.0)), float(random.normal(0.0, 3.0)))
+        sighting = ExternalSighting("mission", place, (0.5, 0.0, 0.5), 0.9, 0.1)
+        return f"perception/{SENSOR}", encode_sighting(sighting)
+
+
+def adversary(kind: Kind, mission_path: str) -> None:
+    """Act from each line `begin SEED` on standard input until the next line `end`; answer each with a line."""
+    mission = load_mission(mission_path)
+    if kind in ("outsider", "other user"):
+        if kind == "other user":
+            "".encode("idna")  # the codec is imported here: another user may not read this user's Python
+            os.setuid(NOBODY)
+        acts: Sequence[Callable[[Mission, np.random.Generator, Event], None]] = (idle, impostor, uninvited)
+    else:
+        acts = (Insider(kind, mission, KeyFolder(Path(mission_path).parent / "keys")),)
+    over, acting = Event(), list[Thread]()
+    print("ready", flush=True)
+    for line in sys.stdin:
+        word, _, seed = line.strip().partition(" ")
+        if word == "begin":
+            random = np.random.default_rng(int(seed))
+            over.clear()
+            act = acts[int(random.integers(len(acts)))]
+            acting = [Thread(target=act, args=(mission, random, over), daemon=True)]
+            acting[0].start()
+        else:
+            over.set()
+            for each in acting:
+                each.join()
+        print(word, flush=True)
+    os._exit(0)
+
+
+# Flights
+
+
+def told(process: "subprocess.Popen[str]", line: str) -> None:
+    """Send a line to an adversary, and wait for its answer."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(f"{line}\n")
+    process.stdin.flush()
+    process.stdout.readline()
+
+
+@contextmanager
+def adversaries(mission: Path) -> Iterator[dict[Kind, "subprocess.Popen[str]"]]:
+    """Start one process for each kind of adversary; another user of the computer needs root."""
+    kinds = [each for each in KINDS if each != "other user" or os.geteuid() == 0]
+    with ExitStack() as stack:
+        started = {}
+        for kind in kinds:
+            command = [sys.executable, "-m", __spec__.name, "--act", kind, str(mission)]
+            started[kind] = stack.enter_context(
+                subprocess.Popen(
+                    command, cwd=ROOT, env=finds_tests(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+                )
+            )
+            stack.callback(started[kind].kill)
+        for process in started.values():
+            assert process.stdout is not None
+            process.stdout.readline()
+        yield started
+
+
+def write_mission(folder: Path, vehicles: int) -> Path:
+    """Write the mission of a team, and issue its keys."""
+    ports = free_ports(2 * vehicles)
+    path = folder / "ring.toml"
+    text = ring_mission(vehicles, 3600.0, ports[:vehicles], ports[vehicles:])
+    path.write_text(f'{text}\n[network.security]\nkeys = "keys"\n', encoding="utf-8")
+    for line in (
+        "init",
+        *(f"issue vehicle {i + 1}" for i in range(vehicles)),
+        f"issue operator {COMMANDER} --may hold,resume,kill",
+        f"issue operator {HOLDER} --may hold",
+        f"issue sensor {SENSOR}",
+    ):
+        command = [sys.executable, "-m", "gcs", "keys", *line.split(), "--keys", str(folder / "keys")]
+        subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    return path
+
+
+async def command(mission: Mission, verb: Verb, vehicle: int | None, number: int) -> None:
+    """Let an operator join, command and leave."""
+    operator = KeyFolder(mission.folder / "keys").identity("operator", COMMANDER)
+    asked = mission.ids if vehicle is None else (vehicle,)
+    await CommandClient(mission, operator).command(verb, asked, vehicle, number=number)
+
+
+def wait_for_flight(mission: Mission, flight: "subprocess.Popen[bytes]") -> None:
+    """Wait until every vehicle has left the ground."""
+
+    async def wait() -> None:
+        client = CommandClient(mission, KeyFolder(mission.folder / "keys").identity("operator", COMMANDER))
+        await client.open()
+        try:
+            end_s = time.monotonic() + IN_FLIGHT_WITHIN_S
+            while len(client.tactics) < len(mission.ids) or {*client.tactics.values()} - {"formation", "encircle"}:
+                if time.monotonic() > end_s or flight.poll() is not None:
+                    raise RuntimeError(f"not in flight: {client.tactics}")
+                await asyncio.sleep(0.1)
+        finally:
+            await client.close()
+
+    asyncio.run(wait())
+
+
+def fly(vehicles: int, seed: int, rounds: int, acting: Sequence[Kind]) -> tuple[list[Round], list[AuditEntry]]:
+    """Fly a team for this many rounds at most; return them, and the entries of the audit log."""
+    random, flown = np.random.default_rng(seed), list[Round]()
+    with TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        if os.geteuid() == 0:
+            folder.chmod(0o755)  # another user of the computer may read the mission
+        path, log = write_mission(folder, vehicles), folder / "flight.mcap"
+        mission = load_mission(str(path))
+        fly_line = [sys.executable, "-m", "gcs", "fly", str(path), "--sitl", "--json", "--log", str(log)]
+        with (folder / "result.json").open("wb") as result:
+            flight = subprocess.Popen(
+                fly_line, cwd=ROOT, stdout=result, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL
+            )
+        stack.callback(flight.kill)
+        clock = _clock(mission, flight, stack)
+        wait_for_flight(mission, flight)
+        enemies = stack.enter_context(adversaries(path))
+        plan: list[tuple[Verb, int | None]] = [("hold", None)] * HOLDS
+        plan += [("kill", int(each)) for each in random.permutation(mission.ids)]
+        for verb, vehicle in plan[-rounds:]:
+            if flight.poll() is not None:
+                print(f"the flight has ended by itself: {(folder / 'result.json').read_text()[-300:]}", flush=True)
+                break
+            present = [each for each in acting if each in enemies]
+            kinds = [str(each) for each in random.choice(present, min(len(present), int(random.integers(1, 3))), False)]
+            for kind in kinds:
+                told(enemies[kind], f"begin {random.integers(2**31)}")  # type: ignore[index]
+            time.sleep(float(random.uniform(0.2, 1.5)))
+            number, sent_s = int(random.integers(2**32)), clock.now_s
+            with suppress(VehicleRefusedError):
+                asyncio.run(command(mission, verb, vehicle, number))
+            for kind in kinds:
+                told(enemies[kind], "end")  # type: ignore[index]
+            asked = mission.ids if vehicle is None else (vehicle,)
+            flown.append(Round(kinds, verb, asked, number, sent_s))  # type: ignore[arg-type]
+            if verb == "hold":
+                with suppress(VehicleRefusedError):
+                    asyncio.run(command(mission, "resume", None, int(random.integers(2**32))))
+        with suppress(subprocess.TimeoutExpired):
+            flight.wait(ENDS_WITHIN_S)
+        if flight.poll() is None:
+            flight.terminate()
+            flight.wait(ENDS_WITHIN_S)
+        entries = [each.read(AuditEntry) for each in read_log(log).run_records if each.kind is AuditEntry]
+    return flown, entries
+
+
+def _clock(mission: Mission, flight: "subprocess.Popen[bytes]", stack: ExitStack) -> LockstepClient:
+    end_s = time.monotonic() + IN_FLIGHT_WITHIN_S
+    while flight.poll() is None and time.monotonic() < end_s:
+        with suppress(InputError):
+            return stack.enter_context(LockstepClient(*url_ports(mission, mission.ids).values()))
+        time.sleep(0.2)
+    raise RuntimeError("the flight did not begin")
+
+
+def judged(flown: Sequence[Round], entries: Sequence[AuditEntry]) -> Iterator[tuple[Round, float, str]]:
+    """Yield each round with its slowest answer [s], and what failed, empty if nothing did."""
+    answered = defaultdict[tuple[str, int], dict[int, AuditEntry]](dict)
+    ended_s = {each.vehicle: each.time_s for each in entries if each.event == "answered" and each.did == "motors cut"}
+    for each in entries:
+        if each.event == "answered":
+            answered[each.operator, each.command].setdefault(each.vehicle, each)
+    for one in flown:
+        answers, slowest_s, faults = answered[COMMANDER, one.number], 0.0, list[str]()
+        for vehicle in one.vehicles:
+            if ended_s.get(vehicle, np.inf) < one.sent_s:
+                continue
+            answer = answers.get(vehicle)
+            slowest_s = max(slowest_s, np.inf if answer is None else answer.time_s - one.sent_s)
+            if answer is None:
+                faults.append(f"{vehicle} did not hear it")
+            elif answer.did.startswith("refused"):
+                faults.append(f"{vehicle} {answer.did}")
+            elif answer.time_s - one.sent_s > WITHIN_S:
+                faults.append(f"{vehicle} after {answer.time_s - one.sent_s:.1f} s")
+        yield one, slowest_s, "; ".join(faults)
+
+
+def usurped(entries: Sequence[AuditEntry]) -> list[str]:
+    """Return what vehicles did for somebody who may not command it."""
+    may = {(COMMANDER, verb) for verb in ("hold", "resume", "kill")} | {(HOLDER, "hold")}
+    return [
+        f"{each.operator}: {each.key}: {each.did}"
+        for each in entries
+        if each.event == "answered"
+        and not each.did.startswith("refused")
+        and (each.operator, each.key.split("/")[1]) not in may
+    ]
+
+
+def main(sizes: Sequence[int], rounds: int, seed: int, acting: Sequence[Kind]) -> int:
+    """Fly until each size has had this many rounds; print a table of the kinds of adversaries."""
+    failed = 0
+    for vehicles in sizes:
+        left, flights = rounds, 0
+        slowest_s, faults = defaultdict[str, list[float]](list), Counter[str]()
+        usurpations = list[str]()
+        while left > 0 and flights < rounds:
+            flown, entries = fly(vehicles, seed + flights, left, acting)
+            flights, left = flights + 1, left - len(flown)
+            usurpations += usurped(entries)
+            for one, after_s, fault in judged(flown, entries):
+                for kind in one.kinds:
+                    slowest_s[f"{kind}, {one.verb}"].append(after_s)
+                if fault:
+                    faults["failed"] += 1
+                    print(
+                        f"{vehicles} vehicles, seed {seed + flights - 1}: {one.verb}, {one.kinds}: {fault}", flush=True
+                    )
+        print(f"\n{vehicles} vehicles, {rounds - left} rounds in {flights} flights: {faults['failed']} failed")
+        print("| adversary, command | rounds | median, s | slowest, s |\n|---|---|---|---|")
+        for what, times_s in sorted(slowest_s.items()):
+            print(f"| {what} | {len(times_s)} | {np.median(times_s):.2f} | {max(times_s):.2f} |")
+        print(f"obeyed others: {len(usurpations)} {usurpations[:5]}", flush=True)
+        failed += faults["failed"] + len(usurpations) + max(left, 0)
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--act"]:
+        adversary(*sys.argv[2:])  # type: ignore[arg-type]
+    reader = parser("adversaries", __doc__ or "")
+    reader.add_argument("vehicles", nargs="*", type=int, default=[3, 8], help="team sizes (default: 3 8)")
+    reader.add_argument("--rounds", type=int, default=500, help="rounds for each size (default: %(default)s)")
+    reader.add_argument("--seed", type=int, default=0, help="first seed (default: %(default)s)")
+    reader.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="adversaries (default: all)")
+    given = reader.parse_args()
+    sys.exit(main(given.vehicles, given.rounds, given.seed, given.kinds))
