@@ -49,7 +49,11 @@ class Forger:
 
     def garbage(self, port: int) -> None:
         """Send what is no message."""
-        self._socket.sendto(b"garbage", (LOOPBACK, port))
+        self.replay(b"garbage", port)
+
+    def replay(self, frame: bytes, port: int) -> None:
+        """Send a frame that somebody else has sent."""
+        self._socket.sendto(frame, (LOOPBACK, port))
 
     def _arm(self, target: int, port: int, arms: float, force: int) -> None:
         self._send(mavlink.MAVLink_command_long_message(target, 1, 400, 0, arms, force, 0, 0, 0, 0, 0), port)
