@@ -125,8 +125,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _logs_elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """No flight of a test, nor of a process that it starts, leaves its log in somebody's home."""
+    """No flight of a test, nor of a process that it starts, leaves its log or anything else in somebody's home."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
         patch.setenv(FOLDER_VARIABLE, str(tmp_path_factory.mktemp("logs")))
         yield
 

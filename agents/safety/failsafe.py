@@ -98,6 +98,8 @@ MEMORY_SHARE_MIN = 0.05
 """Share of all memory. Below, Linux swaps and then kills processes."""
 DISK_MIN_BYTES = 200e6
 """A team of three writes this much in half an hour."""
+DESCRIPTORS_SHARE_MAX = 0.8
+"""Share of the files and connections that a process may open. Strangers who connect to the bus use them up."""
 
 
 def _tilted(status: VehicleStatus, limits: FailsafeSettings) -> str:
@@ -482,12 +484,13 @@ TABLE = (
     ),
     Row(
         Condition.COMPUTER_SHORT,
-        f"less than {100 * MEMORY_SHARE_MIN:.0f} % of the computer's memory is available, or less than "
-        f"{DISK_MIN_BYTES / 1e6:.0f} MB of disk for the flight log",
+        f"less than {100 * MEMORY_SHARE_MIN:.0f} % of the computer's memory is available, less than "
+        f"{DISK_MIN_BYTES / 1e6:.0f} MB of disk for the flight log, or {100 * DESCRIPTORS_SHARE_MAX:.0f} % of the "
+        "connections and files that it may open are in use",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "free memory or disk on its computer: the log may end early",
+        "free memory or disk on its computer: the log may end early; connections: find the stranger on the network",
     ),
     Row(
         Condition.LEADER_LOST,

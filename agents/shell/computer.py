@@ -1,14 +1,16 @@
-"""This computer: whether it is short of memory or of disk for the flight log, and the error of its clock."""
+"""This computer: whether it is short of memory, of disk for the flight log or of descriptors, and its clock's error."""
 
 import ctypes
+import resource
 import shutil
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
-from agents.safety.failsafe import DISK_MIN_BYTES, MEMORY_SHARE_MIN
+from agents.safety.failsafe import DESCRIPTORS_SHARE_MAX, DISK_MIN_BYTES, MEMORY_SHARE_MIN
 
 _UNSYNCHRONISED = 0x0040
 """STA_UNSYNC of Linux's timex.h, in the status of its clock."""
@@ -48,12 +50,38 @@ def computer_clock() -> ComputerClock | None:
     return ComputerClock(float(clock.maxerror) * 1e-6)
 
 
+def allow_descriptors() -> None:
+    """Let this process open as many files and sockets as its hard limit permits.
+
+    The usual soft limit of 1024 is for programs that use `select`; connections of strangers would exhaust it.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != hard:
+        with suppress(ValueError, OSError):  # macOS states no limit, and permits less
+            resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+
+
+def _descriptors() -> tuple[int, int]:
+    """Return how many descriptors this process uses, and how many it may."""
+    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if allowed == resource.RLIM_INFINITY:
+        allowed = sys.maxsize
+    try:
+        return sum(1 for _ in Path("/dev/fd").iterdir()), allowed
+    except OSError:  # none is left for this
+        return allowed, allowed
+
+
 def short_of(log: Path | None) -> str:
     """Return what this computer is short of, with values; empty if nothing. Without a log no disk is needed."""
-    memory = psutil.virtual_memory()
     short = []
-    if memory.available < MEMORY_SHARE_MIN * memory.total:
-        short.append(f"{memory.available / 1e6:.0f} of {memory.total / 1e6:.0f} MB of memory available")
+    used, allowed = _descriptors()
+    if used > DESCRIPTORS_SHARE_MAX * allowed:
+        short.append(f"{used} of {allowed} descriptors of files and connections in use")
+    with suppress(OSError):  # no descriptor is left to read it
+        memory = psutil.virtual_memory()
+        if memory.available < MEMORY_SHARE_MIN * memory.total:
+            short.append(f"{memory.available / 1e6:.0f} of {memory.total / 1e6:.0f} MB of memory available")
     if log is not None:
         try:
             free_bytes = shutil.disk_usage(log.parent).free

@@ -16,6 +16,7 @@ import zenoh
 
 from agents.ports import VehicleRefusedError
 from agents.shell.bus_security import BusSecurity, secured
+from agents.shell.computer import allow_descriptors
 from agents.shell.mailbox import KEY_RATE_HZ, PAYLOAD_LIMIT_BYTES
 from agents.team.messages import (
     OPERATORS_TOPIC,
@@ -35,8 +36,16 @@ with 5 % of the packets lost, a link is silent for longer than a second twice a 
 """
 _ROUTER_TIMEOUT_MS = 10_000
 """The timeout of a connection to a router, without which nothing can be sent."""
+_HANDSHAKE_MS: dict[_Mode, int] = {"peer": 2000, "client": 5000, "router": 5000}
+"""The longest handshake of a connection, both ways, after which it is attempted again. Closing a session waits for
+those under way: another program may accept a connection at a vehicle's endpoint, and stay silent.
+"""
 _MESSAGE_LIMIT_BYTES = 16 * PAYLOAD_LIMIT_BYTES
 """Zenoh drops larger messages before it has reassembled them."""
+_PENDING = 10_000
+"""The largest number of connections on which no handshake has been completed. Zenoh closes every one beyond it, those
+of operators as well; the default of 100 is a few strangers'.
+"""
 _GUEST_SESSIONS = 32
 """The largest number of connections to a vehicle from others than the team's vehicles."""
 _NEWEST_COUNTS = (MemberState, StartProposal, VehicleReport)
@@ -119,6 +128,7 @@ class ZenohSession:
         Vehicles' reports, for operators and observers, are received only with `reports`.
         Raises VehicleRefusedError if the endpoints cannot be used: a port in use, or a router that does not answer.
         """
+        allow_descriptors()
         try:
             config = zenoh.Config()
             for path, value in self._settings.items():
@@ -234,6 +244,8 @@ def _settings(mode: _Mode, listen: str | None, connect: Sequence[str]) -> dict[s
         "scouting/multicast/enabled": False,
         "adminspace/enabled": False,
         "transport/link/tx/lease": _LEASE_MS[mode],
+        "transport/unicast/open_timeout": _HANDSHAKE_MS[mode],
+        "transport/unicast/accept_timeout": _HANDSHAKE_MS[mode],
         # Room for the messages of one tick. With Zenoh's default of two, the third message of a burst blocks the
         # control loop for a millisecond, or is lost.
         "transport/link/tx/queue/size/data": 16,
@@ -251,6 +263,7 @@ def _limits(prefix: str, members: Collection[int]) -> dict[str, object]:
     return {
         "scouting/gossip/enabled": False,
         "transport/unicast/max_sessions": len(members) + _GUEST_SESSIONS,
+        "transport/unicast/accept_pending": _PENDING,
         "transport/link/rx/max_message_size": _MESSAGE_LIMIT_BYTES,
         "downsampling": [
             {

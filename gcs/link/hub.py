@@ -17,13 +17,14 @@ from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from gcs.autopilots.registry import AUTOPILOTS, advice
+from gcs.errors import InputError
 from gcs.link.feed import PostedCalls
 from gcs.link.ports import require_usable
 from gcs.link.rates import RateController, Traffic
 from gcs.link.relay.gate import Address, LinkReport, shown
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
-from gcs.link.relay.signing import SignatureCheck, Signing
+from gcs.link.relay.signing import SAVE_PERIOD_S, SignatureCheck, Signing, SigningTimes
 
 Result = TypeVar("Result")
 
@@ -60,6 +61,8 @@ class MavsdkHub:
         self._adding: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
         self._making = threading.Lock()
         self._closing = threading.Event()
+        self._signing_times = SigningTimes()
+        self._saving: threading.Thread | None = None
 
     async def find(
         self, url: str, system_id: int, timeout_s: float, *, signing_key: bytes | None = None, speed: float = 1.0
@@ -74,8 +77,8 @@ class MavsdkHub:
         another url.
         """
         self._claim(system_id, url)
-        signing = None if signing_key is None else Signing(signing_key)
         try:
+            signing = None if signing_key is None else await self._run(self._signing, signing_key)
             async with self._adding[url]:  # one vehicle of a shared connection at a time
                 if url not in self._relays:
                     await self._run(require_usable, url)
@@ -83,7 +86,7 @@ class MavsdkHub:
                 relay, _ = self._relays[url]
                 relay.claim(system_id, signing)
                 claims_s = max(CLAIMS_S / speed, CLAIMS_MIN_S)
-                await self._run(self._verify, relay, url, system_id, timeout_s, claims_s)
+                await self._run(self._verify, relay, url, system_id, timeout_s, claims_s, signing)
             return await self._run(self._wait_for, url, system_id, timeout_s)
         except BaseException:
             await self.release(url, system_id)
@@ -134,6 +137,8 @@ class MavsdkHub:
         """Destroy MAVSDK. Close all links first, or their running calls block their threads for ever."""
         self._closing.set()
         await asyncio.to_thread(self._executor.shutdown)
+        if self._saving is not None:
+            await asyncio.to_thread(self._saving.join)
         if self._mavsdk is not None:
             await asyncio.to_thread(self._mavsdk.destroy)
         for relay, _ in self._relays.values():
@@ -152,7 +157,28 @@ class MavsdkHub:
     async def _run(self, function: Callable[..., Result], *arguments: object) -> Result:
         return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
 
-    def _verify(self, relay: Relay, url: str, system_id: int, timeout_s: float, claims_s: float) -> None:
+    def _signing(self, key: bytes) -> Signing:
+        """Return the signing of a key, whose times are saved until `close`."""
+        with self._making:
+            if self._saving is None:
+                self._saving = threading.Thread(target=self._save_times, name="signing times", daemon=True)
+                self._saving.start()
+            return self._signing_times.signing(key)
+
+    def _save_times(self) -> None:
+        """Save on a thread of its own: a slow disk must not delay messages."""
+        closing = False
+        while not closing:
+            closing = self._closing.wait(SAVE_PERIOD_S)
+            try:
+                self._signing_times.save()
+            except (OSError, InputError) as error:
+                LOG.warning("signing: %s", error)  # Python prints it to standard error
+                return
+
+    def _verify(
+        self, relay: Relay, url: str, system_id: int, timeout_s: float, claims_s: float, signing: Signing | None
+    ) -> None:
         """Wait for the vehicle's heartbeats, and verify their sender if it is the only one."""
         end_s = time.monotonic() + timeout_s
         others = False
@@ -160,7 +186,8 @@ class MavsdkHub:
             if not others and self._other_system_ids(relay, url, system_id):
                 others, end_s = True, min(end_s, time.monotonic() + OTHERS_GRACE_S)
             if time.monotonic() > end_s or self._closing.wait(POLL_PERIOD_S):
-                raise _not_received(url, system_id, relay, self._other_system_ids(relay, url, system_id), timeout_s)
+                others_there = self._other_system_ids(relay, url, system_id)
+                raise _not_received(url, system_id, relay, others_there, timeout_s, signing)
         self._closing.wait(claims_s)
         candidates = relay.candidates(system_id)
         if len(candidates) > 1:
@@ -217,9 +244,15 @@ def _log(_level: object, message: str, _file: str | None, _line: int) -> bool:
 
 
 def _not_received(
-    url: str, system_id: int, relay: Relay, other_system_ids: list[int], timeout_s: float
+    url: str, system_id: int, relay: Relay, other_system_ids: list[int], timeout_s: float, signing: Signing | None
 ) -> VehicleRefusedError:
     """Return why no heartbeat of the vehicle was accepted."""
+    if signing is not None and signing.ahead_s > 0.0 and SignatureCheck.OLD in relay.rejected(system_id).values():
+        return VehicleRefusedError(
+            f"the messages of vehicle {system_id} on {url} are not later than those of an earlier run, which are signed"
+            f" {signing.ahead_s:.0f} s ahead of this computer's clock",
+            f"set the computer's clock; if it was ahead in that run, remove {SigningTimes.path(signing.key)}",
+        )
     if rejected := relay.rejected(system_id):
         verdicts = "; ".join(f"{verdict.value} (from {shown(address)})" for address, verdict in rejected.items())
         unsigned = SignatureCheck.UNSIGNED in rejected.values()

@@ -41,6 +41,7 @@ TEXT_MAX = 50
 class Drop(Enum):
     """The reasons for dropping a received message."""
 
+    STRANGER = "not from its client"
     GARBAGE = "garbage"
     SIGNATURE = "signature"
     FOREIGN = "foreign"
@@ -137,6 +138,10 @@ class MavlinkVehicle:
             for answer in self._handle(message, time_s):
                 self._send(answer)
         return self._outbox.take()
+
+    def count_stranger(self) -> None:
+        """Count a datagram that came from another address than the client's."""
+        self.dropped[Drop.STRANGER] += 1
 
     def emit(self, time_s: float) -> list[bytes]:
         """Return the packets due at `time_s`: telemetry, texts, and parameters being listed."""

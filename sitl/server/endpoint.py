@@ -1,14 +1,19 @@
 """The UDP endpoint of one stub vehicle, whose faults it has, and the clock that stubs and clients share."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from math import inf
 from typing import Protocol, cast
 
 from sitl.faults import VehicleFaults
 
 DATAGRAM_MAX = 1400
-PEERS_MAX = 4
+SILENCE_S = 3.0
+"""After this silence of its client another address may claim a vehicle [wall s], as links let a vehicle move."""
+MAGIC = (0xFD, 0xFE)
+"""The first byte of a frame of MAVLink 2 and 1."""
 LOOPBACK = "127.0.0.1"
 
 Address = tuple[str, int]
@@ -35,13 +40,25 @@ class StubClock(Protocol):
 
 
 class Endpoint(asyncio.DatagramProtocol):
-    """One vehicle's socket: sends to its client and to every other address that has sent to it."""
+    """One vehicle's socket: it obeys, and sends to, the client that has claimed it.
+
+    The configured client claims it by every frame, another address only while the present client is silent. What others
+    send is dropped and reported to `on_stranger`; if that is None, the vehicle judges all senders by their signatures.
+    The configured client is sent to in any case: it receives before it sends.
+    """
 
     def __init__(
-        self, receive: Callable[[bytes], list[bytes]], client: Address, faults: VehicleFaults, clock: StubClock
+        self,
+        receive: Callable[[bytes], list[bytes]],
+        client: Address,
+        faults: VehicleFaults,
+        clock: StubClock,
+        on_stranger: Callable[[], object] | None = None,
     ) -> None:
         self._receive = receive
-        self._peers = [client]
+        self._on_stranger = on_stranger
+        self._client = self._claimed_by = client
+        self._heard_s = -inf
         self._faults = faults
         self._clock = clock
         self._transport: asyncio.DatagramTransport | None = None
@@ -51,10 +68,15 @@ class Endpoint(asyncio.DatagramProtocol):
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
-        """Take a datagram, and answer it."""
-        if addr not in self._peers and len(self._peers) < PEERS_MAX:
-            self._peers.append(addr)
-        self._carry(lambda: self.send(self._receive(data)))
+        """Take a datagram of the client, and answer it."""
+        now_s = time.monotonic()
+        may_claim = addr in (self._client, self._claimed_by) or now_s - self._heard_s > SILENCE_S
+        if may_claim and data[:1] and data[0] in MAGIC:
+            self._claimed_by, self._heard_s = addr, now_s
+        if may_claim or self._on_stranger is None:
+            self._carry(lambda: self.send(self._receive(data)))
+        else:
+            self._on_stranger()
 
     def send(self, packets: list[bytes], on_sent: Callable[[], object] = lambda: None) -> None:
         """Send packets as the link's faults demand; `on_sent` is called when they are sent."""
@@ -75,8 +97,8 @@ class Endpoint(asyncio.DatagramProtocol):
         if self._transport is None or self._transport.is_closing():
             return
         for datagram in _bundled(packets):
-            for peer in self._peers:
-                self._transport.sendto(datagram, peer)
+            for address in {self._client, self._claimed_by}:
+                self._transport.sendto(datagram, address)
 
 
 @asynccontextmanager

@@ -159,6 +159,7 @@ class Stub:
             (config.client_host, config.client_port),
             self.faults,
             clock,
+            self._vehicle.count_stranger if config.signing_key is None else None,
         )
         self.setpoints = 0
         """How many setpoints have arrived."""

@@ -15,9 +15,9 @@ DISARM_FORCE = 21196
 class Forger:
     """Sends as the autopilot `system_id`; with a key it signs, as a vehicle with that key would."""
 
-    def __init__(self, system_id: int, key: bytes | None = None, host: str = LOOPBACK) -> None:
+    def __init__(self, system_id: int, key: bytes | None = None, host: str = LOOPBACK, port: int = 0) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind((host, 0))
+        self._socket.bind((host, port))
         self._socket.setblocking(False)
         self._mavlink = mavlink.MAVLink(None, system_id, AUTOPILOT)
         if key is not None:
@@ -41,8 +41,22 @@ class Forger:
 
     def disarm(self, target: int, port: int) -> None:
         """Send the command to cut the motors to a vehicle's own port."""
-        message = mavlink.MAVLink_command_long_message(target, 1, 400, 0, 0.0, DISARM_FORCE, 0, 0, 0, 0, 0)
-        self._send(message, port)
+        self._arm(target, port, 0.0, DISARM_FORCE)
+
+    def arm(self, target: int, port: int) -> None:
+        """Send the command to arm to a vehicle's own port."""
+        self._arm(target, port, 1.0, 0)
+
+    def garbage(self, port: int) -> None:
+        """Send what is no message."""
+        self.replay(b"garbage", port)
+
+    def replay(self, frame: bytes, port: int) -> None:
+        """Send a frame that somebody else has sent."""
+        self._socket.sendto(frame, (LOOPBACK, port))
+
+    def _arm(self, target: int, port: int, arms: float, force: int) -> None:
+        self._send(mavlink.MAVLink_command_long_message(target, 1, 400, 0, arms, force, 0, 0, 0, 0, 0), port)
 
     def received(self) -> int:
         """Return the number of datagrams received."""

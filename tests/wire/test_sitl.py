@@ -4,7 +4,6 @@ import asyncio
 import multiprocessing
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -23,7 +22,6 @@ from mavsdk.plugins.info import Info
 from mavsdk.plugins.mission_raw import MissionRaw
 from mavsdk.plugins.offboard import Offboard, PositionNedYaw
 from mavsdk.plugins.telemetry import Telemetry
-from pymavlink.dialects.v20 import common as dialect
 from scipy.linalg import expm
 
 from agents.shell.clock import WallClock
@@ -32,11 +30,13 @@ from estimation.frames import Geodetic, MissionFrame
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from sitl.mavlink.reports import EstimatorNoise
+from sitl.server import endpoint
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess, StubReady, run_in_process
 from sitl.server.server import StubConfig, StubRecord, serve
 from sitl.server.shared_clock import ClockName, Rank, new_clock
-from tests.support.wire import PATIENCE_S, free_port, stub_clock, stub_process
+from tests.support.forger import Forger
+from tests.support.wire import PATIENCE_S, free_port, served_by, stub_clock, stub_process, until
 
 pytestmark = pytest.mark.wire
 
@@ -276,26 +276,37 @@ def test_a_stub_that_was_killed_leaves_no_record() -> None:
         stubs.stop()
 
 
-async def test_whoever_speaks_to_a_vehicle_hears_it_too_and_garbage_hurts_nobody() -> None:
-    stub = config(7)
-    stop = asyncio.Event()
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as guest,
-    ):
-        client.bind(("127.0.0.1", stub.client_port))
-        for each in (client, guest):
-            each.settimeout(PATIENCE_S)
-        with stub_clock(SPEED) as clock:
-            serving = asyncio.create_task(serve([stub], clock, stop))
-            datagram, vehicle_address = await asyncio.to_thread(client.recvfrom, 2048)
-            guest.sendto(b"garbage", vehicle_address)
-            heard = await asyncio.to_thread(guest.recv, 2048)
-            for raw in (datagram, heard):
-                assert dialect.MAVLink(None).parse_buffer(raw)[0].get_srcSystem() == 7
-            stop.set()
-            record = await serving
-    assert record.dropped == {7: {"garbage": 1}}
+async def test_a_vehicle_obeys_its_client_only_until_that_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    stub = config(7, port=free_port())
+    port = stub.port
+    client, forger, next_client = Forger(245, port=stub.client_port), Forger(245), Forger(245)
+    with stub_clock(SPEED) as clock:
+        async with served_by(clock, [stub]) as stubs:
+            vehicle, dropped = stubs[7].autopilot, stubs[7].dropped
+
+            def arms() -> bool:
+                client.arm(7, port)  # again and again: the vehicle has to know its position first
+                return vehicle.armed
+
+            await until(lambda: client.received() > 0, waiting_for="telemetry of a client that is still silent")
+            forger.garbage(port)
+            await until(lambda: dropped() == {"garbage": 1})
+            assert forger.received() == 0, "garbage claims no vehicle"
+            await until(arms, waiting_for="its client's command")
+            forger.disarm(7, port)
+            await until(lambda: dropped().get("not from its client") == 1)
+            assert vehicle.armed
+            assert forger.received() == 0
+            monkeypatch.setattr(endpoint, "SILENCE_S", 0.0)  # the client has left
+            next_client.disarm(7, port)
+            await until(lambda: not vehicle.armed and next_client.received() > 0, waiting_for="its next client")
+            monkeypatch.setattr(endpoint, "SILENCE_S", 1e9)
+            await until(arms, waiting_for="the client that its mission names, which came back")
+            next_client.disarm(7, port)
+            await until(lambda: dropped().get("not from its client") == 2)
+            assert vehicle.armed
+    for each in (client, forger, next_client):
+        each.close()
 
 
 class SetClock:

@@ -1,12 +1,14 @@
 """The peer bus: names without a network, then real Zenoh sessions on loopback."""
 
 import asyncio
+import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -15,6 +17,7 @@ import pytest
 from agents.drops import NO_DROPS, Drops
 from agents.flight_end import FlightEnd
 from agents.ports import PeerBus, VehicleRefusedError
+from agents.shell.computer import allow_descriptors
 from agents.shell.mailbox import PAYLOAD_LIMIT_BYTES
 from agents.shell.outcome import Outcome
 from agents.shell.reporter import Reporter
@@ -139,9 +142,19 @@ async def shared(
             await each.close()
 
 
-def peer_process(listen: str, connect: str) -> subprocess.Popen[str]:
+def peer_process(listen: str, connect: str, descriptors: int | None = None) -> subprocess.Popen[str]:
+    """Start another vehicle's process, as a shell would that limits its `descriptors`."""
+
+    def limit() -> None:
+        if descriptors is not None:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (descriptors, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+
     process = subprocess.Popen(
-        [sys.executable, "-c", PEER_PROCESS, listen, connect], cwd=ROOT, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", PEER_PROCESS, listen, connect],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=limit,  # noqa: PLW1509  # the test's other threads hold no lock that it takes
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "opening\n"
@@ -302,6 +315,44 @@ async def test_a_taken_port_is_refused_with_a_next_step() -> None:
         assert ends[0] in refusal.value.reason
         assert "another port" in refusal.value.next_step
         await late.close()
+
+
+@pytest.mark.wire
+async def test_a_program_that_accepts_and_stays_silent_at_endpoints_delays_no_guest() -> None:
+    own, *taken = free_endpoints(4)
+    with ExitStack() as stack:
+        for endpoint in taken:
+            stack.enter_context(socket.create_server(("127.0.0.1", int(endpoint.rpartition(":")[2]))))
+        async with opened(1, own, []) as (first, _):
+            began_s = time.monotonic()
+            guest, heard = single_bus(Participant("operator", "anna"), TEAM, None, [*taken, own]), Heard()
+            await guest.open(heard.on_message, heard.on_sensor, heard.on_presence)
+            await sending(partial(answer, first, "here"), lambda: "here" in heard.messages)
+            await guest.close()
+            spent_s = time.monotonic() - began_s
+    print(f"joined, heard and left within {spent_s:.1f} s")
+    assert spent_s < 6.0  # the default of Zenoh waits for 10 s
+
+
+@pytest.mark.wire
+async def test_strangers_who_connect_and_stay_silent_keep_nobody_out() -> None:
+    silent, (end, *guests) = 400, free_endpoints(4)
+    allow_descriptors()  # this process is the strangers' as well
+    with peer_process(end, "tcp/127.0.0.1:1", descriptors=256) as process:
+        try:
+            for number, guest in enumerate(guests):
+                with ExitStack() as strangers:  # they leave, and come again
+                    for _ in range(silent if number else 0):
+                        address = "127.0.0.1", int(end.rpartition(":")[2])
+                        strangers.enter_context(socket.create_connection(address))
+                    began_s = time.monotonic()
+                    async with opened(1, guest, [end]) as (bus, heard):
+                        await sending(partial(answer, bus, "ping"), lambda heard=heard: "ping" in heard.messages)  # type: ignore[misc]
+                        spent_s = time.monotonic() - began_s
+                print(f"joined and answered within {spent_s:.1f} s")
+                assert spent_s < 6.0
+        finally:
+            process.kill()
 
 
 @pytest.mark.wire

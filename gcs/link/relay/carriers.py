@@ -7,6 +7,7 @@ thread uses a carrier.
 import os
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import Protocol
@@ -18,13 +19,22 @@ from gcs.link.relay.gate import Address
 DATAGRAM_MAX = 65_535
 READ_MAX = 4096
 BATCH_MAX = 64
-"""Most datagrams received in one turn: a flood must not delay sending."""
+"""Most datagrams received, or callers accepted, in one turn: a flood must not delay sending."""
 BACKLOG_MAX = 4096
 """Most bytes that wait for a blocked stream; frames beyond are dropped whole."""
-CALLERS_MAX = 4
+CALLERS_MAX = 8
+CALLER_S = 5.0
+"""A caller from which no vehicle has been received within this time is dropped [wall s]: heartbeats come every second.
+"""
 CALL_PERIOD_S = 1.0
 
 Received = tuple[bytes, Address]
+IsVehicle = Callable[[Address], bool]
+"""Whether a vehicle's heartbeat has come from an address."""
+
+
+def _all_are(_address: Address) -> bool:
+    return True
 
 
 class Carrier(Protocol):
@@ -61,14 +71,18 @@ class Carrier(Protocol):
         ...
 
 
-def open_carrier(url: str) -> Carrier:
-    """Open the connection of a url; raises OSError, or ValueError for an invalid url."""
+def open_carrier(url: str, is_vehicle: IsVehicle = _all_are) -> Carrier:
+    """Open the connection of a url; of callers there the vehicles are kept.
+
+    Raises OSError, or ValueError for an invalid url.
+    """
     scheme, _, rest = url.partition("://")
     place, _, number = rest.rpartition(":")
     make = _CARRIERS.get(scheme)
     if make is None or not place or not number.isdecimal():
         raise ValueError("it is not a valid connection url")
-    return make(place.strip("[]"), int(number))
+    host, port = place.strip("[]"), int(number)
+    return make(host, port) if make is not _TcpServer else _TcpServer(host, port, is_vehicle)
 
 
 class _Udp:
@@ -144,42 +158,62 @@ class StreamCarrier:
 
 
 class _TcpServer:
-    """A listening TCP socket, and its connections."""
+    """A listening TCP socket, and its connections.
+
+    Of callers that are no vehicles, those beyond `CALLERS_MAX` and those that stay so for `CALLER_S` are dropped: first
+    of the host that has most of them, and of these the oldest.
+    """
 
     known = None
     blocks = False
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, is_vehicle: IsVehicle = _all_are) -> None:
+        self._is_vehicle = is_vehicle
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
 
         def listen(opened: socket.socket) -> None:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             opened.bind(address)
-            opened.listen(CALLERS_MAX)
+            opened.listen(BATCH_MAX)
 
         self._listener = _opened(family, kind, listen)
         self._listener.setblocking(False)
         self._callers: dict[Address, StreamCarrier] = {}
+        self._since_s: dict[Address, float] = {}
 
     def watched(self) -> Sequence[int]:
         return (self._listener.fileno(), *(stream.descriptor for stream in self._callers.values()))
 
     def receive(self) -> Iterator[Received]:
-        with suppress(OSError):
-            caller, address = self._listener.accept()
-            if len(self._callers) < CALLERS_MAX:
-                self._callers[address] = connected(caller)
-            else:
-                caller.close()
+        for address in self._superfluous():
+            self._drop(address)
+            yield b"", address
+        with suppress(OSError):  # nobody calls, or the caller has gone
+            for _ in range(BATCH_MAX):
+                caller, address = self._listener.accept()
+                self._callers[address], self._since_s[address] = connected(caller), time.monotonic()
         for address, stream in list(self._callers.items()):
             stream.write()
             data = stream.read()
             if data is None:
                 continue
             if not data:
-                del self._callers[address]
-                stream.close()
+                self._drop(address)
             yield data, address
+
+    def _superfluous(self) -> list[Address]:
+        """Return the callers that are no vehicles, and too many or too old."""
+        old_s = time.monotonic() - CALLER_S
+        others = [each for each in self._callers if not self._is_vehicle(each)]
+        left = [each for each in others if self._since_s[each] >= old_s]
+        while len(left) > CALLERS_MAX:
+            host, _ = Counter(host for host, *_ in left).most_common(1)[0]
+            left.remove(next(each for each in left if each[0] == host))
+        return [each for each in others if each not in left]
+
+    def _drop(self, address: Address) -> None:
+        del self._since_s[address]
+        self._callers.pop(address).close()
 
     def send(self, frame: bytes, address: Address) -> bool:
         caller = self._callers.get(address)

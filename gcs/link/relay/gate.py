@@ -263,21 +263,29 @@ class Claim:
             self.address = address
             self._moves.append(address)
             self.rejected.clear()
-        elif len(self.rejected) < ADDRESSES_MAX:
-            self.rejected[address] = verdict
+        else:
+            self._reject(address, verdict)
+
+    def _reject(self, address: Address, verdict: SignatureCheck) -> None:
+        """Note a verdict; those on senders with the key replace others."""
+        if address not in self.rejected and len(self.rejected) >= ADDRESSES_MAX:
+            without_key = (each for each, other in self.rejected.items() if other is not SignatureCheck.OLD)
+            replaced = next(without_key, None) if verdict is SignatureCheck.OLD else None
+            if replaced is None:
+                return
+            del self.rejected[replaced]
+        self.rejected[address] = verdict
 
     def _consider(self, frame: bytes, address: Address) -> None:
         if not is_autopilot_heartbeat(frame):
             return
         verdict = self._verdict(frame)
-        kept = address in self.candidates or address in self.rejected
-        if not kept and len(self.candidates) + len(self.rejected) >= ADDRESSES_MAX:
-            return
         if verdict is SignatureCheck.AUTHENTIC:
             self.rejected.pop(address, None)
-            self.candidates[address] = frame
+            if address in self.candidates or len(self.candidates) < ADDRESSES_MAX:
+                self.candidates[address] = frame
         elif address not in self.candidates:
-            self.rejected[address] = verdict
+            self._reject(address, verdict)
 
     def _verdict(self, frame: bytes) -> SignatureCheck:
         verdict = SignatureCheck.AUTHENTIC if self.signing is None else self.signing.verify(frame)
@@ -312,6 +320,13 @@ class FrameGate:
         self._streams.pop(address, None)
         for claim in self.claims.values():
             claim.gone(address)
+
+    def is_vehicle(self, address: Address) -> bool:
+        """Return whether a vehicle is at an address, or one that may be verified or set in time."""
+        return any(
+            address == claim.address or address in claim.candidates or address in claim.to_set_in_time()
+            for claim in self.claims.values()
+        )
 
     def peers(self) -> dict[Address, list[Claim]]:
         """Return the verified addresses, and the claims of each."""

@@ -213,7 +213,7 @@ class Relay:
     def __init__(self, url: str, shared: RelayThread, now_s: Callable[[], float] = time.monotonic) -> None:
         """Take the clock of round trips and senders."""
         self._now_s = now_s
-        self._carrier = open_carrier(url)
+        self._carrier = open_carrier(url, self._is_vehicle)
         self._own_thread = RelayThread(f"relay {url}") if self._carrier.blocks else None
         self._thread = self._own_thread or shared
         self._gate = FrameGate()
@@ -355,8 +355,13 @@ class Relay:
             if not self._is_muted(frame) and self._carrier.send(frame, address):
                 self._up_bytes += len(frame)
         arrives = any(descriptor in readable for descriptor in self._carrier.watched())
-        for frames in (b"", *self._inbound(list(self._carrier.receive()) if arrives else [])):
+        received = list(self._carrier.receive()) if arrives else []
+        for frames in (b"", *self._inbound(received)):
             inner.write(frames)
+
+    def _is_vehicle(self, address: Address) -> bool:
+        with self._lock:
+            return self._gate.is_vehicle(address)
 
     def _is_muted(self, frame: bytes) -> bool:
         if header(frame).message != SETPOINT:

@@ -2,7 +2,9 @@
 
 import ctypes
 import os
+import re
 import struct
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 
 from agents.shell import computer
 from agents.shell.computer import ComputerClock, computer_clock, short_of
+from tests.support.paths import ROOT
 
 
 def test_nothing_is_short_within_limits_and_both_are_reported_below(
@@ -33,6 +36,32 @@ def test_nothing_is_short_within_limits_and_both_are_reported_below(
 def test_a_missing_folder_raises_no_exception(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(computer, "MEMORY_SHARE_MIN", 0.0)
     assert short_of(tmp_path / "gone" / "flight.mcap") == ""
+
+
+SHORT_OF_DESCRIPTORS = """
+import resource, socket
+from agents.shell.computer import allow_descriptors, short_of
+resource.setrlimit(resource.RLIMIT_NOFILE, (100, 200))
+allow_descriptors()
+allow_descriptors()
+assert resource.getrlimit(resource.RLIMIT_NOFILE) == (200, 200)
+assert "descriptors" not in short_of(None)
+held = [socket.socket() for _ in range(165)]
+print(short_of(None))
+try:
+    while True:
+        held.append(socket.socket())
+except OSError:
+    print(short_of(None))
+"""
+
+
+def test_a_process_takes_all_descriptors_that_it_may_and_says_when_they_run_out() -> None:
+    said = subprocess.run(
+        [sys.executable, "-c", SHORT_OF_DESCRIPTORS], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    assert re.search(r"1[67]\d of 200 descriptors of files and connections in use", said[0])
+    assert "200 of 200 descriptors" in said[1]
 
 
 @pytest.mark.skipif(sys.platform != "linux" or struct.calcsize("l") != 8, reason="the layout is that of 64-bit Linux")

@@ -3,6 +3,7 @@
 import secrets
 import struct
 from collections.abc import Iterable
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.link.relay.frames import FrameStream, header, is_signed, station_heartbeat
-from gcs.link.relay.signing import SignatureCheck, Signing
+from gcs.link.relay.signing import TICKS_PER_S, SignatureCheck, Signing, SigningTimes, wall_ticks
 
 KEY, OTHER_KEY = secrets.token_bytes(32), secrets.token_bytes(32)
 NOW = 30_000_000_000_000
@@ -132,3 +133,36 @@ def test_any_bytes_are_cut_without_an_error(noise: bytes) -> None:
     assert sum(map(len, found)) <= len(noise)
     assert all(len(frame) <= 280 for frame in found)
     assert len(stream._rest) < 280
+
+
+def test_what_was_accepted_in_one_run_is_refused_in_the_next(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    now = wall_ticks()
+    vehicle, times = station(KEY, 1, now - MINUTE // 2), SigningTimes()
+    first, second = signed(vehicle, 2)
+    assert times.signing(KEY).verify(first) is SignatureCheck.AUTHENTIC
+    assert times.signing(KEY) is times.signing(KEY)
+    times.save()
+    assert SigningTimes().signing(KEY).verify(first) is SignatureCheck.OLD
+    assert SigningTimes().signing(KEY).verify(second) is SignatureCheck.OLD, "accepted after it was saved last"
+    vehicle.signing.timestamp += 2 * TICKS_PER_S
+    assert SigningTimes().signing(KEY).verify(*signed(vehicle)) is SignatureCheck.AUTHENTIC
+    assert SigningTimes().signing(OTHER_KEY).ahead_s < 0.0, "each key has its own"
+    path = SigningTimes.path(KEY)
+    assert path.stat().st_mode & 0o077 == path.parent.stat().st_mode & 0o077 == 0
+    assert KEY.hex()[:12] not in f"{path}{path.read_text()}"
+    path.write_text("damaged")
+    assert SigningTimes().signing(KEY).verify(second) is SignatureCheck.AUTHENTIC, "as a new stream"
+
+
+def test_a_clock_that_was_set_back_locks_no_vehicle_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    vehicle, times = station(KEY, 1, wall_ticks() + 60 * MINUTE), SigningTimes()
+    assert times.signing(KEY).verify(*signed(vehicle)) is SignatureCheck.AUTHENTIC
+    times.save()
+    signing, behind = SigningTimes().signing(KEY), station(KEY, 1, wall_ticks())
+    assert 3590.0 < signing.ahead_s < 3610.0
+    assert signing.verify(*signed(behind)) is SignatureCheck.OLD
+    # What is sent to it sets its time.
+    assert behind.parse_buffer(signing.sign(heartbeat(station(None))))[0].get_signed()
+    assert signing.verify(*signed(behind)) is SignatureCheck.AUTHENTIC

@@ -24,7 +24,8 @@ from gcs.flight.stubs import stub_configs
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.relay.signing import wall_ticks
+from gcs.link.relay.frames import is_autopilot_heartbeat
+from gcs.link.relay.signing import SignatureCheck, Signing, wall_ticks
 from gcs.link.signing_keys import issue_keys, set_up_signing
 from gcs.mission.file import load_mission, mission_path, parse_mission
 from gcs.preflight.findings import Finding, Grade
@@ -251,6 +252,37 @@ async def test_forged_telemetry_on_a_signed_link_has_no_effect_even_first_and_al
     assert [forger.received() for forger in forgers] == [0, 0]
     for forger in forgers:
         forger.close()
+
+
+async def test_what_a_signed_vehicle_sent_is_refused_in_the_next_run(
+    clock: GovernedClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = StubConfig(1, free_port(), PLANT, FRAME, signing_key=SigningKey(KEY, wall_ticks()))
+    verify, sent = Signing.verify, list[bytes]()
+
+    def noted(signing: Signing, frame: bytes) -> SignatureCheck:
+        sent.append(frame)
+        return verify(signing, frame)
+
+    monkeypatch.setattr(Signing, "verify", noted)
+    async with served(clock, config), linked(clock, config, key=KEY) as link:
+        await link.connect(forget)
+    recorded, forger = tuple(sent), Forger(1)
+    heartbeats = [frame for frame in recorded if is_autopilot_heartbeat(frame)]
+    assert heartbeats
+
+    async def replay() -> None:
+        while True:
+            for frame in heartbeats:
+                forger.replay(frame, config.client_port)
+                await asyncio.sleep(0.02)
+
+    replaying = asyncio.create_task(replay())
+    async with linked(clock, config, key=KEY, timeout_s=3.0) as link:
+        with pytest.raises(VehicleRefusedError, match="signed at an earlier time"):
+            await link.connect(forget)
+    replaying.cancel()
+    forger.close()
 
 
 async def test_a_key_is_set_up_on_a_vehicle_without_one_and_on_no_other(clock: GovernedClock, tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ from math import inf
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.link.relay.gate import REPEAT_FOR_S, Claim, FrameGate
+from gcs.link.relay.gate import ADDRESSES_MAX, REPEAT_FOR_S, Claim, FrameGate
+from gcs.link.relay.signing import Signing
 
 VEHICLE = ("127.0.0.1", 14540)
 MAVSDK_TIMEOUT_S = 3.0
@@ -92,3 +93,17 @@ def test_a_failsafe_changed_the_mode_only_if_it_begins_with_the_change(acts: int
     assert not failsafe(OFFBOARD, ACTIVE)
     assert not failsafe(OFFBOARD, acts)
     assert not failsafe(HOLD, acts), "critical before: someone else may have changed it"
+
+
+def test_forgers_at_many_addresses_keep_no_signed_vehicle_out() -> None:
+    key, gate = bytes(range(32)), FrameGate()
+    claim = gate.claims[1] = Claim(Signing(key))
+    for port in range(2 * ADDRESSES_MAX):
+        gate.admit(heartbeat(), ("192.0.2.1", port), 0.0)
+    behind = Signing(key, lambda: 0)
+    gate.admit(behind.sign(heartbeat()), VEHICLE, 0.0)
+    assert claim.to_set_in_time() == [VEHICLE]
+    assert gate.is_vehicle(VEHICLE)
+    gate.admit(Signing(key).sign(heartbeat()), VEHICLE, 0.0)
+    assert list(claim.candidates) == [VEHICLE]
+    assert len(claim.rejected) <= ADDRESSES_MAX

@@ -2,12 +2,14 @@
 
 import socket
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import count
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from gcs.link.relay import carriers
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
 from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until_now
@@ -101,3 +103,45 @@ def test_a_vehicle_that_is_found_again_is_sent_setpoints(ends: Ends) -> None:
     ends.relay.release(7)
     ends.find(7)
     assert ends.sends(setpoint(7)) == [("SET_POSITION_TARGET_LOCAL_NED", 7)]
+
+
+IDLE = 50
+
+
+@pytest.mark.parametrize("call_first", [True, False], ids=["before it", "after it"])
+def test_callers_that_send_no_heartbeat_keep_no_vehicle_out(monkeypatch: pytest.MonkeyPatch, call_first: bool) -> None:
+    port, thread = free_port(), RelayThread("relays")
+    relay = Relay(f"tcpin://{LOOPBACK}:{port}", thread)
+    at = relay.inner_url.removeprefix("tcpout://").split(":")
+    autopilot = mavlink.MAVLink(None, 7, 1)
+    with ExitStack() as stack:
+        mavsdk = stack.enter_context(socket.create_connection((at[0], int(at[1]))))
+        stack.callback(thread.close)
+        stack.callback(relay.close)
+        relay.start()
+        relay.claim(7, None)
+
+        def call() -> socket.socket:
+            caller = stack.enter_context(socket.create_connection((LOOPBACK, port)))
+            caller.settimeout(PATIENCE_S)
+            return caller
+
+        idle = [call() for _ in range(IDLE if call_first else 0)]
+        vehicle = call()
+
+        def found() -> bool:
+            vehicle.send(bytes(autopilot.heartbeat_encode(2, 12, 0, 0, 4).pack(autopilot)))
+            return bool(relay.candidates(7))
+
+        until_now(found, "the vehicle among those that call")
+        relay.verify(7, relay.candidates(7)[0])
+        monkeypatch.setattr(carriers, "CALLER_S", 0.0)
+        idle += [call() for _ in range(IDLE)]
+        for each in idle:  # until they are dropped
+            with suppress(ConnectionResetError):
+                assert each.recv(1) == b""
+        sender = mavlink.MAVLink(None, 245, 190)
+        mavsdk.sendall(bytes(sender.command_long_encode(7, 1, 0, 0, *[0.0] * 7).pack(sender)))
+        reader, arrived = mavlink.MAVLink(None), list[str]()
+        while "COMMAND_LONG" not in arrived:
+            arrived += [each.get_type() for each in reader.parse_buffer(vehicle.recv(4096)) or []]
