@@ -9,7 +9,7 @@ def main() -> None:
     """Run the command line, unless Python finds other modules of its names; the import of cordon has reported that."""
     if shadowed():
         sys.exit(2)
-    from gcs.cli import main as run  # noqa: PLC0415 - never another distribution's
+    from gcs.__main__ import main as run  # noqa: PLC0415 - never another distribution's
 
     run()
 

@@ -11,7 +11,7 @@ from errno import EDQUOT, EIO, ENOSPC
 from importlib.metadata import version
 from importlib.util import find_spec
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, CycloptsError, CycloptsPanel, Group
 
 from gcs.cli.options import with_stubs
 from gcs.errors import Exit, InputError
@@ -45,8 +45,11 @@ def main() -> None:
     tokens = with_stubs(sys.argv[1:])
     _load_summaries(tokens)
     try:
-        command, bound, _ = app.parse_args(tokens, exit_on_error=False)
+        command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
     except CycloptsError as error:
+        from gcs.console.terminal import STDERR
+
+        STDERR.print(CycloptsPanel(error))
         print("next:", *("cordon", *(error.command_chain or ()), "--help"), file=sys.stderr)
         sys.exit(Exit.BAD_INPUT)
     try:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from gcs.console.result import show_result, verdict_of
-from gcs.console.terminal import STDERR, discard, print_line
+from gcs.console.terminal import STDERR, discard, print_line, printable_lines
 from gcs.errors import Exit, InputError
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import formation_reference, ring_reference
@@ -185,9 +185,12 @@ def print_damage(logs: "Sequence[VehicleLog]") -> None:
 
 
 def print_result(text: str) -> None:
-    """Print to standard output; a closed pipe (`| head`) is no error. Raises InputError if it cannot be written."""
+    """Print to standard output, as printable; a closed pipe (`| head`) is no error.
+
+    Raises InputError if it cannot be written.
+    """
     try:
-        print(text, flush=True)
+        print(printable_lines(text), flush=True)
     except BrokenPipeError:
         discard(sys.stdout)
     except OSError as error:

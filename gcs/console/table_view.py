@@ -14,7 +14,7 @@ from rich.text import Text
 
 from agents.tactics import NO_TACTIC, Tactic
 from gcs.console.advice import Severity
-from gcs.console.terminal import Printable, printable_lines, whole_words
+from gcs.console.terminal import whole_words
 from gcs.console.vehicle_view import TeamRow
 
 Column = tuple[str, JustifyMethod]
@@ -137,7 +137,7 @@ class TableView:
 
     def print_line(self, text: str, level: Severity = "information") -> None:
         """Print a permanent line above the table."""
-        line = whole_words(printable_lines(f"{WORDS[level]}{text}"), self._console)
+        line = whole_words(f"{WORDS[level]}{text}", self._console)
         self._console.print(line, style=STYLES[level], markup=False, highlight=False, soft_wrap=True)
 
     def _line_is_due(self, now_s: float) -> bool:
@@ -157,8 +157,7 @@ class TableView:
         if len(rows) < len(shown.rows):
             below.insert(0, Text(f"and {len(shown.rows) - len(rows)} more vehicles", style="dim"))
         table = [self._form.table(rows, width >= WIDE, shown.closed)] if rows else []
-        # The console's hooks do not apply to a live view.
-        return Printable(Group(ControlCode(SAVE_CURSOR), title, *table, *below))
+        return Group(ControlCode(SAVE_CURSOR), title, *table, *below)
 
 
 class ControlCode:

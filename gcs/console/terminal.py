@@ -2,11 +2,12 @@
 
 import os
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
 from textwrap import TextWrapper
 from typing import TextIO
 
-from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
 from agents.team.text import printable
@@ -17,28 +18,17 @@ def printable_lines(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))
 
 
-class Printable:
-    """A rich renderable with its text made printable; styles and rich's own control codes stay."""
+class PrintableConsole(Console):
+    """A console that prints text as printable; styles and rich's own control codes stay."""
 
-    def __init__(self, renderable: ConsoleRenderable) -> None:
-        self._renderable = renderable
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Render it."""
-        for segment in console.render(self._renderable, options):
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Yield the segments of a renderable, also those of a live view."""
+        for segment in super().render(renderable, options):
             text, style, control = segment
             yield segment if control else Segment(printable_lines(text), style)
 
 
-class PrintableOutput(RenderHook):
-    """Makes all output of a console printable."""
-
-    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
-        """See RenderHook."""
-        return [Printable(each) for each in renderables]
-
-
-class _StderrConsole(Console):
+class _StderrConsole(PrintableConsole):
     """A console that survives a closed pipe: a flight continues when its output is no longer read."""
 
     def on_broken_pipe(self) -> None:
@@ -48,7 +38,6 @@ class _StderrConsole(Console):
 
 
 STDERR = _StderrConsole(stderr=True)
-STDERR.push_render_hook(PrintableOutput())
 
 
 def whole_words(text: str, console: Console) -> str:

@@ -261,7 +261,8 @@ class DrillFlight:
         try:
             await asyncio.wait_for(process.wait(), _END_TIMEOUT_S if self._under_test.pid else 0.0)
         except TimeoutError:
-            process.kill()
+            with suppress(ProcessLookupError):  # it has just ended
+                process.kill()
             await process.wait()
 
     async def _listen(self) -> None:

@@ -266,7 +266,7 @@ async def _fly(
         team.view.update([], 0.0, "looking for the vehicles")
         await _unless_stopped(_prepare(team, target, report), team.stop)
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
-        list(claims.take_fed(fed_ports(plan.vehicles)))
+        claims.take_fed(fed_ports(plan.vehicles))
         team.recording.note_run(plan.run(clock.time_scale))
         gc.freeze()  # links and agents live as long as the flight: no collection examines them
         hint = await command_by_keyboard(team, stack)

@@ -12,6 +12,7 @@ from agents.inputs import Command, Message
 from agents.outputs import TickOutput
 from agents.team.codec import decode
 from agents.team.messages import TOPICS, CommandAnswer, CommandKey, OperatorCommand, key_of
+from agents.team.text import printable
 
 Event = Literal["received", "answered", "closed"]
 Source = Literal["bus", "keyboard", ""]
@@ -121,10 +122,10 @@ class AuditTrail:
 
 
 def audit_line(entry: AuditEntry) -> str:
-    """Return an entry as a line: time, vehicle, operator, key, and the vehicle's answer."""
+    """Return an entry as one printable line: time, vehicle, operator, key, and the vehicle's answer."""
     who = f"operator {entry.operator}" if entry.source == "bus" else f"keyboard of {entry.operator}"
     did = "received" if entry.event == "received" else entry.did
-    return f"{_time(entry.time_s)}  vehicle {entry.vehicle}  {who}  {entry.key}  {did}"
+    return printable(f"{_time(entry.time_s)}  vehicle {entry.vehicle}  {who}  {entry.key}  {did}")
 
 
 def _time(time_s: float) -> str:

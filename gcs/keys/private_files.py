@@ -1,6 +1,7 @@
 """Files and folders that only their owner may read: modes 0600 and 0700."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from gcs.errors import InputError
@@ -16,6 +17,13 @@ def make_folder(path: Path) -> None:
     except OSError as error:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
     check_folder(path)
+
+
+def is_of_another_user(path: Path) -> bool:
+    """Return whether a file, a folder or a link exists and belongs to another user."""
+    with suppress(OSError):
+        return path.lstat().st_uid != os.geteuid()
+    return False
 
 
 def check_folder(path: Path) -> None:

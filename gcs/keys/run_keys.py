@@ -15,9 +15,10 @@ from time import time
 from agents.ports import VehicleRefusedError
 from agents.team.participant import Role
 from agents.team.verbs import VERBS
+from gcs.errors import InputError
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
-from gcs.keys.private_files import make_folder
+from gcs.keys.private_files import is_of_another_user, make_folder
 from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
 
 _VALID_DAYS = 7.0
@@ -43,7 +44,7 @@ class RunKeys:
 
         Raises VehicleRefusedError if no flight of the team runs on this computer, InputError for another user's folder.
         """
-        with _ordered() as runtime:
+        with locked_runtime_folder() as runtime:
             folder = runtime / self.team
             if not _in_use(folder):
                 raise VehicleRefusedError(
@@ -64,7 +65,7 @@ class RunKeys:
         Raises InputError if the runtime directory cannot be used, VehicleRefusedError if a flight of other vehicles has
         the team's name.
         """
-        with _ordered() as runtime:
+        with locked_runtime_folder() as runtime:
             folder = runtime / self.team
             if _in_use(folder):
                 self._require_own_vehicles(folder)
@@ -128,15 +129,33 @@ def _in_use(folder: Path) -> bool:
 
 
 def runtime_folder() -> Path:
-    """Return the user's runtime directory of cordon; raises InputError if others can write there."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    folder = Path(runtime) / "cordon" if runtime else Path(tempfile.gettempdir()) / f"cordon-{os.geteuid()}"
-    make_folder(folder)
+    """Return the user's runtime directory of cordon, made if it is missing.
+
+    Without XDG_RUNTIME_DIR it is in the directory of temporary files; or below the home directory, if another user has
+    made a file of its name there. Raises InputError if others can write there.
+    """
+    if runtime := os.environ.get("XDG_RUNTIME_DIR"):
+        folder = Path(runtime) / "cordon"
+    else:
+        folder = Path(tempfile.gettempdir()) / f"cordon-{os.geteuid()}"
+    try:
+        make_folder(folder)
+    except InputError:
+        if runtime or not is_of_another_user(folder):
+            raise
+        with suppress(RuntimeError):  # there is no home directory
+            # Of this computer only: others may share the home directory.
+            folder = _state_home() / "cordon" / f"run-{os.uname().nodename}"
+        make_folder(folder)
     return folder
 
 
+def _state_home() -> Path:
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+
+
 @contextmanager
-def _ordered() -> Iterator[Path]:
+def locked_runtime_folder() -> Iterator[Path]:
     """Return the user's runtime directory of cordon, locked; raises InputError if others can write there."""
     folder = runtime_folder()
     with _locked(folder):

@@ -1,17 +1,16 @@
 """Exclusive use of a team and of ports by one run of cordon on this computer: a second run is refused before its start.
 
-A run claims the team that it flies, and the UDP ports that its vehicles send to. A claim is a Unix socket with an
-abstract name (man 7 unix): the system removes it with its process, however that ends, and keeps one list for all users
-in each network namespace, as it does for ports. Systems other than Linux have no such names: there only
-ports and endpoints are checked.
+A run claims the team that it flies, and the UDP ports that its vehicles send to. A claim is a locked file in the user's
+runtime directory: the system unlocks it with its process, however that ends. Ports that another user has bound are
+found by binding them.
 """
 
 import errno
+import fcntl
 import ipaddress
 import os
 import socket
 import stat
-import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from os import getpid
@@ -25,6 +24,9 @@ from serial.tools.list_ports import comports
 
 from agents.ports import VehicleRefusedError
 from agents.team.text import printable
+from gcs.errors import InputError
+from gcs.keys.private_files import FILE_MODE, make_folder
+from gcs.keys.run_keys import locked_runtime_folder
 from gcs.mission.mission import Mission, MissionVehicle
 
 _COMMAND_LENGTH = 160
@@ -52,15 +54,6 @@ def port_holder(kind: socket.SocketKind, port: int) -> str:
     return ""
 
 
-def abstract_sockets(prefix: str) -> dict[str, int | None]:
-    """Return the abstract Unix sockets of all users whose names begin with `prefix`, with their processes if known."""
-    return {
-        each.laddr.removeprefix("@"): each.pid
-        for each in _sockets("unix")
-        if isinstance(each.laddr, str) and each.laddr.startswith(f"@{prefix}")
-    }
-
-
 def described(process_id: int | None) -> str:
     """Return " by process 123 (its command)", with printable characters only; None is a process of another user."""
     if process_id is None:
@@ -80,45 +73,85 @@ def _sockets(kind: str) -> list[Any]:
         return []
 
 
-_FLIGHT = "cordon/flight/"
-_FED = "cordon/fed/udp/"
 _LISTENING = ("udpin", "tcpin")
 
 
 class Claims(ExitStack):
     """The claims of this process, to be used as a context manager: they end with it, or with the process."""
 
-    def take(self, name: str) -> bool:
-        """Claim a name; return whether it was free, always true on systems without abstract names."""
-        if sys.platform != "linux":
-            return True
-        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    def take_team(self, mission: Mission) -> list[str]:
+        """Claim the team for the flight of a mission; return the faults: flights of other missions by that team.
+
+        Raises InputError without a runtime directory.
+        """
+        team, digest = f"flight.{mission.network.team}.", "" if mission.identity is None else mission.identity.digest
+        with _claims_folder() as folder:
+            others = [path for path in folder.glob(f"{team}*") if not path.name.startswith(f"{team}{digest}.")]
+            holders = [holder for path in others if (holder := _holder(path)) is not None]
+            self._take(folder / f"{team}{digest}.{getpid()}.{token_hex(4)}")
+        return [
+            f"team {mission.network.team} flies another mission on this computer,{described(holder)}"
+            for holder in holders
+        ]
+
+    def take_fed(self, ports: Sequence[int]) -> list[str]:
+        """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already.
+
+        Raises InputError without a runtime directory.
+        """
+        with _claims_folder() as folder:
+            holders = {port: self._take(folder / f"fed.udp.{port}") for port in ports}
+        return [
+            f"udp port {port} receives the vehicle of another run,{described(holder)}"
+            for port, holder in holders.items()
+            if holder is not None
+        ]
+
+    def _take(self, path: Path) -> int | None:
+        """Claim a name; return the process that has it, None if it was free."""
+        holder = _holder(path)
+        if holder is None:
+            claim = _opened(path)
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.write(claim, b"%d" % getpid())
+            self.callback(_release, path, claim)
+        return holder
+
+
+def _opened(path: Path) -> int:
+    return os.open(path, os.O_RDWR | os.O_CREAT, FILE_MODE)
+
+
+def _holder(path: Path) -> int | None:
+    """Return the process that holds a claim; None for one that a killed process has left, which is removed."""
+    claim = _opened(path)
+    try:
+        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        path.unlink()
+    except BlockingIOError:
+        return int(os.read(claim, 32) or b"0")
+    finally:
+        os.close(claim)
+    return None
+
+
+def _release(path: Path, claim: int) -> None:
+    with suppress(InputError), _claims_folder():  # the directory may be gone: the user has logged out
+        path.unlink()
+    os.close(claim)
+
+
+@contextmanager
+def _claims_folder() -> Iterator[Path]:
+    """Return the folder of claims on this computer's ports, locked; a container may have ports of its own."""
+    network = Path("/proc/self/ns/net")
+    with locked_runtime_folder() as runtime:
+        folder = runtime / f".claims-{network.stat().st_ino if network.exists() else 0}"
+        make_folder(folder)
         try:
-            claim.bind(f"\0{name}")
+            yield folder
         except OSError as error:
-            claim.close()
-            if error.errno == errno.EADDRINUSE:
-                return False
-            raise
-        self.callback(claim.close)
-        return True
-
-    def take_team(self, mission: Mission) -> Iterator[str]:
-        """Claim the team for the flight of a mission; return the faults: flights of other missions by that team."""
-        team, digest = f"{_FLIGHT}{mission.network.team}/", "" if mission.identity is None else mission.identity.digest
-        for name in abstract_sockets(team):
-            other, _, process = name.removeprefix(team).partition("/")
-            if other != digest:
-                holder = described(int(process.partition("/")[0]))
-                yield f"team {mission.network.team} flies another mission on this computer,{holder}"
-        self.take(f"{team}{digest}/{getpid()}/{token_hex(4)}")
-
-    def take_fed(self, ports: Sequence[int]) -> Iterator[str]:
-        """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already."""
-        for port in ports:
-            if not self.take(f"{_FED}{port}"):
-                holder = abstract_sockets(f"{_FED}{port}").get(f"{_FED}{port}")
-                yield f"udp port {port} receives the vehicle of another run,{described(holder)}"
+            raise InputError([f"{folder}: {error.strerror or error}"]) from error
 
 
 @contextmanager
@@ -126,10 +159,10 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
     """Claim what a flight needs, while it lasts; stubs with the ids `stubs` are about to be started.
 
     Raises VehicleRefusedError, with the process if the system reports it, when the team, a port, an endpoint or a
-    stub's port is in use.
+    stub's port is in use; InputError without a runtime directory.
     """
     with Claims() as claims:
-        faults = list(claims.take_team(mission))
+        faults = claims.take_team(mission)
         # Checked before they start. For other vehicles the links and the bus report it, with their other findings.
         vehicles = [mission.vehicle(each) for each in stubs]
         faults += (fault for vehicle in vehicles for fault in _url_faults(vehicle))
@@ -142,9 +175,12 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
 
 @contextmanager
 def stub_claims(ports: Sequence[int]) -> Iterator[None]:
-    """Claim the ports that stub vehicles send to; raises VehicleRefusedError when another run's vehicles do already."""
+    """Claim the ports that stub vehicles send to; raises VehicleRefusedError when another run's vehicles do already.
+
+    Raises InputError without a runtime directory.
+    """
     with Claims() as claims:
-        _require_none(list(claims.take_fed(ports)), "end the other run, or give this mission other ports")
+        _require_none(claims.take_fed(ports), "end the other run, or give this mission other ports")
         yield
 
 

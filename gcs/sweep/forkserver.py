@@ -16,8 +16,7 @@ _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 
 def start_forkserver() -> None:
     """Start it, unless it runs; it ends with this process."""
-    # Workers inherit this. Python would search the current folder first, which may hold a clone of this repository.
-    os.environ.update(_ONE_THREAD, PYTHONSAFEPATH="1")
+    os.environ.update(_ONE_THREAD)  # workers inherit it
     forkserver.set_forkserver_preload(_PRELOADED)
     with as_they_are():
         forkserver.ensure_running()

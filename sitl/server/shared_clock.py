@@ -117,7 +117,7 @@ def _write_folder(name: ClockName, speed: float, ports: Collection[int]) -> int:
 
 def clock_of(ports: Collection[int]) -> ClockName | None:
     """Return the clock of the stubs that send to these UDP ports, None if there is none."""
-    for folder in clocks_folder().glob(f"{_PREFIX}-{os.getuid()}-*"):
+    for folder in _own_folders():
         with suppress(OSError, ValueError):
             served = {int(port) for port in (folder / "ports").read_text().split()}
             if served.issuperset(ports) and _is_owned(folder):
@@ -136,6 +136,17 @@ def clock_time_s(ports: Collection[int]) -> float | None:
         finally:
             memory.close()
     return None
+
+
+def _own_folders() -> Iterator[Path]:
+    """Yield the folders of this user's clocks: other users may make folders of any name beside them."""
+    return filter(_is_own, clocks_folder().glob(f"{_PREFIX}-{os.getuid()}-*"))
+
+
+def _is_own(folder: Path) -> bool:
+    with suppress(OSError):
+        return folder.lstat().st_uid == os.getuid()
+    return False
 
 
 def _is_owned(folder: Path) -> bool:
@@ -167,7 +178,7 @@ def _write_memory(path: Path, speed: float) -> None:
 
 
 def _remove_abandoned() -> None:
-    for folder in clocks_folder().glob(f"{_PREFIX}-{os.getuid()}-*"):
+    for folder in _own_folders():
         with suppress(OSError):
             if not _is_owned(folder):
                 shutil.rmtree(folder, ignore_errors=True)
@@ -183,6 +194,8 @@ class Seat:
     def __init__(self, name: ClockName, rank: Rank) -> None:
         """Take a seat without an event. Raises ClockError if there is no such clock, or no seat is left."""
         self._folder = name.folder
+        if self._folder.exists() and not _is_own(self._folder):
+            raise ClockError(f"the clock in {self._folder} belongs to another user")
         try:
             descriptor = os.open(self._folder / "memory", os.O_RDWR)
             try:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from sitl.server import shared_clock
 from sitl.server.clock_memory import NEVER_US
 from sitl.server.governed_clock import GovernedClock
-from sitl.server.shared_clock import ClockError, ClockName, Rank, Seat, new_clock
+from sitl.server.shared_clock import ClockError, ClockName, Rank, Seat, clock_of, new_clock
 from sitl.server.wall_limit import WallLimit
 from tests.support.wire import PATIENCE_S, until
 
@@ -203,6 +203,22 @@ def test_clocks_of_one_computer_are_their_own_and_leave_nothing(folder: Path) ->
     assert list(folder.iterdir()) == []
     with pytest.raises(ClockError, match="there is no clock"):
         Seat(one, Rank.STUBS)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give a folder to another user")
+def test_the_clock_of_another_user_is_not_joined(folder: Path) -> None:
+    with new_clock(inf, (14540,)) as name:
+        assert clock_of((14540,)) == name
+        os.chown(name.folder, 12345, 12345)
+        assert clock_of((14540,)) is None
+        with pytest.raises(ClockError, match="another user"):
+            Seat(name, Rank.GUEST)
+    left = folder / f"cordon-clock-{os.getuid()}-00000001"
+    left.mkdir()
+    os.mkfifo(left / "owner")
+    os.mkfifo(left / "ports")
+    os.chown(left, 12345, 12345)
+    assert clock_of((14540,)) is None, "a pipe without a writer is not read"
 
 
 def test_memory_that_cannot_be_shared_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

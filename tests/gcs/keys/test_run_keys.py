@@ -141,6 +141,31 @@ def test_without_a_runtime_directory_they_are_in_the_temporary_one(
         assert (tmp_path / f"cordon-{os.geteuid()}" / "team").is_dir()
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give a folder to another user")
+@pytest.mark.parametrize("made", ["folder", "link", "file"])
+def test_where_another_user_has_made_it_they_are_below_the_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: str
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    squatted = tmp_path / f"cordon-{os.geteuid()}"
+    match made:
+        case "folder":
+            squatted.mkdir(mode=0o700)
+        case "link":
+            squatted.symlink_to(tmp_path)
+        case "file":
+            squatted.touch()
+    os.chown(squatted, 12345, 12345, follow_symlinks=False)
+    with KEYS.held():
+        (folder,) = (tmp_path / "home" / ".local" / "state" / "cordon").iterdir()
+        assert (folder / "team").is_dir()
+        assert folder.stat().st_mode & 0o777 == 0o700
+        assert KEYS.identity("operator").may
+
+
 def test_a_directory_that_is_removed_in_flight_ends_nothing(runtime: Path) -> None:
     with KEYS.held():
         subprocess.run(["rm", "-r", str(runtime)], check=True)

@@ -2,10 +2,12 @@
 
 import asyncio
 import json
+import os
 import signal
 import socket
+import sys
 import time
-from asyncio.subprocess import Process
+from asyncio.subprocess import PIPE, Process
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -22,7 +24,7 @@ from agents.team.participant import vehicle
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.watch import WatchView, watch
-from gcs.link.ports import flight_claims
+from gcs.link.ports import fed_ports, flight_claims, stub_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
 from tests.support.wire import PATIENCE_S, free_ports, running
@@ -97,6 +99,54 @@ async def test_a_second_run_is_refused_and_the_first_flies_on(missions: tuple[st
     assert result["loop"]["missed"] <= MISSED_SHARE_MAX * result["loop"]["ticks"], err.decode()
     tactics = {event["text"].partition(":")[0] for event in result["events"] if event["kind"] == "tactic"}
     assert tactics == {"standby -> formation", "formation -> land"}
+
+
+SQUATTER = """
+import os, socket, sys
+os.setuid(12345)
+taken = [socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) for _ in sys.argv[1:]]
+for each, name in zip(taken, sys.argv[1:]):
+    each.bind(chr(0) + name)
+print("taken", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may become another user")
+async def test_sockets_of_another_user_refuse_no_run(missions: tuple[str, str, str]) -> None:
+    mission = load_mission(missions[0])
+    team, ports = mission.network.team, fed_ports(mission.vehicles)
+    names = [
+        f"cordon/flight/{team}/0123/1/00",
+        f"cordon/flight/{team}/4567/x\n",
+        *(f"cordon/fed/udp/{p}" for p in ports),
+    ]
+    squatter = await asyncio.create_subprocess_exec(sys.executable, "-c", SQUATTER, *names, stdin=PIPE, stdout=PIPE)
+    try:
+        assert squatter.stdout is not None
+        assert await squatter.stdout.readline() == b"taken\n"
+        with flight_claims(mission, mission.ids):
+            pass
+        with stub_claims(ports):
+            pass
+    finally:
+        squatter.kill()
+        await squatter.communicate()
+
+
+async def test_claims_of_a_killed_run_count_for_nothing(missions: tuple[str, str, str]) -> None:
+    mission = load_mission(missions[2])
+    async with running("sitl", missions[0]) as stubs:
+        await line_with(stubs, "Ctrl-C ends it")
+        with (
+            pytest.raises(VehicleRefusedError, match=f"by process {stubs.pid} "),
+            flight_claims(load_mission(missions[0]), mission.ids),
+        ):
+            pass
+        stubs.kill()
+        await stubs.communicate()
+    with flight_claims(load_mission(missions[0]), mission.ids):
+        pass
 
 
 async def test_processes_that_were_given_other_values_do_not_fly_together(missions: tuple[str, str, str]) -> None:

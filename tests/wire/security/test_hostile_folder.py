@@ -1,0 +1,104 @@
+"""Commands started in a folder from elsewhere, which holds modules with the names of cordon's and of Python's."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import ROOT
+from tests.support.verb_runs import write_missions
+from tests.support.wire import PATIENCE_S, free_ports
+
+pytestmark = pytest.mark.wire
+
+MODULES = ("json", "multiprocessing", "numpy", "sitecustomize", "socket", "zenoh")
+PACKAGES = ("agents", "gcs")
+MARKS = "import os, pathlib\npathlib.Path(os.environ['MARKER']).open('a').write(f'{__name__} in {os.getpid()}\\n')\n"
+SCRIPT = """
+import sys
+from cordon.__main__ import main
+if __name__ == "__main__":
+    sys.exit(main())
+"""
+
+
+@pytest.fixture
+def hostile(tmp_path: Path) -> Path:
+    """Return a folder of missions with modules that leave a mark where they are imported."""
+    folder = tmp_path / "missions"
+    folder.mkdir()
+    write_missions(folder)
+    for name in MODULES:
+        (folder / f"{name}.py").write_text(MARKS, encoding="utf-8")
+    for name in PACKAGES:
+        (folder / name).mkdir()
+        for file in ("__init__.py", "__main__.py"):
+            (folder / name / file).write_text(MARKS, encoding="utf-8")
+    return folder
+
+
+def run(folder: Path, *command: str) -> tuple[subprocess.CompletedProcess[str], str]:
+    """Run a program there as a user does; return how it ended, and which of the folder's modules were imported."""
+    marker = folder.parent / "marker"
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    ended = subprocess.run(
+        [sys.executable, *command],
+        cwd=folder,
+        env={**environment, "MARKER": str(marker)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=10 * PATIENCE_S,
+        check=False,
+    )
+    return ended, marker.read_text(encoding="utf-8") if marker.exists() else ""
+
+
+def test_the_modules_leave_marks(hostile: Path) -> None:
+    _, imported = run(hostile, "-c", "import json, gcs")
+    assert imported.split()[::3] == ["json", "gcs"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "fly ring.toml --sitl --speed max --duration 2 --log fly.mcap --station --station-address 127.0.0.1:{page}",
+        "excite ring.toml --sitl --speed max --no-log",
+        "drill case2 --fault frozen-interpreter",
+        "sweep ring.toml --seeds 0:1 --duration 2 --workers 1 --out swept",
+        "sim ring.toml --duration 2",
+    ],
+    ids=lambda arguments: arguments.partition(" ")[0],
+)
+def test_no_process_of_a_command_imports_them(hostile: Path, arguments: str) -> None:
+    script = hostile.parent / "cordon"  # like the one that pip makes
+    script.write_text(SCRIPT, encoding="utf-8")
+    ended, imported = run(hostile, str(script), *arguments.format(page=free_ports(1)[0]).split())
+    assert imported == "", ended.stderr
+    assert ended.returncode in (0, 1), ended.stderr
+
+
+@pytest.mark.parametrize("module", ["cordon", "gcs"])
+def test_python_m_imports_none_but_what_it_is_told_to(hostile: Path, module: str) -> None:
+    for name in PACKAGES:
+        (hostile / name).rename(hostile / f"no-{name}")
+    ended, imported = run(hostile, "-m", module, "sim", "ring.toml", "--duration", "2")
+    assert (ended.returncode in (0, 1), imported) == (True, ""), ended.stderr
+
+
+def test_sources_run_in_their_own_folder_with_their_processes() -> None:
+    """`python -m gcs` in a clone that is not installed."""
+    place = "import gcs; print(gcs.__file__)"
+    program = f"""
+import subprocess, sys
+from gcs.__main__ import leave_current_folder
+leave_current_folder()
+subprocess.run([sys.executable, "-c", {place!r}], check=True)
+"""
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONSAFEPATH")}
+    printed = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    ).stdout
+    assert Path(printed.strip()) == ROOT / "gcs" / "__init__.py"
