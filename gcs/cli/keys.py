@@ -244,6 +244,43 @@ def revoke(
     return Exit.HOLDS
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignOptions(KeysOptions):
+    """Options of `cordon keys sign`."""
+
+    yes: Annotated[bool, Parameter(negative="", help="Sign without asking for confirmation.")] = False
+
+
+_SIGN_DEFAULTS = SignOptions()
+
+
+@keys.command
+def sign(*, options: SignOptions = _SIGN_DEFAULTS) -> Exit:
+    """Sign a roster made by an earlier version of cordon, after showing what it grants.
+
+    Example: cordon keys sign
+    """
+    from gcs.cli.output import confirmed, print_result
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.keys.authority_folder import AuthorityFolder
+    from gcs.keys.roster import ROSTER_FILE, roster_view
+
+    folder = AuthorityFolder(options.keys)
+    roster = folder.roster_to_sign
+    if roster.signature:
+        print_line(f"{options.keys / ROSTER_FILE}: it is signed already")
+        return Exit.HOLDS
+    print_result(roster_view(roster))
+    if not options.yes and not confirmed("Sign this roster? It grants what is listed above."):
+        print_problem("not confirmed: the roster was not signed")
+        return Exit.REFUSED
+    folder.sign(roster)
+    print_line(f"{options.keys / ROSTER_FILE}: signed")
+    print_roster_step(roster.valid, options.keys)
+    return Exit.HOLDS
+
+
 @keys.command
 def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
     """List the holders of keys, their permissions and expiry dates.

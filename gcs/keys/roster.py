@@ -1,6 +1,8 @@
 """The holders of keys, and the roster file: the holders of a team, what each may do, and what is revoked."""
 
 import hashlib
+from collections.abc import Callable
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from time import time
@@ -12,6 +14,7 @@ from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, P
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
 from agents.team.verbs import Verb
 from gcs.errors import InputError
+from gcs.keys.private_files import read, write
 
 _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted(PEER_TOPICS | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
 """What a router forwards: it checks each sender against its certificate."""
@@ -72,15 +75,21 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
                 return Grant(self.common_name, _ALL_TOPICS, (f"{PRESENCE_TOPIC}/*", f"{OPERATORS_TOPIC}/*"))
 
 
-ROSTER_FILE = "roster.json"
+ROSTER_FILE, SERIAL_FILE = "roster.json", "roster-serial"
 _SIZE_MAX_BYTES = 1_000_000
 
 
 class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All holders of certificates of one authority; `authority` is the SHA-256 of its certificate, in hex."""
+    """All holders of certificates of one authority; `authority` is the SHA-256 of its certificate, in hex.
+
+    Each change has the next `serial`. The authority signs all other fields; without its signature it counts for
+    nothing.
+    """
 
     authority: str
+    serial: int = 0
     holders: tuple[Holder, ...] = ()
+    signature: bytes = b""
 
     def find(self, role: Role, name: str) -> Holder | None:
         """Return the holder of this role and name, None if there is none."""
@@ -91,10 +100,20 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The holders that are not revoked."""
         return tuple(each for each in self.holders if not each.revoked)
 
-    def put(self, holder: Holder) -> "Roster":
-        """Return the roster with a holder added; it replaces one of the same role and name."""
-        others = (each for each in self.holders if each.label != holder.label)
-        return Roster(self.authority, tuple(sorted((*others, holder), key=_order)))
+    @property
+    def signed_content(self) -> bytes:
+        """What the authority signs: it is encoded anew, so that what is verified is what was read."""
+        return msgspec.json.encode(msgspec.structs.replace(self, signature=b""))
+
+    def put(self, *holders: Holder) -> "Roster":
+        """Return the roster with holders added, not signed; each replaces one of the same role and name."""
+        labels = {each.label for each in holders}
+        others = (each for each in self.holders if each.label not in labels)
+        return Roster(self.authority, self.serial + 1, tuple(sorted((*others, *holders), key=_order)))
+
+    def signed(self, sign: Callable[[bytes], bytes]) -> "Roster":
+        """Return the roster with the signature of its authority."""
+        return msgspec.structs.replace(self, signature=sign(self.signed_content))
 
     def encoded(self) -> bytes:
         """Return the file's content: indented JSON."""
@@ -106,16 +125,70 @@ def digest(authority_pem: bytes) -> str:
     return hashlib.sha256(authority_pem).hexdigest()
 
 
-def read_roster(path: Path) -> Roster:
-    """Read a roster; raises InputError."""
+def read_roster(path: Path, authority_pem: bytes) -> Roster:
+    """Read a roster of this authority; raises InputError unless it is signed and no older than any read here before."""
+    roster = unverified_roster(path, authority_pem)
+    if not roster.signature:
+        raise InputError([f"{path}: it is not signed: of an earlier version, or altered; next: {_SIGN}"])
+    if not is_signed_roster(roster, authority_pem):
+        raise InputError([f"{path}: it was altered: it is not what the authority has signed; next: {_COPY}"])
+    if roster.serial < (used := used_serial(path)):
+        older = f"it is an older roster (serial {roster.serial}) than the one used here before (serial {used})"
+        raise InputError([f"{path}: {older}, and may admit revoked keys; next: {_COPY}"])
+    _remember(path, roster.serial)
+    return roster
+
+
+_COPY = f"copy {ROSTER_FILE} again from the keys folder that has the authority"
+_SIGN = f"`cordon keys sign` on the computer that has the authority, then copy {ROSTER_FILE} from there"
+
+
+def unverified_roster(path: Path, authority_pem: bytes) -> Roster:
+    """Read a roster that names this authority, whoever wrote it; raises InputError."""
     try:
         with path.open("rb") as file:
             content = file.read(_SIZE_MAX_BYTES)
-        return msgspec.json.decode(content, type=Roster)
+        roster = msgspec.json.decode(content, type=Roster)
     except OSError as error:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
     except (msgspec.MsgspecError, RecursionError, ValueError) as error:
         raise InputError([f"{path}: not a roster of keys: {error}"]) from error
+    if digest(authority_pem) != roster.authority:
+        raise InputError([f"{path}: it is of another authority than the keys; next: copy the folder again"])
+    return roster
+
+
+def is_signed_roster(roster: Roster, authority_pem: bytes) -> bool:
+    """Return whether this authority has signed a roster."""
+    from gcs.keys.certificates import is_signed  # noqa: PLC0415
+
+    try:
+        return is_signed(authority_pem, roster.signed_content, roster.signature)
+    except ValueError:
+        return False
+
+
+def write_roster(path: Path, roster: Roster) -> None:
+    """Write a signed roster, and remember that it is used here; raises InputError."""
+    write(path, roster.encoded())
+    _remember(path, roster.serial)
+
+
+def used_serial(path: Path) -> int:
+    """Return the highest serial of the rosters used in this place; raises InputError."""
+    memory = path.with_name(SERIAL_FILE)
+    if not memory.exists():
+        return 0
+    try:
+        return int(read(memory))
+    except ValueError as error:
+        raise InputError([f"{memory}: not a number; next: remove it, and {_COPY}"]) from error
+
+
+def _remember(path: Path, serial: int) -> None:
+    if serial > used_serial(path):
+        with suppress(InputError):  # a folder that cannot be written to is kept by who can
+            write(path.with_name(SERIAL_FILE), b"%d\n" % serial)
 
 
 def _order(holder: Holder) -> tuple[str, int, str]:

@@ -18,7 +18,7 @@ from agents.team.verbs import VERBS
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.private_files import make_folder
-from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
+from gcs.keys.roster import Holder, Roster, digest
 
 _VALID_DAYS = 7.0
 """Longer than any flight: the keys are removed when its last process ends."""
@@ -82,7 +82,7 @@ class RunKeys:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _require_own_vehicles(self, folder: Path) -> None:
-        vehicles = (each for each in read_roster(folder / ROSTER_FILE).valid if each.role == "vehicle")
+        vehicles = (each for each in KeyFolder(folder).roster("vehicle").valid if each.role == "vehicle")
         flying = {str(number) for each in vehicles for number in (each.name, *each.speaks_for)}
         if others := [vehicle_id for vehicle_id in self.ids if str(vehicle_id) not in flying]:
             raise VehicleRefusedError(
@@ -97,12 +97,11 @@ class RunKeys:
         authority = CertificateAuthority.made(_VALID_DAYS)
         authority_pem = authority.keys.certificate_pem
         make_folder(folder)
-        keys, roster = KeyFolder(folder), Roster(digest(authority_pem))
-        for holder in self._holders(time() + _VALID_DAYS * DAY_S):
+        keys, holders = KeyFolder(folder), tuple(self._holders(time() + _VALID_DAYS * DAY_S))
+        for holder in holders:
             pair = authority.issue(holder.common_name, holder.expires_s)
             keys.put(holder, pair.certificate_pem, pair.private_key_pem, authority_pem)
-            roster = roster.put(holder)
-        keys.put_roster(roster)
+        keys.put_roster(Roster(digest(authority_pem)).put(*holders).signed(authority.sign))
 
     def _holders(self, expires_s: float) -> Iterator[Holder]:
         first, *others = self.ids

@@ -3,9 +3,10 @@
 import re
 import shutil
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from agents.shell.bus_security import BusSecurity
@@ -142,6 +143,81 @@ def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtes
     for words, ask in asked.items():
         with subtests.test(words=words), pytest.raises(InputError, match=re.escape(words)):
             ask()
+
+
+FIRST = "[[vehicles]]\nid = 1\n"
+GRANTED_BY_HAND: Mapping[str, tuple[bytes, bytes]] = {
+    "kill": (b'"hold",\n    "kill"', b'"hold",\n    "kill",\n    "land"'),
+    "a later end": (b'"expires_s": ', b'"expires_s": 1'),
+    "no revocation": (b'"revoked": true', b'"revoked": false'),
+    "another serial": (b'"serial": ', b'"serial": 9'),
+    "without its signature": (rb',\s*"signature": "[^"]*"', b""),
+}
+
+
+def test_what_was_edited_by_hand_grants_nothing(
+    keys: AuthorityFolder, mission_file: Callable[..., str], run_here: RunHere, subtests: pytest.Subtests
+) -> None:
+    keys.revoke("sensor-mast")
+    mission = mission_file("case2", (FIRST, f'[network]\nsecurity = {{ keys = "keys" }}\n\n{FIRST}'))
+    places = [keys.path / ROSTER_FILE, keys.path / "operator-bob" / ROSTER_FILE]
+    whole = places[0].read_bytes()
+    for name, (before, after) in GRANTED_BY_HAND.items():
+        edited = re.sub(before, after, whole, count=1)
+        for place in places:
+            place.write_bytes(edited)
+        commands = ("command", "land", "--key", "bob", "--mission", mission), ("keys", "issue", "observer", "new")
+        for command in commands:
+            with subtests.test(name, command=command[0]):
+                assert edited != whole
+                options = ("--keys", str(keys.path)) if command[0] == "keys" else ()
+                code, _, err = run_here(*command, *options)
+                assert code == Exit.BAD_INPUT
+                assert ROSTER_FILE in err.replace("\n", "")
+                assert "next:" in err
+        assert not (keys.path / "observer-new").exists()
+
+
+def test_an_older_roster_is_refused_where_a_newer_one_was_used(keys: AuthorityFolder, tmp_path: Path) -> None:
+    there = KeyFolder(tmp_path / "drone" / "keys")
+    shutil.copytree(keys.path / "vehicle-3", there.path / "vehicle-3")
+    file, newest = there.path / "vehicle-3" / ROSTER_FILE, keys.path / ROSTER_FILE
+    older = file.read_bytes()
+    keys.revoke("operator-bob")
+    shutil.copyfile(newest, file)
+    admitted = there.identity("vehicle", "3").security
+    assert admitted is not None
+    assert "operator-bob" not in {each.common_name for each in admitted.grants}
+    file.write_bytes(older)
+    with pytest.raises(InputError, match=r"roster\.json: it is an older roster .*; next: copy"):
+        there.identity("vehicle", "3")
+    newest.write_bytes(older)
+    with pytest.raises(InputError, match="older roster"):
+        keys.issue("observer", "new", 1.0)
+
+
+def test_a_roster_of_the_version_before_is_signed_by_who_has_the_authority(
+    keys: AuthorityFolder, run_here: RunHere, subtests: pytest.Subtests
+) -> None:
+    keys.revoke("operator-bob")
+    for place in keys.path.rglob(ROSTER_FILE):
+        before = msgspec.json.decode(place.read_bytes())
+        del before["serial"], before["signature"]
+        place.write_bytes(msgspec.json.encode(before))
+        place.with_name("roster-serial").unlink()
+    with pytest.raises(InputError, match="next: `cordon keys sign`"):
+        security_of(keys, "vehicle", "3")
+    with subtests.test("no terminal"):
+        assert run_here("keys", "sign", "--keys", str(keys.path)).code == Exit.BAD_INPUT
+        with pytest.raises(InputError, match="not signed"):
+            security_of(keys, "vehicle", "3")
+    code, out, err = run_here("keys", "sign", "--keys", str(keys.path), "--yes")
+    assert code == Exit.HOLDS
+    assert "operator-bob" in out
+    assert "next: copy" in err
+    assert granted(keys, "operator-anna")
+    assert granted(keys, "operator-bob") == set()
+    assert run_here("keys", "sign", "--keys", str(keys.path)).code == Exit.HOLDS, "it is signed already"
 
 
 def test_a_roster_that_was_tampered_with_is_refused(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
