@@ -82,6 +82,8 @@ class AuthorityFolder:
         if holder is None:
             known = ", ".join(each.label for each in roster.holders) or "none"
             raise InputError([f"{label}: no keys of this name were issued (issued: {known})"])
+        if holder.revoked:
+            return holder
         revoked = msgspec.structs.replace(holder, revoked=True)
         self.sign(roster.put(revoked))
         return revoked

@@ -10,7 +10,7 @@ from agents.team.participant import Role
 from gcs.errors import InputError
 from gcs.keys.identity import FlyingIdentity, Identity
 from gcs.keys.private_files import check_folder, make_folder, read, read_private, write
-from gcs.keys.roster import ROSTER_FILE, Holder, Roster, read_roster, write_roster
+from gcs.keys.roster import ROSTER_FILE, Holder, KeptRoster, Roster, read_roster, write_roster
 
 AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE = "authority.pem", "certificate.pem", "private-key.pem"
 
@@ -28,17 +28,35 @@ class KeyFolder:
         folder = self._folder(role, name)
         roster = _roster(folder)
         holder = _holder(roster, folder)
+        authority_pem = read(folder / AUTHORITY_FILE)
         security = BusSecurity(
-            read(folder / AUTHORITY_FILE),
+            authority_pem,
             read(folder / CERTIFICATE_FILE),
             read_private(folder / PRIVATE_KEY_FILE),
             tuple(each.grant for each in roster.valid),
+            roster.serial,
+            KeptRoster(folder / ROSTER_FILE, authority_pem),
         )
         return Identity(holder.participant, security, holder.may)
 
-    def roster(self, role: Role) -> Roster:
-        """Return the roster of the only holder of this role; raises InputError."""
-        return _roster(self._folder(role, None))
+    def holders(self) -> Sequence[Holder]:
+        """Return the holders that are not revoked, by the newest roster here that counts.
+
+        Raises InputError if none does.
+        """
+        rosters, faults = list[Roster](), list[InputError]()
+        for file in sorted(self.path.glob(f"*/{ROSTER_FILE}")):
+            try:
+                rosters.append(_roster(file.parent))
+            except InputError as error:
+                faults.append(error)
+        if rosters:
+            return max(rosters, key=lambda roster: roster.serial).valid
+        raise (
+            faults[0]
+            if faults
+            else InputError([f"{self.path}: no keys here; next: {self._next_step('vehicle', None)}"])
+        )
 
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
         """Return the identities of a process that flies these vehicles, one for each. Raises InputError."""

@@ -3,20 +3,22 @@
 import hashlib
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from time import time
 
 import msgspec
 
-from agents.shell.bus_security import Grant
-from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC
+from agents.shell.bus_security import Admitted, Grant
+from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC, ROSTER_TOPIC
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
 from agents.team.verbs import Verb
 from gcs.errors import InputError
 from gcs.keys.private_files import read, write
 
-_ALL_TOPICS = (*(f"{topic}/*" for topic in sorted(PEER_TOPICS | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
+_OF_VEHICLES = tuple(sorted(PEER_TOPICS | {ROSTER_TOPIC}))
+_ALL_TOPICS = (*(f"{topic}/*" for topic in sorted({*_OF_VEHICLES} | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
 """What a router forwards: it checks each sender against its certificate."""
 
 
@@ -52,6 +54,11 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         return f"{self.role}-{self.name}"
 
     @property
+    def vehicles(self) -> tuple[str, ...]:
+        """The names of the vehicles that it may send as."""
+        return (self.name, *map(str, self.speaks_for)) if self.role == "vehicle" else ()
+
+    @property
     def common_name(self) -> str:
         """The common name of the valid certificate; names of holders have no tilde."""
         return self.label if self.generation == 1 else f"{self.label}~{self.generation}"
@@ -61,12 +68,12 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         """What the holder may send."""
         match self.role:
             case "vehicle":
-                names = (self.name, *map(str, self.speaks_for))
-                topics = tuple(f"{topic}/{name}" for topic in sorted(PEER_TOPICS) for name in names)
-                return Grant(self.common_name, topics, tuple(f"{PRESENCE_TOPIC}/{name}" for name in names))
+                topics = tuple(f"{topic}/{name}" for topic in _OF_VEHICLES for name in self.vehicles)
+                return Grant(self.common_name, topics, tuple(f"{PRESENCE_TOPIC}/{name}" for name in self.vehicles))
             case "operator":
                 verbs = tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may)
-                return Grant(self.common_name, verbs, (f"{OPERATORS_TOPIC}/{self.name}",))
+                topics = (*verbs, f"{ROSTER_TOPIC}/{self.name}")
+                return Grant(self.common_name, topics, (f"{OPERATORS_TOPIC}/{self.name}",))
             case "sensor":
                 return Grant(self.common_name, tuple(f"{topic}/{self.name}" for topic in sorted(SENSOR_TOPICS)))
             case "observer":
@@ -103,7 +110,7 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def signed_content(self) -> bytes:
         """What the authority signs: it is encoded anew, so that what is verified is what was read."""
-        return msgspec.json.encode(msgspec.structs.replace(self, signature=b""))
+        return msgspec.structs.replace(self, signature=b"").compact()
 
     def put(self, *holders: Holder) -> "Roster":
         """Return the roster with holders added, not signed; each replaces one of the same role and name."""
@@ -115,9 +122,13 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return the roster with the signature of its authority."""
         return msgspec.structs.replace(self, signature=sign(self.signed_content))
 
+    def compact(self) -> bytes:
+        """Return the payload on the bus."""
+        return msgspec.json.encode(self)
+
     def encoded(self) -> bytes:
         """Return the file's content: indented JSON."""
-        return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
+        return msgspec.json.format(self.compact(), indent=1) + b"\n"
 
 
 def digest(authority_pem: bytes) -> str:
@@ -147,15 +158,21 @@ def unverified_roster(path: Path, authority_pem: bytes) -> Roster:
     """Read a roster that names this authority, whoever wrote it; raises InputError."""
     try:
         with path.open("rb") as file:
-            content = file.read(_SIZE_MAX_BYTES)
-        roster = msgspec.json.decode(content, type=Roster)
+            roster = _decoded(file.read(_SIZE_MAX_BYTES))
     except OSError as error:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
-    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+    except ValueError as error:
         raise InputError([f"{path}: not a roster of keys: {error}"]) from error
     if digest(authority_pem) != roster.authority:
         raise InputError([f"{path}: it is of another authority than the keys; next: copy the folder again"])
     return roster
+
+
+def _decoded(content: bytes) -> Roster:
+    try:
+        return msgspec.json.decode(content, type=Roster)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise ValueError(str(error)) from error
 
 
 def is_signed_roster(roster: Roster, authority_pem: bytes) -> bool:
@@ -172,6 +189,27 @@ def write_roster(path: Path, roster: Roster) -> None:
     """Write a signed roster, and remember that it is used here; raises InputError."""
     write(path, roster.encoded())
     _remember(path, roster.serial)
+
+
+@dataclass(frozen=True, slots=True)
+class KeptRoster:
+    """Keeps a roster file up to date with signed rosters from the bus; implements `agents.shell`'s RosterKeeper."""
+
+    path: Path
+    authority_pem: bytes
+
+    def take(self, payload: bytes) -> Admitted | None:
+        """Return what a roster admits, None unless the authority has signed it; write it to the file if it is newer."""
+        try:
+            roster = _decoded(payload)
+        except ValueError:
+            return None
+        if roster.authority != digest(self.authority_pem) or not is_signed_roster(roster, self.authority_pem):
+            return None
+        with suppress(InputError):  # a folder that cannot be written to: it holds for this flight
+            if roster.serial > used_serial(self.path):
+                write_roster(self.path, roster)
+        return Admitted(roster.serial, frozenset(each.common_name for each in roster.valid))
 
 
 def used_serial(path: Path) -> int:
@@ -219,9 +257,9 @@ def grants(holder: Holder) -> str:
     return f"may command {', '.join(holder.may)}" if holder.may else "may command nothing"
 
 
-def expiry(holder: Holder) -> str:
-    """Return the day on which a holder's keys expire."""
-    return f"{datetime.fromtimestamp(holder.expires_s):%Y-%m-%d}"
+def expiry(holder: Holder, *, minutes: bool = False) -> str:
+    """Return the day on which a holder's keys expire, or the minute, in this computer's time zone."""
+    return f"{datetime.fromtimestamp(holder.expires_s):{'%Y-%m-%d %H:%M' if minutes else '%Y-%m-%d'}}"
 
 
 def _state(holder: Holder) -> str:

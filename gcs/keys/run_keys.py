@@ -57,6 +57,12 @@ class RunKeys:
         """Return the single identity of a process that flies these vehicles; raises as `identity`."""
         return [FlyingIdentity(tuple(vehicle_ids), self.identity("vehicle").security)]
 
+    def holders(self) -> Sequence[Holder] | None:
+        """Return who is admitted to the bus of the flight on this computer, None if none runs; raises InputError."""
+        with _ordered() as runtime:
+            folder = runtime / self.team
+            return KeyFolder(folder).holders() if _in_use(folder) else None
+
     @contextmanager
     def held(self) -> Iterator[None]:
         """Hold the keys inside this context.
@@ -82,8 +88,7 @@ class RunKeys:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _require_own_vehicles(self, folder: Path) -> None:
-        vehicles = (each for each in KeyFolder(folder).roster("vehicle").valid if each.role == "vehicle")
-        flying = {str(number) for each in vehicles for number in (each.name, *each.speaks_for)}
+        flying = {name for each in KeyFolder(folder).holders() for name in each.vehicles}
         if others := [vehicle_id for vehicle_id in self.ids if str(vehicle_id) not in flying]:
             raise VehicleRefusedError(
                 f"a flight of team {self.team} runs on this computer with vehicles {', '.join(sorted(flying))}, without"

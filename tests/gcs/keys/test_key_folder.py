@@ -45,11 +45,14 @@ def granted(keys: AuthorityFolder, common_name: str) -> set[str]:
 
 
 def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
-    own = {"member/3", "start/3", "answer/3", "@report/3", "alive/3"}
+    own = {"member/3", "start/3", "answer/3", "@report/3", "roster/3", "alive/3"}
     assert granted(keys, "vehicle-3") == own
     steering = set(VERBS) - {"kill"}
-    assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering} | {"operator/anna"}
-    assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob", "operator/bob"}
+    assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering} | {
+        "roster/anna",
+        "operator/anna",
+    }
+    assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob", "roster/bob", "operator/bob"}
     assert granted(keys, "sensor-mast") == {"perception/mast", "position/mast"}
     assert granted(keys, "observer-tower") == set()
 
@@ -115,7 +118,7 @@ def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(key
     after = security_of(keys, "operator", "bob")
     assert after.certificate_pem != before
     assert granted(keys, "operator-bob") == set(), "the certificate that was revoked still counts"
-    assert granted(keys, "operator-bob~2") == {"command/hold/bob", "operator/bob"}
+    assert granted(keys, "operator-bob~2") == {"command/hold/bob", "roster/bob", "operator/bob"}
 
 
 def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
