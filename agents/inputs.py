@@ -104,10 +104,7 @@ class LateTicks(_Input, frozen=True):
 
 
 class Bus(_Input, frozen=True):
-    """Whether the session of the bus works, and whether an operator is on the bus.
-
-    `revoked` are the certificates that were revoked since the flight began: nothing is received from them any more.
-    """
+    """Whether the session of the bus works, whether an operator is on the bus, and the certificates `revoked` in flight."""
 
     topic: ClassVar = "bus"
     lasts: ClassVar = True

@@ -102,6 +102,15 @@ def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 
 @issue.command
+def positions(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
+    """Issue the keys of a program that sends the vehicles' positions, as from motion capture or UWB.
+
+    Example: cordon keys issue positions cameras
+    """
+    return _issue("positions", name, options)
+
+
+@issue.command
 def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
     """Issue the keys of an observer, who may watch the team but send nothing.
 
@@ -335,6 +344,8 @@ def sign(*, options: SignOptions = _SIGN_DEFAULTS) -> Exit:
         return Exit.REFUSED
     folder.sign(roster)
     print_line(f"{options.keys / ROSTER_FILE}: signed")
+    if any(holder.role == "sensor" for holder in roster.valid):
+        print_line("sensors may send no positions of vehicles any more: cordon keys issue positions NAME", "yellow")
     print_roster_step(roster.valid, options.keys)
     return Exit.HOLDS
 

@@ -11,6 +11,7 @@ from time import time
 import msgspec
 
 from agents.shell.bus_security import Admitted, Grant
+from agents.team import external_positions, perception
 from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC, ROSTER_TOPIC
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
 from agents.team.verbs import Verb
@@ -75,7 +76,9 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
                 topics = (*verbs, f"{ROSTER_TOPIC}/{self.name}")
                 return Grant(self.common_name, topics, (f"{OPERATORS_TOPIC}/{self.name}",))
             case "sensor":
-                return Grant(self.common_name, tuple(f"{topic}/{self.name}" for topic in sorted(SENSOR_TOPICS)))
+                return Grant(self.common_name, (f"{perception.TOPIC}/{self.name}",))
+            case "positions":
+                return Grant(self.common_name, (f"{external_positions.TOPIC}/{self.name}",))
             case "observer":
                 return Grant(self.common_name)
             case "router":
@@ -237,6 +240,7 @@ def _order(holder: Holder) -> tuple[str, int, str]:
 _SENDS = {
     "vehicle": "sends as this vehicle",
     "sensor": "sends sightings of the target",
+    "positions": "sends positions of vehicles",
     "observer": "sends nothing",
     "router": "forwards the others' messages",
 }

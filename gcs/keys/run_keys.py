@@ -26,7 +26,7 @@ _VALID_DAYS = 7.0
 
 @dataclass(frozen=True, slots=True)
 class RunKeys:
-    """The keys of a team's vehicles, and of this user as operator, sensor and observer.
+    """The keys of a team's vehicles, and of this user as operator, sensor, source of positions and observer.
 
     The vehicles share one certificate: a user who can read one vehicle's keys can read all of them, and a process needs
     only one session for all its vehicles.
@@ -113,6 +113,7 @@ class RunKeys:
         yield Holder("vehicle", str(first), expires_s, speaks_for=tuple(others))
         yield Holder("operator", user_name(), expires_s, tuple(VERBS))
         yield Holder("sensor", user_name(), expires_s)
+        yield Holder("positions", user_name(), expires_s)
         yield Holder("observer", user_name(), expires_s)
 
 

@@ -28,6 +28,7 @@ def keys(tmp_path: Path) -> AuthorityFolder:
     folder.issue("operator", "anna", 1.0)
     folder.issue("operator", "bob", 1.0, ("hold", "kill"))
     folder.issue("sensor", "mast", 1.0)
+    folder.issue("positions", "cameras", 1.0)
     folder.issue("observer", "tower", 1.0)
     return folder
 
@@ -53,7 +54,8 @@ def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
         "operator/anna",
     }
     assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob", "roster/bob", "operator/bob"}
-    assert granted(keys, "sensor-mast") == {"perception/mast", "position/mast"}
+    assert granted(keys, "sensor-mast") == {"perception/mast"}
+    assert granted(keys, "positions-cameras") == {"position/cameras"}
     assert granted(keys, "observer-tower") == set()
 
 
@@ -65,7 +67,7 @@ def test_a_router_passes_on_all_that_anybody_may_send(keys: AuthorityFolder) -> 
         parts = key.split("/")
         return any(len(parts) == len(each) and all(map(_alike, each, parts)) for each in passes_on)
 
-    for holder in ("vehicle-3", "operator-anna", "operator-bob", "sensor-mast"):
+    for holder in ("vehicle-3", "operator-anna", "operator-bob", "sensor-mast", "positions-cameras"):
         assert all(map(passed, granted(keys, holder))), holder
     assert not passed("target/3")
 
@@ -83,7 +85,14 @@ def test_what_is_not_allowed_is_denied_and_nobody_may_write_patterns(keys: Autho
     for rule in control["rules"]:
         if "ingress" in rule["flows"] and set(rule["messages"]) & {"put", "delete", "liveliness_token"}:
             assert not any("*" in key or "$" in key for key in rule["key_exprs"]), rule
-    everybody = {"vehicle-3", "operator-anna", "operator-bob", "sensor-mast", "observer-tower"}
+    everybody = {
+        "vehicle-3",
+        "operator-anna",
+        "operator-bob",
+        "sensor-mast",
+        "positions-cameras",
+        "observer-tower",
+    }
     assert {name for subject in control["subjects"] for name in subject["cert_common_names"]} == everybody
 
 
