@@ -33,7 +33,7 @@ from agents.inputs import (
     TacticEvent,
     TimeScale,
 )
-from agents.notes import Notes, ReferenceChange, ResumeRefusal, ShapeChange, TacticChange
+from agents.notes import Notes, ReferenceChange, ResumeRefusal, Revocation, ShapeChange, TacticChange
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
 from agents.safety.failsafe import POSITION_ALERTS, override
@@ -94,6 +94,7 @@ class VehicleCore:
         self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
+        self._revoked: tuple[str, ...] = ()
         self._reference: Reference | None = None
         self._jumps = 0
         self._restarts = 0
@@ -397,6 +398,9 @@ class VehicleCore:
 
     def _take_bus(self, item: Bus) -> None:
         self._fault_detector.bus_alive, self._fault_detector.operated = item.alive, item.operated
+        if item.revoked != self._revoked:
+            self._revoked = item.revoked
+            self._notes.add(self._now_s, Revocation(item.revoked))
 
     def _take_drops(self, drops: Drops) -> None:
         self._bus_drops = self._fault_detector.bus_drops = drops

@@ -104,15 +104,18 @@ class LateTicks(_Input, frozen=True):
 
 
 class Bus(_Input, frozen=True):
-    """Whether the session of the bus works, and whether an operator is on the bus."""
+    """Whether the session of the bus works, whether an operator is on the bus, and the certificates `revoked` in flight."""
 
     topic: ClassVar = "bus"
     lasts: ClassVar = True
     alive: bool
     operated: bool = False
+    revoked: tuple[str, ...] = ()
 
     def _text(self, _time: Time) -> str:
-        return f"bus {'connected' if self.alive else 'lost'}, {'operator' if self.operated else 'no operator'} present"
+        revoked = f", keys revoked: {', '.join(self.revoked)}" if self.revoked else ""
+        present = f"{'operator' if self.operated else 'no operator'} present"
+        return f"bus {'connected' if self.alive else 'lost'}, {present}{revoked}"
 
 
 class Computer(_Input, frozen=True):

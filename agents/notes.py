@@ -119,6 +119,18 @@ class GuardAction(msgspec.Struct, frozen=True):
         return ", ".join(evaded if each == _GUARDED["separation"] else each for each in words)
 
 
+class Revocation(msgspec.Struct, frozen=True):
+    """Keys were revoked in flight: nothing is received from these certificates any more."""
+
+    kind: ClassVar[Kind] = "command"
+    common_names: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return f"keys revoked: {', '.join(self.common_names) or 'none'}"
+
+
 class ReferenceChange(msgspec.Struct, frozen=True):
     """A change of what positions refer to."""
 
@@ -149,6 +161,7 @@ NotedEvent = (
     | RingChange
     | GuardAction
     | ReferenceChange
+    | Revocation
 )
 
 

@@ -192,6 +192,10 @@ class PeerBus(Protocol):
     def operated(self) -> bool:
         """Whether an operator is present on the bus."""
 
+    @property
+    def revoked(self) -> tuple[str, ...]:
+        """The common names whose keys were revoked since it was opened: nothing is received from them."""
+
     async def open(
         self,
         on_message: Callable[[BusMessage], None],

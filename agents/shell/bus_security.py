@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from agents.team.messages import REPORT_TOPIC
 
@@ -30,16 +31,45 @@ class Grant:
 
 
 @dataclass(frozen=True, slots=True)
+class Admitted:
+    """The common names that a roster admits; of two rosters the one with the higher serial counts."""
+
+    serial: int
+    common_names: frozenset[str]
+
+
+class RosterKeeper(Protocol):
+    """Takes rosters from the bus."""
+
+    def take(self, payload: bytes) -> Admitted | None:
+        """Return what a roster admits, None unless the authority has signed it; keep it for the next session.
+
+        It may block for files.
+        """
+
+
+@dataclass(frozen=True, slots=True)
 class BusSecurity:
     """A peer's certificate and private key, the authority that signs all peers' certificates, and the grants.
 
-    All are PEM. Nothing is received from or sent to a peer whose certificate is in no grant.
+    All are PEM. Nothing is received from or sent to a peer whose certificate is in no grant. `serial` is that of the
+    roster with the grants, `keeper` takes later ones.
     """
 
     authority_pem: bytes
     certificate_pem: bytes
     private_key_pem: bytes = field(repr=False)
     grants: tuple[Grant, ...]
+    serial: int = 0
+    keeper: RosterKeeper | None = field(default=None, repr=False, compare=False)
+
+    def not_in(self, admitted: Admitted) -> tuple[Grant, ...]:
+        """Return the grants that a later roster does not admit any more.
+
+        Those of routers stay: who sends through a router cannot be told from the router.
+        """
+        gone = (grant for grant in self.grants if grant.common_name not in admitted.common_names)
+        return tuple(grant for grant in gone if not any("*" in key for key in grant.topics))
 
     def settings(self, team: str) -> dict[str, object]:
         """Return Zenoh's settings by path for a peer of a team.
@@ -59,6 +89,8 @@ class BusSecurity:
                 "connect_private_key_base64": private_key,
                 # A peer is identified by its common name; its address may change with every network.
                 "verify_name_on_connect": False,
+                # Without it a certificate is verified when a link opens only.
+                "close_link_on_expiration": True,
             },
             # Addresses to connect to are in the mission only.
             "scouting/multicast/enabled": False,

@@ -80,7 +80,8 @@ class ControlLoop:
         core, link = self._parts.core, self._parts.link
         core.take(AutopilotStatus(link.status))
         core.take(LateTicks(late_ticks))
-        core.take(Bus(self._parts.bus.alive, self._parts.bus.operated))
+        bus = self._parts.bus
+        core.take(Bus(bus.alive, bus.operated, bus.revoked))
         core.take(self._parts.bus.drops)
         now_s = self._parts.clock.now_s()
         sighting = self.sensor.sight(now_s, self.position_m) if self.sensor else None

@@ -9,11 +9,22 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
 
 from agents.drops import DropCounter, Drops, Reason
-from agents.team.messages import OPERATOR_TOPIC, PEER_TOPICS, TOPICS, CommandAnswer, MemberState
+from agents.team.messages import (
+    OPERATOR_TOPIC,
+    OPERATORS_TOPIC,
+    PEER_TOPICS,
+    PRESENCE_TOPIC,
+    ROSTER_TOPIC,
+    TOPICS,
+    CommandAnswer,
+    MemberState,
+)
 from agents.team.participant import SENSOR_TOPICS, is_name
 from agents.team.verbs import VERBS
 
 PAYLOAD_LIMIT_BYTES = 4096
+ROSTER_LIMIT_BYTES = 15 * PAYLOAD_LIMIT_BYTES
+"""Of a roster, which has an entry for each holder of keys: enough for 254 vehicles."""
 KEY_LENGTH = 128
 KEY_RATE_HZ = 1000.0
 """Zenoh drops messages that follow the one before on their key in less time, the newest of a burst as well. The limit
@@ -23,12 +34,14 @@ _KEPT = {TOPICS[MemberState].name: 4, TOPICS[CommandAnswer].name: 16}
 """The number of messages kept per peer on topics where older ones matter as well, for their sightings; else one."""
 _OPERATOR_KEPT, _OPERATOR_RATE_HZ = 8, 50.0
 _SENSOR_KEPT, _SENSOR_RATE_HZ = 32, 200.0
+_ROSTER_RATE_HZ = 5.0
 _GUESTS = 32
 """The largest number of operators, and of sensors, that are distinguished at a time."""
 _NEW_GUESTS_HZ = 20.0
 _BURST_S = 0.5
 """The burst of a sender: what its rate allows in this time."""
 _BURST_MIN = 10.0
+_ROSTERS, _OPERATORS = f"{ROSTER_TOPIC}/", f"{OPERATORS_TOPIC}/"
 
 Read = Callable[[], bytes]
 
@@ -101,6 +114,8 @@ class Mailbox:
         self._peers = {key: box for key, box in boxes.items() if key not in self._own}
         self._operators = _Guests(_OPERATOR_KEPT, _OPERATOR_RATE_HZ)
         self._sensors = _Guests(_SENSOR_KEPT, _SENSOR_RATE_HZ)
+        self._rosters = _Guests(1, _ROSTER_RATE_HZ)
+        self._blocked: frozenset[str] = frozenset()
         self._filled: dict[int, _Box] = {}
         self._presence: dict[int, bool] = {}
         self._present_operators: set[str] = set()
@@ -126,9 +141,11 @@ class Mailbox:
         """
         with self._lock:
             box = (self._own if own else self._peers).get(key) or self._guest_box(key, now_s)
-            if isinstance(box, Reason):
+            if key in self._blocked:
+                self._dropped.add(Reason.NOT_A_MEMBER)
+            elif isinstance(box, Reason):
                 self._dropped.add(box)
-            elif length > PAYLOAD_LIMIT_BYTES:
+            elif length > (ROSTER_LIMIT_BYTES if key.startswith(_ROSTERS) else PAYLOAD_LIMIT_BYTES):
                 self._dropped.add(Reason.TOO_LONG)
             elif not box.limit.allows(now_s):
                 self._dropped.add(Reason.TOO_MANY)
@@ -144,7 +161,7 @@ class Mailbox:
         """Take a change of a vehicle's presence; returns the same as `put`."""
         with self._lock:
             vehicle_id = self._ids.get(name)
-            if vehicle_id is None:
+            if vehicle_id is None or (present and f"{PRESENCE_TOPIC}/{name}" in self._blocked):
                 self._dropped.add(Reason.NOT_A_MEMBER)
                 return False
             self._presence[vehicle_id] = present
@@ -153,10 +170,22 @@ class Mailbox:
     def put_operator(self, name: str, present: bool) -> None:
         """Take a change of an operator's presence; operators beyond the limit are ignored."""
         with self._lock:
-            if not present:
+            if not present or f"{OPERATORS_TOPIC}/{name}" in self._blocked:
                 self._present_operators.discard(name)
             elif is_name(name) and len(self._present_operators) < _GUESTS:
                 self._present_operators.add(name)
+
+    def block(self, keys: frozenset[str]) -> bool:
+        """Drop from now on what comes on these keys, waiting messages and presence included; returns as `put`."""
+        with self._lock:
+            self._blocked = keys
+            for box in self._filled.values():
+                box.waiting = deque((each for each in box.waiting if each[0] not in keys), maxlen=box.waiting.maxlen)
+            for name, member in self._ids.items():
+                if f"{PRESENCE_TOPIC}/{name}" in keys:
+                    self._presence[member] = False
+            self._present_operators -= {key.partition("/")[2] for key in keys if key.startswith(_OPERATORS)}
+            return self._calls()
 
     @property
     def operated(self) -> bool:
@@ -186,6 +215,8 @@ class Mailbox:
                 return self._operators.box(name, now_s) or Reason.TOO_MANY
             case [topic, name] if topic in SENSOR_TOPICS and is_name(name):
                 return self._sensors.box(f"{topic}/{name}", now_s) or Reason.TOO_MANY
+            case [topic, name] if topic == ROSTER_TOPIC and is_name(name):
+                return self._rosters.box(name, now_s) or Reason.TOO_MANY
             case [topic, name] if topic in PEER_TOPICS:
                 return Reason.OWN_ID if name in self._own_names else Reason.NOT_A_MEMBER
         return Reason.UNKNOWN_KEY

@@ -4,13 +4,13 @@ The vehicles that a process flies share one Zenoh session, or one for each certi
 """
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from time import monotonic
 
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.ports import VehicleRefusedError
-from agents.shell.bus_security import BusSecurity
+from agents.shell.bus_security import Admitted, BusSecurity
 from agents.shell.clock import MissionClock
 from agents.shell.handover import Handover
 from agents.shell.mailbox import Mailbox
@@ -20,6 +20,7 @@ from agents.team.messages import (
     OPERATORS_TOPIC,
     PRESENCE_TOPIC,
     REPORT_TOPIC,
+    ROSTER_TOPIC,
     TOPICS,
     BusMessage,
     MemberState,
@@ -86,6 +87,13 @@ class ZenohBus:
         self._opening: asyncio.Future[None] | None = None
         self._joined: list[ParticipantBus] = []
         self._closed = False
+        self._serial = 0 if stations[0].security is None else stations[0].security.serial
+        self._renewing = asyncio.Lock()
+        self._renewals: set[asyncio.Task[None]] = set()
+        self.revoked: tuple[str, ...] = ()
+        """The common names whose keys were revoked since the sessions were opened."""
+        self.rosters: dict[str, int] = {}
+        """The serial of the newest signed roster that each participant has sent, by its name."""
 
     def of(self, participant: Participant) -> "ParticipantBus":
         """Return the bus as one participant of a station uses it."""
@@ -135,7 +143,7 @@ class ZenohBus:
     async def _close(self) -> None:
         """Close the sessions; if this is cancelled, a thread that is opening them closes them."""
         if self._opening is not None:
-            await asyncio.wait([self._opening])
+            await asyncio.wait([self._opening, *self._renewals])
         await asyncio.to_thread(self._close_blocking)
 
     def count(self, reason: Reason) -> None:
@@ -196,8 +204,42 @@ class ZenohBus:
             topic, _, _ = key.partition("/")
             if topic in SENSOR_TOPICS:
                 self._give([bus.on_sensor for bus in self._joined], topic, payload)
+            elif topic == ROSTER_TOPIC:
+                renewal = asyncio.ensure_future(self._renew(key.partition("/")[2], payload))
+                self._renewals.add(renewal)
+                renewal.add_done_callback(self._renewals.discard)
             else:
                 self._deliver(key, payload)
+
+    async def _renew(self, sender: str, payload: bytes) -> None:
+        """Take a roster: from now on drop what comes from holders that it does not admit any more.
+
+        Zenoh's access control lasts as long as its sessions, which stay open in flight. A vehicle sends a newer roster
+        on, and answers others than vehicles with it.
+        """
+        async with self._renewing:
+            admitted = await asyncio.to_thread(self._verified, payload)
+        security = self._stations[0].security
+        if admitted is None or security is None:
+            self.count(Reason.MALFORMED)
+            return
+        self.rosters[sender] = max(admitted.serial, self.rosters.get(sender, 0))
+        is_newer = admitted.serial > self._serial
+        if is_newer:
+            self._serial, revoked = admitted.serial, security.not_in(admitted)
+            self.revoked = tuple(grant.common_name for grant in revoked)
+            keys = frozenset(key for grant in revoked for key in (*grant.topics, *grant.presence))
+            if self._mailbox.block(keys):
+                self._wake()
+        if is_newer or (admitted.serial == self._serial and sender not in self._names):
+            for bus in self._joined:
+                if bus.vehicle_id is not None:
+                    bus.publish(ROSTER_TOPIC, payload)
+
+    def _verified(self, payload: bytes) -> Admitted | None:
+        """Let each station keep a roster for its next session; return what it admits. Blocks for files."""
+        keepers = [each.security.keeper for each in self._stations if each.security and each.security.keeper]
+        return next(iter([keeper.take(payload) for keeper in keepers]), None)
 
     def _deliver(self, key: str, payload: bytes) -> None:
         """Decode a message and deliver it to all but its sender, unless it came on a wrong key."""
@@ -252,6 +294,16 @@ class ParticipantBus:
     def operated(self) -> bool:
         """Whether an operator is on the bus, including this participant."""
         return self._bus.operated
+
+    @property
+    def revoked(self) -> tuple[str, ...]:
+        """The common names whose keys were revoked since the bus was opened: nothing is received from them."""
+        return self._bus.revoked
+
+    @property
+    def rosters(self) -> Mapping[str, int]:
+        """The serial of the newest signed roster that each other participant has sent, by its name."""
+        return self._bus.rosters
 
     async def open(
         self,

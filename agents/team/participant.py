@@ -10,7 +10,7 @@ SENSOR_TOPICS = frozenset({perception.TOPIC, external_positions.TOPIC})
 """Sightings of the target, and positions of vehicles."""
 
 
-Role = Literal["vehicle", "operator", "sensor", "observer", "router"]
+Role = Literal["vehicle", "operator", "sensor", "positions", "observer", "router"]
 NAME_LENGTH = 32
 _NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{NAME_LENGTH}}}")
 _FOREIGN_TO_NAMES = re.compile(r"[^A-Za-z0-9_.-]")
@@ -28,8 +28,8 @@ def name_from(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """A vehicle (its name is its number), an operator, a sensor of the target, an observer, which sends nothing, or a
-    router, which forwards messages.
+    """A vehicle (its name is its number), an operator, a sensor of the target, a source of vehicles' positions, an
+    observer, which sends nothing, or a router, which forwards messages.
 
     Raises ValueError for an invalid name.
     """

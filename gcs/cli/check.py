@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import date
+from time import time
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
@@ -41,13 +42,18 @@ def check(options: CheckOptions) -> Exit:
     from agents.shell.computer import computer_clock
     from gcs.cli.output import print_result
     from gcs.console.terminal import STDERR
-    from gcs.keys.team_keys import leaves_this_computer
+    from gcs.keys.team_keys import leaves_this_computer, team_keys
+    from gcs.preflight.keys import KeyFacts
     from gcs.preflight.preflight import exit_code, findings_json, findings_view, preflight
 
     mission = bus_mission(options.mission, options.changes)
     clock = computer_clock() if leaves_this_computer(mission) else None
+    holders = team_keys(mission).holders()
+    key_facts = None if holders is None else KeyFacts(holders, time() + mission.mission.duration_s)
     facts, computer = asyncio.run(_facts(mission))
-    findings = preflight(mission, facts, date.today(), bench=options.bench, clock=clock, computer=computer)
+    findings = preflight(
+        mission, facts, date.today(), bench=options.bench, clock=clock, computer=computer, key_facts=key_facts
+    )
     STDERR.print(findings_view(mission.mission.name, findings, passes=options.all))
     if options.json:
         print_result(findings_json(mission.mission.name, findings))

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import MissionName, chosen_vehicle, loaded_mission
+from gcs.cli.options import Changes, KeyName, MissionName, bus_mission, chosen_vehicle, loaded_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
     from agents.team.participant import Role
     from agents.team.verbs import Verb
-    from gcs.keys.roster import Holder
+    from gcs.keys.identity import Identity
+    from gcs.keys.roster import Holder, Roster
+    from gcs.mission.mission import Mission
 
 Folder = Annotated[Path, Parameter(name="--keys", help="The folder of the keys.")]
 Days = Annotated[float, Parameter(help="Validity in days.", validator=Number(gt=0.0, lte=36500.0))]
@@ -97,6 +99,15 @@ def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
     Example: cordon keys issue sensor mast
     """
     return _issue("sensor", name, options)
+
+
+@issue.command
+def positions(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
+    """Issue the keys of a program that sends the vehicles' positions, as from motion capture or UWB.
+
+    Example: cordon keys issue positions cameras
+    """
+    return _issue("positions", name, options)
 
 
 @issue.command
@@ -224,23 +235,118 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
     return Exit.HOLDS
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RevokeOptions(KeysOptions):
+    """Options of `cordon keys revoke`."""
+
+    mission: Annotated[
+        str | None, Parameter(help="The mission that a team flies now: its vehicles take the revocation in flight.")
+    ] = None
+    changes: Changes = ()
+    key: KeyName = None
+
+
+_REVOKE_DEFAULTS = RevokeOptions()
+
+
 @keys.command
 def revoke(
     holder: Annotated[str, Parameter(help="The holder, such as operator-anna or vehicle-3.")],
     /,
     *,
-    options: KeysOptions = _KEYS_DEFAULTS,
+    options: RevokeOptions = _REVOKE_DEFAULTS,
 ) -> Exit:
-    """Revoke the keys of a holder. The revocation takes effect on a computer once the roster is copied there.
+    """Revoke the keys of a holder: in a running flight with --mission, elsewhere once the roster is copied there.
 
-    Example: cordon keys revoke operator-anna
+    Example: cordon keys revoke operator-anna --mission my-mission.toml
     """
-    from gcs.console.terminal import print_line
+    from agents.ports import VehicleRefusedError
+    from gcs.console.terminal import print_line, print_problem
     from gcs.keys.authority_folder import AuthorityFolder
+    from gcs.keys.team_keys import team_keys
+
+    mission = None if options.mission is None else bus_mission(options.mission, options.changes)
+    operator: Identity | None = None
+    unsent = "no --mission is given"
+    if mission is not None:
+        try:  # before: it may revoke itself
+            operator = team_keys(mission).identity("operator", options.key)
+        except (InputError, VehicleRefusedError) as error:
+            unsent = str(error)
+    folder = AuthorityFolder(options.keys)
+    revoked = folder.revoke(holder)
+    print_line(f"{revoked.label}: revoked")
+    print_roster_step(folder.roster.valid, options.keys)
+    if mission is None or operator is None:
+        again = f"cordon keys revoke {holder} --keys {options.keys} --mission MISSION"
+        print_problem(f"not sent to a running team: {unsent}", f"`{again}`, with operator keys here")
+        return Exit.HOLDS if mission is None else Exit.REFUSED
+    if revoked.role == "router":
+        print_problem(f"{revoked.label} forwards messages until it ends", "end it, and its computer's link")
+    return _send_roster(mission, operator, folder.roster)
+
+
+def _send_roster(mission: "Mission", operator: "Identity", roster: "Roster") -> Exit:
+    from agents.ports import VehicleRefusedError
+    from gcs.console.team_bus import send_roster
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.keys.roster import digest
+
+    network = mission.network.team
+    if operator.security is None or digest(operator.security.authority_pem) != roster.authority:
+        print_problem(f"not sent: team {network} has keys of another authority, or none", "check --mission and --keys")
+        return Exit.REFUSED
+    try:
+        taken = asyncio.run(send_roster(mission, operator, roster.compact(), roster.serial))
+    except VehicleRefusedError as refusal:
+        print_problem(f"not sent to team {network}: {refusal.reason}", refusal.next_step)
+        return Exit.REFUSED
+    for vehicle_id in mission.ids:
+        if taken.get(vehicle_id):
+            print_line(f"vehicle {vehicle_id}: has taken the revocation")
+        else:
+            found = "has not taken it" if vehicle_id in taken else "is not on the bus"
+            print_problem(f"vehicle {vehicle_id}: {found}", "copy the roster there before its next flight")
+    return Exit.HOLDS if taken and all(taken.values()) else Exit.REFUSED
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignOptions(KeysOptions):
+    """Options of `cordon keys sign`."""
+
+    yes: Annotated[bool, Parameter(negative="", help="Sign without asking for confirmation.")] = False
+
+
+_SIGN_DEFAULTS = SignOptions()
+
+
+@keys.command
+def sign(*, options: SignOptions = _SIGN_DEFAULTS) -> Exit:
+    """Sign a roster made by an earlier version of cordon, after showing what it grants.
+
+    Example: cordon keys sign
+    """
+    from gcs.cli.output import confirmed, print_result
+    from gcs.console.terminal import print_line, print_problem
+    from gcs.keys.authority_folder import AuthorityFolder
+    from gcs.keys.roster import ROSTER_FILE, roster_view
 
     folder = AuthorityFolder(options.keys)
-    print_line(f"{folder.revoke(holder).label}: revoked")
-    print_roster_step(folder.roster.valid, options.keys)
+    roster = folder.roster_to_sign
+    if roster.signature:
+        print_line(f"{options.keys / ROSTER_FILE}: it is signed already")
+        return Exit.HOLDS
+    print_result(roster_view(roster))
+    if not options.yes and not confirmed("Sign this roster? It grants what is listed above."):
+        print_problem("not confirmed: the roster was not signed")
+        return Exit.REFUSED
+    folder.sign(roster)
+    print_line(f"{options.keys / ROSTER_FILE}: signed")
+    if any(holder.role == "sensor" for holder in roster.valid):
+        print_line("sensors may send no positions of vehicles any more: cordon keys issue positions NAME", "yellow")
+    print_roster_step(roster.valid, options.keys)
     return Exit.HOLDS
 
 

@@ -3,7 +3,8 @@
 They connect to the vehicles' endpoints or to the team's router.
 """
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from time import monotonic
 from types import TracebackType
@@ -14,7 +15,7 @@ from agents.shell.clock import MissionClock
 from agents.shell.zenoh_bus import ParticipantBus, single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import BusMessage, OperatorCommand, topic_of
+from agents.team.messages import ROSTER_TOPIC, BusMessage, OperatorCommand, topic_of
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import TeamKeys, team_keys
@@ -41,6 +42,38 @@ def observer(keys: TeamKeys) -> Identity:
 def send_command(bus: PeerBus, command: OperatorCommand) -> None:
     """Send a command once."""
     bus.publish(topic_of(command), encode(command))
+
+
+_ROSTER_EVERY_S, _ROSTER_TIMEOUT_S, _POLL_S = 0.5, 10.0, 0.05
+
+
+async def send_roster(mission: Mission, operator: Identity, roster: bytes, serial: int) -> Mapping[int, bool]:
+    """Send a signed roster to the vehicles on the bus; return of each whether it has taken it.
+
+    Raises VehicleRefusedError if the bus cannot be joined.
+    """
+    taken: dict[int, bool] = {}
+    bus = guest_bus(mission, operator)
+
+    def take_presence(vehicle_id: int, present: bool) -> None:
+        if present:
+            taken.setdefault(vehicle_id, False)
+
+    await bus.open(lambda _message: None, lambda *_: None, take_presence)
+    try:
+        end_s = next_s = monotonic()
+        end_s += _ROSTER_TIMEOUT_S
+        while monotonic() < end_s and not (len(taken) == len(mission.ids) and all(taken.values())):
+            if monotonic() >= next_s:
+                bus.publish(ROSTER_TOPIC, roster)
+                next_s += _ROSTER_EVERY_S
+            await asyncio.sleep(_POLL_S)
+            for vehicle_id in mission.ids:
+                if bus.rosters.get(str(vehicle_id), 0) >= serial:
+                    taken[vehicle_id] = True
+        return taken
+    finally:
+        await bus.close()
 
 
 _LOOKED_UP_EVERY_S = 1.0

@@ -205,6 +205,7 @@ async def fly(
     with ExitStack() as stack:
         clock = _mission_clock(plan, stack)
         keys = stack.enter_context(flight_keys(plan.mission))
+        plan = replace(plan, holders=keys.holders())
         recording = stack.enter_context(Recording(plan.log, clock))
         team = FlightTeam(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
         return await _fly(team, report, supervisor, injector)

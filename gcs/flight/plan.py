@@ -12,10 +12,12 @@ from gcs.flight.log_process import LogProcess
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.keys.identity import user_name
+from gcs.keys.roster import Holder
 from gcs.keys.team_keys import leaves_this_computer
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer import ComputerFacts
 from gcs.preflight.findings import Finding, VehicleFacts
+from gcs.preflight.keys import KeyFacts
 from gcs.preflight.preflight import preflight
 from sitl.server.shared_clock import ClockName
 
@@ -28,7 +30,8 @@ class FlightPlan:
     open log, None for a flight that is not recorded. `wait_s` [wall s] limits the wait on the ground for vehicles that
     are about to be ready. `faults` are those to inject into stubs, in order of time. On the `bench`, boards with
     simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
-    starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one.
+    starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one. `holders`
+    are those of the bus's keys when the flight begins.
     """
 
     mission: Mission
@@ -43,6 +46,7 @@ class FlightPlan:
     bench: bool = False
     awaits_start: bool = False
     clock: ClockName | None = None
+    holders: Sequence[Holder] | None = None
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
@@ -68,7 +72,7 @@ class FlightPlan:
         return not self.is_governed
 
     def findings(self, facts: Sequence[VehicleFacts], computer: ComputerFacts | None = None) -> Sequence[Finding]:
-        """Return the preflight findings about the mission, its vehicles and this computer, as far as measured."""
+        """Return the preflight findings about the mission, its vehicles, its keys and this computer, as measured."""
         alone = len(self.vehicles) < len(self.mission.vehicles) and leaves_this_computer(self.mission)
         clock = computer_clock() if alone else None
         return preflight(
@@ -79,6 +83,7 @@ class FlightPlan:
             bench=self.bench,
             clock=clock,
             computer=computer,
+            key_facts=None if self.holders is None else KeyFacts(self.holders, time() + self.duration_s),
         )
 
     def run(self, speed: float) -> Run:

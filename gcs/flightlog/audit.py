@@ -8,20 +8,21 @@ from typing import Literal
 
 import msgspec
 
-from agents.inputs import Command, Message
+from agents.inputs import Bus, Command, Message
 from agents.outputs import TickOutput
 from agents.team.codec import decode
-from agents.team.messages import TOPICS, CommandAnswer, CommandKey, OperatorCommand, key_of
+from agents.team.messages import ROSTER_TOPIC, TOPICS, CommandAnswer, CommandKey, OperatorCommand, key_of
 from agents.team.text import printable
 
-Event = Literal["received", "answered", "closed"]
+Event = Literal["received", "answered", "revoked", "closed"]
 Source = Literal["bus", "keyboard", ""]
 
 
 class AuditEntry(msgspec.Struct, frozen=True):
-    """A command received by a vehicle, its answer, or the closing of the log after all entries.
+    """A command received by a vehicle, its answer, keys revoked in flight, or the closing of the log after all entries.
 
-    `operator` is the name in its key, and on a bus with keys that of the certificate. `did` is the vehicle's answer.
+    `operator` is the name in its key, and on a bus with keys that of the certificate. `did` is the vehicle's answer, or the
+    effect of a revocation.
     `previous` is the digest of the entry before, empty in the first; `digest` is the SHA-256 of all other fields.
     """
 
@@ -72,6 +73,7 @@ class AuditTrail:
         self._previous = ""
         self._commands: OrderedDict[tuple[int, CommandKey], tuple[Source, str, str]] = OrderedDict()
         self._answers: OrderedDict[tuple[int, CommandKey, str], None] = OrderedDict()
+        self._revoked: dict[int, tuple[str, ...]] = {}
 
     def take(self, vehicle_id: int, time_s: float, item: object) -> Iterator[AuditEntry]:
         """Return the entries for an input or output of a vehicle's core."""
@@ -80,6 +82,10 @@ class AuditTrail:
                 yield from self._received(vehicle_id, time_s, command, "bus", key_of(command))
             case Command(command=command):
                 yield from self._received(vehicle_id, time_s, command, "keyboard", key_of(command))
+            case Bus(revoked=revoked) if revoked != self._revoked.get(vehicle_id, ()):
+                self._revoked[vehicle_id] = revoked
+                did = f"accepts nothing from {', '.join(revoked)}"
+                yield self._chained(AuditEntry(time_s, "revoked", vehicle_id, "bus", "", ROSTER_TOPIC, 0, did, "", ""))
             case TickOutput(messages=messages):
                 for each in messages:
                     if each.topic == _ANSWERS:
@@ -124,6 +130,8 @@ class AuditTrail:
 def audit_line(entry: AuditEntry) -> str:
     """Return an entry as one printable line: time, vehicle, operator, key, and the vehicle's answer."""
     who = f"operator {entry.operator}" if entry.source == "bus" else f"keyboard of {entry.operator}"
+    if entry.event == "revoked":
+        who = "authority"
     did = "received" if entry.event == "received" else entry.did
     return printable(f"{_time(entry.time_s)}  vehicle {entry.vehicle}  {who}  {entry.key}  {did}")
 

@@ -12,7 +12,7 @@ from gcs.errors import InputError
 from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
 from gcs.keys.key_folder import CERTIFICATE_FILE, PRIVATE_KEY_FILE, KeyFolder
 from gcs.keys.private_files import make_folder, read, read_private, write
-from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
+from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster, unverified_roster, used_serial
 
 AUTHORITY = "authority"
 
@@ -26,8 +26,23 @@ class AuthorityFolder:
     @property
     def roster(self) -> Roster:
         """All holders; raises InputError if there is no authority."""
-        self._require_authority()
-        return read_roster(self.path / ROSTER_FILE)
+        return read_roster(self.path / ROSTER_FILE, self._certificate_pem)
+
+    @property
+    def roster_to_sign(self) -> Roster:
+        """The roster if nobody has signed it, as those of earlier versions, newer than all before it here.
+
+        Raises InputError for one that was altered after it was signed.
+        """
+        path = self.path / ROSTER_FILE
+        roster = unverified_roster(path, self._certificate_pem)
+        if roster.signature:
+            return self.roster
+        return msgspec.structs.replace(roster, serial=used_serial(path) + 1)
+
+    def sign(self, roster: Roster) -> None:
+        """Sign a roster, and write it to this folder and the folders of its holders here; raises InputError."""
+        KeyFolder(self.path).put_roster(roster.signed(self._load_authority().sign))
 
     def init(self, days: float) -> None:
         """Create the authority of a team; raises InputError if there is one already."""
@@ -38,7 +53,7 @@ class AuthorityFolder:
         keys = CertificateAuthority.made(days).keys
         write(self._authority / PRIVATE_KEY_FILE, keys.private_key_pem)
         write(self._authority / CERTIFICATE_FILE, keys.certificate_pem)
-        KeyFolder(self.path).put_roster(Roster(digest(keys.certificate_pem)))
+        self.sign(Roster(digest(keys.certificate_pem)).put())
 
     def issue(self, role: Role, name: str, days: float, may: tuple[Verb, ...] | None = None) -> Holder:
         """Issue a holder's certificate, valid for `days`; one issued before is no longer valid.
@@ -56,9 +71,8 @@ class AuthorityFolder:
             1 if before is None else before.generation + 1,
         )
         keys = authority.issue(holder.common_name, holder.expires_s)
-        folder = KeyFolder(self.path)
-        folder.put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
-        folder.put_roster(roster.put(holder))
+        KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
+        self.sign(roster.put(holder))
         return holder
 
     def revoke(self, label: str) -> Holder:
@@ -68,20 +82,24 @@ class AuthorityFolder:
         if holder is None:
             known = ", ".join(each.label for each in roster.holders) or "none"
             raise InputError([f"{label}: no keys of this name were issued (issued: {known})"])
+        if holder.revoked:
+            return holder
         revoked = msgspec.structs.replace(holder, revoked=True)
-        KeyFolder(self.path).put_roster(roster.put(revoked))
+        self.sign(roster.put(revoked))
         return revoked
 
     @property
     def _authority(self) -> Path:
         return self.path / AUTHORITY
 
-    def _require_authority(self) -> None:
+    @property
+    def _certificate_pem(self) -> bytes:
         if not self._authority.is_dir():
             raise InputError([f"{self.path}: there is no authority; next: cordon keys init --keys {self.path}"])
+        return read(self._authority / CERTIFICATE_FILE)
 
     def _load_authority(self) -> CertificateAuthority:
-        keys = KeyPair(read(self._authority / CERTIFICATE_FILE), read_private(self._authority / PRIVATE_KEY_FILE))
+        keys = KeyPair(self._certificate_pem, read_private(self._authority / PRIVATE_KEY_FILE))
         try:
             return CertificateAuthority(keys)
         except ValueError as error:

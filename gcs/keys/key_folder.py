@@ -10,7 +10,7 @@ from agents.team.participant import Role
 from gcs.errors import InputError
 from gcs.keys.identity import FlyingIdentity, Identity
 from gcs.keys.private_files import check_folder, make_folder, read, read_private, write
-from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
+from gcs.keys.roster import ROSTER_FILE, Holder, KeptRoster, Roster, read_roster, write_roster
 
 AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE = "authority.pem", "certificate.pem", "private-key.pem"
 
@@ -25,22 +25,38 @@ class KeyFolder:
 
     def identity(self, role: Role, name: str | None = None) -> Identity:
         """Return a holder's identity; without a name that of the only holder of this role. Raises InputError."""
-        folder = self.path / f"{role}-{self._only(role) if name is None else name}"
-        if not folder.is_dir():
-            raise InputError([f"{folder}: no such folder of keys; next: {self._next_step(role, name)}"])
-        check_folder(folder)
-        roster, authority_pem = read_roster(folder / ROSTER_FILE), read(folder / AUTHORITY_FILE)
-        if digest(authority_pem) != roster.authority:
-            found = f"it is of another authority than {AUTHORITY_FILE} beside it"
-            raise InputError([f"{folder / ROSTER_FILE}: {found}; next: copy the folder again"])
+        folder = self._folder(role, name)
+        roster = _roster(folder)
         holder = _holder(roster, folder)
+        authority_pem = read(folder / AUTHORITY_FILE)
         security = BusSecurity(
             authority_pem,
             read(folder / CERTIFICATE_FILE),
             read_private(folder / PRIVATE_KEY_FILE),
             tuple(each.grant for each in roster.valid),
+            roster.serial,
+            KeptRoster(folder / ROSTER_FILE, authority_pem),
         )
         return Identity(holder.participant, security, holder.may)
+
+    def holders(self) -> Sequence[Holder]:
+        """Return the holders that are not revoked, by the newest roster here that counts.
+
+        Raises InputError if none does.
+        """
+        rosters, faults = list[Roster](), list[InputError]()
+        for file in sorted(self.path.glob(f"*/{ROSTER_FILE}")):
+            try:
+                rosters.append(_roster(file.parent))
+            except InputError as error:
+                faults.append(error)
+        if rosters:
+            return max(rosters, key=lambda roster: roster.serial).valid
+        raise (
+            faults[0]
+            if faults
+            else InputError([f"{self.path}: no keys here; next: {self._next_step('vehicle', None)}"])
+        )
 
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
         """Return the identities of a process that flies these vehicles, one for each. Raises InputError."""
@@ -56,12 +72,17 @@ class KeyFolder:
         return folder
 
     def put_roster(self, roster: Roster) -> None:
-        """Write the roster to this folder and to the folder of each of its holders; raises InputError."""
-        content = roster.encoded()
-        write(self.path / ROSTER_FILE, content)
-        for holder in roster.holders:
-            if (folder := self.path / holder.label).is_dir():
-                write(folder / ROSTER_FILE, content)
+        """Write the signed roster to this folder and to the folder of each of its holders; raises InputError."""
+        for folder in (self.path, *(self.path / holder.label for holder in roster.holders)):
+            if folder.is_dir():
+                write_roster(folder / ROSTER_FILE, roster)
+
+    def _folder(self, role: Role, name: str | None) -> Path:
+        folder = self.path / f"{role}-{self._only(role) if name is None else name}"
+        if not folder.is_dir():
+            raise InputError([f"{folder}: no such folder of keys; next: {self._next_step(role, name)}"])
+        check_folder(folder)
+        return folder
 
     def _only(self, role: Role) -> str:
         try:
@@ -77,6 +98,10 @@ class KeyFolder:
     def _next_step(self, role: Role, name: str | None) -> str:
         issue = f"cordon keys issue {role} {name or 'NAME'} --keys {self.path}"
         return f"issue them by `{issue}`, or copy the folder {role}-{name or 'NAME'} from the computer that issued them"
+
+
+def _roster(folder: Path) -> Roster:
+    return read_roster(folder / ROSTER_FILE, read(folder / AUTHORITY_FILE))
 
 
 def _holder(roster: Roster, folder: Path) -> Holder:

@@ -1,19 +1,25 @@
 """The holders of keys, and the roster file: the holders of a team, what each may do, and what is revoked."""
 
 import hashlib
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from time import time
 
 import msgspec
 
-from agents.shell.bus_security import Grant
-from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC
+from agents.shell.bus_security import Admitted, Grant
+from agents.team import external_positions, perception
+from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC, ROSTER_TOPIC
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
 from agents.team.verbs import Verb
 from gcs.errors import InputError
+from gcs.keys.private_files import read, write
 
-_ALL_TOPICS = (*(f"{topic}/*" for topic in sorted(PEER_TOPICS | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
+_OF_VEHICLES = tuple(sorted(PEER_TOPICS | {ROSTER_TOPIC}))
+_ALL_TOPICS = (*(f"{topic}/*" for topic in sorted({*_OF_VEHICLES} | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
 """What a router forwards: it checks each sender against its certificate."""
 
 
@@ -49,6 +55,11 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         return f"{self.role}-{self.name}"
 
     @property
+    def vehicles(self) -> tuple[str, ...]:
+        """The names of the vehicles that it may send as."""
+        return (self.name, *map(str, self.speaks_for)) if self.role == "vehicle" else ()
+
+    @property
     def common_name(self) -> str:
         """The common name of the valid certificate; names of holders have no tilde."""
         return self.label if self.generation == 1 else f"{self.label}~{self.generation}"
@@ -58,29 +69,37 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         """What the holder may send."""
         match self.role:
             case "vehicle":
-                names = (self.name, *map(str, self.speaks_for))
-                topics = tuple(f"{topic}/{name}" for topic in sorted(PEER_TOPICS) for name in names)
-                return Grant(self.common_name, topics, tuple(f"{PRESENCE_TOPIC}/{name}" for name in names))
+                topics = tuple(f"{topic}/{name}" for topic in _OF_VEHICLES for name in self.vehicles)
+                return Grant(self.common_name, topics, tuple(f"{PRESENCE_TOPIC}/{name}" for name in self.vehicles))
             case "operator":
                 verbs = tuple(f"{OPERATOR_TOPIC}/{verb}/{self.name}" for verb in self.may)
-                return Grant(self.common_name, verbs, (f"{OPERATORS_TOPIC}/{self.name}",))
+                topics = (*verbs, f"{ROSTER_TOPIC}/{self.name}")
+                return Grant(self.common_name, topics, (f"{OPERATORS_TOPIC}/{self.name}",))
             case "sensor":
-                return Grant(self.common_name, tuple(f"{topic}/{self.name}" for topic in sorted(SENSOR_TOPICS)))
+                return Grant(self.common_name, (f"{perception.TOPIC}/{self.name}",))
+            case "positions":
+                return Grant(self.common_name, (f"{external_positions.TOPIC}/{self.name}",))
             case "observer":
                 return Grant(self.common_name)
             case "router":
                 return Grant(self.common_name, _ALL_TOPICS, (f"{PRESENCE_TOPIC}/*", f"{OPERATORS_TOPIC}/*"))
 
 
-ROSTER_FILE = "roster.json"
+ROSTER_FILE, SERIAL_FILE = "roster.json", "roster-serial"
 _SIZE_MAX_BYTES = 1_000_000
 
 
 class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All holders of certificates of one authority; `authority` is the SHA-256 of its certificate, in hex."""
+    """All holders of certificates of one authority; `authority` is the SHA-256 of its certificate, in hex.
+
+    Each change has the next `serial`. The authority signs all other fields; without its signature it counts for
+    nothing.
+    """
 
     authority: str
+    serial: int = 0
     holders: tuple[Holder, ...] = ()
+    signature: bytes = b""
 
     def find(self, role: Role, name: str) -> Holder | None:
         """Return the holder of this role and name, None if there is none."""
@@ -91,14 +110,28 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The holders that are not revoked."""
         return tuple(each for each in self.holders if not each.revoked)
 
-    def put(self, holder: Holder) -> "Roster":
-        """Return the roster with a holder added; it replaces one of the same role and name."""
-        others = (each for each in self.holders if each.label != holder.label)
-        return Roster(self.authority, tuple(sorted((*others, holder), key=_order)))
+    @property
+    def signed_content(self) -> bytes:
+        """What the authority signs: it is encoded anew, so that what is verified is what was read."""
+        return msgspec.structs.replace(self, signature=b"").compact()
+
+    def put(self, *holders: Holder) -> "Roster":
+        """Return the roster with holders added, not signed; each replaces one of the same role and name."""
+        labels = {each.label for each in holders}
+        others = (each for each in self.holders if each.label not in labels)
+        return Roster(self.authority, self.serial + 1, tuple(sorted((*others, *holders), key=_order)))
+
+    def signed(self, sign: Callable[[bytes], bytes]) -> "Roster":
+        """Return the roster with the signature of its authority."""
+        return msgspec.structs.replace(self, signature=sign(self.signed_content))
+
+    def compact(self) -> bytes:
+        """Return the payload on the bus."""
+        return msgspec.json.encode(self)
 
     def encoded(self) -> bytes:
         """Return the file's content: indented JSON."""
-        return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
+        return msgspec.json.format(self.compact(), indent=1) + b"\n"
 
 
 def digest(authority_pem: bytes) -> str:
@@ -106,16 +139,97 @@ def digest(authority_pem: bytes) -> str:
     return hashlib.sha256(authority_pem).hexdigest()
 
 
-def read_roster(path: Path) -> Roster:
-    """Read a roster; raises InputError."""
+def read_roster(path: Path, authority_pem: bytes) -> Roster:
+    """Read a roster of this authority; raises InputError unless it is signed and no older than any read here before."""
+    roster = unverified_roster(path, authority_pem)
+    if not roster.signature:
+        raise InputError([f"{path}: it is not signed: of an earlier version, or altered; next: {_SIGN}"])
+    if not is_signed_roster(roster, authority_pem):
+        raise InputError([f"{path}: it was altered: it is not what the authority has signed; next: {_COPY}"])
+    if roster.serial < (used := used_serial(path)):
+        older = f"it is an older roster (serial {roster.serial}) than the one used here before (serial {used})"
+        raise InputError([f"{path}: {older}, and may admit revoked keys; next: {_COPY}"])
+    _remember(path, roster.serial)
+    return roster
+
+
+_COPY = f"copy {ROSTER_FILE} again from the keys folder that has the authority"
+_SIGN = f"`cordon keys sign` on the computer that has the authority, then copy {ROSTER_FILE} from there"
+
+
+def unverified_roster(path: Path, authority_pem: bytes) -> Roster:
+    """Read a roster that names this authority, whoever wrote it; raises InputError."""
     try:
         with path.open("rb") as file:
-            content = file.read(_SIZE_MAX_BYTES)
-        return msgspec.json.decode(content, type=Roster)
+            roster = _decoded(file.read(_SIZE_MAX_BYTES))
     except OSError as error:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
-    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
+    except ValueError as error:
         raise InputError([f"{path}: not a roster of keys: {error}"]) from error
+    if digest(authority_pem) != roster.authority:
+        raise InputError([f"{path}: it is of another authority than the keys; next: copy the folder again"])
+    return roster
+
+
+def _decoded(content: bytes) -> Roster:
+    try:
+        return msgspec.json.decode(content, type=Roster)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise ValueError(str(error)) from error
+
+
+def is_signed_roster(roster: Roster, authority_pem: bytes) -> bool:
+    """Return whether this authority has signed a roster."""
+    from gcs.keys.certificates import is_signed  # noqa: PLC0415
+
+    try:
+        return is_signed(authority_pem, roster.signed_content, roster.signature)
+    except ValueError:
+        return False
+
+
+def write_roster(path: Path, roster: Roster) -> None:
+    """Write a signed roster, and remember that it is used here; raises InputError."""
+    write(path, roster.encoded())
+    _remember(path, roster.serial)
+
+
+@dataclass(frozen=True, slots=True)
+class KeptRoster:
+    """Keeps a roster file up to date with signed rosters from the bus; implements `agents.shell`'s RosterKeeper."""
+
+    path: Path
+    authority_pem: bytes
+
+    def take(self, payload: bytes) -> Admitted | None:
+        """Return what a roster admits, None unless the authority has signed it; write it to the file if it is newer."""
+        try:
+            roster = _decoded(payload)
+        except ValueError:
+            return None
+        if roster.authority != digest(self.authority_pem) or not is_signed_roster(roster, self.authority_pem):
+            return None
+        with suppress(InputError):  # a folder that cannot be written to: it holds for this flight
+            if roster.serial > used_serial(self.path):
+                write_roster(self.path, roster)
+        return Admitted(roster.serial, frozenset(each.common_name for each in roster.valid))
+
+
+def used_serial(path: Path) -> int:
+    """Return the highest serial of the rosters used in this place; raises InputError."""
+    memory = path.with_name(SERIAL_FILE)
+    if not memory.exists():
+        return 0
+    try:
+        return int(read(memory))
+    except ValueError as error:
+        raise InputError([f"{memory}: not a number; next: remove it, and {_COPY}"]) from error
+
+
+def _remember(path: Path, serial: int) -> None:
+    if serial > used_serial(path):
+        with suppress(InputError):  # a folder that cannot be written to is kept by who can
+            write(path.with_name(SERIAL_FILE), b"%d\n" % serial)
 
 
 def _order(holder: Holder) -> tuple[str, int, str]:
@@ -126,6 +240,7 @@ def _order(holder: Holder) -> tuple[str, int, str]:
 _SENDS = {
     "vehicle": "sends as this vehicle",
     "sensor": "sends sightings of the target",
+    "positions": "sends positions of vehicles",
     "observer": "sends nothing",
     "router": "forwards the others' messages",
 }
@@ -146,9 +261,9 @@ def grants(holder: Holder) -> str:
     return f"may command {', '.join(holder.may)}" if holder.may else "may command nothing"
 
 
-def expiry(holder: Holder) -> str:
-    """Return the day on which a holder's keys expire."""
-    return f"{datetime.fromtimestamp(holder.expires_s):%Y-%m-%d}"
+def expiry(holder: Holder, *, minutes: bool = False) -> str:
+    """Return the day on which a holder's keys expire, or the minute, in this computer's time zone."""
+    return f"{datetime.fromtimestamp(holder.expires_s):{'%Y-%m-%d %H:%M' if minutes else '%Y-%m-%d'}}"
 
 
 def _state(holder: Holder) -> str:

@@ -19,7 +19,7 @@ from gcs.errors import InputError
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.private_files import is_of_another_user, make_folder
-from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster
+from gcs.keys.roster import Holder, Roster, digest
 
 _VALID_DAYS = 7.0
 """Longer than any flight: the keys are removed when its last process ends."""
@@ -27,7 +27,7 @@ _VALID_DAYS = 7.0
 
 @dataclass(frozen=True, slots=True)
 class RunKeys:
-    """The keys of a team's vehicles, and of this user as operator, sensor and observer.
+    """The keys of a team's vehicles, and of this user as operator, sensor, source of positions and observer.
 
     The vehicles share one certificate: a user who can read one vehicle's keys can read all of them, and a process needs
     only one session for all its vehicles.
@@ -58,6 +58,12 @@ class RunKeys:
         """Return the single identity of a process that flies these vehicles; raises as `identity`."""
         return [FlyingIdentity(tuple(vehicle_ids), self.identity("vehicle").security)]
 
+    def holders(self) -> Sequence[Holder] | None:
+        """Return who is admitted to the bus of the flight on this computer, None if none runs; raises InputError."""
+        with locked_runtime_folder() as runtime:
+            folder = runtime / self.team
+            return KeyFolder(folder).holders() if _in_use(folder) else None
+
     @contextmanager
     def held(self) -> Iterator[None]:
         """Hold the keys inside this context.
@@ -83,8 +89,7 @@ class RunKeys:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _require_own_vehicles(self, folder: Path) -> None:
-        vehicles = (each for each in read_roster(folder / ROSTER_FILE).valid if each.role == "vehicle")
-        flying = {str(number) for each in vehicles for number in (each.name, *each.speaks_for)}
+        flying = {name for each in KeyFolder(folder).holders() for name in each.vehicles}
         if others := [vehicle_id for vehicle_id in self.ids if str(vehicle_id) not in flying]:
             raise VehicleRefusedError(
                 f"a flight of team {self.team} runs on this computer with vehicles {', '.join(sorted(flying))}, without"
@@ -98,18 +103,18 @@ class RunKeys:
         authority = CertificateAuthority.made(_VALID_DAYS)
         authority_pem = authority.keys.certificate_pem
         make_folder(folder)
-        keys, roster = KeyFolder(folder), Roster(digest(authority_pem))
-        for holder in self._holders(time() + _VALID_DAYS * DAY_S):
+        keys, holders = KeyFolder(folder), tuple(self._holders(time() + _VALID_DAYS * DAY_S))
+        for holder in holders:
             pair = authority.issue(holder.common_name, holder.expires_s)
             keys.put(holder, pair.certificate_pem, pair.private_key_pem, authority_pem)
-            roster = roster.put(holder)
-        keys.put_roster(roster)
+        keys.put_roster(Roster(digest(authority_pem)).put(*holders).signed(authority.sign))
 
     def _holders(self, expires_s: float) -> Iterator[Holder]:
         first, *others = self.ids
         yield Holder("vehicle", str(first), expires_s, speaks_for=tuple(others))
         yield Holder("operator", user_name(), expires_s, tuple(VERBS))
         yield Holder("sensor", user_name(), expires_s)
+        yield Holder("positions", user_name(), expires_s)
         yield Holder("observer", user_name(), expires_s)
 
 

@@ -9,6 +9,7 @@ from agents.team.participant import Participant, Role
 from gcs.errors import InputError
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
+from gcs.keys.roster import Holder
 from gcs.keys.run_keys import RunKeys
 from gcs.mission.mission import Mission
 
@@ -34,6 +35,10 @@ class TeamKeys(Protocol):
         """Return the identities of a process that flies these vehicles; raises as `identity`."""
         ...
 
+    def holders(self) -> Sequence[Holder] | None:
+        """Return who is admitted to the bus, None if nobody has keys yet; raises InputError if keys are missing."""
+        ...
+
 
 class NoKeys:
     """The identities on a bus without keys."""
@@ -45,6 +50,9 @@ class NoKeys:
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
         """Return the single identity of a process that flies these vehicles."""
         return [FlyingIdentity(tuple(vehicle_ids))]
+
+    def holders(self) -> None:
+        """Return None."""
 
 
 def team_keys(mission: Mission) -> TeamKeys:

@@ -15,6 +15,7 @@ from gcs.metrics.json_output import json_output
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer import ComputerFacts, judge_computer
 from gcs.preflight.findings import MISSION, Finding, Grade, Subject, VehicleFacts, subjects_text
+from gcs.preflight.keys import KeyFacts, keys
 from gcs.preflight.mission import autopilot_limits, feasibility, link_budget, losses
 from gcs.preflight.parameters import estimator, failsafes, fence, fence_areas, kinds, profile, station
 from gcs.preflight.senders import senders
@@ -70,12 +71,13 @@ def preflight(
     bench: bool = False,
     clock: ComputerClock | None = None,
     computer: ComputerFacts | None = None,
+    key_facts: KeyFacts | None = None,
 ) -> tuple[Finding, ...]:
     """Return all findings, the most severe first; raises KeyError for facts about a vehicle outside the mission.
 
     Without `today` no profile is too old. With `stubs` all vehicles are stubs; with `bench` they are boards in
     hardware-in-the-loop simulation, propellers off. `clock` is this computer's clock if the team is on several,
-    `computer` what was measured of it for a flight on the wall's clock.
+    `computer` what was measured of it for a flight on the wall's clock. `key_facts` are those of a bus with keys.
     """
     away, team = elsewhere(mission, team)
     findings = [
@@ -86,6 +88,7 @@ def preflight(
         *together(mission, team),
         *(() if clock is None else (clock_setting(clock),)),
         *(() if computer is None else judge_computer(computer)),
+        *(() if key_facts is None else keys(mission, key_facts)),
     ]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)

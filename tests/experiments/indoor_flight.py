@@ -162,7 +162,7 @@ async def publish(mission: Mission, cameras: Cameras, ended: threading.Event) ->
     """Publish the vehicle's positions on the team's bus until the end."""
     while True:
         try:
-            bus = guest_bus(mission, team_keys(mission).identity("sensor"))
+            bus = guest_bus(mission, team_keys(mission).identity("positions"))
             break
         except (InputError, VehicleRefusedError):  # the flight has not begun
             await asyncio.sleep(0.2)

@@ -100,6 +100,7 @@ class Bus:
     alive = True
     drops = NO_DROPS
     operated = False
+    revoked: tuple[str, ...] = ()
 
     def __init__(self) -> None:
         self.deliver: Callable[[BusMessage], None] = lambda _message: None

@@ -184,6 +184,7 @@ class FakeBus:
 
     alive = True
     operated = False
+    revoked: tuple[str, ...] = ()
     drops = NO_DROPS
 
     def __init__(self) -> None:

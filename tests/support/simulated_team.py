@@ -186,7 +186,7 @@ class TeamBus:
 class MemberBus:
     """One vehicle's part of the bus; implements `agents.ports.PeerBus`."""
 
-    operated, drops = False, NO_DROPS
+    operated, revoked, drops = False, (), NO_DROPS
 
     def __init__(self, team: TeamBus, vehicle_id: int) -> None:
         self.alive = True

@@ -87,7 +87,7 @@ ALONE = (
     VerbRun("keys init"),
     *(
         VerbRun(f"keys issue {role}", "1" if role == "vehicle" else "hill")
-        for role in ("vehicle", "sensor", "observer")
+        for role in ("vehicle", "sensor", "positions", "observer")
     ),
     VerbRun("keys issue operator", "anna"),
     VerbRun("keys issue router", "hill"),

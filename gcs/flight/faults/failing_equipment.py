@@ -54,6 +54,11 @@ class FailingBus:
         """Whether an operator is on the real bus."""
         return self._bus.operated
 
+    @property
+    def revoked(self) -> tuple[str, ...]:
+        """The common names that were revoked on the real bus."""
+        return self._bus.revoked
+
     async def open(
         self,
         on_message: Callable[[BusMessage], None],

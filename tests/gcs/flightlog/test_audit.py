@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from foxglove import Context
 
-from agents.inputs import Command, Message, Start
+from agents.inputs import Bus, Command, Message, Start
 from agents.shell.clock import WallClock
 from agents.team.messages import OperatorCommand
 from estimation.state import Telemetry
@@ -52,6 +52,7 @@ def fly_commanded(recording: Recording) -> None:
         if tick == 8:
             for_another = msgspec.structs.replace(command(5, "land", now_s), vehicle=3)
             core.take(Message(now_s, for_another))
+        core.take(Bus(alive=True, operated=True, revoked=("operator-anna",) if tick >= 9 else ()))
         core.tick(now_s)
 
 
@@ -79,11 +80,15 @@ def test_every_command_and_what_came_of_it_is_an_entry_once(log: Path) -> None:
         ("answered", 2, "bus", "command/formation/anna", 3, found[5][5]),
         ("received", 2, "bus", "command/kill/bob", 1, ""),
         ("answered", 2, "bus", "command/kill/bob", 1, found[7][5]),
+        ("revoked", 2, "bus", "roster", 0, "accepts nothing from operator-anna"),
         ("closed", 0, "", "", 0, ""),
     ]
     assert found[5][5].startswith("refused")
     assert "ahead of this vehicle's clock" in found[7][5]
-    assert [each.operator for each in entries_of(log)] == ["anna"] * 2 + ["bob"] * 2 + ["anna"] * 2 + ["bob"] * 2 + [""]
+    assert [each.operator for each in entries_of(log)] == ["anna"] * 2 + ["bob"] * 2 + ["anna"] * 2 + ["bob"] * 2 + [
+        "",
+        "",
+    ]
 
 
 def test_the_chain_is_of_plain_hashes_and_whole(log: Path) -> None:

@@ -3,9 +3,10 @@
 import re
 import shutil
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from agents.shell.bus_security import BusSecurity
@@ -27,6 +28,7 @@ def keys(tmp_path: Path) -> AuthorityFolder:
     folder.issue("operator", "anna", 1.0)
     folder.issue("operator", "bob", 1.0, ("hold", "kill"))
     folder.issue("sensor", "mast", 1.0)
+    folder.issue("positions", "cameras", 1.0)
     folder.issue("observer", "tower", 1.0)
     return folder
 
@@ -44,12 +46,16 @@ def granted(keys: AuthorityFolder, common_name: str) -> set[str]:
 
 
 def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
-    own = {"member/3", "start/3", "answer/3", "@report/3", "alive/3"}
+    own = {"member/3", "start/3", "answer/3", "@report/3", "roster/3", "alive/3"}
     assert granted(keys, "vehicle-3") == own
     steering = set(VERBS) - {"kill"}
-    assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering} | {"operator/anna"}
-    assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob", "operator/bob"}
-    assert granted(keys, "sensor-mast") == {"perception/mast", "position/mast"}
+    assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering} | {
+        "roster/anna",
+        "operator/anna",
+    }
+    assert granted(keys, "operator-bob") == {"command/hold/bob", "command/kill/bob", "roster/bob", "operator/bob"}
+    assert granted(keys, "sensor-mast") == {"perception/mast"}
+    assert granted(keys, "positions-cameras") == {"position/cameras"}
     assert granted(keys, "observer-tower") == set()
 
 
@@ -61,7 +67,7 @@ def test_a_router_passes_on_all_that_anybody_may_send(keys: AuthorityFolder) -> 
         parts = key.split("/")
         return any(len(parts) == len(each) and all(map(_alike, each, parts)) for each in passes_on)
 
-    for holder in ("vehicle-3", "operator-anna", "operator-bob", "sensor-mast"):
+    for holder in ("vehicle-3", "operator-anna", "operator-bob", "sensor-mast", "positions-cameras"):
         assert all(map(passed, granted(keys, holder))), holder
     assert not passed("target/3")
 
@@ -79,7 +85,14 @@ def test_what_is_not_allowed_is_denied_and_nobody_may_write_patterns(keys: Autho
     for rule in control["rules"]:
         if "ingress" in rule["flows"] and set(rule["messages"]) & {"put", "delete", "liveliness_token"}:
             assert not any("*" in key or "$" in key for key in rule["key_exprs"]), rule
-    everybody = {"vehicle-3", "operator-anna", "operator-bob", "sensor-mast", "observer-tower"}
+    everybody = {
+        "vehicle-3",
+        "operator-anna",
+        "operator-bob",
+        "sensor-mast",
+        "positions-cameras",
+        "observer-tower",
+    }
     assert {name for subject in control["subjects"] for name in subject["cert_common_names"]} == everybody
 
 
@@ -114,7 +127,7 @@ def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(key
     after = security_of(keys, "operator", "bob")
     assert after.certificate_pem != before
     assert granted(keys, "operator-bob") == set(), "the certificate that was revoked still counts"
-    assert granted(keys, "operator-bob~2") == {"command/hold/bob", "operator/bob"}
+    assert granted(keys, "operator-bob~2") == {"command/hold/bob", "roster/bob", "operator/bob"}
 
 
 def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
@@ -142,6 +155,81 @@ def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtes
     for words, ask in asked.items():
         with subtests.test(words=words), pytest.raises(InputError, match=re.escape(words)):
             ask()
+
+
+FIRST = "[[vehicles]]\nid = 1\n"
+GRANTED_BY_HAND: Mapping[str, tuple[bytes, bytes]] = {
+    "kill": (b'"hold",\n    "kill"', b'"hold",\n    "kill",\n    "land"'),
+    "a later end": (b'"expires_s": ', b'"expires_s": 1'),
+    "no revocation": (b'"revoked": true', b'"revoked": false'),
+    "another serial": (b'"serial": ', b'"serial": 9'),
+    "without its signature": (rb',\s*"signature": "[^"]*"', b""),
+}
+
+
+def test_what_was_edited_by_hand_grants_nothing(
+    keys: AuthorityFolder, mission_file: Callable[..., str], run_here: RunHere, subtests: pytest.Subtests
+) -> None:
+    keys.revoke("sensor-mast")
+    mission = mission_file("case2", (FIRST, f'[network]\nsecurity = {{ keys = "keys" }}\n\n{FIRST}'))
+    places = [keys.path / ROSTER_FILE, keys.path / "operator-bob" / ROSTER_FILE]
+    whole = places[0].read_bytes()
+    for name, (before, after) in GRANTED_BY_HAND.items():
+        edited = re.sub(before, after, whole, count=1)
+        for place in places:
+            place.write_bytes(edited)
+        commands = ("command", "land", "--key", "bob", "--mission", mission), ("keys", "issue", "observer", "new")
+        for command in commands:
+            with subtests.test(name, command=command[0]):
+                assert edited != whole
+                options = ("--keys", str(keys.path)) if command[0] == "keys" else ()
+                code, _, err = run_here(*command, *options)
+                assert code == Exit.BAD_INPUT
+                assert ROSTER_FILE in err.replace("\n", "")
+                assert "next:" in err
+        assert not (keys.path / "observer-new").exists()
+
+
+def test_an_older_roster_is_refused_where_a_newer_one_was_used(keys: AuthorityFolder, tmp_path: Path) -> None:
+    there = KeyFolder(tmp_path / "drone" / "keys")
+    shutil.copytree(keys.path / "vehicle-3", there.path / "vehicle-3")
+    file, newest = there.path / "vehicle-3" / ROSTER_FILE, keys.path / ROSTER_FILE
+    older = file.read_bytes()
+    keys.revoke("operator-bob")
+    shutil.copyfile(newest, file)
+    admitted = there.identity("vehicle", "3").security
+    assert admitted is not None
+    assert "operator-bob" not in {each.common_name for each in admitted.grants}
+    file.write_bytes(older)
+    with pytest.raises(InputError, match=r"roster\.json: it is an older roster .*; next: copy"):
+        there.identity("vehicle", "3")
+    newest.write_bytes(older)
+    with pytest.raises(InputError, match="older roster"):
+        keys.issue("observer", "new", 1.0)
+
+
+def test_a_roster_of_the_version_before_is_signed_by_who_has_the_authority(
+    keys: AuthorityFolder, run_here: RunHere, subtests: pytest.Subtests
+) -> None:
+    keys.revoke("operator-bob")
+    for place in keys.path.rglob(ROSTER_FILE):
+        before = msgspec.json.decode(place.read_bytes())
+        del before["serial"], before["signature"]
+        place.write_bytes(msgspec.json.encode(before))
+        place.with_name("roster-serial").unlink()
+    with pytest.raises(InputError, match="next: `cordon keys sign`"):
+        security_of(keys, "vehicle", "3")
+    with subtests.test("no terminal"):
+        assert run_here("keys", "sign", "--keys", str(keys.path)).code == Exit.BAD_INPUT
+        with pytest.raises(InputError, match="not signed"):
+            security_of(keys, "vehicle", "3")
+    code, out, err = run_here("keys", "sign", "--keys", str(keys.path), "--yes")
+    assert code == Exit.HOLDS
+    assert "operator-bob" in out
+    assert "next: copy" in err
+    assert granted(keys, "operator-anna")
+    assert granted(keys, "operator-bob") == set()
+    assert run_here("keys", "sign", "--keys", str(keys.path)).code == Exit.HOLDS, "it is signed already"
 
 
 def test_a_roster_that_was_tampered_with_is_refused(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:

@@ -97,11 +97,13 @@ def test_all_processes_of_a_run_fly_its_vehicles_with_one_certificate(runtime: P
         own = grants.pop(str(name.value))
         assert own.presence == ("alive/1", "alive/2")
         assert sorted(own.topics) == sorted(
-            f"{topic}/{i}" for topic in ("@report", "answer", "member", "start") for i in (1, 2)
+            f"{topic}/{i}" for topic in ("@report", "answer", "member", "roster", "start") for i in (1, 2)
         )
         others = [topic for grant in grants.values() for topic in (*grant.topics, *grant.presence)]
         assert not [
-            topic for topic in others if not topic.startswith(("command/", "operator/", "perception/", "position/"))
+            topic
+            for topic in others
+            if not topic.startswith(("command/", "operator/", "perception/", "position/", "roster/"))
         ]
 
 

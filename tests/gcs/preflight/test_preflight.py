@@ -17,6 +17,7 @@ from gcs.autopilots import ardupilot, px4, registry
 from gcs.autopilots.autopilot import STUB_UID, Autopilot
 from gcs.autopilots.px4 import SITL_UID
 from gcs.errors import Exit
+from gcs.keys.roster import Holder
 from gcs.link.batteries import BatteryReport
 from gcs.link.rates import Losses
 from gcs.link.relay.gate import LinkReport
@@ -25,6 +26,7 @@ from gcs.link.status_texts import HealthItem
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import FenceArea, Finding, GpsFix, Grade, VehicleFacts
+from gcs.preflight.keys import KeyFacts
 from gcs.preflight.mission import extent_m
 from gcs.preflight.preflight import exit_code, findings_json, findings_view, preflight, worst
 from tests.support.mission_text import content, parsed, put
@@ -791,3 +793,34 @@ def test_on_the_bench_boards_fly_with_stubs_and_simulators_and_nothing_else() ->
     real = (*simulated[:2], well(3))
     (mixed,) = [each for each in preflight(CASE2, real) if each.check == "kinds"]
     assert (mixed.grade, mixed.temporary) == (Grade.REFUSE, False)
+
+
+def test_keys_have_to_outlast_the_mission(subtests: pytest.Subtests) -> None:
+    ends_s = 1e9
+    long_s, short_s, past_s = ends_s + 1e5, ends_s + 60.0, ends_s - 1e5
+    vehicles = [Holder("vehicle", str(i), long_s) for i in CASE2.ids]
+    routed = replace(CASE2, network=CASE2.network.model_copy(update={"router": "tcp/10.0.0.2:7447"}))
+    cases: dict[str, tuple[Mission, list[Holder], list[tuple[str, str, str]]]] = {
+        "all last": (CASE2, vehicles, []),
+        "one certificate for all": (CASE2, [Holder("vehicle", "1", long_s, speaks_for=CASE2.ids[1:])], []),
+        "a vehicle's do not": (
+            CASE2,
+            [*vehicles[:2], Holder("vehicle", "3", short_s)],
+            [("refuse", "vehicle 3", "keys")],
+        ),
+        "a vehicle has none": (CASE2, vehicles[1:], [("refuse", "vehicle 1", "keys")]),
+        "an operator's do not": (
+            CASE2,
+            [*vehicles, Holder("operator", "a", short_s)],
+            [("warning", "mission", "keys")],
+        ),
+        "an operator of the past": (CASE2, [*vehicles, Holder("operator", "a", past_s)], []),
+        "no router": (routed, vehicles, [("refuse", "mission", "keys")]),
+        "a router's do not": (routed, [*vehicles, Holder("router", "r", short_s)], [("refuse", "mission", "keys")]),
+        "a router's last": (routed, [*vehicles, Holder("router", "r", long_s)], []),
+    }
+    for name, (mission, holders, expected) in cases.items():
+        with subtests.test(name=name):
+            found = preflight(mission, (well(1), well(2), well(3)), key_facts=KeyFacts(holders, ends_s))
+            assert grave(tuple(each for each in found if each.check == "keys")) == expected
+            assert {each.check for each in found} >= {"keys"}

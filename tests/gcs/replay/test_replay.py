@@ -379,6 +379,7 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
     AutopilotStatus(STATUS): ("autopilot", "connected", "armed", "on the ground", "offboard", "50%"),
     LateTicks(3): ("3 ticks",),
     Bus(alive=False): ("bus",),
+    Bus(alive=True, revoked=("operator-bob",)): ("keys revoked", "operator-bob"),
     Drops(too_many=7, unknown_key=1): ("too many 7", "unknown key 1"),
     Computer("memory"): ("computer", "memory"),
     Ground("GPS: no fix"): ("on the ground", "GPS: no fix"),

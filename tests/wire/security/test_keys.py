@@ -6,13 +6,18 @@ Peers are cordon's buses; strangers are plain Zenoh sessions, which try whatever
 import asyncio
 import base64
 import json
+import re
+import shutil
+import subprocess
+import sys
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import pytest
 import zenoh
 
@@ -20,20 +25,26 @@ from agents.shell.bus_security import BusSecurity
 from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, key_of
+from agents.team.messages import ROSTER_TOPIC, BusMessage, CommandAnswer, MemberState, OperatorCommand, key_of
 from agents.team.participant import Role, vehicle
+from gcs.errors import Exit
 from gcs.keys.authority_folder import AuthorityFolder
-from gcs.keys.certificates import CertificateAuthority, KeyPair
+from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.run_keys import RunKeys
 from gcs.keys.team_keys import NoKeys, TeamKeys
-from tests.support.wire import free_ports, until
+from tests.conftest import Ran
+from tests.support.paths import ROOT
+from tests.support.wire import PATIENCE_S, free_ports, until
 
 pytestmark = pytest.mark.wire
 
 TEAM = "keys"
+HOUR_S = 3600.0
 TRIES = 8
 """Attempts of a stranger after all that is expected was heard: each sends all keys once."""
+CLOSED_S = 2.0
+"""How long before its certificate expires a link may end: certificates count whole seconds."""
 LINK_S = 1.0
 """How long a stranger has that is to get no link: who has keys gets one in a fifth of that."""
 
@@ -54,7 +65,10 @@ SAID: Mapping[str, bytes] = {
     "command/hold/anna": command("hold", "anna"),
     "command/kill/anna": command("kill", "anna"),
     "command/hold/bob": command("hold", "bob"),
-    "perception/mast": b"{}",
+    "perception/mast": b"mast",
+    "position/mast": b"mast",
+    "perception/cameras": b"cameras",
+    "position/cameras": b"cameras",
 }
 """What every stranger sends, by key."""
 
@@ -70,6 +84,7 @@ def keys(tmp_path: Path) -> AuthorityFolder:
     folder.issue("operator", "anna", 1.0, ("hold",))
     folder.issue("operator", "bob", 1.0)
     folder.issue("sensor", "mast", 1.0)
+    folder.issue("positions", "cameras", 1.0)
     folder.issue("observer", "tower", 1.0)
     return folder
 
@@ -80,13 +95,20 @@ def security_of(keys: AuthorityFolder, role: Role, name: str) -> BusSecurity:
     return security
 
 
+def authority_of(keys: AuthorityFolder) -> CertificateAuthority:
+    """Return the authority, to issue what no command issues."""
+    return CertificateAuthority(
+        KeyPair(*((keys.path / "authority" / name).read_bytes() for name in ("certificate.pem", "private-key.pem")))
+    )
+
+
 class Peers:
     """Vehicles 1 and 2 of a team: the keys that each hears of the other, those that a stranger is heard on, and who is
     present.
     """
 
-    def __init__(self) -> None:
-        self.endpoints = [f"127.0.0.1:{port}" for port in free_ports(2)]
+    def __init__(self, endpoints: Sequence[str] = ()) -> None:
+        self.endpoints = endpoints or [f"127.0.0.1:{port}" for port in free_ports(2)]
         self.heard: list[set[str]] = [set(), set()]
         self.forged: set[str] = set()
         self.present: list[set[int]] = [set(), set()]
@@ -100,16 +122,16 @@ class Peers:
         key = key_of(message)
         (self.forged if SAID.get(key) == encode(message) else self.heard[own]).add(key)
 
-    def perceive(self, _topic: str, _payload: bytes) -> None:
-        self.forged.add("perception/mast")
+    def perceive(self, topic: str, payload: bytes) -> None:
+        self.forged.add(f"{topic}/{payload.decode()}")
 
     def note_presence(self, own: int, vehicle_id: int, present: bool) -> None:
         (self.present[own].add if present else self.present[own].discard)(vehicle_id)
 
 
 @asynccontextmanager
-async def peers(folder: AuthorityFolder | None) -> AsyncIterator[Peers]:
-    team, keys = Peers(), NoKeys() if folder is None else KeyFolder(folder.path)
+async def peers(folder: AuthorityFolder | None, endpoints: Sequence[str] = ()) -> AsyncIterator[Peers]:
+    team, keys = Peers(endpoints), NoKeys() if folder is None else KeyFolder(folder.path)
     async with AsyncExitStack() as stack:
         for k in (0, 1):
             identity = keys.identity("vehicle", str(k + 1))
@@ -172,7 +194,10 @@ class UnauthorisedClient:
 
     def say(self) -> None:
         for key, payload in SAID.items():
-            self._session.put(f"cordon/{TEAM}/{key}", payload)
+            self.put(key, payload)
+
+    def put(self, key: str, payload: bytes) -> None:
+        self._session.put(f"cordon/{TEAM}/{key}", payload)
 
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
@@ -265,9 +290,7 @@ async def test_without_keys_that_count_there_is_no_link_or_nothing_is_heard(
     keys.revoke("operator-bob")
     replaced = security_of(keys, "operator", "anna")
     keys.issue("operator", "anna", 1.0, ("hold",))
-    authority = CertificateAuthority(
-        KeyPair(*((keys.path / "authority" / name).read_bytes() for name in ("certificate.pem", "private-key.pem")))
-    )
+    authority = authority_of(keys)
     expired, unlisted = (
         authority.issue("operator-anna", time.time() - 60.0),
         authority.issue("vehicle-9", time.time() + 60.0),
@@ -299,10 +322,166 @@ async def test_without_keys_that_count_there_is_no_link_or_nothing_is_heard(
         assert team.present == [{2}, {1}]
 
 
+async def test_what_comes_from_a_certificate_that_has_expired_is_dropped(keys: AuthorityFolder) -> None:
+    own = security_of(keys, "operator", "anna")
+    async with peers(keys) as team:
+        for valid_s in (4.0, 20.0, 100.0):  # on a busy computer a link may take longer than the first is valid
+            expires_s = time.time() + valid_s
+            pair = authority_of(keys).issue("operator-anna", expires_s)
+            settings = with_keys(
+                replace(own, certificate_pem=pair.certificate_pem, private_key_pem=pair.private_key_pem)
+            )
+            stranger = await asyncio.to_thread(UnauthorisedClient, team.endpoints, settings)
+            try:
+
+                def heard(speaker: UnauthorisedClient = stranger, until_s: float = expires_s) -> bool:
+                    speaker.say()
+                    return bool(team.forged) or time.time() > until_s
+
+                await until(heard)
+                if not team.forged:
+                    continue
+                await until(lambda speaker=stranger: not speaker.linked, waiting_for="the end of its link")  # type: ignore[misc]
+                assert time.time() > expires_s - CLOSED_S
+                team.forget()
+                for _ in range(TRIES):
+                    stranger.say()
+                    await asyncio.sleep(0.03)
+                assert team.forged == set()
+                assert not stranger.linked
+                return
+            finally:
+                await asyncio.to_thread(stranger.close)
+        pytest.fail("no link within the longest validity")
+
+
+async def revoked_in_flight(keys: AuthorityFolder, team: Peers, *labels: str) -> None:
+    """Send the roster without these holders as the operator bob does; return when both vehicles have taken it."""
+    for label in labels:
+        keys.revoke(label)
+    bob, roster = KeyFolder(keys.path).identity("operator", "bob"), keys.roster
+    bus = single_bus(
+        bob.participant, BusTeam(TEAM, (1, 2, 3)), None, [f"tcp/{e}" for e in team.endpoints], bob.security
+    )
+    try:
+        await bus.open(lambda *_: None, lambda *_: None, lambda *_: None)
+
+        def taken() -> bool:
+            bus.publish(ROSTER_TOPIC, roster.compact())
+            return all(bus.rosters.get(name, 0) == roster.serial for name in "12")
+
+        await until(taken, waiting_for="both vehicles' answers")
+    finally:
+        await bus.close()
+
+
+async def test_what_comes_from_keys_revoked_in_flight_is_dropped(
+    keys: AuthorityFolder, tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    holders = ("operator", "anna"), ("sensor", "mast"), ("vehicle", "3")
+    settings = {label: with_keys(security_of(keys, *label)) for label in holders}  # type: ignore[arg-type]
+    said = {"command/hold/anna", "perception/mast", "member/3"}
+    copied = AuthorityFolder(tmp_path / "there" / "keys")
+    for name in ("vehicle-1", "vehicle-2"):
+        shutil.copytree(keys.path / name, copied.path / name)
+    async with peers(copied) as team:
+        expected = Tried(linked=True, said=said, heard=LISTENED)
+        assert await tried(team, *settings.values(), expected=expected) == [expected] * 3
+        older = keys.roster.compact()
+        await revoked_in_flight(keys, team, *(f"{role}-{name}" for role, name in holders))
+        silent = replace(expected, said=set())
+        with subtests.test("nothing is heard of them"):
+            assert await tried(team, *settings.values(), expected=silent) == [silent] * 3
+            assert team.buses[0].revoked == ("operator-anna", "sensor-mast", "vehicle-3")
+            assert team.present == [{2}, {1}]
+        with subtests.test("others are heard"):
+            bob = with_keys(security_of(keys, "operator", "bob"))
+            await reaches(team, bob, "command/hold/bob")
+        with subtests.test("rosters that are older, altered or of another authority change nothing"):
+            other = AuthorityFolder(tmp_path / "others")
+            other.init(10.0)
+            newest = keys.roster
+            altered = msgspec.structs.replace(newest, serial=newest.serial + 1)
+            forged = [altered.compact(), other.roster.compact(), b"{}", b"["]
+            speaker = await asyncio.to_thread(UnauthorisedClient, team.endpoints, bob)
+            try:
+                for payload in forged:
+                    counted, end_s = team.buses[0].drops.malformed, time.monotonic() + PATIENCE_S
+                    while team.buses[0].drops.malformed == counted:
+                        assert time.monotonic() < end_s
+                        speaker.put("roster/bob", payload)
+                        await asyncio.sleep(0.25)  # a sender may send five rosters a second
+                for _ in range(TRIES):
+                    speaker.put("roster/bob", older)
+                    await asyncio.sleep(0.25)
+            finally:
+                await asyncio.to_thread(speaker.close)
+            assert await tried(team, *settings.values(), expected=silent) == [silent] * 3
+    for name in "12":
+        with subtests.test("the roster is kept for the next flight", vehicle=name):
+            names = {grant.common_name for grant in security_of(copied, "vehicle", name).grants}
+            assert names == {"vehicle-1", "vehicle-2", "operator-bob", "positions-cameras", "observer-tower"}
+
+
+def cordon(*arguments: str) -> Ran:
+    """Run a command in a process of its own."""
+    command = [sys.executable, "-m", "gcs", *arguments]
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=2 * PATIENCE_S, check=False)
+    return Ran(ran.returncode, ran.stdout, ran.stderr)
+
+
+def keyed_mission(mission_file: Callable[..., str]) -> str:
+    """Return a mission beside the folder of keys."""
+    first = "[[vehicles]]\nid = 1\n"
+    return mission_file("case2", (first, f'[network]\nteam = "{TEAM}"\nsecurity = {{ keys = "keys" }}\n\n{first}'))
+
+
+async def test_the_command_revokes_in_flight(keys: AuthorityFolder, mission_file: Callable[..., str]) -> None:
+    mission = keyed_mission(mission_file)
+    endpoints = re.findall(r'endpoint = "tcp/(.*?)"', Path(mission).read_text(encoding="utf-8"))[:2]
+
+    async def revoke(*arguments: str) -> Ran:
+        return await asyncio.to_thread(cordon, "keys", "revoke", *arguments, "--keys", str(keys.path))
+
+    async with peers(keys, endpoints) as team:
+        unsent = await revoke("operator-bob")
+        assert unsent.code == Exit.HOLDS
+        assert "not sent to a running team: no --mission is given" in unsent.err
+        sent = await revoke("operator-anna", "--mission", mission, "--key", "anna")
+        assert sent.code == Exit.HOLDS, sent.err
+        for words in ("vehicle 1: has taken the revocation", "vehicle 3: is not on the bus", "next: copy"):
+            assert words in sent.err
+        assert [bus.revoked for bus in team.buses] == [("operator-anna", "operator-bob")] * 2
+        refused = await revoke("vehicle-3", "--mission", mission)
+        assert refused.code == Exit.REFUSED
+        assert "not sent to a running team" in refused.err
+    assert [each.label for each in keys.roster.holders if each.revoked] == [
+        "operator-anna",
+        "operator-bob",
+        "vehicle-3",
+    ]
+
+
+def test_keys_that_expire_within_the_flight_refuse_it(
+    keys: AuthorityFolder, mission_file: Callable[..., str], subtests: pytest.Subtests
+) -> None:
+    keys.issue("vehicle", "2", 0.5 * HOUR_S / DAY_S)
+    mission = keyed_mission(mission_file)
+    for command in (("fly", mission, "--sitl", "--no-log", "--speed", "10"), ("check", mission, "--json")):
+        with subtests.test(command=command[0]):
+            code, out, err = cordon(*command)
+            assert code == Exit.REFUSED
+            assert "vehicle 2 has keys until" in " ".join((out + err).split())
+    keys.issue("vehicle", "2", 1.0)
+    with subtests.test("issued again"):
+        assert "vehicle 2 has keys until" not in " ".join(cordon("check", mission, "--json")[1].split())
+
+
 async def test_who_has_keys_is_heard_on_its_own_keys_only(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
     expected = {
         ("operator", "anna"): {"command/hold/anna"},
         ("sensor", "mast"): {"perception/mast"},
+        ("positions", "cameras"): {"position/cameras"},
         ("observer", "tower"): set(),
         ("vehicle", "3"): {"member/3"},
     }

@@ -14,7 +14,15 @@ from agents.shell.bus_security import BusSecurity
 from agents.shell.zenoh_bus import ParticipantBus, single_bus
 from agents.shell.zenoh_session import BusTeam, ZenohSession
 from agents.team.codec import encode
-from agents.team.messages import OPERATORS_TOPIC, BusMessage, MemberState, OperatorCommand, VehicleReport, key_of
+from agents.team.messages import (
+    OPERATORS_TOPIC,
+    ROSTER_TOPIC,
+    BusMessage,
+    MemberState,
+    OperatorCommand,
+    VehicleReport,
+    key_of,
+)
 from agents.team.participant import Participant, Role, vehicle
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.key_folder import KeyFolder
@@ -36,19 +44,19 @@ class RoutedTeam:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._keys = AuthorityFolder(folder / "keys")
-        self._keys.init(10.0)
+        self.keys = AuthorityFolder(folder / "keys")
+        self.keys.init(10.0)
         for name in "123":
-            self._keys.issue("vehicle", name, 1.0)
-        self._keys.issue("operator", "anna", 1.0)
-        self._keys.issue("router", "hill", 1.0)
+            self.keys.issue("vehicle", name, 1.0)
+        self.keys.issue("operator", "anna", 1.0)
+        self.keys.issue("router", "hill", 1.0)
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.team = BusTeam("routed", (1, 2, 3), self.endpoint)
         self.heard: dict[str, set[str]] = {}
         self.forged: list[BusMessage] = []
 
     def security(self, role: Role, name: str) -> BusSecurity:
-        security = KeyFolder(self._keys.path).identity(role, name).security
+        security = KeyFolder(self.keys.path).identity(role, name).security
         assert security is not None
         return security
 
@@ -106,6 +114,41 @@ async def test_all_is_heard_through_it_and_nobody_speaks_for_another(tmp_path: P
         assert team.forged == []
         await anna.close()
         await until(lambda: not (one.operated or two.operated), waiting_for="the operator's end")
+
+
+async def test_keys_revoked_in_flight_are_dropped_behind_it(tmp_path: Path) -> None:
+    team = RoutedTeam(tmp_path)
+    team.keys.issue("operator", "bob", 1.0)
+    async with AsyncExitStack() as stack:
+        await team.router(stack)
+        one, two = [await team.bus(vehicle(each), stack) for each in (1, 2)]
+        bob, lost = await team.bus(Participant("operator", "bob"), stack), await team.bus(vehicle(3), stack)
+
+        def said() -> bool:
+            lost.publish("member", state(3))
+            return "member/3" in team.heard["1"] & team.heard["2"]
+
+        await until(said, waiting_for="vehicle 3")
+        team.keys.revoke("vehicle-3")
+        roster = team.keys.roster
+
+        def taken() -> bool:
+            bob.publish(ROSTER_TOPIC, roster.compact())
+            return one.revoked == two.revoked == ("vehicle-3",)
+
+        await until(taken, waiting_for="the revocation")
+        for heard in team.heard.values():
+            heard.clear()
+
+        def others_said() -> bool:
+            lost.publish("member", state(3))
+            one.publish("member", state(1))
+            two.publish("member", state(2))
+            return "member/1" in team.heard["2"] and "member/2" in team.heard["1"]
+
+        dropped = one.drops.not_a_member
+        await until(lambda: others_said() and one.drops.not_a_member > dropped, waiting_for="the others")
+        assert "member/3" not in team.heard["1"] | team.heard["2"]
 
 
 async def test_without_it_a_participant_is_refused_with_the_next_step(
