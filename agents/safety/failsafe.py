@@ -490,7 +490,7 @@ TABLE = (
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "free memory or disk on its computer: the log may end early; connections: find the stranger on the network",
+        "free memory, disk or connections: its log may end early",
     ),
     Row(
         Condition.LEADER_LOST,

@@ -129,7 +129,7 @@ def test_a_log_that_was_not_closed_does_not_verify(tmp_path: Path) -> None:
         def holds_entries() -> bool:
             shutil.copyfile(path, cut)
             with suppress(LogError):  # the first records are not written yet
-                return len(entries_of(cut)) == 8
+                return len(entries_of(cut)) == 9
             return False
 
         until_now(holds_entries)  # it is flushed every second
