@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.state import Vector
+from gcs.keys.private_files import create
 from gcs.report.charts.panels import Sheet, landmarks_m, map_height_in
 from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, STYLE
 
@@ -49,11 +50,14 @@ def _write(frames: "list[Picture]", path: Path) -> None:
     from PIL import Image  # noqa: PLC0415
 
     durations_ms = [*(_FRAME_MS for _ in frames[1:]), _LAST_FRAME_MS]
-    if path.suffix.lower() == ".gif":
+    suffix = path.suffix.lower()
+    if suffix == ".gif":
         # One palette for all frames: between them only what moves differs. The last frame holds every colour.
         palette = frames[-1].quantize(_GIF_COLOURS)
         frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations_ms, loop=0, quality=75, method=4)
+    options = {"duration": durations_ms, "loop": 0, "quality": 75, "method": 4}
+    with create(path) as file:
+        frames[0].save(file, suffix[1:], save_all=True, append_images=frames[1:], **options)
 
 
 class _Scene:

@@ -8,6 +8,7 @@ display.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs.keys.private_files import create
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
@@ -65,7 +66,8 @@ def save_figure(
 
     with rc_context(STYLE):
         figure = drawn_figure(record, result, ring, formation, number)
-        figure.savefig(path, dpi=160, metadata=METADATA[suffix])
+        with create(path) as file:
+            figure.savefig(file, format=suffix[1:], dpi=160, metadata=METADATA[suffix])
     return figure
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gcs.keys.private_files import create
 from gcs.report.figure import METADATA
 from gcs.style import COLOURS, FAINT, INK, STYLE
 from gcs.sweep.columns import PASS, Column, Row
@@ -99,7 +100,9 @@ def save_sweep_figure(picture: Picture, path: Path) -> None:
         for axes in panels[count:]:
             axes.set_axis_off()
         _draw_words(figure, picture)
-        figure.savefig(path, dpi=130, metadata=METADATA[path.suffix.lower()])
+        suffix = path.suffix.lower()
+        with create(path) as file:
+            figure.savefig(file, format=suffix[1:], dpi=130, metadata=METADATA[suffix])
 
 
 def _draw_spread(axes: "Axes", picture: Picture, metric: Column) -> None:
