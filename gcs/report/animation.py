@@ -9,7 +9,7 @@ import numpy as np
 from estimation.state import Vector
 from gcs.keys.private_files import create
 from gcs.report.charts.panels import Sheet, landmarks_m, map_height_in
-from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, STYLE
+from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, drawing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,9 +33,7 @@ def save_animation(sheet: Sheet, path: Path, progress: Callable[[float], None]) 
     `progress` is called with the share that is done. The record holds at least two times and a vehicle. Raises OSError
     when the file cannot be written.
     """
-    from matplotlib import rc_context  # noqa: PLC0415
-
-    with rc_context(STYLE):
+    with drawing():
         scene = _Scene(sheet)
         last = sheet.record.time_s.size - 1
         samples = np.unique(np.linspace(0, last, FRAMES_MAX).round().astype(int)).tolist()
