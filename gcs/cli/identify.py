@@ -121,7 +121,7 @@ def _write(option: str, path: Path, text: str) -> None:
     from gcs.keys.private_files import create
 
     with writing(option, path), create(path) as file:
-        file.write(text.encode())
+        file.write(text.encode(errors="replace"))  # names of files may hold bytes that are no text
     print_line(f"written: {path}")
 
 

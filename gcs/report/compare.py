@@ -316,7 +316,7 @@ def comparison_dict(flights: Sequence[ComparedFlight]) -> dict[str, Any]:
 def write_comparison(flights: Sequence[ComparedFlight], path: Path) -> None:
     """Write flights side by side to a file of HTML; raises OSError when it cannot be written."""
     with create(path) as file:
-        file.write(comparison_html(flights).encode())
+        file.write(comparison_html(flights).encode(errors="replace"))  # names of files may hold bytes that are no text
 
 
 def comparison_html(flights: Sequence[ComparedFlight]) -> str:

@@ -195,7 +195,9 @@ def write_report(
 ) -> None:
     """Write the report of a flight, which replays it as `shown`; raises OSError when it cannot be written."""
     with create(path) as file:
-        file.write(report_html(evidence, result, criteria, shown).encode())
+        file.write(
+            report_html(evidence, result, criteria, shown).encode(errors="replace")
+        )  # names of files may hold bytes that are no text
 
 
 def report_html(evidence: FlightEvidence, result: FlightResult, criteria: Criteria, shown: FlightPicture) -> str:

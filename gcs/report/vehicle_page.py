@@ -30,7 +30,7 @@ _LINES: dict[str, dict[str, Any]] = {
 def write_vehicle_report(logs: Sequence[VehicleLog], path: Path) -> None:
     """Write the report of a log's vehicles to a file; raises OSError when it cannot be written."""
     with create(path) as file:
-        file.write(vehicle_report_html(logs).encode())
+        file.write(vehicle_report_html(logs).encode(errors="replace"))  # names of files may hold bytes that are no text
 
 
 def vehicle_report_html(logs: Sequence[VehicleLog]) -> str:
