@@ -1,5 +1,7 @@
 """Style of all figures: colours, lines and markers, shared by the paper's figures, the report and the viewers."""
 
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, chdir
 from typing import Any
 
 from agents.tactics import NO_TACTIC, Tactic
@@ -41,6 +43,18 @@ STYLE: dict[Any, Any] = {
     # With no date in the metadata, the same flight gives the same file.
     "svg.hashsalt": "cordon",
 }
+
+
+def drawing(style: Mapping[Any, Any] = STYLE) -> AbstractContextManager[None]:
+    """Return the context in which figures are drawn in a style.
+
+    matplotlib is imported here, from another folder: it would read the `matplotlibrc` of the current one, which may
+    come from elsewhere.
+    """
+    with chdir("/"):
+        from matplotlib import rc_context  # noqa: PLC0415
+    return rc_context(dict(style))
+
 
 DARK = {
     "#000000": "#FFFFFF",

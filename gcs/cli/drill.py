@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json, MissionName, loaded_mission
+from gcs.cli.options import RESULT, Json, MissionName, file_or_folder, loaded_mission
 from gcs.errors import Exit
 from gcs.flight.faults.names import OPTIONS
 
@@ -28,7 +28,12 @@ class DrillOptions:
         ),
     ] = ()
     log: Annotated[
-        Path | None, Parameter(group=RESULT, help="Record the flights in this folder, one log for each flight.")
+        Path | None,
+        Parameter(
+            validator=file_or_folder,
+            group=RESULT,
+            help="Record the flights in this folder, one log for each flight.",
+        ),
     ] = None
     json: Json = False
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json
+from gcs.cli.options import RESULT, Json, only_file
 from gcs.errors import Exit, InputError
 from gcs.metrics.json_output import json_output
 
@@ -25,7 +25,12 @@ class IdentifyOptions:
 
     output: Annotated[
         Path | None,
-        Parameter(name=["--output", "-o"], group=RESULT, help="The profile to write, which must not exist yet."),
+        Parameter(
+            name=["--output", "-o"],
+            validator=only_file,
+            group=RESULT,
+            help="The profile to write, which must not exist yet.",
+        ),
     ] = None
     vehicle: Annotated[int | None, Parameter(help="The vehicle's system id, if the logs hold several vehicles.")] = None
     against: Annotated[
@@ -33,14 +38,18 @@ class IdentifyOptions:
         Parameter(negative="", show_default=False, help="Also show the fit of this profile's plant; may be repeated."),
     ] = ()
     json: Json = False
-    html: Annotated[Path | None, Parameter(group=RESULT, help="Write the figures as an HTML page.")] = None
+    html: Annotated[
+        Path | None, Parameter(validator=only_file, group=RESULT, help="Write the figures as an HTML page.")
+    ] = None
 
 
 _DEFAULTS = IdentifyOptions()
 
 
 def identify(
-    logs: Annotated[list[Path], Parameter(help="Flight logs of one vehicle: .mcap, .ulg, .bin or .tlog.")],
+    logs: Annotated[
+        list[Path], Parameter(validator=only_file, help="Flight logs of one vehicle: .mcap, .ulg, .bin or .tlog.")
+    ],
     /,
     *,
     options: IdentifyOptions = _DEFAULTS,
@@ -109,9 +118,10 @@ def _write_files(identified: "Identified", logs: "Sequence[VehicleLog]", options
 def _write(option: str, path: Path, text: str) -> None:
     from gcs.cli.output import writing
     from gcs.console.terminal import print_line
+    from gcs.keys.private_files import create
 
-    with writing(option, path):
-        path.write_text(text, encoding="utf-8")
+    with writing(option, path), create(path) as file:
+        file.write(text.encode(errors="replace"))  # names of files may hold bytes that are no text
     print_line(f"written: {path}")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import Changes, KeyName, MissionName, bus_mission, chosen_vehicle, loaded_mission
+from gcs.cli.options import Changes, KeyName, MissionName, bus_mission, chosen_vehicle, file_or_folder, loaded_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gcs.keys.roster import Holder, Roster
     from gcs.mission.mission import Mission
 
-Folder = Annotated[Path, Parameter(name="--keys", help="The folder of the keys.")]
+Folder = Annotated[Path, Parameter(name="--keys", validator=file_or_folder, help="The folder of the keys.")]
 Days = Annotated[float, Parameter(help="Validity in days.", validator=Number(gt=0.0, lte=36500.0))]
 DEFAULT_FOLDER = Path("keys")
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from gcs.cli.options import only_file
 from gcs.errors import Exit
 
 log = App(
@@ -20,12 +21,16 @@ log = App(
 class RecoverOptions:
     """Options of `cordon log recover`."""
 
-    log: Annotated[Path, Parameter(help="A log that was not closed, or is damaged. It is not changed.")] = field(
-        kw_only=False
-    )
+    log: Annotated[
+        Path, Parameter(validator=only_file, help="A log that was not closed, or is damaged. It is not changed.")
+    ] = field(kw_only=False)
     output: Annotated[
         Path | None,
-        Parameter(name=["--output", "-o"], help="The file to write instead of LOG-recovered.mcap; must not exist yet."),
+        Parameter(
+            name=["--output", "-o"],
+            validator=only_file,
+            help="The file to write instead of LOG-recovered.mcap; must not exist yet.",
+        ),
     ] = None
 
 
@@ -58,7 +63,7 @@ def recover(options: RecoverOptions) -> Exit:
 
 
 @log.command
-def audit(path: Annotated[Path, Parameter(name="LOG", help="The log of a flight.")], /) -> Exit:
+def audit(path: Annotated[Path, Parameter(name="LOG", validator=only_file, help="The log of a flight.")], /) -> Exit:
     """List the operators' commands and the vehicles' responses, and verify that no entry was changed or removed.
 
     Exit code 1 if the hash chain of the entries is broken. Note the last digest elsewhere: it identifies the log.
@@ -87,9 +92,10 @@ def audit(path: Annotated[Path, Parameter(name="LOG", help="The log of a flight.
 class LayoutOptions:
     """Options of `cordon log layout`."""
 
-    output: Annotated[Path, Parameter(name=["--output", "-o"], help="The file to write, which must not exist yet.")] = (
-        Path("cordon-layout.json")
-    )
+    output: Annotated[
+        Path,
+        Parameter(name=["--output", "-o"], validator=only_file, help="The file to write, which must not exist yet."),
+    ] = Path("cordon-layout.json")
 
 
 _LAYOUT_DEFAULTS = LayoutOptions()
@@ -104,8 +110,9 @@ def layout(*, options: LayoutOptions = _LAYOUT_DEFAULTS) -> Exit:
     from importlib.resources import files
 
     from gcs.cli.output import writing
+    from gcs.keys.private_files import create
 
     text = files("gcs.viewer").joinpath("cordon-layout.json").read_text(encoding="utf-8")
-    with writing("--output", options.output), options.output.open("x", encoding="utf-8") as file:
-        file.write(text)
+    with writing("--output", options.output), create(options.output, "xb") as file:
+        file.write(text.encode())
     return Exit.HOLDS

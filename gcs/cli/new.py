@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, isfinite
@@ -12,8 +13,9 @@ from typing import Annotated, TypeVar, get_args
 from cyclopts import Parameter
 
 from agents.settings.shapes import SPACED_SHAPES, SpacedShape
+from estimation.input_file import TEXT_MAX_LENGTH, read_plain
 from estimation.profile.autopilots import AutopilotName
-from gcs.cli.options import Plot
+from gcs.cli.options import Plot, only_file
 from gcs.errors import Exit, InputError
 from gcs.mission.template import (
     PROFILES,
@@ -185,7 +187,8 @@ _DEFAULTS = NewOptions()
 
 def new(
     file: Annotated[
-        Path | None, Parameter(help="The mission file to write, such as my.toml; it must not exist yet.")
+        Path | None,
+        Parameter(validator=only_file, help="The mission file to write, such as my.toml; it must not exist yet."),
     ] = None,
     /,
     *,
@@ -236,9 +239,10 @@ def _require_new(path: Path) -> None:
 
 def _write(path: Path, text: str) -> None:
     from gcs.cli.output import writing
+    from gcs.keys.private_files import create
 
-    with writing("FILE", path), path.open("x", encoding="utf-8") as file:
-        file.write(text)
+    with writing("FILE", path), create(path, "xb") as file:
+        file.write(text.encode())
 
 
 def _chosen(ask: Questions, options: NewOptions, path: Path, own_profile: str) -> tuple[str, NewMission]:
@@ -379,5 +383,8 @@ def _target_speed_m_s(text: str) -> float:
 
 def _ports_beside(path: Path) -> set[int]:
     """Return the ports named in the other files of a new mission's folder."""
-    files = (other.read_text(encoding="utf-8", errors="replace") for other in path.parent.glob("*.toml"))
-    return {int(port) for content in files for port in _PORT.findall(content)}
+    found: set[int] = set()
+    for other in path.parent.glob("*.toml"):
+        with suppress(OSError):  # no file, or none that can be read
+            found |= set(map(int, _PORT.findall(read_plain(other, 4 * TEXT_MAX_LENGTH).decode(errors="replace"))))
+    return found

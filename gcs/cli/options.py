@@ -18,6 +18,23 @@ if TYPE_CHECKING:
 
 RESULT = Group("Result")
 
+
+def only_file(_kind: object, given: object) -> None:
+    """Refuse a pipe, a device, a socket or a folder, as a validator of options: reading one may never end."""
+    _require(given, "is not a file", folders=False)
+
+
+def file_or_folder(_kind: object, given: object) -> None:
+    """Refuse a pipe, a device or a socket, as a validator of options."""
+    _require(given, "is neither a file nor a folder", folders=True)
+
+
+def _require(given: object, fault: str, *, folders: bool) -> None:
+    for path in given if isinstance(given, (list, tuple)) else (given,):
+        if isinstance(path, Path) and path.exists() and not (path.is_file() or (folders and path.is_dir())):
+            raise ValueError(f"{str(path)!r} {fault}")
+
+
 MissionName = Annotated[
     str,
     Parameter(help="A bundled mission such as case1 (see `cordon missions`), or a mission file (see `cordon new`)."),
@@ -73,7 +90,11 @@ Speed = Annotated[
 Json = Annotated[bool, Parameter(name="--json", negative="", group=RESULT, help="Print the result as one JSON object.")]
 Plot = Annotated[
     Path | None,
-    Parameter(group=RESULT, help="Draw the flight, the paper's figures 1 to 6, into a .png, .svg or .pdf."),
+    Parameter(
+        validator=only_file,
+        group=RESULT,
+        help="Draw the flight, the paper's figures 1 to 6, into a .png, .svg or .pdf.",
+    ),
 ]
 FigureNumber = Annotated[
     int | None,
@@ -81,7 +102,9 @@ FigureNumber = Annotated[
 ]
 Log = Annotated[
     Path | None,
-    Parameter(group=RESULT, help="Record the flight to this file (MCAP), which must not exist yet."),
+    Parameter(
+        validator=only_file, group=RESULT, help="Record the flight to this file (MCAP), which must not exist yet."
+    ),
 ]
 Recorded = Annotated[
     bool,
@@ -139,8 +162,10 @@ StationAddress = Annotated[
     Parameter(group=RESULT, help=f"Address of --station, HOST:PORT, instead of {STATION_ADDRESS}."),
 ]
 TILES_HELP = "map tiles to draw under the scene: a folder Z/X/Y.png (.jpg, .webp), or an .mbtiles file."
-Tiles = Annotated[Path | None, Parameter(help=f"The {TILES_HELP}")]
-StationTiles = Annotated[Path | None, Parameter(group=RESULT, help=f"With --station, {TILES_HELP}")]
+Tiles = Annotated[Path | None, Parameter(validator=file_or_folder, help=f"The {TILES_HELP}")]
+StationTiles = Annotated[
+    Path | None, Parameter(validator=file_or_folder, group=RESULT, help=f"With --station, {TILES_HELP}")
+]
 
 
 def require_station(station: bool, address: str | None, tiles: Path | None) -> None:

@@ -127,8 +127,8 @@ def check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
     """Refuse an output file that cannot be written, or has another suffix; raises InputError."""
     if path.suffix.lower() not in suffixes:
         raise InputError([f"{option}: {path.name!r} must end in {', '.join(suffixes)}"])
-    if path.is_dir():
-        raise InputError([f"{option}: {str(path)!r} is a folder"])
+    if path.exists() and not path.is_file():
+        raise InputError([f"{option}: {str(path)!r} is not a file"])
     check_folder(option, path.parent)
 
 

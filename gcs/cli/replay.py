@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Json
+from gcs.cli.options import Json, only_file
 from gcs.errors import Exit, InputError
 from gcs.metrics.json_output import json_output
 
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 class ReplayOptions:
     """Options of `cordon replay`."""
 
-    log: Annotated[Path, Parameter(help="A log that cordon recorded (MCAP).")] = field(kw_only=False)
+    log: Annotated[Path, Parameter(validator=only_file, help="A log that cordon recorded (MCAP).")] = field(
+        kw_only=False
+    )
     json: Json = False
     explain: Annotated[int | None, Parameter(help="Instead show the decisions of this vehicle with their reasons.")] = (
         None

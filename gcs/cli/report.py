@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, FigureNumber, Json, Plot
+from gcs.cli.options import RESULT, FigureNumber, Json, Plot, only_file
 from gcs.errors import Exit, InputError
 from gcs.metrics.json_output import json_output
 
@@ -23,10 +23,13 @@ if TYPE_CHECKING:
 class ReportOptions:
     """Options of `cordon report`, without the logs."""
 
-    html: Annotated[Path | None, Parameter(group=RESULT, help="Write the report as an HTML page.")] = None
+    html: Annotated[
+        Path | None, Parameter(validator=only_file, group=RESULT, help="Write the report as an HTML page.")
+    ] = None
     compare: Annotated[
         tuple[Path, ...] | None,
         Parameter(
+            validator=only_file,
             group=RESULT,
             consume_multiple=True,
             negative="",
@@ -36,7 +39,9 @@ class ReportOptions:
     ] = None
     animate: Annotated[
         Path | None,
-        Parameter(group=RESULT, help="Draw the flight from above as an animation into a .gif or .webp."),
+        Parameter(
+            validator=only_file, group=RESULT, help="Draw the flight from above as an animation into a .gif or .webp."
+        ),
     ] = None
     json: Json = False
     plot: Plot = None
@@ -47,7 +52,10 @@ _DEFAULTS = ReportOptions()
 
 
 def report(
-    logs: Annotated[list[Path], Parameter(help="A flight's log, or several: one from each process of the flight.")],
+    logs: Annotated[
+        list[Path],
+        Parameter(validator=only_file, help="A flight's log, or several: one from each process of the flight."),
+    ],
     /,
     *,
     options: ReportOptions = _DEFAULTS,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, RunningMission, Tiles, bus_mission
+from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, RunningMission, Tiles, bus_mission, only_file
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -33,10 +33,13 @@ class StationOptions:
     ] = STATION_ADDRESS
     tls: Annotated[
         tuple[Path, Path] | None,
-        Parameter(negative="", help="The server's certificate and private key, PEM files."),
+        Parameter(negative="", validator=only_file, help="The server's certificate and private key, PEM files."),
     ] = None
     token_file: Annotated[
-        Path | None, Parameter(help="A file with the page's access token, instead of the one that cordon stores.")
+        Path | None,
+        Parameter(
+            validator=only_file, help="A file with the page's access token, instead of the one that cordon stores."
+        ),
     ] = None
     tiles: Tiles = None
     key: KeyName = None
@@ -50,7 +53,9 @@ _DEFAULTS = StationOptions()
 
 
 def station(
-    log: Annotated[Path | None, Parameter(help="A flight log to show instead of a running team.")] = None,
+    log: Annotated[
+        Path | None, Parameter(validator=only_file, help="A flight log to show instead of a running team.")
+    ] = None,
     /,
     *,
     options: StationOptions = _DEFAULTS,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import RESULT, Changes, Duration, Json, MissionName
+from gcs.cli.options import RESULT, Changes, Duration, Json, MissionName, file_or_folder, only_file
 from gcs.errors import Exit, InputError
 from gcs.metrics.json_output import json_output
 from gcs.signals import hold_back, pending
@@ -52,7 +52,14 @@ class SweepOptions:
         str | None,
         Parameter(help="Seeds for each combination of values: START:STOP (STOP is excluded) or SEED,SEED."),
     ] = None
-    out: Annotated[Path, Parameter(group=RESULT, help="Folder of the sweep: its journal and its table, runs.parquet.")]
+    out: Annotated[
+        Path,
+        Parameter(
+            validator=file_or_folder,
+            group=RESULT,
+            help="Folder of the sweep: its journal and its table, runs.parquet.",
+        ),
+    ]
     duration: Duration = None
     changes: Changes = ()
     workers: Annotated[
@@ -202,7 +209,9 @@ def _workers(options: SweepOptions, runs: int) -> "Workers":
 class PlotOptions:
     """Options of `cordon sweep plot`."""
 
-    folder: Annotated[Path, Parameter(help="The folder of a sweep, finished or not.")] = field(kw_only=False)
+    folder: Annotated[Path, Parameter(validator=file_or_folder, help="The folder of a sweep, finished or not.")] = (
+        field(kw_only=False)
+    )
     over: Annotated[
         tuple[str, ...],
         Parameter(negative="", help="Varied key of the axes, at most two; default: the first two."),
@@ -212,7 +221,10 @@ class PlotOptions:
         Parameter(negative="", help="Column of the table to draw; may be repeated. Default: the main metrics."),
     ] = ()
     out: Annotated[
-        Path | None, Parameter(group=RESULT, help="Figure, a .png, .svg or .pdf; default: sweep.png in the folder.")
+        Path | None,
+        Parameter(
+            validator=only_file, group=RESULT, help="Figure, a .png, .svg or .pdf; default: sweep.png in the folder."
+        ),
     ] = None
     worst: Annotated[
         int,

@@ -16,6 +16,7 @@ from gcs.flight.log_process import LogProcess, LogRequest
 from gcs.flightlog.recorder import SimulationRecording
 from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
+from gcs.keys.private_files import FOLDER_MODE
 from gcs.mission.mission import Mission
 from gcs.viewer.origin_gate import Address
 from gcs.viewer.scene import Scene
@@ -39,7 +40,7 @@ def log_folder() -> Path:
 def default_path(mission: str, only: int | None, now: datetime) -> Path:
     """Return the path of a log that begins now, by date and mission; raises OSError without a home folder."""
     folder = log_folder()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
     name = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in mission)
     vehicle = "" if only is None else f"-vehicle{only}"
     return next(path for path in _numbered(folder, f"{now:%Y-%m-%d_%H-%M-%S}-{name}{vehicle}") if not path.exists())

@@ -11,10 +11,12 @@ import socket
 import subprocess
 import sys
 import termios
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from math import inf
 from typing import Protocol
 
 from agents.flight_end import FlightEnd
@@ -28,6 +30,8 @@ from sitl.server.shared_clock import US_PER_S, ClockError, ClockName, Rank, Seat
 
 ENDS_WITHIN_S = 0.2
 """A process whose loops are silent because it has been killed takes a while to end."""
+HEEDS_WITHIN_S = 20.0
+"""Wall time in which a flying process ends, once the operator asks for it while no vehicle flies."""
 OVERLOAD = 1.5
 """The load average per core from which a computer counts as overloaded."""
 _HERE = "\x1b7"
@@ -87,16 +91,19 @@ def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
             flying = _start(theirs.fileno(), page.kept_open)
         raise_supervisor()
 
+        end_request = _EndRequest()
+
         def request() -> None:
             _send(ours, STOP)
+            end_request.make()
             page.interrupt()
 
         relay(request)
         monitor = LoopMonitor()
-        silences_s = _watch(flying, ours, monitor)
+        silences_s = _watch(flying, ours, monitor, end_request)
         code = flying.wait()
         monitor.receive(_received(ours))
-    lines, lost = _report(flying.pid, code, silences_s, monitor)
+    lines, lost = _report(flying.pid, code, silences_s, monitor, end_request)
     if not lines:
         if monitor.unaccounted:
             page.lose(_over(monitor.unaccounted))
@@ -116,8 +123,37 @@ def _start(heartbeat: int, kept_open: Sequence[int]) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, *sys.orig_argv[1:]], pass_fds=[heartbeat, *kept_open], env=environment)
 
 
-def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, monitor: LoopMonitor) -> dict[int, float]:
-    """Watch until the process ends; kill it when a loop is dead. Return the silences that were the reason [s]."""
+class _EndRequest:
+    """The operator's request to end, made while no vehicle flies. A request in flight is for the control loops."""
+
+    def __init__(self) -> None:
+        self._made = threading.Event()
+        self._due_s = inf
+        self.is_overdue = False
+
+    def make(self) -> None:
+        """Make it; called on another thread."""
+        self._made.set()
+
+    def poll(self, *, flying: bool) -> bool:
+        """Return whether the process has not heeded it in time."""
+        if flying:
+            self._made.clear()
+        if not self._made.is_set():
+            self._due_s = inf
+        else:
+            self._due_s = min(self._due_s, time.monotonic() + HEEDS_WITHIN_S)
+        self.is_overdue = time.monotonic() >= self._due_s
+        return self.is_overdue
+
+
+def _watch(
+    flying: subprocess.Popen[bytes], connection: socket.socket, monitor: LoopMonitor, end_request: _EndRequest
+) -> dict[int, float]:
+    """Watch until the process ends; kill it when a loop is dead, or when it does not heed a request to end.
+
+    Return the silences of loops that were the reason [s].
+    """
     pace = _PollPace()
     try:
         while flying.poll() is None:
@@ -132,6 +168,9 @@ def _watch(flying: subprocess.Popen[bytes], connection: socket.socket, monitor: 
                 except subprocess.TimeoutExpired:
                     flying.kill()
                     return silences_s
+            if end_request.poll(flying=bool(monitor.flying)):
+                flying.kill()
+                return {}
         return {}
     finally:
         pace.leave_clock()
@@ -186,7 +225,7 @@ def _write(descriptor: int, line: str) -> None:
 
 
 def _report(
-    process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor
+    process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor, end_request: _EndRequest
 ) -> tuple[list[str], LostFlight | None]:
     """Return lines about a flight whose process did not end normally, otherwise none; and the flight if it is lost."""
     ended = f"by signal {-code}" if code < 0 else f"with exit code {code}"
@@ -195,6 +234,8 @@ def _report(
         reason = f"no tick of the control loop of {loops}: the flying process {process_id} was killed"
     elif monitor.flying:
         reason = f"the flying process {process_id} ended {ended} before its vehicles had landed"
+    elif end_request.is_overdue:
+        return [f"the flying process {process_id} was killed: it had not ended within {HEEDS_WITHIN_S:g} s"], None
     else:
         return [f"the flying process {process_id} ended {ended} while no vehicle flew"] if code < 0 else [], None
     reason += overload(os.getloadavg()[0], os.cpu_count() or 1)

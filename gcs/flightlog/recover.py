@@ -13,6 +13,7 @@ from gcs.errors import InputError
 from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError
 from gcs.flightlog.reader import RecordCounter, faults_of, open_container, topic_of
 from gcs.flightlog.records import PROFILE
+from gcs.keys.private_files import create
 
 _CHUNK_BYTES = 1 << 20
 _PROGRESS_STEP_BYTES = 1_000_000
@@ -86,7 +87,7 @@ def _gone_through(path: Path, container: Container, take: Callable[[Entry], None
 def _new_file(path: Path) -> Iterator[BinaryIO]:
     """Create a file, and remove it again after an exception; raises InputError."""
     try:
-        with path.open("xb") as stream:
+        with create(path, "xb") as stream:
             try:
                 yield stream
                 stream.flush()

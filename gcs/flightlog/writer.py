@@ -11,6 +11,7 @@ from foxglove.mcap import MCAPWriteOptions
 
 from gcs.flightlog.records import PROFILE, RUN_TOPICS, VEHICLE_TOPICS, Run
 from gcs.flightlog.schema import Codec, codec_of
+from gcs.keys.private_files import create
 
 
 class Disk:
@@ -21,7 +22,7 @@ class Disk:
 
     def __init__(self, path: Path) -> None:
         """Create the file; raises OSError when that fails, or when it exists already."""
-        self._file = path.open("xb", buffering=0)
+        self._file = create(path, "xb").detach()
         self._position = self._end = 0
         self.size_bytes = 0
         self.fault = ""

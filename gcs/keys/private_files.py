@@ -1,13 +1,19 @@
 """Files and folders that only their owner may read: modes 0600 and 0700."""
 
+import errno
 import os
+import stat
 from contextlib import suppress
+from io import BufferedWriter
 from pathlib import Path
+from typing import Literal
 
+from estimation.input_file import read_plain
 from gcs.errors import InputError
 
 FOLDER_MODE, FILE_MODE = 0o700, 0o600
 _OF_OTHERS = 0o077
+_BYTES_MAX = 1_000_000
 
 
 def make_folder(path: Path) -> None:
@@ -52,17 +58,37 @@ def write(path: Path, content: bytes) -> None:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
 
 
+def create(path: Path, mode: Literal["wb", "xb", "ab"] = "wb") -> BufferedWriter:
+    """Open a file for writing, as `open` does; a new one is readable by its owner only.
+
+    Raises OSError, also for a pipe or a device, without waiting.
+    """
+    file = open(path, mode, opener=_opener)  # noqa: SIM115 - Path.open takes no opener
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is not a file", str(path))
+    return file
+
+
+def _opener(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK, FILE_MODE)
+
+
 def read(path: Path) -> bytes:
     """Return a file's content; raises InputError."""
     try:
-        return path.read_bytes()
+        return read_plain(path, _BYTES_MAX)
     except OSError as error:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
 
 
 def read_private(path: Path) -> bytes:
-    """Return the content of a file that only its owner may read; raises InputError."""
-    content = read(path)
-    if path.stat().st_mode & _OF_OTHERS:
+    """Return the content of this user's file, which only its owner may read; raises InputError."""
+    content, found = read(path), path.stat()
+    if found.st_uid != os.geteuid():
+        raise InputError(
+            [f"{path}: it belongs to another user (user id {found.st_uid}); next: use a copy that belongs to you"]
+        )
+    if found.st_mode & _OF_OTHERS:
         raise InputError([f"{path}: other users may read this private key; next: chmod 600 {path}"])
     return content

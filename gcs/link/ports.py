@@ -82,7 +82,7 @@ class Claims(ExitStack):
     def take_team(self, mission: Mission) -> list[str]:
         """Claim the team for the flight of a mission; return the faults: flights of other missions by that team.
 
-        Raises InputError without a runtime directory.
+        Raises InputError without a runtime directory, VehicleRefusedError if nothing can be written there.
         """
         team, digest = f"flight.{mission.network.team}.", "" if mission.identity is None else mission.identity.digest
         with _claims_folder() as folder:
@@ -97,7 +97,7 @@ class Claims(ExitStack):
     def take_fed(self, ports: Sequence[int]) -> list[str]:
         """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already.
 
-        Raises InputError without a runtime directory.
+        Raises InputError without a runtime directory, VehicleRefusedError if nothing can be written there.
         """
         with _claims_folder() as folder:
             holders = {port: self._take(folder / f"fed.udp.{port}") for port in ports}
@@ -136,7 +136,8 @@ def _holder(path: Path) -> int | None:
 
 
 def _release(path: Path, claim: int) -> None:
-    with suppress(InputError), _claims_folder():  # the directory may be gone: the user has logged out
+    # The directory may be gone: the user has logged out.
+    with suppress(InputError, VehicleRefusedError), _claims_folder():
         path.unlink()
     os.close(claim)
 
@@ -151,7 +152,10 @@ def _claims_folder() -> Iterator[Path]:
         try:
             yield folder
         except OSError as error:
-            raise InputError([f"{folder}: {error.strerror or error}"]) from error
+            raise VehicleRefusedError(
+                f"{folder}: {error.strerror or error}",
+                "runs claim their team and ports in this folder; make it writable",
+            ) from error
 
 
 @contextmanager

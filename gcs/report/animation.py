@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.state import Vector
+from gcs.keys.private_files import create
 from gcs.report.charts.panels import Sheet, landmarks_m, map_height_in
-from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, STYLE
+from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, drawing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,9 +33,7 @@ def save_animation(sheet: Sheet, path: Path, progress: Callable[[float], None]) 
     `progress` is called with the share that is done. The record holds at least two times and a vehicle. Raises OSError
     when the file cannot be written.
     """
-    from matplotlib import rc_context  # noqa: PLC0415
-
-    with rc_context(STYLE):
+    with drawing():
         scene = _Scene(sheet)
         last = sheet.record.time_s.size - 1
         samples = np.unique(np.linspace(0, last, FRAMES_MAX).round().astype(int)).tolist()
@@ -49,11 +48,14 @@ def _write(frames: "list[Picture]", path: Path) -> None:
     from PIL import Image  # noqa: PLC0415
 
     durations_ms = [*(_FRAME_MS for _ in frames[1:]), _LAST_FRAME_MS]
-    if path.suffix.lower() == ".gif":
+    suffix = path.suffix.lower()
+    if suffix == ".gif":
         # One palette for all frames: between them only what moves differs. The last frame holds every colour.
         palette = frames[-1].quantize(_GIF_COLOURS)
         frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations_ms, loop=0, quality=75, method=4)
+    options = {"duration": durations_ms, "loop": 0, "quality": 75, "method": 4}
+    with create(path) as file:
+        frames[0].save(file, suffix[1:], save_all=True, append_images=frames[1:], **options)
 
 
 class _Scene:

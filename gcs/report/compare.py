@@ -14,6 +14,7 @@ from rich.text import Text
 from estimation.input_file import toml_content
 from estimation.state import Vector
 from gcs.console.summary import VERDICT_STYLES
+from gcs.keys.private_files import create
 from gcs.metrics.catalogue import FLIGHT, FLOCKING, PHASES, VEHICLE, Metric, VerdictState
 from gcs.metrics.result import FlightResult, verdict_states
 from gcs.metrics.vehicles import VehicleResult
@@ -314,7 +315,8 @@ def comparison_dict(flights: Sequence[ComparedFlight]) -> dict[str, Any]:
 
 def write_comparison(flights: Sequence[ComparedFlight], path: Path) -> None:
     """Write flights side by side to a file of HTML; raises OSError when it cannot be written."""
-    path.write_text(comparison_html(flights), encoding="utf-8")
+    with create(path) as file:
+        file.write(comparison_html(flights).encode(errors="replace"))  # names of files may hold bytes that are no text
 
 
 def comparison_html(flights: Sequence[ComparedFlight]) -> str:

@@ -8,6 +8,7 @@ display.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs.keys.private_files import create
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
@@ -22,7 +23,7 @@ from gcs.report.charts.panels import (
     landmarks_m,
     map_height_in,
 )
-from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, STYLE
+from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, STYLE, drawing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,11 +62,10 @@ def save_figure(
     suffix = path.suffix.lower()
     if suffix not in METADATA:
         raise ValueError(f"cannot draw a figure as {path.name!r}: its name must end in {', '.join(METADATA)}")
-    from matplotlib import rc_context  # noqa: PLC0415
-
-    with rc_context(STYLE):
+    with drawing():
         figure = drawn_figure(record, result, ring, formation, number)
-        figure.savefig(path, dpi=160, metadata=METADATA[suffix])
+        with create(path) as file:
+            figure.savefig(file, format=suffix[1:], dpi=160, metadata=METADATA[suffix])
     return figure
 
 
@@ -77,9 +77,7 @@ def drawn_figure(
     number: int | None = None,
 ) -> "Figure":
     """Return the page of figures of a flight, or one figure of the paper alone, drawn but not written."""
-    from matplotlib import rc_context  # noqa: PLC0415
-
-    with rc_context(STYLE):
+    with drawing():
         return _draw(Sheet(record, result, ring, formation, ring_motion(record)), number)
 
 

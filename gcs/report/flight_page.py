@@ -22,6 +22,7 @@ from agents.flight_end import FlightEnd
 from gcs import station
 from gcs.console.advice import advice, late_ticks
 from gcs.flightlog.reader import FlightLog
+from gcs.keys.private_files import create
 from gcs.metrics.ending import named
 from gcs.metrics.result import FlightResult, reference_line
 from gcs.report.evidence.criteria import Criteria
@@ -193,7 +194,10 @@ def write_report(
     evidence: FlightEvidence, result: FlightResult, criteria: Criteria, shown: FlightPicture, path: Path
 ) -> None:
     """Write the report of a flight, which replays it as `shown`; raises OSError when it cannot be written."""
-    path.write_text(report_html(evidence, result, criteria, shown), encoding="utf-8")
+    with create(path) as file:
+        file.write(
+            report_html(evidence, result, criteria, shown).encode(errors="replace")
+        )  # names of files may hold bytes that are no text
 
 
 def report_html(evidence: FlightEvidence, result: FlightResult, criteria: Criteria, shown: FlightPicture) -> str:

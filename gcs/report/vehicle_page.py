@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimation.state import Vector
+from gcs.keys.private_files import create
 from gcs.report.charts.chart import chart, over_time
 from gcs.report.charts.panels import mark_empty, thinned, thinned_path, title
 from gcs.report.page_parts import KeyLine, Section, Table, render
@@ -28,7 +29,8 @@ _LINES: dict[str, dict[str, Any]] = {
 
 def write_vehicle_report(logs: Sequence[VehicleLog], path: Path) -> None:
     """Write the report of a log's vehicles to a file; raises OSError when it cannot be written."""
-    path.write_text(vehicle_report_html(logs), encoding="utf-8")
+    with create(path) as file:
+        file.write(vehicle_report_html(logs).encode(errors="replace"))  # names of files may hold bytes that are no text
 
 
 def vehicle_report_html(logs: Sequence[VehicleLog]) -> str:

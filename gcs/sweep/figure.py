@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gcs.keys.private_files import create
 from gcs.report.figure import METADATA
-from gcs.style import COLOURS, FAINT, INK, STYLE
+from gcs.style import COLOURS, FAINT, INK, drawing
 from gcs.sweep.columns import PASS, Column, Row
 
 if TYPE_CHECKING:
@@ -83,13 +84,12 @@ class Picture:
 
 def save_sweep_figure(picture: Picture, path: Path) -> None:
     """Draw a sweep and write it to `path`, whose suffix chooses PNG, SVG or PDF; raises OSError."""
-    from matplotlib import rc_context  # noqa: PLC0415
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     count = len(picture.metrics)
     across, down = min(_ACROSS, count), ceil(count / _ACROSS)
-    with rc_context(STYLE):
+    with drawing():
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+        from matplotlib.figure import Figure  # noqa: PLC0415
+
         figure = Figure(figsize=(_PANEL_IN[0] * across, _PANEL_IN[1] * down + 0.7), layout="constrained")
         FigureCanvasAgg(figure)
         panels = figure.subplots(down, across, squeeze=False).ravel()
@@ -99,7 +99,9 @@ def save_sweep_figure(picture: Picture, path: Path) -> None:
         for axes in panels[count:]:
             axes.set_axis_off()
         _draw_words(figure, picture)
-        figure.savefig(path, dpi=130, metadata=METADATA[path.suffix.lower()])
+        suffix = path.suffix.lower()
+        with create(path) as file:
+            figure.savefig(file, format=suffix[1:], dpi=130, metadata=METADATA[suffix])
 
 
 def _draw_spread(axes: "Axes", picture: Picture, metric: Column) -> None:

@@ -13,8 +13,10 @@ from typing import Self
 
 import msgspec
 
+from estimation.input_file import open_plain
 from estimation.profile.profile import bundled_profiles
 from gcs.errors import InputError
+from gcs.keys.private_files import FOLDER_MODE, create
 from gcs.mission.file import bundled_missions
 from gcs.sweep.columns import Row
 from gcs.sweep.plan import SweepPlan
@@ -31,7 +33,9 @@ _DECODER = msgspec.json.Decoder(_Line)
 def read_rows(path: Path) -> dict[int, Row]:
     """Return the rows of a journal by run index; raises OSError."""
     rows: dict[int, Row] = {}
-    for line in path.read_bytes().splitlines():
+    with open_plain(path) as file:
+        lines = file.read().splitlines()
+    for line in lines:
         try:
             read = _DECODER.decode(line)
         except msgspec.MsgspecError:
@@ -47,7 +51,7 @@ class SweepJournal:
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("ab")
+        self._file = create(path, "ab")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -98,7 +102,7 @@ class SweepFolder:
         A folder without finished runs accepts any sweep.
         """
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            self.path.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
             journal = SweepJournal(self.path / JOURNAL)
             if journal.rows:
                 self._require_same(plan)
@@ -125,7 +129,8 @@ class SweepFolder:
     def _stored(self) -> _Stored:
         path = self.path / PLAN
         try:
-            return msgspec.json.decode(path.read_bytes(), type=_Stored)
+            with open_plain(path) as file:
+                return msgspec.json.decode(file.read(), type=_Stored)
         except OSError as error:
             raise InputError(
                 [f"{path}: {error.strerror or error}; `cordon sweep --out` creates such a folder"]
@@ -149,15 +154,16 @@ class SweepFolder:
             own = {name: text for name, text in plan.profile_texts.items() if name not in bundled_profiles()}
             for name, text in (own | {Path(mission).name: plan.mission_text}).items():
                 path = self.path / MISSION / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(text, encoding="utf-8")
+                path.parent.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
+                with create(path) as file:
+                    file.write(text.encode())
         write_whole(self.path / PLAN, msgspec.json.format(msgspec.json.encode(_Stored(mission, plan))))
 
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically; raises OSError."""
     partial = path.with_name(f".{path.name}.part")
-    with partial.open("wb") as file:
+    with create(partial) as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())

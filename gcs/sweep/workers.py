@@ -6,8 +6,9 @@ import signal
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import cache
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerProcess
 from threading import Thread
 from typing import Any, Protocol
 
@@ -159,6 +160,9 @@ class LocalWorkers:
     def close(self) -> None:
         """End all processes."""
         self._own_end.close()
+        for child in active_children():
+            if isinstance(child, ForkServerProcess):  # one that hangs or is stopped does not end by itself
+                child.kill()
         for pool in self._pools:
             pool.shutdown()
         self._workers_end.close()

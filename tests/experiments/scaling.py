@@ -13,12 +13,11 @@ from time import process_time
 from unittest.mock import patch
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from gcs.mission.mission import Mission
-from gcs.style import COLOURS, INK, STYLE
+from gcs.style import COLOURS, INK, drawing
 from sitl.simulation.simulation import NetworkModel
 from tests.experiments.arguments import parser
 from tests.experiments.benchmark import Reference
@@ -105,7 +104,7 @@ def table(costs: Sequence[Cost]) -> str:
 def draw(costs: Sequence[Cost], path: Path) -> None:
     """Draw the time per vehicle over the team size."""
     count = [cost.count for cost in costs]
-    with rc_context(STYLE):
+    with drawing():
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.add_subplot()

@@ -192,6 +192,17 @@ async def _careless() -> AsyncIterator[int]:
 # What happens to the flying process
 
 
+async def test_one_that_hangs_before_a_vehicle_flies_is_ended_by_ctrl_c(fly: Fly) -> None:
+    flight = await fly()
+    await flight.until(lambda: flight.flying_pid > 0, PATIENCE_S, "the flying process")
+    flight.strike(signal.SIGSTOP)
+    assert not flight.any_armed
+    flight.process.send_signal(signal.SIGINT)
+    code, said = await flight.ended()
+    assert code == 3, said
+    assert f"the flying process {flight.flying_pid} was killed: it had not ended within 20 s" in said
+
+
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [

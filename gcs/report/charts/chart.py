@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from estimation.state import Vector
 from gcs.report.charts.panels import empty_reason
-from gcs.style import DESIRED, STYLE, themed
+from gcs.style import DESIRED, STYLE, drawing, themed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -94,12 +94,10 @@ def chart(
 
     `name` makes the ids in the SVG unique on a page; `key_rows` adds room for a legend below.
     """
-    from matplotlib import rc_context  # noqa: PLC0415
-
     draws = (draws,) if callable(draws) else tuple(draws)
     key_in = _KEY_IN * key_rows
     height_in += key_in
-    with rc_context(_PAGE_STYLE | {"svg.hashsalt": name}):
+    with drawing(_PAGE_STYLE | {"svg.hashsalt": name}):
         figure = _figure(width_in, height_in, key_in)
         rows = figure.subplots(len(draws), 1, sharex=True, squeeze=False)[:, 0]
         for draw, axes in zip(draws, rows, strict=True):

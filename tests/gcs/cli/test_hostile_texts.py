@@ -29,6 +29,8 @@ from tests.wire.test_verbs import ALL
 EVIL = "\x1b[2J\x1b]0;mine\x07\x9b31m\u202e\u2066\rover\x08\x7f[link=x]"
 MARKUP = f"{EVIL}[/b]"
 """Also an end of what never began in the markup of terminals; it cannot be in a file's name."""
+NAME = f"{EVIL}\udc9b"
+"""Names of files may hold bytes that are no text, such as the CSI of eight bits."""
 HARMFUL = re.compile(rf"(?![\n\t])[{CONTROL}]")
 OWN_STYLE = re.compile(r"\x1b\[[\d;]*[mAK]|\x1b\[\?25[hl]|\r")
 """Colours, and what moves the cursor to draw a progress bar again."""
@@ -76,13 +78,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made.mkdir()
     mission = content((MISSIONS / "case2.toml").read_text(encoding="utf-8"))
     mission["mission"] |= {"name": MARKUP[:60], "description": MARKUP}
-    (made / f"flies{EVIL}.toml").write_text(tomli_w.dumps(mission), encoding="utf-8")
+    (made / f"flies{NAME}.toml").write_text(tomli_w.dumps(mission), encoding="utf-8")
     mission["vehicles"][0] |= {"profile": f"{EVIL}.toml", EVIL: EVIL}
     mission["vehicles"][1]["url"] = f"udpin://{EVIL}"
     mission["network"] = {"team": EVIL, "router": EVIL, "security": {"keys": EVIL}}
     mission["safety"]["separation_m"] = EVIL
-    (made / f"wrong{EVIL}.toml").write_text(tomli_w.dumps(mission | {EVIL: {EVIL: EVIL}}), encoding="utf-8")
-    write_log(made / f"flight{EVIL}.mcap")
+    (made / f"wrong{NAME}.toml").write_text(tomli_w.dumps(mission | {EVIL: {EVIL: EVIL}}), encoding="utf-8")
+    write_log(made / f"flight{NAME}.mcap")
     keys = made / "keys"
     keys.mkdir(mode=0o700)
     (keys / "authority").mkdir(mode=0o700)
@@ -97,7 +99,7 @@ def hostile_words(run: VerbRun) -> list[str]:
     def word(given: str) -> str:
         if given.startswith("-") or given.replace(".", "").isdecimal():
             return given
-        return {".toml": f"wrong{EVIL}.toml", ".mcap": f"flight{EVIL}.mcap"}.get(Path(given).suffix, EVIL)
+        return {".toml": f"wrong{NAME}.toml", ".mcap": f"flight{NAME}.mcap"}.get(Path(given).suffix, EVIL)
 
     return [*run.command.split(), *map(word, run.arguments.split())]
 
@@ -127,9 +129,9 @@ def test_no_command_prints_control_characters_of_files_and_names(folder: Path, s
         also = ["--json"] if run.keys else []
         for words in (hostile_words(run), [*hostile_words(run), *also], [*run.command.split(), EVIL, f"--{EVIL}"]):
             code, out, err = shown(words, folder)
-            with subtests.test(words=" ".join(words).encode("unicode_escape").decode()):
+            with subtests.test(words=" ".join(words).encode("unicode_escape", "surrogateescape").decode()):
                 assert "Traceback" not in err, err
-                assert not HARMFUL.findall(out + err), (out + err).encode("unicode_escape").decode()
+                assert not HARMFUL.findall(out + err), (out + err).encode("unicode_escape", "surrogateescape").decode()
                 assert code in (0, 1, 2, 3)
 
 
@@ -139,20 +141,21 @@ def test_no_command_prints_control_characters_of_files_and_names(folder: Path, s
         "sim {mission} --duration 1 --json",
         "excite {mission} --preview --json",
         "report {log} --json",
-        "report {log} --compare {other}",
+        "report {log} --compare {other} --html compared.html",
+        "report {log} --html flight.html",
         "replay {log} --explain 1 --json",
         "log audit {log}",
     ],
 )
 def test_none_is_printed_by_a_command_that_reads_them(folder: Path, arguments: str) -> None:
-    other = folder / f"other{EVIL}.mcap"
+    other = folder / f"other{NAME}.mcap"
     if not other.exists():
-        other.write_bytes((folder / f"flight{EVIL}.mcap").read_bytes())
-    places = {"{mission}": f"flies{EVIL}.toml", "{log}": f"flight{EVIL}.mcap", "{other}": other.name}
+        other.write_bytes((folder / f"flight{NAME}.mcap").read_bytes())
+    places = {"{mission}": f"flies{NAME}.toml", "{log}": f"flight{NAME}.mcap", "{other}": other.name}
     code, out, err = shown([places.get(word, word) for word in arguments.split()], folder)
     assert "Traceback" not in err, err
     assert code in (0, 1), err
-    assert not HARMFUL.findall(out + err), (out + err).encode("unicode_escape").decode()
+    assert not HARMFUL.findall(out + err), (out + err).encode("unicode_escape", "surrogateescape").decode()
     assert "mine" in out + err, "it has to show them"
 
 
@@ -178,6 +181,8 @@ def _read(terminal: int) -> bytes:
 
 @pytest.mark.parametrize("command", ["replay {log}", "report {log}", "log recover {log}", "identify {log} --vehicle 1"])
 def test_a_terminal_receives_the_program_s_own_style_only(folder: Path, command: str) -> None:
-    received = on_terminal([word.replace("{log}", f"flight{EVIL}.mcap") for word in command.split()], folder)
+    received = on_terminal([word.replace("{log}", f"flight{NAME}.mcap") for word in command.split()], folder)
     assert "mine" in received, "it has to show them"
-    assert not HARMFUL.findall(OWN_STYLE.sub("", received)), received.encode("unicode_escape").decode()
+    assert not HARMFUL.findall(OWN_STYLE.sub("", received)), received.encode(
+        "unicode_escape", "surrogateescape"
+    ).decode()

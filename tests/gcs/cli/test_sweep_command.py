@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +110,19 @@ def test_ctrl_c_ends_it_with_what_goes_on(tmp_path: Path, table: bytes) -> None:
         assert shlex.join(["cordon", "sweep", *FLIGHT, "--json", "--out", str(tmp_path)]) in err
         assert not (tmp_path / "runs.parquet").exists()
     assert_goes_on(tmp_path, table)
+
+
+def test_ctrl_c_ends_it_although_a_worker_hangs(tmp_path: Path) -> None:
+    with in_the_middle(tmp_path, "--workers", "2") as process:
+        workers = [each for each in psutil.Process(process.pid).children(recursive=True) if each.ppid() != process.pid]
+        try:
+            workers[0].suspend()
+            process.send_signal(signal.SIGINT)
+            assert ended(process)[0] is Exit.ENDED_IN_FLIGHT
+        finally:
+            for each in workers:
+                with suppress(psutil.NoSuchProcess):
+                    each.kill()
 
 
 @contextmanager

@@ -115,7 +115,9 @@ def silent(*vehicle_ids: int) -> LoopMonitor:
 def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0))
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    (headline, reason, *others), lost = supervisor._report(77, -9, {1: 0.6, 2: 0.7}, silent(1, 2))
+    (headline, reason, *others), lost = supervisor._report(
+        77, -9, {1: 0.6, 2: 0.7}, silent(1, 2), supervisor._EndRequest()
+    )
     assert headline == "Ended by the watchdog: vehicles 1 and 2"
     assert reason.startswith(
         "no tick of the control loop of vehicle 1 for 0.6 s, vehicle 2 for 0.7 s: the flying process 77"
@@ -159,13 +161,13 @@ def test_a_process_that_is_about_to_end_is_not_called_silent(pair: tuple[socket.
     ours.setblocking(False)
     theirs.send(tick(1))
     flying = Ending()
-    assert supervisor._watch(flying, ours, LoopMonitor()) == {}
+    assert supervisor._watch(flying, ours, LoopMonitor(), supervisor._EndRequest()) == {}
     assert not flying.killed
 
 
 def test_a_flight_that_ended_as_it_should_has_no_words_of_the_watchdog() -> None:
-    assert supervisor._report(77, 0, {}, LoopMonitor()) == ([], None)
-    lines, lost = supervisor._report(77, -9, {}, LoopMonitor())
+    assert supervisor._report(77, 0, {}, LoopMonitor(), supervisor._EndRequest()) == ([], None)
+    lines, lost = supervisor._report(77, -9, {}, LoopMonitor(), supervisor._EndRequest())
     assert "while no vehicle flew" in lines[0]
     assert lost is None
 

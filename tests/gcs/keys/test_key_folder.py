@@ -1,5 +1,6 @@
 """Keys on disk: issued, copied to another computer, revoked; who may send what; and what is refused."""
 
+import os
 import re
 import shutil
 import stat
@@ -103,6 +104,29 @@ def test_only_the_user_may_read_them(keys: AuthorityFolder, subtests: pytest.Sub
     key = keys.path / "vehicle-3" / "private-key.pem"
     key.chmod(0o640)
     with pytest.raises(InputError, match="chmod 600"):
+        security_of(keys, "vehicle", "3")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give a file to another user")
+def test_a_private_key_of_another_user_is_refused(keys: AuthorityFolder) -> None:
+    os.chown(keys.path / "vehicle-3" / "private-key.pem", 12345, 12345)
+    with pytest.raises(InputError, match=r"private-key\.pem: it belongs to another user \(user id 12345\)"):
+        security_of(keys, "vehicle", "3")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+@pytest.mark.parametrize("name", ["private-key.pem", "certificate.pem", "authority.pem"])
+def test_what_is_no_file_is_not_read(keys: AuthorityFolder, name: str, kind: str) -> None:
+    path = keys.path / "vehicle-3" / name
+    path.unlink()
+    match kind:
+        case "pipe":
+            os.mkfifo(path, 0o600)
+        case "device":
+            path.symlink_to("/dev/zero")
+        case "folder":
+            path.mkdir(0o700)
+    with pytest.raises(InputError, match=f"{name}: it is not a file"):
         security_of(keys, "vehicle", "3")
 
 

@@ -68,7 +68,7 @@ def test_the_modules_leave_marks(hostile: Path) -> None:
         "excite ring.toml --sitl --speed max --no-log",
         "drill case2 --fault frozen-interpreter",
         "sweep ring.toml --seeds 0:1 --duration 2 --workers 1 --out swept",
-        "sim ring.toml --duration 2",
+        "sim ring.toml --duration 2 --plot ring.svg",
     ],
     ids=lambda arguments: arguments.partition(" ")[0],
 )
@@ -86,6 +86,19 @@ def test_python_m_imports_none_but_what_it_is_told_to(hostile: Path, module: str
         (hostile / name).rename(hostile / f"no-{name}")
     ended, imported = run(hostile, "-m", module, "sim", "ring.toml", "--duration", "2")
     assert (ended.returncode in (0, 1), imported) == (True, ""), ended.stderr
+
+
+def test_figures_do_not_follow_its_settings(hostile: Path, tmp_path: Path) -> None:
+    (hostile / "matplotlibrc").write_text("lines.linewidth: 40\nno.such.key: \x1b[2J\n", encoding="utf-8")
+    drawn: list[bytes] = []
+    for folder in (tmp_path, hostile):
+        path = tmp_path / f"{len(drawn)}.svg"
+        arguments = ("sim", str(hostile / "ring.toml"), "--duration", "2", "--plot", str(path))
+        ended, _ = run(folder, "-P", "-m", "cordon", *arguments)
+        assert "matplotlibrc" not in ended.stderr
+        assert "\x1b" not in ended.stderr
+        drawn.append(path.read_bytes())
+    assert drawn[0] == drawn[1]
 
 
 def test_sources_run_in_their_own_folder_with_their_processes() -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import re
 import signal
 import socket
 import sys
@@ -146,6 +147,21 @@ async def test_claims_of_a_killed_run_count_for_nothing(missions: tuple[str, str
         stubs.kill()
         await stubs.communicate()
     with flight_claims(load_mission(missions[0]), mission.ids):
+        pass
+
+
+def test_a_folder_of_claims_that_cannot_be_written_is_named(
+    missions: tuple[str, str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runtime = tmp_path / "runtime"
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    (port, *_) = fed_ports(load_mission(missions[0]).vehicles)
+    with stub_claims([port]):
+        (claim,) = runtime.glob(f"cordon/.claims-*/fed.udp.{port}")
+    assert not claim.exists()
+    claim.mkdir()
+    with pytest.raises(VehicleRefusedError, match=re.escape(str(claim.parent))), stub_claims([port]):
         pass
 
 
