@@ -104,7 +104,7 @@ class LateTicks(_Input, frozen=True):
 
 
 class Bus(_Input, frozen=True):
-    """Whether the session of the bus works, whether an operator is on the bus, and the certificates `revoked` in flight."""
+    """Whether the session of the bus works, whether an operator is there, and the certificates `revoked` in flight."""
 
     topic: ClassVar = "bus"
     lasts: ClassVar = True

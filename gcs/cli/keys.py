@@ -298,16 +298,17 @@ def _send_roster(mission: "Mission", operator: "Identity", roster: "Roster") -> 
         print_problem(f"not sent: team {network} has keys of another authority, or none", "check --mission and --keys")
         return Exit.REFUSED
     try:
-        taken = asyncio.run(send_roster(mission, operator, roster.compact(), roster.serial))
+        taken = asyncio.run(send_roster(mission, operator, roster))
     except VehicleRefusedError as refusal:
         print_problem(f"not sent to team {network}: {refusal.reason}", refusal.next_step)
         return Exit.REFUSED
-    for vehicle_id in mission.ids:
-        if taken.get(vehicle_id):
+    for vehicle_id in sorted(taken):
+        if taken[vehicle_id]:
             print_line(f"vehicle {vehicle_id}: has taken the revocation")
         else:
-            found = "has not taken it" if vehicle_id in taken else "is not on the bus"
-            print_problem(f"vehicle {vehicle_id}: {found}", "copy the roster there before its next flight")
+            print_problem(f"vehicle {vehicle_id}: has not taken the revocation", "try again; copy the roster there")
+    if absent := ", ".join(str(each) for each in mission.ids if each not in taken):
+        print_line(f"vehicles without the revocation, not on the bus or revoked: {absent}", "yellow")
     return Exit.HOLDS if taken and all(taken.values()) else Exit.REFUSED
 
 

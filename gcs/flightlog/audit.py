@@ -20,9 +20,9 @@ Source = Literal["bus", "keyboard", ""]
 class AuditEntry(msgspec.Struct, frozen=True):
     """A command received by a vehicle, its answer, keys revoked in flight, or the closing of the log after all entries.
 
-    `operator` is the name in its key, and on a bus with keys that of the certificate. `did` is the vehicle's answer, or the
-    effect of a revocation.
-    `previous` is the digest of the entry before, empty in the first; `digest` is the SHA-256 of all other fields.
+    `operator` is the name in its key, and on a bus with keys that of the certificate. `did` is the vehicle's answer, or
+    the effect of a revocation. `previous` is the digest of the entry before, empty in the first; `digest` is the
+    SHA-256 of all other fields.
     """
 
     time_s: float

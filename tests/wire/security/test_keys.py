@@ -444,22 +444,22 @@ async def test_the_command_revokes_in_flight(keys: AuthorityFolder, mission_file
         return await asyncio.to_thread(cordon, "keys", "revoke", *arguments, "--keys", str(keys.path))
 
     async with peers(keys, endpoints) as team:
-        unsent = await revoke("operator-bob")
+        unsent = await revoke("sensor-mast")
         assert unsent.code == Exit.HOLDS
         assert "not sent to a running team: no --mission is given" in unsent.err
-        sent = await revoke("operator-anna", "--mission", mission, "--key", "anna")
+        sent = await revoke("vehicle-2", "--mission", mission, "--key", "bob")
         assert sent.code == Exit.HOLDS, sent.err
-        for words in ("vehicle 1: has taken the revocation", "vehicle 3: is not on the bus", "next: copy"):
+        for words in ("vehicle 1: has taken the revocation", "not on the bus or revoked: 2, 3", "next: copy"):
             assert words in sent.err
-        assert [bus.revoked for bus in team.buses] == [("operator-anna", "operator-bob")] * 2
-        refused = await revoke("vehicle-3", "--mission", mission)
+        of_itself = await revoke("operator-anna", "--mission", mission, "--key", "anna")
+        assert of_itself.code == Exit.HOLDS, of_itself.err
+        assert [bus.revoked for bus in team.buses] == [("operator-anna", "sensor-mast", "vehicle-2")] * 2
+        assert team.present == [set(), {1}]
+        refused = await revoke("observer-tower", "--mission", mission)
         assert refused.code == Exit.REFUSED
-        assert "not sent to a running team" in refused.err
-    assert [each.label for each in keys.roster.holders if each.revoked] == [
-        "operator-anna",
-        "operator-bob",
-        "vehicle-3",
-    ]
+        assert "choose one" in refused.err
+    gone = [each.label for each in keys.roster.holders if each.revoked]
+    assert gone == ["observer-tower", "operator-anna", "sensor-mast", "vehicle-2"]
 
 
 def test_keys_that_expire_within_the_flight_refuse_it(
