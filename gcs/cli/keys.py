@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Folder = Annotated[Path, Parameter(name="--keys", help="The folder of the keys.")]
 Days = Annotated[float, Parameter(help="Validity in days.", validator=Number(gt=0.0, lte=36500.0))]
 DEFAULT_FOLDER = Path("keys")
+DEFAULT_DAYS = 30.0
 
 
 @Parameter(name="*")
@@ -55,7 +56,7 @@ Name = Annotated[str, Parameter(help="The name: letters, digits, '_', '.' and '-
 class IssueOptions(KeysOptions):
     """Options that all of `cordon keys issue` share."""
 
-    days: Days = 365.0
+    days: Days = DEFAULT_DAYS
 
 
 @Parameter(name="*")
@@ -235,6 +236,26 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
     return Exit.HOLDS
 
 
+@keys.command
+def renew(
+    holder: Annotated[str | None, Parameter(help="The holder, such as vehicle-3. Default: all.")] = None,
+    /,
+    *,
+    options: IssueOptions = _ISSUE_DEFAULTS,
+) -> Exit:
+    """Renew keys before they expire. The present ones remain valid until they do: copy the new ones at any time.
+
+    Example: cordon keys renew
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AuthorityFolder
+    from gcs.keys.roster import expiry
+
+    for each in AuthorityFolder(options.keys).renew(holder, options.days):
+        print_line(f"{options.keys / each.label}: renewed until {expiry(each)}; next: copy this folder to its computer")
+    return Exit.HOLDS
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RevokeOptions(KeysOptions):
@@ -353,13 +374,18 @@ def sign(*, options: SignOptions = _SIGN_DEFAULTS) -> Exit:
 
 @keys.command
 def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
-    """List the holders of keys, their permissions and expiry dates.
+    """List the holders of keys, their permissions and expiry dates; warn of keys that expire within a week.
 
     Example: cordon keys show
     """
     from gcs.cli.output import print_result
+    from gcs.console.terminal import print_line
     from gcs.keys.authority_folder import AuthorityFolder
-    from gcs.keys.roster import roster_view
+    from gcs.keys.roster import expiring, expiry, roster_view
 
-    print_result(roster_view(AuthorityFolder(options.keys).roster))
+    roster = AuthorityFolder(options.keys).roster
+    print_result(roster_view(roster))
+    for holder in expiring(roster):
+        renew = f"cordon keys renew {holder.label} --keys {options.keys}"
+        print_line(f"{holder.label}: its keys expire at {expiry(holder, minutes=True)}; next: {renew}", "yellow")
     return Exit.HOLDS

@@ -1,5 +1,6 @@
 """The folder of keys on the computer that issues them, with the authority that signs them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import time
@@ -75,13 +76,25 @@ class AuthorityFolder:
         self.sign(roster.put(holder))
         return holder
 
+    def renew(self, label: str | None, days: float) -> Sequence[Holder]:
+        """Issue new certificates, valid for `days`, under the names of the present ones, which expire by themselves.
+
+        Of one holder that is not revoked, or of all. Raises InputError.
+        """
+        roster, authority = self.roster, self._load_authority()
+        renewed = []
+        for holder in roster.valid if label is None else [_of(roster.valid, label)]:
+            until = min(time() + days * DAY_S, authority.expires_s)
+            renewed.append(msgspec.structs.replace(holder, expires_s=until))
+            keys = authority.issue(holder.common_name, until)
+            KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
+        self.sign(roster.put(*renewed))
+        return renewed
+
     def revoke(self, label: str) -> Holder:
         """Revoke the certificate of a holder such as `operator-anna`; raises InputError if there is none."""
         roster = self.roster
-        holder = next((each for each in roster.holders if each.label == label), None)
-        if holder is None:
-            known = ", ".join(each.label for each in roster.holders) or "none"
-            raise InputError([f"{label}: no keys of this name were issued (issued: {known})"])
+        holder = _of(roster.holders, label)
         if holder.revoked:
             return holder
         revoked = msgspec.structs.replace(holder, revoked=True)
@@ -104,6 +117,14 @@ class AuthorityFolder:
             return CertificateAuthority(keys)
         except ValueError as error:
             raise InputError([f"{self._authority}: the authority's keys cannot be read: {error}"]) from error
+
+
+def _of(holders: Sequence[Holder], label: str) -> Holder:
+    holder = next((each for each in holders if each.label == label), None)
+    if holder is None:
+        known = ", ".join(each.label for each in holders) or "none"
+        raise InputError([f"{label}: no keys of this name were issued (issued: {known})"])
+    return holder
 
 
 def _verbs(role: Role, may: tuple[Verb, ...] | None) -> tuple[Verb, ...]:

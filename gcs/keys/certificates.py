@@ -75,6 +75,13 @@ class CertificateAuthority:
         return self._private_key.sign(content, _SIGNATURE)
 
 
+def name_and_expiry(certificate_pem: bytes) -> tuple[str, float]:
+    """Return a certificate's common name, and when it expires [Unix s]; raises ValueError if it cannot be read."""
+    certificate = x509.load_pem_x509_certificate(certificate_pem)
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return "".join(str(each.value) for each in names), certificate.not_valid_after_utc.timestamp()
+
+
 _SIGNATURE = ec.ECDSA(hashes.SHA256())
 
 

@@ -246,12 +246,25 @@ _SENDS = {
 }
 
 
+_WARNED_S = 7 * 86400.0
+"""Keys that expire within this time are warned of."""
+
+
+def expiring(roster: Roster) -> tuple[Holder, ...]:
+    """Return the holders whose keys have expired, or will within a week."""
+    return tuple(each for each in roster.valid if each.expires_s < time() + _WARNED_S)
+
+
 def roster_view(roster: Roster) -> str:
     """Return one line for each holder: validity and permissions."""
     if not roster.holders:
         return "no keys issued"
     width = max(len(each.label) for each in roster.holders)
-    return "\n".join(f"{each.label:<{width}}  {_state(each):<18}  {grants(each)}" for each in roster.holders)
+    states = {each.label: _state(each) for each in roster.holders}
+    longest = max(map(len, states.values()))
+    return "\n".join(
+        f"{each.label:<{width}}  {states[each.label]:<{longest}}  {grants(each)}" for each in roster.holders
+    )
 
 
 def grants(holder: Holder) -> str:
@@ -269,4 +282,5 @@ def expiry(holder: Holder, *, minutes: bool = False) -> str:
 def _state(holder: Holder) -> str:
     if holder.revoked:
         return "revoked"
-    return f"{'expired' if holder.expires_s <= time() else 'until'} {expiry(holder)}"
+    left_d = (holder.expires_s - time()) / 86400.0
+    return f"until {expiry(holder)} ({left_d:.0f} days)" if left_d > 0.0 else f"expired {expiry(holder)}"

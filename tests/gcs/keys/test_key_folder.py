@@ -5,6 +5,7 @@ import shutil
 import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from time import time
 
 import msgspec
 import pytest
@@ -14,6 +15,7 @@ from agents.team.participant import Role
 from agents.team.verbs import VERBS
 from gcs.errors import Exit, InputError
 from gcs.keys.authority_folder import AuthorityFolder
+from gcs.keys.certificates import DAY_S, name_and_expiry
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE
 from tests.conftest import RunHere
@@ -128,6 +130,49 @@ def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(key
     assert after.certificate_pem != before
     assert granted(keys, "operator-bob") == set(), "the certificate that was revoked still counts"
     assert granted(keys, "operator-bob~2") == {"command/hold/bob", "roster/bob", "operator/bob"}
+
+
+def test_renewed_keys_are_accepted_beside_those_that_they_replace(keys: AuthorityFolder, tmp_path: Path) -> None:
+    there = KeyFolder(tmp_path / "drone" / "keys")
+    shutil.copytree(keys.path / "vehicle-3", there.path / "vehicle-3")
+    before, grants = security_of(keys, "vehicle", "3"), security_of(keys, "operator", "bob").grants
+    renewed = {each.label: each for each in keys.renew(None, 9.0)}
+    assert renewed.keys() == {each.label for each in keys.roster.valid}
+    after = security_of(keys, "vehicle", "3")
+    assert after.certificate_pem != before.certificate_pem
+    assert set(security_of(keys, "operator", "bob").grants) == set(grants)
+    assert name_and_expiry(after.certificate_pem)[0] == name_and_expiry(before.certificate_pem)[0]
+    shutil.copyfile(keys.path / ROSTER_FILE, there.path / "vehicle-3" / ROSTER_FILE)
+    here, copied = (
+        {each.label: each.expires_s for each in folder.holders()} for folder in (KeyFolder(keys.path), there)
+    )
+    assert copied["vehicle-3"] < time() + DAY_S < here["vehicle-3"], "its own certificate counts, not the roster"
+    keys.revoke("operator-bob")
+    with pytest.raises(InputError, match="operator-bob"):
+        keys.renew("operator-bob", 9.0)
+
+
+def test_a_certificate_that_the_roster_does_not_admit_is_refused(keys: AuthorityFolder, tmp_path: Path) -> None:
+    there = KeyFolder(tmp_path / "drone" / "keys")
+    shutil.copytree(keys.path / "vehicle-3", there.path / "vehicle-3")
+    keys.issue("vehicle", "3", 1.0)
+    shutil.copyfile(keys.path / ROSTER_FILE, there.path / "vehicle-3" / ROSTER_FILE)
+    with pytest.raises(InputError, match=r"certificate\.pem: it is the certificate vehicle-3; .* vehicle-3~2"):
+        there.identity("vehicle", "3")
+
+
+def test_keys_that_expire_soon_are_warned_of(
+    keys: AuthorityFolder, run_here: RunHere, subtests: pytest.Subtests
+) -> None:
+    keys.renew("operator-anna", 9.0)
+    keys.revoke("operator-bob")
+    code, out, err = run_here("keys", "show", "--keys", str(keys.path))
+    assert code == Exit.HOLDS
+    warned = " ".join(err.split())
+    for label, soon in {"vehicle-3": True, "operator-anna": False, "operator-bob": False}.items():
+        with subtests.test(holder=label):
+            assert (f"cordon keys renew {label}" in warned) == soon
+    assert "(9 days)" in next(line for line in out.splitlines() if line.startswith("operator-anna"))
 
 
 def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
