@@ -1,8 +1,12 @@
 """`cordon keys`: the keys that authenticate the vehicles, operators and sensors of a team."""
 
 import asyncio
+import os
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from getpass import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +19,7 @@ from gcs.errors import Exit, InputError
 if TYPE_CHECKING:
     from agents.team.participant import Role
     from agents.team.verbs import Verb
+    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.identity import Identity
     from gcs.keys.roster import Holder, Roster
     from gcs.mission.mission import Mission
@@ -41,6 +46,33 @@ def print_roster_step(holders: "Sequence[Holder]", folder: Path) -> None:
     if holders:
         names = ", ".join(holder.label for holder in holders)
         print_line(f"next: copy {folder / ROSTER_FILE} into the key folders on other computers: {names}")
+
+
+def authority_folder(path: Path) -> "AuthorityFolder":
+    """Return the folder of an authority; the passphrase of its private key is asked for once, when it is needed."""
+    from gcs.keys.authority_folder import AuthorityFolder
+
+    return AuthorityFolder(
+        path, cache(lambda: _secret("CORDON_KEYS_PASSPHRASE", f"Passphrase of {path / 'authority'}"))
+    )
+
+
+def _secret(variable: str, question: str, *, is_new: bool = False) -> bytes:
+    """Return a secret from an environment variable, the file that one names, or the terminal; raises InputError."""
+    from gcs.keys.private_files import read_private
+
+    file = os.environ.get(f"{variable}_FILE")
+    if (secret := os.environ.get(variable)) is None and file is not None:
+        secret = read_private(Path(file)).decode(errors="surrogateescape").rstrip("\r\n")
+    elif secret is None:
+        if not sys.stdin.isatty():
+            raise InputError([f"{question}: there is no terminal to ask; next: set {variable} or {variable}_FILE"])
+        secret = getpass(f"{question}: ")
+        if is_new and getpass("Once more: ") != secret:
+            raise InputError([f"{question}: the two inputs differ"])
+    if not secret:
+        raise InputError([f"{question}: it is empty"])
+    return secret.encode(errors="surrogateescape")
 
 
 issue = App(
@@ -131,10 +163,9 @@ def router(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...] | None" = None) -> Exit:
     from gcs.console.terminal import print_line
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.roster import expiry, grants
 
-    folder = AuthorityFolder(options.keys)
+    folder = authority_folder(options.keys)
     holder = folder.issue(role, name, options.days, may)
     if holder.generation > 1:
         print_line(f"{holder.label}: the keys issued before are no longer valid", "yellow")
@@ -228,11 +259,28 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
     Example: cordon keys init --keys keys
     """
     from gcs.console.terminal import print_line
-    from gcs.keys.authority_folder import AUTHORITY, AuthorityFolder
+    from gcs.keys.authority_folder import AUTHORITY
 
-    AuthorityFolder(options.keys).init(options.days)
+    authority_folder(options.keys).init(options.days)
     print_line(f"{options.keys / AUTHORITY}: created; keep it secret: it can issue keys")
-    print_line(f"next: cordon keys issue vehicle 1 --keys {options.keys}")
+    print_line(f"next: cordon keys passphrase --keys {options.keys}; cordon keys issue vehicle 1 --keys {options.keys}")
+    return Exit.HOLDS
+
+
+@keys.command
+def passphrase(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
+    """Encrypt the authority's private key with a passphrase, or change it. Issuing and revoking keys asks for it.
+
+    Without a terminal it is CORDON_KEYS_PASSPHRASE, or in the file CORDON_KEYS_PASSPHRASE_FILE; a new one is
+    CORDON_KEYS_NEW_PASSPHRASE.
+
+    Example: cordon keys passphrase
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AUTHORITY
+
+    authority_folder(options.keys).encrypt(lambda: _secret("CORDON_KEYS_NEW_PASSPHRASE", "New passphrase", is_new=True))
+    print_line(f"{options.keys / AUTHORITY}: its private key is encrypted; without the passphrase it is lost")
     return Exit.HOLDS
 
 
@@ -248,10 +296,9 @@ def renew(
     Example: cordon keys renew
     """
     from gcs.console.terminal import print_line
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.roster import expiry
 
-    for each in AuthorityFolder(options.keys).renew(holder, options.days):
+    for each in authority_folder(options.keys).renew(holder, options.days):
         print_line(f"{options.keys / each.label}: renewed until {expiry(each)}; next: copy this folder to its computer")
     return Exit.HOLDS
 
@@ -284,7 +331,6 @@ def revoke(
     """
     from agents.ports import VehicleRefusedError
     from gcs.console.terminal import print_line, print_problem
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.team_keys import team_keys
 
     mission = None if options.mission is None else bus_mission(options.mission, options.changes)
@@ -295,7 +341,7 @@ def revoke(
             operator = team_keys(mission).identity("operator", options.key)
         except (InputError, VehicleRefusedError) as error:
             unsent = str(error)
-    folder = AuthorityFolder(options.keys)
+    folder = authority_folder(options.keys)
     revoked = folder.revoke(holder)
     print_line(f"{revoked.label}: revoked")
     print_roster_step(folder.roster.valid, options.keys)
@@ -352,10 +398,9 @@ def sign(*, options: SignOptions = _SIGN_DEFAULTS) -> Exit:
     """
     from gcs.cli.output import confirmed, print_result
     from gcs.console.terminal import print_line, print_problem
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.roster import ROSTER_FILE, roster_view
 
-    folder = AuthorityFolder(options.keys)
+    folder = authority_folder(options.keys)
     roster = folder.roster_to_sign
     if roster.signature:
         print_line(f"{options.keys / ROSTER_FILE}: it is signed already")
@@ -380,10 +425,9 @@ def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
     """
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.roster import expiring, expiry, roster_view
 
-    roster = AuthorityFolder(options.keys).roster
+    roster = authority_folder(options.keys).roster
     print_result(roster_view(roster))
     for holder in expiring(roster):
         renew = f"cordon keys renew {holder.label} --keys {options.keys}"

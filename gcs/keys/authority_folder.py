@@ -1,6 +1,6 @@
 """The folder of keys on the computer that issues them, with the authority that signs them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import time
@@ -18,11 +18,20 @@ from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster, un
 AUTHORITY = "authority"
 
 
+def no_passphrase() -> bytes:
+    """Raise InputError: there is nobody to ask."""
+    raise InputError(["the authority's private key is encrypted: its passphrase is needed"])
+
+
 @dataclass(frozen=True, slots=True)
 class AuthorityFolder:
-    """Issues and revokes the keys in one folder; its folder `authority` stays on this computer."""
+    """Issues and revokes the keys in one folder; its folder `authority` stays on this computer.
+
+    `passphrase` is called for an encrypted private key of the authority.
+    """
 
     path: Path
+    passphrase: Callable[[], bytes] = no_passphrase
 
     @property
     def roster(self) -> Roster:
@@ -55,6 +64,11 @@ class AuthorityFolder:
         write(self._authority / PRIVATE_KEY_FILE, keys.private_key_pem)
         write(self._authority / CERTIFICATE_FILE, keys.certificate_pem)
         self.sign(Roster(digest(keys.certificate_pem)).put())
+
+    def encrypt(self, new_passphrase: Callable[[], bytes]) -> None:
+        """Encrypt the authority's private key with a passphrase, or with another one; raises InputError."""
+        authority = self._load_authority()
+        write(self._authority / PRIVATE_KEY_FILE, authority.encrypted(new_passphrase()))
 
     def issue(self, role: Role, name: str, days: float, may: tuple[Verb, ...] | None = None) -> Holder:
         """Issue a holder's certificate, valid for `days`; one issued before is no longer valid.
@@ -113,9 +127,12 @@ class AuthorityFolder:
 
     def _load_authority(self) -> CertificateAuthority:
         keys = KeyPair(self._certificate_pem, read_private(self._authority / PRIVATE_KEY_FILE))
+        is_encrypted = b"-----BEGIN ENCRYPTED PRIVATE KEY-----" in keys.private_key_pem
         try:
-            return CertificateAuthority(keys)
+            return CertificateAuthority(keys, self.passphrase() if is_encrypted else None)
         except ValueError as error:
+            if is_encrypted:
+                raise InputError([f"{self._authority}: the passphrase is wrong"]) from error
             raise InputError([f"{self._authority}: the authority's keys cannot be read: {error}"]) from error
 
 

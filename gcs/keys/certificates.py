@@ -28,11 +28,14 @@ class KeyPair:
 class CertificateAuthority:
     """Signs the certificates of one team."""
 
-    def __init__(self, keys: KeyPair) -> None:
-        """Take the authority's certificate and private key; raises ValueError for anything else."""
+    def __init__(self, keys: KeyPair, passphrase: bytes | None = None) -> None:
+        """Take the authority's certificate and private key, and the passphrase of an encrypted one.
+
+        Raises ValueError for anything else.
+        """
         self.keys = keys
         self._certificate = x509.load_pem_x509_certificate(keys.certificate_pem)
-        private_key = serialization.load_pem_private_key(keys.private_key_pem, password=None)
+        private_key = serialization.load_pem_private_key(keys.private_key_pem, passphrase)
         if not isinstance(private_key, ec.EllipticCurvePrivateKey):
             raise ValueError("its private key is not of an elliptic curve")
         self._private_key = private_key
@@ -69,6 +72,13 @@ class CertificateAuthority:
             .add_extension(issuer, critical=False)
         )
         return _key_pair(builder.sign(self._private_key, hashes.SHA256()), private_key)
+
+    def encrypted(self, passphrase: bytes) -> bytes:
+        """Return its private key in PEM, encrypted with a passphrase."""
+        encryption = serialization.BestAvailableEncryption(passphrase)
+        return self._private_key.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, encryption
+        )
 
     def sign(self, content: bytes) -> bytes:
         """Return the authority's signature of a content that is no certificate."""

@@ -18,7 +18,7 @@ from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.certificates import DAY_S, name_and_expiry
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE
-from tests.conftest import RunHere
+from tests.conftest import Ran, RunHere
 
 
 @pytest.fixture
@@ -173,6 +173,37 @@ def test_keys_that_expire_soon_are_warned_of(
         with subtests.test(holder=label):
             assert (f"cordon keys renew {label}" in warned) == soon
     assert "(9 days)" in next(line for line in out.splitlines() if line.startswith("operator-anna"))
+
+
+def test_an_encrypted_authority_issues_nothing_without_its_passphrase(
+    keys: AuthorityFolder, tmp_path: Path, run_here: RunHere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ran(*command: str, **environment: str) -> Ran:
+        with monkeypatch.context() as patched:
+            for name, value in environment.items():
+                patched.setenv(f"CORDON_KEYS_{name}", value)
+            return run_here("keys", *command, "--keys", str(keys.path))
+
+    assert ran("passphrase", NEW_PASSPHRASE="").code == Exit.BAD_INPUT
+    assert ran("passphrase", NEW_PASSPHRASE="first").code == Exit.HOLDS
+    private_key = keys.path / "authority" / "private-key.pem"
+    assert b"ENCRYPTED" in private_key.read_bytes()
+    assert stat.S_IMODE(private_key.stat().st_mode) == 0o600
+    unasked = ran("issue", "vehicle", "4")
+    assert unasked.code == Exit.BAD_INPUT
+    assert "CORDON_KEYS_PASSPHRASE" in unasked.err
+    wrong = ran("revoke", "operator-bob", PASSPHRASE="last")
+    assert (wrong.code, "the passphrase is wrong" in wrong.err) == (Exit.BAD_INPUT, True)
+    assert not any(each.revoked for each in keys.roster.holders)
+    assert ran("passphrase", PASSPHRASE="first", NEW_PASSPHRASE="second").code == Exit.HOLDS
+    file = tmp_path / "passphrase"
+    file.write_text("second\n")
+    file.chmod(0o644)
+    assert "chmod 600" in ran("issue", "vehicle", "4", PASSPHRASE_FILE=str(file)).err
+    file.chmod(0o600)
+    assert ran("issue", "vehicle", "4", PASSPHRASE_FILE=str(file)).code == Exit.HOLDS
+    assert ran("show").code == Exit.HOLDS, "no secret is needed to look"
+    assert KeyFolder(keys.path).identity("vehicle", "4").participant.name == "4"
 
 
 def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
