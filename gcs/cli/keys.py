@@ -136,7 +136,7 @@ def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 @issue.command
 def positions(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of a program that sends the vehicles' positions, as from motion capture or UWB.
+    """Issue the keys of a program that sends positions of vehicles.
 
     Example: cordon keys issue positions cameras
     """
@@ -269,10 +269,9 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
 
 @keys.command
 def passphrase(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
-    """Encrypt the authority's private key with a passphrase, or change it. Issuing and revoking keys asks for it.
+    """Encrypt the authority's private key with a passphrase, or change it.
 
-    Without a terminal it is CORDON_KEYS_PASSPHRASE, or in the file CORDON_KEYS_PASSPHRASE_FILE; a new one is
-    CORDON_KEYS_NEW_PASSPHRASE.
+    Without a terminal: CORDON_KEYS_PASSPHRASE or CORDON_KEYS_PASSPHRASE_FILE, and CORDON_KEYS_NEW_PASSPHRASE.
 
     Example: cordon keys passphrase
     """
@@ -291,7 +290,7 @@ def renew(
     *,
     options: IssueOptions = _ISSUE_DEFAULTS,
 ) -> Exit:
-    """Renew keys before they expire. The present ones remain valid until they do: copy the new ones at any time.
+    """Renew keys before they expire. The present ones remain valid until then.
 
     Example: cordon keys renew
     """
@@ -309,7 +308,7 @@ class RevokeOptions(KeysOptions):
     """Options of `cordon keys revoke`."""
 
     mission: Annotated[
-        str | None, Parameter(help="The mission that a team flies now: its vehicles take the revocation in flight.")
+        str | None, Parameter(help="The mission that flies now: its vehicles take the revocation.")
     ] = None
     changes: Changes = ()
     key: KeyName = None
@@ -325,7 +324,7 @@ def revoke(
     *,
     options: RevokeOptions = _REVOKE_DEFAULTS,
 ) -> Exit:
-    """Revoke the keys of a holder: in a running flight with --mission, elsewhere once the roster is copied there.
+    """Revoke the keys of a holder: in flight with --mission, elsewhere once the roster is copied there.
 
     Example: cordon keys revoke operator-anna --mission my-mission.toml
     """
@@ -419,7 +418,7 @@ def sign(*, options: SignOptions = _SIGN_DEFAULTS) -> Exit:
 
 @keys.command
 def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
-    """List the holders of keys, their permissions and expiry dates; warn of keys that expire within a week.
+    """List the holders of keys, their permissions and expiry dates.
 
     Example: cordon keys show
     """
