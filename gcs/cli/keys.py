@@ -307,9 +307,9 @@ def renew(
 class RevokeOptions(KeysOptions):
     """Options of `cordon keys revoke`."""
 
-    mission: Annotated[
-        str | None, Parameter(help="The mission that flies now: its vehicles take the revocation.")
-    ] = None
+    mission: Annotated[str | None, Parameter(help="The mission that flies now: its vehicles take the revocation.")] = (
+        None
+    )
     changes: Changes = ()
     key: KeyName = None
 

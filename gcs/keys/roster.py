@@ -23,6 +23,9 @@ _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted({*_OF_VEHICLES} | SENSOR_TOPIC
 """What a router forwards: it checks each sender against its certificate."""
 
 
+_EXPIRES_MAX_S = 253_402_128_000.0
+
+
 class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The holder of a certificate: a vehicle's name is its id. `may` are the verbs that an operator may command.
 
@@ -42,6 +45,8 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     def __post_init__(self) -> None:
         if self.generation < 1:
             raise ValueError(f"{self.label}: generation {self.generation}: they count from 1")
+        if not 0.0 <= self.expires_s < _EXPIRES_MAX_S:
+            raise ValueError(f"{self.label}: expires_s {self.expires_s}: not a time before the year 10000")
         _ = self.participant
 
     @property

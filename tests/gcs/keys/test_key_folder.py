@@ -318,6 +318,7 @@ def test_a_roster_that_was_tampered_with_is_refused(keys: AuthorityFolder, subte
         "an unknown role": whole.replace(b'"sensor"', b'"captain"'),
         "no JSON": b"\xff" * 100,
         "nested": b"[" * 100_000,
+        "an end without a date": whole.replace(b'"expires_s": ', b'"expires_s": 99999999', 1),
     }
     for name, content in damaged.items():
         with subtests.test(name=name):

@@ -462,6 +462,27 @@ async def test_the_command_revokes_in_flight(keys: AuthorityFolder, mission_file
     assert gone == ["observer-tower", "operator-anna", "sensor-mast", "vehicle-2"]
 
 
+def test_a_flight_records_the_revocation(
+    keys: AuthorityFolder, mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    mission, log, office = keyed_mission(mission_file), str(tmp_path / "flight.mcap"), tmp_path / "office"
+    shutil.copytree(keys.path, office)
+    command = [sys.executable, "-m", "gcs", "fly", mission, "--sitl", "--speed", "5", "--duration", "40", "--log", log]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as flight:
+        try:
+            revoke = ("keys", "revoke", "operator-anna", "--keys", str(office), "--mission", mission, "--key", "bob")
+            while "vehicle 3: has taken" not in cordon(*revoke).err:
+                assert flight.poll() is None
+            flight.wait(2 * PATIENCE_S)
+        finally:
+            if flight.poll() is None:
+                flight.terminate()
+    entries = cordon("log", "audit", log)
+    assert entries.code == Exit.HOLDS
+    noted = [line for line in entries.out.splitlines() if "accepts nothing from operator-anna" in line]
+    assert sorted(line.split("vehicle ")[1][0] for line in noted) == ["1", "2", "3"]
+
+
 def test_keys_that_expire_within_the_flight_refuse_it(
     keys: AuthorityFolder, mission_file: Callable[..., str], subtests: pytest.Subtests
 ) -> None:
