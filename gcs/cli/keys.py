@@ -1,8 +1,12 @@
 """`cordon keys`: the keys that authenticate the vehicles, operators and sensors of a team."""
 
 import asyncio
+import os
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from getpass import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +19,7 @@ from gcs.errors import Exit, InputError
 if TYPE_CHECKING:
     from agents.team.participant import Role
     from agents.team.verbs import Verb
+    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.identity import Identity
     from gcs.keys.roster import Holder, Roster
     from gcs.mission.mission import Mission
@@ -22,6 +27,7 @@ if TYPE_CHECKING:
 Folder = Annotated[Path, Parameter(name="--keys", validator=file_or_folder, help="The folder of the keys.")]
 Days = Annotated[float, Parameter(help="Validity in days.", validator=Number(gt=0.0, lte=36500.0))]
 DEFAULT_FOLDER = Path("keys")
+DEFAULT_DAYS = 30.0
 
 
 @Parameter(name="*")
@@ -42,6 +48,33 @@ def print_roster_step(holders: "Sequence[Holder]", folder: Path) -> None:
         print_line(f"next: copy {folder / ROSTER_FILE} into the key folders on other computers: {names}")
 
 
+def authority_folder(path: Path) -> "AuthorityFolder":
+    """Return the folder of an authority; the passphrase of its private key is asked for once, when it is needed."""
+    from gcs.keys.authority_folder import AuthorityFolder
+
+    return AuthorityFolder(
+        path, cache(lambda: _secret("CORDON_KEYS_PASSPHRASE", f"Passphrase of {path / 'authority'}"))
+    )
+
+
+def _secret(variable: str, question: str, *, is_new: bool = False) -> bytes:
+    """Return a secret from an environment variable, the file that one names, or the terminal; raises InputError."""
+    from gcs.keys.private_files import read_private
+
+    file = os.environ.get(f"{variable}_FILE")
+    if (secret := os.environ.get(variable)) is None and file is not None:
+        secret = read_private(Path(file)).decode(errors="surrogateescape").rstrip("\r\n")
+    elif secret is None:
+        if not sys.stdin.isatty():
+            raise InputError([f"{question}: there is no terminal to ask; next: set {variable} or {variable}_FILE"])
+        secret = getpass(f"{question}: ")
+        if is_new and getpass("Once more: ") != secret:
+            raise InputError([f"{question}: the two inputs differ"])
+    if not secret:
+        raise InputError([f"{question}: it is empty"])
+    return secret.encode(errors="surrogateescape")
+
+
 issue = App(
     name="issue",
     help="Issue keys: a folder to copy to the holder's computer.\n\nExample: cordon keys issue vehicle 3",
@@ -55,7 +88,7 @@ Name = Annotated[str, Parameter(help="The name: letters, digits, '_', '.' and '-
 class IssueOptions(KeysOptions):
     """Options that all of `cordon keys issue` share."""
 
-    days: Days = 365.0
+    days: Days = DEFAULT_DAYS
 
 
 @Parameter(name="*")
@@ -103,7 +136,7 @@ def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 @issue.command
 def positions(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of a program that sends the vehicles' positions, as from motion capture or UWB.
+    """Issue the keys of a program that sends positions of vehicles.
 
     Example: cordon keys issue positions cameras
     """
@@ -130,10 +163,9 @@ def router(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...] | None" = None) -> Exit:
     from gcs.console.terminal import print_line
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.roster import expiry, grants
 
-    folder = AuthorityFolder(options.keys)
+    folder = authority_folder(options.keys)
     holder = folder.issue(role, name, options.days, may)
     if holder.generation > 1:
         print_line(f"{holder.label}: the keys issued before are no longer valid", "yellow")
@@ -227,11 +259,46 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
     Example: cordon keys init --keys keys
     """
     from gcs.console.terminal import print_line
-    from gcs.keys.authority_folder import AUTHORITY, AuthorityFolder
+    from gcs.keys.authority_folder import AUTHORITY
 
-    AuthorityFolder(options.keys).init(options.days)
+    authority_folder(options.keys).init(options.days)
     print_line(f"{options.keys / AUTHORITY}: created; keep it secret: it can issue keys")
-    print_line(f"next: cordon keys issue vehicle 1 --keys {options.keys}")
+    print_line(f"next: cordon keys passphrase --keys {options.keys}; cordon keys issue vehicle 1 --keys {options.keys}")
+    return Exit.HOLDS
+
+
+@keys.command
+def passphrase(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
+    """Encrypt the authority's private key with a passphrase, or change it.
+
+    Without a terminal: CORDON_KEYS_PASSPHRASE or CORDON_KEYS_PASSPHRASE_FILE, and CORDON_KEYS_NEW_PASSPHRASE.
+
+    Example: cordon keys passphrase
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.authority_folder import AUTHORITY
+
+    authority_folder(options.keys).encrypt(lambda: _secret("CORDON_KEYS_NEW_PASSPHRASE", "New passphrase", is_new=True))
+    print_line(f"{options.keys / AUTHORITY}: its private key is encrypted; without the passphrase it is lost")
+    return Exit.HOLDS
+
+
+@keys.command
+def renew(
+    holder: Annotated[str | None, Parameter(help="The holder, such as vehicle-3. Default: all.")] = None,
+    /,
+    *,
+    options: IssueOptions = _ISSUE_DEFAULTS,
+) -> Exit:
+    """Renew keys before they expire. The present ones remain valid until then.
+
+    Example: cordon keys renew
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.roster import expiry
+
+    for each in authority_folder(options.keys).renew(holder, options.days):
+        print_line(f"{options.keys / each.label}: renewed until {expiry(each)}; next: copy this folder to its computer")
     return Exit.HOLDS
 
 
@@ -240,9 +307,9 @@ def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
 class RevokeOptions(KeysOptions):
     """Options of `cordon keys revoke`."""
 
-    mission: Annotated[
-        str | None, Parameter(help="The mission that a team flies now: its vehicles take the revocation in flight.")
-    ] = None
+    mission: Annotated[str | None, Parameter(help="The mission that flies now: its vehicles take the revocation.")] = (
+        None
+    )
     changes: Changes = ()
     key: KeyName = None
 
@@ -257,13 +324,12 @@ def revoke(
     *,
     options: RevokeOptions = _REVOKE_DEFAULTS,
 ) -> Exit:
-    """Revoke the keys of a holder: in a running flight with --mission, elsewhere once the roster is copied there.
+    """Revoke the keys of a holder: in flight with --mission, elsewhere once the roster is copied there.
 
     Example: cordon keys revoke operator-anna --mission my-mission.toml
     """
     from agents.ports import VehicleRefusedError
     from gcs.console.terminal import print_line, print_problem
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.team_keys import team_keys
 
     mission = None if options.mission is None else bus_mission(options.mission, options.changes)
@@ -274,7 +340,7 @@ def revoke(
             operator = team_keys(mission).identity("operator", options.key)
         except (InputError, VehicleRefusedError) as error:
             unsent = str(error)
-    folder = AuthorityFolder(options.keys)
+    folder = authority_folder(options.keys)
     revoked = folder.revoke(holder)
     print_line(f"{revoked.label}: revoked")
     print_roster_step(folder.roster.valid, options.keys)
@@ -298,16 +364,17 @@ def _send_roster(mission: "Mission", operator: "Identity", roster: "Roster") -> 
         print_problem(f"not sent: team {network} has keys of another authority, or none", "check --mission and --keys")
         return Exit.REFUSED
     try:
-        taken = asyncio.run(send_roster(mission, operator, roster.compact(), roster.serial))
+        taken = asyncio.run(send_roster(mission, operator, roster))
     except VehicleRefusedError as refusal:
         print_problem(f"not sent to team {network}: {refusal.reason}", refusal.next_step)
         return Exit.REFUSED
-    for vehicle_id in mission.ids:
-        if taken.get(vehicle_id):
+    for vehicle_id in sorted(taken):
+        if taken[vehicle_id]:
             print_line(f"vehicle {vehicle_id}: has taken the revocation")
         else:
-            found = "has not taken it" if vehicle_id in taken else "is not on the bus"
-            print_problem(f"vehicle {vehicle_id}: {found}", "copy the roster there before its next flight")
+            print_problem(f"vehicle {vehicle_id}: has not taken the revocation", "try again; copy the roster there")
+    if absent := ", ".join(str(each) for each in mission.ids if each not in taken):
+        print_line(f"vehicles without the revocation, not on the bus or revoked: {absent}", "yellow")
     return Exit.HOLDS if taken and all(taken.values()) else Exit.REFUSED
 
 
@@ -330,10 +397,9 @@ def sign(*, options: SignOptions = _SIGN_DEFAULTS) -> Exit:
     """
     from gcs.cli.output import confirmed, print_result
     from gcs.console.terminal import print_line, print_problem
-    from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.roster import ROSTER_FILE, roster_view
 
-    folder = AuthorityFolder(options.keys)
+    folder = authority_folder(options.keys)
     roster = folder.roster_to_sign
     if roster.signature:
         print_line(f"{options.keys / ROSTER_FILE}: it is signed already")
@@ -357,8 +423,12 @@ def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
     Example: cordon keys show
     """
     from gcs.cli.output import print_result
-    from gcs.keys.authority_folder import AuthorityFolder
-    from gcs.keys.roster import roster_view
+    from gcs.console.terminal import print_line
+    from gcs.keys.roster import expiring, expiry, roster_view
 
-    print_result(roster_view(AuthorityFolder(options.keys).roster))
+    roster = authority_folder(options.keys).roster
+    print_result(roster_view(roster))
+    for holder in expiring(roster):
+        renew = f"cordon keys renew {holder.label} --keys {options.keys}"
+        print_line(f"{holder.label}: its keys expire at {expiry(holder, minutes=True)}; next: {renew}", "yellow")
     return Exit.HOLDS

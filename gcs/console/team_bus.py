@@ -18,6 +18,7 @@ from agents.team.codec import encode
 from agents.team.messages import ROSTER_TOPIC, BusMessage, OperatorCommand, topic_of
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
+from gcs.keys.roster import Roster
 from gcs.keys.team_keys import TeamKeys, team_keys
 from gcs.mission.mission import Mission
 
@@ -47,30 +48,29 @@ def send_command(bus: PeerBus, command: OperatorCommand) -> None:
 _ROSTER_EVERY_S, _ROSTER_TIMEOUT_S, _POLL_S = 0.5, 10.0, 0.05
 
 
-async def send_roster(mission: Mission, operator: Identity, roster: bytes, serial: int) -> Mapping[int, bool]:
-    """Send a signed roster to the vehicles on the bus; return of each whether it has taken it.
+async def send_roster(mission: Mission, operator: Identity, roster: Roster) -> Mapping[int, bool]:
+    """Send a signed roster to the vehicles on the bus that it admits; return of each whether it has taken it.
 
     Raises VehicleRefusedError if the bus cannot be joined.
     """
+    admitted = {int(name) for holder in roster.valid for name in holder.vehicles} & {*mission.ids}
     taken: dict[int, bool] = {}
     bus = guest_bus(mission, operator)
 
     def take_presence(vehicle_id: int, present: bool) -> None:
-        if present:
+        if present and vehicle_id in admitted:
             taken.setdefault(vehicle_id, False)
 
     await bus.open(lambda _message: None, lambda *_: None, take_presence)
     try:
         end_s = next_s = monotonic()
         end_s += _ROSTER_TIMEOUT_S
-        while monotonic() < end_s and not (len(taken) == len(mission.ids) and all(taken.values())):
+        while monotonic() < end_s and not (len(taken) == len(admitted) and all(taken.values())):
             if monotonic() >= next_s:
-                bus.publish(ROSTER_TOPIC, roster)
+                bus.publish(ROSTER_TOPIC, roster.compact())
                 next_s += _ROSTER_EVERY_S
             await asyncio.sleep(_POLL_S)
-            for vehicle_id in mission.ids:
-                if bus.rosters.get(str(vehicle_id), 0) >= serial:
-                    taken[vehicle_id] = True
+            taken |= {each: True for each in admitted if bus.rosters.get(str(each), 0) >= roster.serial}
         return taken
     finally:
         await bus.close()

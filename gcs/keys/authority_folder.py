@@ -1,5 +1,6 @@
 """The folder of keys on the computer that issues them, with the authority that signs them."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import time
@@ -17,11 +18,20 @@ from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster, un
 AUTHORITY = "authority"
 
 
+def no_passphrase() -> bytes:
+    """Raise InputError: there is nobody to ask."""
+    raise InputError(["the authority's private key is encrypted: its passphrase is needed"])
+
+
 @dataclass(frozen=True, slots=True)
 class AuthorityFolder:
-    """Issues and revokes the keys in one folder; its folder `authority` stays on this computer."""
+    """Issues and revokes the keys in one folder; its folder `authority` stays on this computer.
+
+    `passphrase` is called for an encrypted private key of the authority.
+    """
 
     path: Path
+    passphrase: Callable[[], bytes] = no_passphrase
 
     @property
     def roster(self) -> Roster:
@@ -55,6 +65,11 @@ class AuthorityFolder:
         write(self._authority / CERTIFICATE_FILE, keys.certificate_pem)
         self.sign(Roster(digest(keys.certificate_pem)).put())
 
+    def encrypt(self, new_passphrase: Callable[[], bytes]) -> None:
+        """Encrypt the authority's private key with a passphrase, or with another one; raises InputError."""
+        authority = self._load_authority()
+        write(self._authority / PRIVATE_KEY_FILE, authority.encrypted(new_passphrase()))
+
     def issue(self, role: Role, name: str, days: float, may: tuple[Verb, ...] | None = None) -> Holder:
         """Issue a holder's certificate, valid for `days`; one issued before is no longer valid.
 
@@ -75,13 +90,25 @@ class AuthorityFolder:
         self.sign(roster.put(holder))
         return holder
 
+    def renew(self, label: str | None, days: float) -> Sequence[Holder]:
+        """Issue new certificates, valid for `days`, under the names of the present ones, which expire by themselves.
+
+        Of one holder that is not revoked, or of all. Raises InputError.
+        """
+        roster, authority = self.roster, self._load_authority()
+        renewed = []
+        for holder in roster.valid if label is None else [_of(roster.valid, label)]:
+            until = min(time() + days * DAY_S, authority.expires_s)
+            renewed.append(msgspec.structs.replace(holder, expires_s=until))
+            keys = authority.issue(holder.common_name, until)
+            KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
+        self.sign(roster.put(*renewed))
+        return renewed
+
     def revoke(self, label: str) -> Holder:
         """Revoke the certificate of a holder such as `operator-anna`; raises InputError if there is none."""
         roster = self.roster
-        holder = next((each for each in roster.holders if each.label == label), None)
-        if holder is None:
-            known = ", ".join(each.label for each in roster.holders) or "none"
-            raise InputError([f"{label}: no keys of this name were issued (issued: {known})"])
+        holder = _of(roster.holders, label)
         if holder.revoked:
             return holder
         revoked = msgspec.structs.replace(holder, revoked=True)
@@ -100,10 +127,21 @@ class AuthorityFolder:
 
     def _load_authority(self) -> CertificateAuthority:
         keys = KeyPair(self._certificate_pem, read_private(self._authority / PRIVATE_KEY_FILE))
+        is_encrypted = b"-----BEGIN ENCRYPTED PRIVATE KEY-----" in keys.private_key_pem
         try:
-            return CertificateAuthority(keys)
+            return CertificateAuthority(keys, self.passphrase() if is_encrypted else None)
         except ValueError as error:
+            if is_encrypted:
+                raise InputError([f"{self._authority}: the passphrase is wrong"]) from error
             raise InputError([f"{self._authority}: the authority's keys cannot be read: {error}"]) from error
+
+
+def _of(holders: Sequence[Holder], label: str) -> Holder:
+    holder = next((each for each in holders if each.label == label), None)
+    if holder is None:
+        known = ", ".join(each.label for each in holders) or "none"
+        raise InputError([f"{label}: no keys of this name were issued (issued: {known})"])
+    return holder
 
 
 def _verbs(role: Role, may: tuple[Verb, ...] | None) -> tuple[Verb, ...]:

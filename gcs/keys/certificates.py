@@ -28,11 +28,14 @@ class KeyPair:
 class CertificateAuthority:
     """Signs the certificates of one team."""
 
-    def __init__(self, keys: KeyPair) -> None:
-        """Take the authority's certificate and private key; raises ValueError for anything else."""
+    def __init__(self, keys: KeyPair, passphrase: bytes | None = None) -> None:
+        """Take the authority's certificate and private key, and the passphrase of an encrypted one.
+
+        Raises ValueError for anything else.
+        """
         self.keys = keys
         self._certificate = x509.load_pem_x509_certificate(keys.certificate_pem)
-        private_key = serialization.load_pem_private_key(keys.private_key_pem, password=None)
+        private_key = serialization.load_pem_private_key(keys.private_key_pem, passphrase)
         if not isinstance(private_key, ec.EllipticCurvePrivateKey):
             raise ValueError("its private key is not of an elliptic curve")
         self._private_key = private_key
@@ -70,9 +73,23 @@ class CertificateAuthority:
         )
         return _key_pair(builder.sign(self._private_key, hashes.SHA256()), private_key)
 
+    def encrypted(self, passphrase: bytes) -> bytes:
+        """Return its private key in PEM, encrypted with a passphrase."""
+        encryption = serialization.BestAvailableEncryption(passphrase)
+        return self._private_key.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, encryption
+        )
+
     def sign(self, content: bytes) -> bytes:
         """Return the authority's signature of a content that is no certificate."""
         return self._private_key.sign(content, _SIGNATURE)
+
+
+def name_and_expiry(certificate_pem: bytes) -> tuple[str, float]:
+    """Return a certificate's common name, and when it expires [Unix s]; raises ValueError if it cannot be read."""
+    certificate = x509.load_pem_x509_certificate(certificate_pem)
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return "".join(str(each.value) for each in names), certificate.not_valid_after_utc.timestamp()
 
 
 _SIGNATURE = ec.ECDSA(hashes.SHA256())

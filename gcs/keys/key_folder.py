@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import time
 
+import msgspec
+
 from agents.shell.bus_security import BusSecurity
 from agents.team.participant import Role
 from gcs.errors import InputError
@@ -28,6 +30,9 @@ class KeyFolder:
         folder = self._folder(role, name)
         roster = _roster(folder)
         holder = _holder(roster, folder)
+        if holder.expires_s <= time():
+            renew = f"cordon keys renew {holder.label}"
+            raise InputError([f"{folder}: its certificate has expired; next: {renew}, and copy the folder again"])
         authority_pem = read(folder / AUTHORITY_FILE)
         security = BusSecurity(
             authority_pem,
@@ -40,18 +45,22 @@ class KeyFolder:
         return Identity(holder.participant, security, holder.may)
 
     def holders(self) -> Sequence[Holder]:
-        """Return the holders that are not revoked, by the newest roster here that counts.
+        """Return the holders that are not revoked, by the newest roster here; those here until their own certificate.
 
-        Raises InputError if none does.
+        Raises InputError if no folder here counts.
         """
-        rosters, faults = list[Roster](), list[InputError]()
+        rosters, here, faults = list[Roster](), dict[str, Holder](), list[InputError]()
         for file in sorted(self.path.glob(f"*/{ROSTER_FILE}")):
             try:
                 rosters.append(_roster(file.parent))
+                holder = _holder(rosters[-1], file.parent)
             except InputError as error:
                 faults.append(error)
+            else:
+                here[holder.label] = holder
         if rosters:
-            return max(rosters, key=lambda roster: roster.serial).valid
+            newest = max(rosters, key=lambda roster: roster.serial)
+            return tuple(here.get(each.label, each) for each in newest.valid)
         raise (
             faults[0]
             if faults
@@ -105,14 +114,20 @@ def _roster(folder: Path) -> Roster:
 
 
 def _holder(roster: Roster, folder: Path) -> Holder:
-    """Return the holder of a folder if its certificate is valid; raises InputError."""
+    """Return the holder of a folder, until when its own certificate is valid; raises InputError unless it counts."""
+    from gcs.keys.certificates import name_and_expiry  # noqa: PLC0415
+
     holder = next((each for each in roster.holders if each.label == folder.name), None)
     if holder is None:
         raise InputError([f"{folder / ROSTER_FILE}: it has no entry for {folder.name}; next: copy the folder again"])
     if holder.revoked:
         raise InputError([f"{folder}: these keys are revoked; next: cordon keys issue {holder.role} {holder.name}"])
-    if holder.expires_s <= time():
-        raise InputError(
-            [f"{folder}: its certificate has expired; next: cordon keys issue {holder.role} {holder.name}"]
-        )
-    return holder
+    file = folder / CERTIFICATE_FILE
+    try:
+        common_name, expires_s = name_and_expiry(read(file))
+    except ValueError as error:
+        raise InputError([f"{file}: not a certificate: {error}; next: copy the folder again"]) from error
+    if common_name != holder.common_name:
+        found = f"it is the certificate {common_name}; the roster admits {holder.common_name}"
+        raise InputError([f"{file}: {found}; next: copy the folder again"])
+    return msgspec.structs.replace(holder, expires_s=min(holder.expires_s, expires_s))

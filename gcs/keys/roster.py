@@ -23,6 +23,9 @@ _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted({*_OF_VEHICLES} | SENSOR_TOPIC
 """What a router forwards: it checks each sender against its certificate."""
 
 
+_EXPIRES_MAX_S = 253_402_128_000.0
+
+
 class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The holder of a certificate: a vehicle's name is its id. `may` are the verbs that an operator may command.
 
@@ -42,6 +45,8 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     def __post_init__(self) -> None:
         if self.generation < 1:
             raise ValueError(f"{self.label}: generation {self.generation}: they count from 1")
+        if not 0.0 <= self.expires_s < _EXPIRES_MAX_S:
+            raise ValueError(f"{self.label}: expires_s {self.expires_s}: not a time before the year 10000")
         _ = self.participant
 
     @property
@@ -246,12 +251,25 @@ _SENDS = {
 }
 
 
+_WARNED_S = 7 * 86400.0
+"""Keys that expire within this time are warned of."""
+
+
+def expiring(roster: Roster) -> tuple[Holder, ...]:
+    """Return the holders whose keys have expired, or will within a week."""
+    return tuple(each for each in roster.valid if each.expires_s < time() + _WARNED_S)
+
+
 def roster_view(roster: Roster) -> str:
     """Return one line for each holder: validity and permissions."""
     if not roster.holders:
         return "no keys issued"
     width = max(len(each.label) for each in roster.holders)
-    return "\n".join(f"{each.label:<{width}}  {_state(each):<18}  {grants(each)}" for each in roster.holders)
+    states = {each.label: _state(each) for each in roster.holders}
+    longest = max(map(len, states.values()))
+    return "\n".join(
+        f"{each.label:<{width}}  {states[each.label]:<{longest}}  {grants(each)}" for each in roster.holders
+    )
 
 
 def grants(holder: Holder) -> str:
@@ -269,4 +287,5 @@ def expiry(holder: Holder, *, minutes: bool = False) -> str:
 def _state(holder: Holder) -> str:
     if holder.revoked:
         return "revoked"
-    return f"{'expired' if holder.expires_s <= time() else 'until'} {expiry(holder)}"
+    left_d = (holder.expires_s - time()) / 86400.0
+    return f"until {expiry(holder)} ({left_d:.0f} days)" if left_d > 0.0 else f"expired {expiry(holder)}"

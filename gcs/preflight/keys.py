@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from gcs.keys.roster import Holder, expiry
+from gcs.keys.roster import ROSTER_FILE, Holder, expiry
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import MISSION, Finding, Grade, Subject
 
@@ -43,12 +43,14 @@ def keys(mission: Mission, facts: KeyFacts) -> Iterator[Finding]:
 
 
 def _short(grade: Grade, about: Subject, whose: str, holder: Holder | None) -> Finding:
-    until = "no keys" if holder is None else f"keys until {expiry(holder, minutes=True)} only"
+    has, step = "no keys", f"issue {whose}"
+    if holder is not None:
+        has, step = f"keys until {expiry(holder, minutes=True)} only", f"renew {holder.label}"
     return Finding(
         grade,
         about,
         "keys",
-        f"{whose} has {until}",
+        f"{whose} has {has}",
         f"what comes from keys that expire is dropped; they have to outlast the mission by {MARGIN_S / 3600:g} h",
-        f"`cordon keys issue {whose}`, then copy its folder, and the roster to the others",
+        f"`cordon keys {step}`, then copy its folder, and {ROSTER_FILE} to the others",
     )

@@ -92,6 +92,9 @@ ALONE = (
     VerbRun("keys issue operator", "anna"),
     VerbRun("keys issue router", "hill"),
     VerbRun("keys revoke", "operator-anna"),
+    VerbRun("keys sign"),
+    VerbRun("keys passphrase", codes=(2,)),  # it asks on a terminal
+    VerbRun("keys renew"),
     VerbRun("keys show"),
     VerbRun("router", "routed.toml", ready="Ctrl-C", lasts=True),
     VerbRun(

@@ -6,6 +6,7 @@ import shutil
 import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from time import time
 
 import msgspec
 import pytest
@@ -15,9 +16,10 @@ from agents.team.participant import Role
 from agents.team.verbs import VERBS
 from gcs.errors import Exit, InputError
 from gcs.keys.authority_folder import AuthorityFolder
+from gcs.keys.certificates import DAY_S, name_and_expiry
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE
-from tests.conftest import RunHere
+from tests.conftest import Ran, RunHere
 
 
 @pytest.fixture
@@ -154,6 +156,80 @@ def test_revoked_keys_are_granted_nothing_and_issued_again_have_another_name(key
     assert granted(keys, "operator-bob~2") == {"command/hold/bob", "roster/bob", "operator/bob"}
 
 
+def test_renewed_keys_are_accepted_beside_those_that_they_replace(keys: AuthorityFolder, tmp_path: Path) -> None:
+    there = KeyFolder(tmp_path / "drone" / "keys")
+    shutil.copytree(keys.path / "vehicle-3", there.path / "vehicle-3")
+    before, grants = security_of(keys, "vehicle", "3"), security_of(keys, "operator", "bob").grants
+    renewed = {each.label: each for each in keys.renew(None, 9.0)}
+    assert renewed.keys() == {each.label for each in keys.roster.valid}
+    after = security_of(keys, "vehicle", "3")
+    assert after.certificate_pem != before.certificate_pem
+    assert set(security_of(keys, "operator", "bob").grants) == set(grants)
+    assert name_and_expiry(after.certificate_pem)[0] == name_and_expiry(before.certificate_pem)[0]
+    shutil.copyfile(keys.path / ROSTER_FILE, there.path / "vehicle-3" / ROSTER_FILE)
+    here, copied = (
+        {each.label: each.expires_s for each in folder.holders()} for folder in (KeyFolder(keys.path), there)
+    )
+    assert copied["vehicle-3"] < time() + DAY_S < here["vehicle-3"], "its own certificate counts, not the roster"
+    keys.revoke("operator-bob")
+    with pytest.raises(InputError, match="operator-bob"):
+        keys.renew("operator-bob", 9.0)
+
+
+def test_a_certificate_that_the_roster_does_not_admit_is_refused(keys: AuthorityFolder, tmp_path: Path) -> None:
+    there = KeyFolder(tmp_path / "drone" / "keys")
+    shutil.copytree(keys.path / "vehicle-3", there.path / "vehicle-3")
+    keys.issue("vehicle", "3", 1.0)
+    shutil.copyfile(keys.path / ROSTER_FILE, there.path / "vehicle-3" / ROSTER_FILE)
+    with pytest.raises(InputError, match=r"certificate\.pem: it is the certificate vehicle-3; .* vehicle-3~2"):
+        there.identity("vehicle", "3")
+
+
+def test_keys_that_expire_soon_are_warned_of(
+    keys: AuthorityFolder, run_here: RunHere, subtests: pytest.Subtests
+) -> None:
+    keys.renew("operator-anna", 9.0)
+    keys.revoke("operator-bob")
+    code, out, err = run_here("keys", "show", "--keys", str(keys.path))
+    assert code == Exit.HOLDS
+    warned = " ".join(err.split())
+    for label, soon in {"vehicle-3": True, "operator-anna": False, "operator-bob": False}.items():
+        with subtests.test(holder=label):
+            assert (f"cordon keys renew {label}" in warned) == soon
+    assert "(9 days)" in next(line for line in out.splitlines() if line.startswith("operator-anna"))
+
+
+def test_an_encrypted_authority_issues_nothing_without_its_passphrase(
+    keys: AuthorityFolder, tmp_path: Path, run_here: RunHere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ran(*command: str, **environment: str) -> Ran:
+        with monkeypatch.context() as patched:
+            for name, value in environment.items():
+                patched.setenv(f"CORDON_KEYS_{name}", value)
+            return run_here("keys", *command, "--keys", str(keys.path))
+
+    assert ran("passphrase", NEW_PASSPHRASE="").code == Exit.BAD_INPUT
+    assert ran("passphrase", NEW_PASSPHRASE="first").code == Exit.HOLDS
+    private_key = keys.path / "authority" / "private-key.pem"
+    assert b"ENCRYPTED" in private_key.read_bytes()
+    assert stat.S_IMODE(private_key.stat().st_mode) == 0o600
+    unasked = ran("issue", "vehicle", "4")
+    assert unasked.code == Exit.BAD_INPUT
+    assert "CORDON_KEYS_PASSPHRASE" in unasked.err
+    wrong = ran("revoke", "operator-bob", PASSPHRASE="last")
+    assert (wrong.code, "the passphrase is wrong" in wrong.err) == (Exit.BAD_INPUT, True)
+    assert not any(each.revoked for each in keys.roster.holders)
+    assert ran("passphrase", PASSPHRASE="first", NEW_PASSPHRASE="second").code == Exit.HOLDS
+    file = tmp_path / "passphrase"
+    file.write_text("second\n")
+    file.chmod(0o644)
+    assert "chmod 600" in ran("issue", "vehicle", "4", PASSPHRASE_FILE=str(file)).err
+    file.chmod(0o600)
+    assert ran("issue", "vehicle", "4", PASSPHRASE_FILE=str(file)).code == Exit.HOLDS
+    assert ran("show").code == Exit.HOLDS, "no secret is needed to look"
+    assert KeyFolder(keys.path).identity("vehicle", "4").participant.name == "4"
+
+
 def test_what_is_wrong_is_named_with_the_next_step(keys: AuthorityFolder, subtests: pytest.Subtests) -> None:
     folder = KeyFolder(keys.path)
     keys.issue("observer", "late", -1.0)
@@ -266,6 +342,7 @@ def test_a_roster_that_was_tampered_with_is_refused(keys: AuthorityFolder, subte
         "an unknown role": whole.replace(b'"sensor"', b'"captain"'),
         "no JSON": b"\xff" * 100,
         "nested": b"[" * 100_000,
+        "an end without a date": whole.replace(b'"expires_s": ', b'"expires_s": 99999999', 1),
     }
     for name, content in damaged.items():
         with subtests.test(name=name):

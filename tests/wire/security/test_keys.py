@@ -444,22 +444,43 @@ async def test_the_command_revokes_in_flight(keys: AuthorityFolder, mission_file
         return await asyncio.to_thread(cordon, "keys", "revoke", *arguments, "--keys", str(keys.path))
 
     async with peers(keys, endpoints) as team:
-        unsent = await revoke("operator-bob")
+        unsent = await revoke("sensor-mast")
         assert unsent.code == Exit.HOLDS
         assert "not sent to a running team: no --mission is given" in unsent.err
-        sent = await revoke("operator-anna", "--mission", mission, "--key", "anna")
+        sent = await revoke("vehicle-2", "--mission", mission, "--key", "bob")
         assert sent.code == Exit.HOLDS, sent.err
-        for words in ("vehicle 1: has taken the revocation", "vehicle 3: is not on the bus", "next: copy"):
+        for words in ("vehicle 1: has taken the revocation", "not on the bus or revoked: 2, 3", "next: copy"):
             assert words in sent.err
-        assert [bus.revoked for bus in team.buses] == [("operator-anna", "operator-bob")] * 2
-        refused = await revoke("vehicle-3", "--mission", mission)
+        of_itself = await revoke("operator-anna", "--mission", mission, "--key", "anna")
+        assert of_itself.code == Exit.HOLDS, of_itself.err
+        assert [bus.revoked for bus in team.buses] == [("operator-anna", "sensor-mast", "vehicle-2")] * 2
+        assert team.present == [set(), {1}]
+        refused = await revoke("observer-tower", "--mission", mission)
         assert refused.code == Exit.REFUSED
-        assert "not sent to a running team" in refused.err
-    assert [each.label for each in keys.roster.holders if each.revoked] == [
-        "operator-anna",
-        "operator-bob",
-        "vehicle-3",
-    ]
+        assert "choose one" in refused.err
+    gone = [each.label for each in keys.roster.holders if each.revoked]
+    assert gone == ["observer-tower", "operator-anna", "sensor-mast", "vehicle-2"]
+
+
+def test_a_flight_records_the_revocation(
+    keys: AuthorityFolder, mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    mission, log, office = keyed_mission(mission_file), str(tmp_path / "flight.mcap"), tmp_path / "office"
+    shutil.copytree(keys.path, office)
+    command = [sys.executable, "-m", "gcs", "fly", mission, "--sitl", "--speed", "5", "--duration", "40", "--log", log]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as flight:
+        try:
+            revoke = ("keys", "revoke", "operator-anna", "--keys", str(office), "--mission", mission, "--key", "bob")
+            while "vehicle 3: has taken" not in cordon(*revoke).err:
+                assert flight.poll() is None
+            flight.wait(2 * PATIENCE_S)
+        finally:
+            if flight.poll() is None:
+                flight.terminate()
+    entries = cordon("log", "audit", log)
+    assert entries.code == Exit.HOLDS
+    noted = [line for line in entries.out.splitlines() if "accepts nothing from operator-anna" in line]
+    assert sorted(line.split("vehicle ")[1][0] for line in noted) == ["1", "2", "3"]
 
 
 def test_keys_that_expire_within_the_flight_refuse_it(
