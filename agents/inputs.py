@@ -104,11 +104,7 @@ class LateTicks(_Input, frozen=True):
 
 
 class Bus(_Input, frozen=True):
-<<<<<<< HEAD
-    """Whether the session of the bus works, whether an operator is on it, and the certificates `revoked` in flight."""
-=======
     """Whether the session of the bus works, whether an operator is there, and the certificates `revoked` in flight."""
->>>>>>> sec-keys
 
     topic: ClassVar = "bus"
     lasts: ClassVar = True

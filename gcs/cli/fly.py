@@ -142,7 +142,8 @@ def fly(options: FlyOptions) -> int:
 
 def _supervise_with_station(options: FlyOptions) -> int:
     """Fly with the operator's page in a separate process; without the page no vehicle flies."""
-    from gcs.console.terminal import print_line
+    from agents.ports import VehicleRefusedError
+    from gcs.console.terminal import print_line, print_problem
     from gcs.flight.supervisor import supervise
     from gcs.station.station_process import run_station
 
@@ -150,15 +151,19 @@ def _supervise_with_station(options: FlyOptions) -> int:
     tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
     settings = [part for given in options.changes for part in ("--set", given)]
     mission = ["--mission", options.mission, *settings]
-    with run_station([*mission, *address, *tiles, "--vehicles", _source(options)]) as station:
-        if not station.line:
-            return station.exit_code
-        print_line(station.line)
-        code = supervise(json=options.json, page=station)
-        if station.is_kept:
-            print_line(f"{station.line} stays open and shows the last state; Ctrl-C closes it")
-        station.wait()
-        return code
+    try:
+        with run_station([*mission, *address, *tiles, "--vehicles", _source(options)]) as station:
+            if not station.line:
+                return station.exit_code
+            print_line(station.line)
+            code = supervise(json=options.json, page=station)
+            if station.is_kept:
+                print_line(f"{station.line} stays open and shows the last state; Ctrl-C closes it")
+            station.wait()
+            return code
+    except VehicleRefusedError as refusal:
+        print_problem(refusal.reason, refusal.next_step)
+        return Exit.REFUSED
 
 
 def _source(options: FlyOptions) -> str:

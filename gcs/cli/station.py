@@ -1,7 +1,8 @@
 """`cordon station`: the operator's page of a running team, or of a recorded flight."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import os
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,15 +11,14 @@ from cyclopts import Parameter
 
 from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, RunningMission, Tiles, bus_mission, only_file
 from gcs.errors import Exit, InputError
-from gcs.signals import hold_back
+from gcs.signals import hold_back, relay
 
 if TYPE_CHECKING:
-    import socket
-
     from gcs.console.vehicle_view import Pair
     from gcs.metrics.ending import LostFlight
     from gcs.station.access import Access
     from gcs.station.tiles import MapTiles
+    from gcs.viewer.connections import ListeningSocket
 
 
 @Parameter(name="*")
@@ -37,9 +37,7 @@ class StationOptions:
     ] = None
     token_file: Annotated[
         Path | None,
-        Parameter(
-            validator=only_file, help="A file with the page's access token, instead of the one that cordon stores."
-        ),
+        Parameter(validator=only_file, help="A file with an access token of your own, for pages elsewhere."),
     ] = None
     tiles: Tiles = None
     key: KeyName = None
@@ -67,23 +65,47 @@ def station(
 
     Example: cordon station --mission case2-field
     """
+    from gcs.station.station_process import flight_pipe
+
     hold_back()
+    ending = _Ending(flight_pipe())
     access = _access(options)
-    return _serve_team(access, options) if log is None else _serve_flight(log, access, options)
+    return _serve_team(access, options, ending) if log is None else _serve_flight(log, access, options, ending)
+
+
+class _Ending:
+    """What ends the station: the end of the flight that started it, or else a signal, also before it serves."""
+
+    def __init__(self, pipe: int | None) -> None:
+        """Take the pipe from the flight, None without one."""
+        self.pipe = pipe
+        self.stop: Callable[[], object] = lambda: os._exit(Exit.REFUSED)  # whatever the main thread waits for
+        if pipe is None:
+            relay(self._take_signal)
+
+    def _take_signal(self) -> None:
+        self.stop()
 
 
 def _access(options: StationOptions) -> "Access":
     """Return the access rules of the page; raises InputError."""
-    from gcs.keys.run_keys import runtime_folder
-    from gcs.station.access import checked_access, kept_token, read_token
+    from gcs.station.access import checked_access, read_token
     from gcs.viewer.origin_gate import Address
 
     address, file = Address.parsed(options.address, "--address"), options.token_file
-    token = kept_token(runtime_folder() / ".station-token") if file is None else read_token(file)
-    return checked_access(address, token, options.tls, is_own_token=file is not None)
+    _require_regular("--token-file", *([] if file is None else [file]))
+    _require_regular("--tls", *(options.tls or ()))
+    return checked_access(address, None if file is None else read_token(file), options.tls)
 
 
-def _serve_team(access: "Access", options: StationOptions) -> Exit:
+def _require_regular(option: str, *paths: Path) -> None:
+    """Raise InputError for a pipe or a device in place of a file: to read it may take for ever."""
+    for path in paths:
+        if path.exists() and not path.is_file():
+            raise InputError([f"{option}: {path}: not a regular file"])
+
+
+def _serve_team(access: "Access", options: StationOptions, ending: _Ending) -> Exit:
     from gcs.station.broadcast import Broadcast
     from gcs.station.commands import Commands
     from gcs.station.live_team import LiveTeam
@@ -97,13 +119,13 @@ def _serve_team(access: "Access", options: StationOptions) -> Exit:
     def commands(broadcast: Broadcast) -> Commands:
         return Commands(mission, options.key, broadcast.publish)
 
-    async def serve(listening: "socket.socket", stop: asyncio.Event) -> None:
+    async def serve(listening: "Sequence[ListeningSocket]", stop: asyncio.Event) -> None:
         await serve_team(team, commands, access, listening, stop, tiles=tiles, outlives=lambda: team.has_lost_flight)
 
-    return _serve(serve, access, f"team {mission.network.team}", team.lose)
+    return _serve(serve, access, f"team {mission.network.team}", ending, team.lose)
 
 
-def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit:
+def _serve_flight(path: Path, access: "Access", options: StationOptions, ending: _Ending) -> Exit:
     """Serve the page of a recorded flight; raises InputError for a log that cordon did not record."""
     from gcs.cli.output import print_log_faults
     from gcs.flightlog.reader import read_log
@@ -111,13 +133,14 @@ def _serve_flight(path: Path, access: "Access", options: StationOptions) -> Exit
     from gcs.station.server import recorded_app, serve
     from gcs.vehicle_logs.foreign import is_foreign
 
+    _require_regular("LOG", path)
     if is_foreign(path):
         raise InputError([f"{path}: not recorded by cordon; use `cordon report`"])
     log = read_log(path)
     print_log_faults(log)
     flight = recorded_flight(log)
     app = recorded_app(flight, tiles=_tiles(options.tiles, flight.mission.origin_deg))
-    return _serve(lambda listening, stop: serve(app, access, listening, stop), access, path.name)
+    return _serve(lambda listening, stop: serve(app, access, listening, stop), access, path.name, ending)
 
 
 def _tiles(path: Path | None, origin_deg: "Pair | None") -> "MapTiles | None":
@@ -134,25 +157,25 @@ def _tiles(path: Path | None, origin_deg: "Pair | None") -> "MapTiles | None":
 
 
 def _serve(
-    serve: "Callable[[socket.socket, asyncio.Event], Awaitable[None]]",
+    serve: "Callable[[Sequence[ListeningSocket], asyncio.Event], Awaitable[None]]",
     access: "Access",
     subject: str,
+    ending: _Ending,
     lose: "Callable[[LostFlight], object]" = lambda _flight: None,
 ) -> Exit:
     """Serve until Ctrl-C, or until the end of the flight that started this station; `lose` takes its loss."""
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem
-    from gcs.signals import relay
     from gcs.station.server import listen
-    from gcs.station.station_process import FlightPipe, flight_pipe
+    from gcs.station.station_process import FlightPipe
 
     try:
         listening = listen(access)
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
-    pipe = flight_pipe()
+    pipe = ending.pipe
     say = print_line if pipe is None else print_result  # a flight reads it, and says it
     say(f"page of {subject}: {access.url}")
 
@@ -161,7 +184,7 @@ def _serve(
         if pipe is not None:
             loop.add_reader(pipe, FlightPipe(pipe, stop.set, lose).read)
         else:
-            relay(lambda: loop.call_soon_threadsafe(stop.set))
+            ending.stop = lambda: loop.call_soon_threadsafe(stop.set)
         await serve(listening, stop)
 
     asyncio.run(run())

@@ -8,7 +8,7 @@ import gzip
 import re
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -38,6 +38,7 @@ from gcs.station.picture import (
     RecoveredRequest,
 )
 from gcs.station.tiles import MapTiles
+from gcs.viewer.connections import ConnectionLimits, ListeningSocket, listening_sockets
 
 PAGE = Path(__file__).parent / "page"
 PAGES_MAX = 100
@@ -49,6 +50,8 @@ WAITING_MAX_BYTES = 8192
 """What may wait to be sent on a connection, once in this process and once in the kernel."""
 LEFT_AFTER_S = 30.0
 """A station that outlives its flight ends when no page has been open for this long."""
+RECORDED = '{"kind":"recorded"}'
+"""The only message about a recorded flight."""
 _MALFORMED, _TOO_MANY = 1007, 1013
 _TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 
@@ -104,13 +107,13 @@ class Stream:
                 self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
 
 
-def live_app(stream: Stream, page: Path = PAGE, tiles: MapTiles | None = None) -> ASGIApp:
-    """Return the pages of a running team."""
-    return _app(WebSocketRoute("/stream", stream.serve), page, tiles)
+def live_app(stream: Stream, tiles: MapTiles | None = None) -> ASGIApp:
+    """Return what pages of a running team receive once they have entered."""
+    return _app([WebSocketRoute("/stream", stream.serve)], tiles)
 
 
-def recorded_app(flight: FlightPicture, page: Path = PAGE, tiles: MapTiles | None = None) -> ASGIApp:
-    """Return the page of a recorded flight."""
+def recorded_app(flight: FlightPicture, tiles: MapTiles | None = None) -> ASGIApp:
+    """Return what pages of a recorded flight receive once they have entered."""
     shown = replace(flight, mission=_with_tiles(flight.mission, tiles))
     packed = gzip.compress(msgspec.json.encode(shown), compresslevel=6)
     headers = {"Content-Encoding": "gzip", "Cache-Control": "no-store"}
@@ -118,12 +121,25 @@ def recorded_app(flight: FlightPicture, page: Path = PAGE, tiles: MapTiles | Non
     async def recorded(_request: Request) -> Response:
         return Response(packed, media_type="application/json", headers=headers)
 
-    return _app(Route("/flight.json", recorded), page, tiles)
+    return _app([Route("/flight.json", recorded), WebSocketRoute("/stream", _hold_open)], tiles)
 
 
-def _app(data: BaseRoute, page: Path, tiles: MapTiles | None) -> Starlette:
-    files = Mount("/", GZipMiddleware(StaticFiles(directory=page, html=True, check_dir=False), compresslevel=4))
-    return Starlette(routes=[data, *([] if tiles is None else [_tiles_route(tiles)]), files])
+async def _hold_open(page: WebSocket) -> None:
+    """Refer a page to the recorded flight, which its ticket lets it request until it disconnects."""
+    await page.accept()
+    await page.send_text(RECORDED)
+    while (await page.receive())["type"] != "websocket.disconnect":
+        pass
+
+
+def _app(data: Sequence[BaseRoute], tiles: MapTiles | None) -> Starlette:
+    return Starlette(routes=[*data, *([] if tiles is None else [_tiles_route(tiles)])])
+
+
+def _files(page: Path) -> ASGIApp:
+    """Return the files of the page, the same for everybody."""
+    files = GZipMiddleware(StaticFiles(directory=page, html=True, check_dir=False), compresslevel=4)
+    return Starlette(routes=[Mount("/", files)])
 
 
 def _tiles_route(tiles: MapTiles) -> Route:
@@ -147,7 +163,7 @@ async def serve_team(
     source: Source,
     commands: Callable[[Broadcast], Commands],
     access: Access,
-    listening: socket.socket,
+    listening: Sequence[ListeningSocket],
     stop: asyncio.Event,
     page: Path = PAGE,
     tiles: MapTiles | None = None,
@@ -167,7 +183,7 @@ async def serve_team(
     running = [
         asyncio.create_task(source.run(broadcast.publish)),
         asyncio.create_task(ours.run(publish)),
-        asyncio.create_task(serve(live_app(stream, page, tiles), access, listening, stop)),
+        asyncio.create_task(serve(live_app(stream, tiles), access, listening, stop, page)),
         asyncio.create_task(_left(stream, outlives)),
     ]
     try:
@@ -200,11 +216,13 @@ class _PromptSocket(WebSocketsSansIOProtocol):
             transport.set_write_buffer_limits(high=WAITING_MAX_BYTES)
 
 
-async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: asyncio.Event) -> None:
-    """Serve an application behind the gate until `stop`; open pages are disconnected."""
+async def serve(
+    app: ASGIApp, access: Access, listening: Sequence[ListeningSocket], stop: asyncio.Event, page: Path = PAGE
+) -> None:
+    """Serve the files of the page, and an application to pages that have entered, until `stop` disconnects them."""
     certificate, key = access.tls or (None, None)
     config = uvicorn.Config(
-        AccessGate(app, access),
+        AccessGate(app, _files(page), access, listening[0].limits),
         lifespan="off",
         log_config=None,
         access_log=False,
@@ -214,12 +232,11 @@ async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: as
         ws_max_size=REQUEST_MAX_BYTES,
         ws_ping_interval=_PING_PERIOD_S,
         ws_ping_timeout=_DEAD_AFTER_S,
-        limit_concurrency=3 * PAGES_MAX,
         ssl_certfile=certificate,
         ssl_keyfile=key,
     )
     server = uvicorn.Server(config)
-    serving = asyncio.create_task(server.serve([listening]))
+    serving = asyncio.create_task(server.serve(list(listening)))
     stopped = asyncio.create_task(stop.wait())
     await asyncio.wait([serving, stopped], return_when=asyncio.FIRST_COMPLETED)
     stopped.cancel()
@@ -227,24 +244,16 @@ async def serve(app: ASGIApp, access: Access, listening: socket.socket, stop: as
     await serving
 
 
-def listen(access: Access) -> socket.socket:
-    """Return a listening socket; raises VehicleRefusedError when the address is not available."""
-    host, port = access.address
+def listen(access: Access) -> list[ListeningSocket]:
+    """Return listening sockets; raises VehicleRefusedError when the address is not available."""
     try:
-        family, kind, protocol, _, end = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listening = socket.socket(family, kind, protocol)
+        listening = listening_sockets(ConnectionLimits(), access.hosts, access.address.port)
     except OSError as error:
         raise _unavailable(access, error) from error
-    try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        for name, value in (("TCP_USER_TIMEOUT", _DEAD_AFTER_S * 1000), ("TCP_NOTSENT_LOWAT", WAITING_MAX_BYTES)):
-            if hasattr(socket, name):  # connections inherit it
-                listening.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
-        listening.bind(end)
-        listening.listen(PAGES_MAX)
-    except OSError as error:
-        listening.close()
-        raise _unavailable(access, error) from error
+    for name, value in (("TCP_USER_TIMEOUT", _DEAD_AFTER_S * 1000), ("TCP_NOTSENT_LOWAT", WAITING_MAX_BYTES)):
+        if hasattr(socket, name):  # connections inherit it
+            for each in listening:
+                each.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
     return listening
 
 

@@ -6,18 +6,24 @@ while its vehicles may be in the air. Imports nothing heavy: the supervisor of a
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from typing import IO
 
+from agents.ports import VehicleRefusedError
 from gcs.metrics.ending import LostFlight
+from gcs.signals import pending
 
 PIPE_VARIABLE = "CORDON_STATION_PIPE"
 """The environment variable with the number of a pipe's end: the station ends when the pipe is closed."""
+START_TIMEOUT_S = 120.0
 _END_TIMEOUT_S = 3.0
 _POLL_S = 0.2
 
@@ -67,7 +73,11 @@ class StationProcess:
 
 @contextmanager
 def run_station(arguments: Sequence[str]) -> Iterator[StationProcess]:
-    """Run a station as long as this context lasts, or this process and those that inherit its `kept_open`."""
+    """Run a station as long as this context lasts, or this process and those that inherit its `kept_open`.
+
+    Signals must be blocked already. Raises KeyboardInterrupt for one that comes before the station serves, and
+    VehicleRefusedError for a station that does not come to serve.
+    """
     flight_pipe, held = os.pipe()
     process = subprocess.Popen(
         [sys.executable, "-m", "gcs", "station", *arguments],
@@ -80,7 +90,7 @@ def run_station(arguments: Sequence[str]) -> Iterator[StationProcess]:
     os.close(flight_pipe)
     assert process.stdout is not None
     try:
-        yield StationProcess(process, held, process.stdout.readline().rstrip())
+        yield StationProcess(process, held, _first_line(process.stdout))
     finally:
         os.close(held)
         process.stdout.close()
@@ -89,6 +99,23 @@ def run_station(arguments: Sequence[str]) -> Iterator[StationProcess]:
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGKILL)
             process.wait()
+
+
+def _first_line(output: IO[str]) -> str:
+    """Return a station's first line, empty if it ended.
+
+    Raises KeyboardInterrupt for a signal, which is held back, and VehicleRefusedError when nothing comes.
+    """
+    end_s = time.monotonic() + START_TIMEOUT_S
+    while not select.select([output], [], [], _POLL_S)[0]:
+        if pending():
+            raise KeyboardInterrupt
+        if time.monotonic() > end_s:
+            raise VehicleRefusedError(
+                f"the operator's page did not start within {START_TIMEOUT_S:g} s",
+                "start it on its own by `cordon station` with the same options, or fly without --station",
+            )
+    return output.readline().rstrip()
 
 
 class FlightPipe:

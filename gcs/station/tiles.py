@@ -4,6 +4,7 @@ Both cut the web Mercator map: level z has 2^z columns, counted from 180° west,
 an MBTiles file the rows are counted from the south.
 """
 
+import os
 import re
 import sqlite3
 from collections.abc import Callable
@@ -11,17 +12,32 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from html import unescape
+from itertools import count
 from math import asinh, floor, pi, radians, tan
 from pathlib import Path
+from stat import S_ISREG
 
 from gcs.console.vehicle_view import Pair
 from gcs.errors import InputError
 from gcs.station.picture import TilesPicture
 
 LEVEL_MAX = 24
+TILE_MAX_BYTES = 4_000_000
+"""Of one image: those of 1024 x 1024 pixels take less."""
+QUERY_STEPS_MAX = 20_000_000
+"""Steps of SQLite's machine, about a second: enough for a million tiles without an index."""
+_LIMITED_EVERY_STEPS = 10_000
+_METADATA_MAX = 100
+_SOURCE_CHARACTERS_MAX = 1000
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+_ROOT = "SELECT rootpage FROM sqlite_master WHERE type IN ('table', 'view') AND lower(name) = ?"
+_COMPUTED = "SELECT count(*) FROM pragma_table_xinfo(?) WHERE hidden > 0"
 _ENDS = "SELECT zoom_level, CAST(tile_data AS BLOB) FROM tiles ORDER BY zoom_level {} LIMIT 1"
 _ONE = "SELECT CAST(tile_data AS BLOB) FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?"
+_MAKE_TABLE = (
+    "CREATE TABLE t AS SELECT * FROM tiles; DROP VIEW tiles; ALTER TABLE t RENAME TO tiles; "
+    "CREATE UNIQUE INDEX place ON tiles (zoom_level, tile_column, tile_row)"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +76,8 @@ def opened_tiles(path: Path, origin_deg: Pair | None) -> MapTiles:
     if origin_deg is None:
         raise InputError([f"map tiles {path}: they need an origin, and the mission's [frame] is local"])
     try:
+        if path.exists() and not (path.is_dir() or path.is_file()):
+            raise InputError([f"map tiles {path}: neither a folder nor a regular file"])
         picture, reader = _folder(path) if path.is_dir() else _mbtiles(path)
     except OSError as error:
         raise InputError([f"map tiles {path}: {error.strerror or error}"]) from error
@@ -76,14 +94,24 @@ def _folder(folder: Path) -> tuple[TilesPicture, TileReader]:
 
 
 def _holds_tile(level: Path) -> bool:
-    return any(each.suffix in _SUFFIXES and each.stem.isdecimal() for each in level.glob("*/*"))
+    return any(each.suffix in _SUFFIXES and each.stem.isdecimal() and each.is_file() for each in level.glob("*/*"))
 
 
 def _from_folder(folder: Path, level: int, column: int, row: int) -> TileImage | None:
     for suffix in _SUFFIXES:
-        with suppress(OSError):
-            return _image((folder / str(level) / str(column) / f"{row}{suffix}").read_bytes())
+        path = folder / str(level) / str(column) / f"{row}{suffix}"
+        with suppress(OSError), open(path, "rb", opener=_without_waiting) as file:
+            if (
+                S_ISREG(os.fstat(file.fileno()).st_mode)
+                and len(data := file.read(TILE_MAX_BYTES + 1)) <= TILE_MAX_BYTES
+            ):
+                return _image(data)
     return None
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file at once: a pipe that nobody writes to would be opened when somebody does."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def _mbtiles(path: Path) -> tuple[TilesPicture, TileReader]:
@@ -92,7 +120,10 @@ def _mbtiles(path: Path) -> tuple[TilesPicture, TileReader]:
             converted = path.with_suffix(".mbtiles").name
             raise InputError([f"map tiles {path}: a PMTiles file; convert it: `pmtiles-convert {path} {converted}`"])
     with closing(_connection(path)) as database:
-        metadata = {name: str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
+        for table in ("metadata", "tiles"):
+            _require_stored(path, database, table)
+        rows = database.execute("SELECT name, value FROM metadata").fetchmany(_METADATA_MAX)
+        metadata = {name: str(value) for name, value in rows}
         ends = [database.execute(_ENDS.format(order)).fetchone() for order in ("ASC", "DESC")]
     if None in ends:
         raise InputError([f"map tiles {path}: the file holds no tile"])
@@ -101,10 +132,21 @@ def _mbtiles(path: Path) -> tuple[TilesPicture, TileReader]:
         if not (isinstance(level, int) and 0 <= level <= LEVEL_MAX):
             raise InputError([f"map tiles {path}: zoom level {level!r} is not one of 0 to {LEVEL_MAX}"])
     if _image(first) is None:
-        kind = metadata.get("format", "unknown")
+        kind = metadata.get("format", "unknown")[:_SOURCE_CHARACTERS_MAX]
         raise InputError([f"map tiles {path}: its tiles, of format {kind!r}, are not PNG, JPEG or WebP images"])
     source = _plain(metadata.get("attribution") or metadata.get("name", ""))
     return TilesPicture(level_min, level_max, source), partial(_from_mbtiles, path)
+
+
+def _require_stored(path: Path, database: sqlite3.Connection, table: str) -> None:
+    """Raise InputError for a table that is computed: a query of it may take for ever, also within one step."""
+    found = database.execute(_ROOT, (table,)).fetchone()
+    if found is None:
+        raise InputError([f"map tiles {path}: it is not an MBTiles file (no table {table})"])
+    # Views and virtual tables have no page of their own in the file.
+    if not found[0] or database.execute(_COMPUTED, (table,)).fetchone() != (0,):
+        convert = f"; for a view next: sqlite3 {path} '{_MAKE_TABLE}'" if table == "tiles" else ""
+        raise InputError([f"map tiles {path}: {table} is a view or computed, not a stored table{convert}"])
 
 
 def _from_mbtiles(path: Path, level: int, column: int, row: int) -> TileImage | None:
@@ -115,8 +157,19 @@ def _from_mbtiles(path: Path, level: int, column: int, row: int) -> TileImage | 
 
 
 def _connection(path: Path) -> sqlite3.Connection:
-    """Open a file read-only, once per tile: tiles are read in several threads."""
-    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+    """Open a file read-only, once per tile, as tiles are read in several threads; what it holds costs little to read.
+
+    Queries that take too many steps and values that are too long raise sqlite3.Error. An immutable database has no
+    journal beside it, which might be a pipe.
+    """
+    if not path.is_file():
+        raise sqlite3.OperationalError("not a regular file")
+    database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, TILE_MAX_BYTES)
+    database.execute("PRAGMA trusted_schema = OFF")
+    taken = count(1)
+    database.set_progress_handler(lambda: next(taken) * _LIMITED_EVERY_STEPS > QUERY_STEPS_MAX, _LIMITED_EVERY_STEPS)
+    return database
 
 
 def _image(data: bytes | None) -> TileImage | None:
@@ -132,7 +185,7 @@ def _image(data: bytes | None) -> TileImage | None:
 
 def _plain(text: str) -> str:
     """Return HTML as plain text in one line: attributions are often links."""
-    return " ".join(unescape(re.sub(r"<[^>]*>", "", text)).split())
+    return " ".join(unescape(re.sub(r"<[^>]*>", "", text[:_SOURCE_CHARACTERS_MAX])).split())
 
 
 def _place(level: int, latitude_deg: float, longitude_deg: float) -> tuple[int, int]:

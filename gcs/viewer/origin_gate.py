@@ -16,6 +16,7 @@ from ipaddress import ip_address
 from typing import NamedTuple, Self
 
 from gcs.errors import InputError
+from gcs.viewer.connections import ConnectionLimits, listening_sockets
 
 _EXAMPLE = "127.0.0.1:8765"
 
@@ -54,9 +55,8 @@ class Address(NamedTuple):
 
 PERMITTED = frozenset({"https://app.foxglove.dev", "file://"})
 """The origins of Foxglove in a browser, and of viewers installed on this computer, whose pages are files."""
-CONNECTIONS_MAX = 16
+VIEWERS_MAX = 16
 _HEAD_MAX_BYTES = 16384
-_HEAD_TIMEOUT_S = 5.0
 _PIECE_BYTES = 65536
 _REFUSED = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
@@ -80,7 +80,8 @@ class OriginGate:
         self._server_port = server_port
         self._tls = tls
         self._origins = origins
-        self._connections = 0
+        self._limits = ConnectionLimits()
+        self._viewers = 0
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="live-gate", daemon=True)
         self._opened: Future[None] = Future()
@@ -107,24 +108,29 @@ class OriginGate:
 
     async def _serve(self) -> None:
         host, port = self._listen
-        server = await asyncio.start_server(self._take, host, port, limit=_HEAD_MAX_BYTES)
+        listening = listening_sockets(self._limits, [host], port)
+        servers = [await asyncio.start_server(self._take, sock=each, limit=_HEAD_MAX_BYTES) for each in listening]
         self._opened.set_result(None)
         await self._closed.wait()
-        server.close()  # the runner cancels the connections that are left
+        for server in servers:
+            server.close()  # the runner cancels the connections that are left
 
     async def _take(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one connection; a fault ends only that connection."""
-        self._connections += 1
         try:
-            with suppress(OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-                head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEAD_TIMEOUT_S)
-                if self._connections > CONNECTIONS_MAX or not is_permitted(_origins_in(head), self._origins):
+            with suppress(OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+                head = await reader.readuntil(b"\r\n\r\n")
+                if self._viewers >= VIEWERS_MAX or not is_permitted(_origins_in(head), self._origins):
                     writer.write(_REFUSED)
                     await writer.drain()
                 else:
-                    await self._pass_on(head, reader, writer)
+                    self._limits.admit(writer.get_extra_info("peername")[:2])
+                    self._viewers += 1
+                    try:
+                        await self._pass_on(head, reader, writer)
+                    finally:
+                        self._viewers -= 1
         finally:
-            self._connections -= 1
             writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
 
     async def _pass_on(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

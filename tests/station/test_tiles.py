@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from math import cos, radians, sin
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
-from gcs.station.access import Access
+from gcs.station.access import Access, checked_access
 from gcs.station.picture import FlightPicture
 from gcs.station.server import listen, recorded_app, serve
 from gcs.station.tiles import opened_tiles
@@ -42,7 +41,7 @@ HIDE = "nodes => { for (const node of nodes) node.style.visibility = 'hidden'; }
 @contextmanager
 def served(flight: FlightPicture, tiles: Path) -> Iterator[Access]:
     """Serve a recorded flight over tiles by the station's own server, until this context ends."""
-    access = Access(Address(LOOPBACK, free_port()), "a token of the tests")
+    access = checked_access(Address(LOOPBACK, free_port()), None, None)
     app = recorded_app(flight, tiles=opened_tiles(tiles, flight.mission.origin_deg))
     listening, stop = listen(access), asyncio.Event()
     loop = asyncio.new_event_loop()
@@ -99,17 +98,8 @@ def nearest_corner(shown: NDArray[np.float64], near: NDArray[np.float64], within
     return np.array([x - within + 1 + across.argmax(), y - within + 1 + down.argmax()])
 
 
-def entered(access: Access) -> dict[str, Any]:
-    """Return the state of a browser that has handed in the token: it has the cookie."""
-    cookie = {"name": access.cookie, "value": access.cookie_value, "domain": LOOPBACK, "path": "/"}
-    return {
-        "cookies": [{**cookie, "expires": -1, "httpOnly": True, "secure": False, "sameSite": "Strict"}],
-        "origins": [],
-    }
-
-
 def open_settled(open_page: OpenPage, station: Access, **settings: str) -> Page:
-    page = open_page(station.origin, storage_state=entered(station), **settings)
+    page = open_page(station.url, **settings)
     expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
     page.wait_for_load_state("networkidle")
     settle(page)

@@ -23,7 +23,7 @@ from foxglove.messages import PointCloud
 from cordon.lockstep import LockstepClient
 from gcs.flight.stubs import url_ports
 from gcs.mission.file import load_mission
-from gcs.viewer import origin_gate
+from gcs.viewer import connections
 from gcs.viewer.live_server import STOP_TIMEOUT_S, live_server
 from gcs.viewer.origin_gate import Address
 from tests.support.mission_text import LOW
@@ -197,19 +197,26 @@ async def test_connections_that_say_nothing_or_too_much_end_by_themselves(monkey
     with live_server(address, context):
         PointCloudChannel("/points", context=context)
         with monkeypatch.context() as patch:
-            patch.setattr(origin_gate, "_HEAD_TIMEOUT_S", 0.5)
-            many = 2 * origin_gate.CONNECTIONS_MAX
-            silent = [await asyncio.open_connection(LOOPBACK, address.port) for _ in range(many)]
+            patch.setattr(connections, "WAITING_MAX_S", 0.5)
+            silent = [await asyncio.open_connection(LOOPBACK, address.port) for _ in range(100)]
             talker = await asyncio.open_connection(LOOPBACK, address.port)
             talker[1].write(b"GET / HTTP/1.1\r\n" + b"x" * 1_000_000)
             async with asyncio.timeout(PATIENCE_S):
-                with suppress(ConnectionResetError):
-                    assert await talker[0].read() == b""
-                for reader, _ in silent:
-                    assert await reader.read() == b""
+                for reader, _ in (talker, *silent):
+                    with suppress(ConnectionResetError):
+                        assert await reader.read() == b""
+
+
+async def test_connections_that_say_nothing_do_not_keep_viewers_out() -> None:
+    context, address = Context(), Address(LOOPBACK, free_port())
+    with live_server(address, context):
+        PointCloudChannel("/points", context=context)
+        silent = [await asyncio.open_connection(LOOPBACK, address.port) for _ in range(300)]
         viewer = await Onlooker.connected(address.port)
         await viewer.know("/points")
         await viewer.close()
+        for _, writer in silent:
+            writer.transport.abort()
 
 
 async def test_a_port_that_is_taken_is_a_refusal_before_anything_flies(mission_file: Callable[..., str]) -> None:

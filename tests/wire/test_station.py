@@ -2,10 +2,12 @@
 
 import asyncio
 import gzip
-import http.client
 import json
+import os
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -22,7 +24,8 @@ from gcs.metrics.ending import UNACCOUNTED
 from gcs.station.picture import FlightPicture
 from tests.support.mission_text import LOW
 from tests.support.page.map_tiles import mbtiles, png, tile_folder
-from tests.support.page.station import asked, entered, received, stream
+from tests.support.page.station import asked, entered, received, requested, stream, tickets
+from tests.support.paths import ROOT
 from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, free_port, until_now
 
 pytestmark = pytest.mark.wire
@@ -63,8 +66,8 @@ async def test_without_a_flight_the_page_says_that_it_waits_and_ctrl_c_ends_it_a
     address = f"{LOOPBACK}:{free_port()}"
     with cordon("station", "--mission", mission_file("case2"), "--address", address) as process:
         assert process.stderr is not None
-        port, cookie = entered(process.stderr.readline())
-        async with stream(port, cookie) as page:
+        port, secret = entered(process.stderr.readline())
+        async with stream(port, secret) as page:
             assert (await received(page, "mission"))["operator"]["may"] == []
             while "no flight" not in (await received(page, "team"))["link"]:
                 pass
@@ -93,7 +96,7 @@ def test_an_address_that_is_taken_is_refused(mission_file: Callable[..., str], s
                 assert "Traceback" not in err
 
 
-def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
+async def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
     mission_file: Callable[..., str], tmp_path: Path, subtests: pytest.Subtests
 ) -> None:
     address, log = f"{LOOPBACK}:{free_port()}", tmp_path / "flight.mcap"
@@ -106,12 +109,13 @@ def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
             assert process.stderr is not None
             said = lines_to(process.stderr, "page of")
             assert f"warning: map tiles {tiles}: no tile covers the mission's origin" in "".join(said)
-            port, cookie = entered(said[-1])
-            connection = http.client.HTTPConnection(LOOPBACK, port, timeout=PATIENCE_S)
-            connection.request("GET", "/tiles/1/1/1", headers={"Cookie": cookie})
-            assert connection.getresponse().read() == image
-            connection.request("GET", "/flight.json", headers={"Cookie": cookie})
-            flight = msgspec.json.decode(gzip.decompress(connection.getresponse().read()), type=FlightPicture)
+            port, secret = entered(said[-1])
+            async with stream(port, secret) as page:
+                headers = {"Authorization": f"Bearer {tickets[page]}"}
+                _, _, tile = await asyncio.to_thread(requested, port, "/tiles/1/1/1", headers=headers)
+                assert tile == image
+                _, _, packed = await asyncio.to_thread(requested, port, "/flight.json", headers=headers)
+            flight = msgspec.json.decode(gzip.decompress(packed), type=FlightPicture)
             assert {each.vehicle_id for each in flight.mission.vehicles} == {1, 2, 3}
             assert flight.teams[-1].time_s == pytest.approx(20.0, abs=0.5)
             process.send_signal(signal.SIGINT)
@@ -132,6 +136,34 @@ def test_a_flight_whose_tiles_cannot_be_drawn_does_not_begin(mission_file: Calla
         assert "http" not in err
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_flight_whose_page_does_not_start(
+    number: signal.Signals, mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    """The page's process hangs: it is told to, by a module that Python imports at its start."""
+    module = tmp_path / "sitecustomize.py"
+    module.write_text(
+        "import os, pathlib, signal, sys\n"
+        "if os.environ.get('CORDON_STATION_PIPE'):\n"
+        f"    pathlib.Path({str(tmp_path / 'hangs')!r}).touch()\n"
+        "    signal.pause()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, "-m", "gcs", "fly", mission_file("case2"), "--sitl", "--station", "--no-log"]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT) as flight:
+        until_now((tmp_path / "hangs").exists, "the start of the page's process")
+        (page,) = psutil.Process(flight.pid).children()
+        try:
+            flight.send_signal(number)
+            flight.communicate(timeout=PATIENCE_S)
+            assert flight.returncode == 3
+            assert not page.is_running()
+        finally:
+            flight.kill()
+            with suppress(psutil.NoSuchProcess):
+                page.kill()
+
+
 async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
     mission_file: Callable[..., str], subtests: pytest.Subtests
 ) -> None:
@@ -139,8 +171,8 @@ async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
     flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "10", "--duration", "1000", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
-        port, cookie = entered(process.stderr.readline())
-        async with stream(port, cookie) as page, stream(port, cookie) as other:
+        port, secret = entered(process.stderr.readline())
+        async with stream(port, secret) as page, stream(port, secret) as other:
             reading = asyncio.create_task(events_to_the_end(other))  # at once: one that does not read is cut off
             while not (mission := await received(page, "mission"))["operator"]["may"]:
                 pass
@@ -170,8 +202,8 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
     flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "10", "--duration", "1000", "--no-log")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
-        port, cookie = entered(process.stderr.readline())
-        async with stream(port, cookie) as page:
+        port, secret = entered(process.stderr.readline())
+        async with stream(port, secret) as page:
             while {each["tactic"] for each in (await received(page, "team"))["vehicles"]} != {"formation"}:
                 pass
             (flying,) = [each for each in psutil.Process(process.pid).children() if "station" not in each.cmdline()]
@@ -221,8 +253,8 @@ async def test_the_page_stays_open_for_a_vehicle_that_was_lost_in_the_air_until_
     with cordon(*flight, "--no-log", "--json", "--station", "--station-address", address) as process:
         assert process.stderr is not None
         assert process.stdout is not None
-        port, cookie = entered(process.stderr.readline())
-        async with stream(port, cookie) as page:
+        port, secret = entered(process.stderr.readline())
+        async with stream(port, secret) as page:
             last_m: list[float] = []
             while not (lost := (team := await received(page, "team"))["vehicles"][2])["is_unaccounted"]:
                 assert not lost["has_ended"]

@@ -39,14 +39,15 @@ const AREAS = [
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
 
 export class Scene {
-  /** @param {HTMLElement} container @param {Selection} selection */
-  constructor(container, selection) {
+  /** @param {HTMLElement} container @param {Selection} selection @param {function(): Object} headers of requests for tiles */
+  constructor(container, selection, headers) {
     this.selection = selection;
     this.isFollowing = true;
     this.drawTrails = atMostEvery(TRAIL_EVERY_MS, (past) => this.#trails(past));
     this.map = new maplibre.Map({
       container, style: style(), maxZoom: ZOOM_MAX, maxPitch: 0, attributionControl: false, dragRotate: false,
       renderWorldCopies: false, fadeDuration: 0, center: [0, 0], zoom: 18,
+      transformRequest: (url, kind) => ({ url, headers: kind === "Tile" ? headers() : {} }),
     });
     this.tiles = new Tiles(this.map, `${AREAS[0][0]}-area`);
     this.map.touchZoomRotate.disableRotation();

@@ -7,7 +7,7 @@ import { byId, setText } from "./dom.js";
 import { Events } from "./events.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
-import { openStream, streamUrl } from "./stream.js";
+import { Stream, streamUrl } from "./stream.js";
 import { Strips } from "./strips.js";
 import { Table } from "./table.js";
 import { Tabs } from "./tabs.js";
@@ -23,7 +23,9 @@ const CHECK_EVERY_MS = 250;
 
 /** The parts of the page, updated with pictures: `start` with a mission, `show` with a team and its past. */
 class Page {
-  constructor(send) {
+  /** @param {function(Object): boolean} send passes a request to the station @param {function(): Object} headers of requests for tiles */
+  constructor(send, headers) {
+    this.headers = headers;
     this.selection = new Selection();
     this.commands = new Commands(this.selection, send);
     this.events = new Events(byId("events"), byId("polite"));
@@ -80,7 +82,7 @@ class Page {
     byId("map-state").hidden = false;
     try {
       const { Scene } = await import("./scene.js");
-      this.scene = new Scene(byId("map"), this.selection);
+      this.scene = new Scene(byId("map"), this.selection, this.headers);
       await this.scene.isLoaded;
     } catch (error) {
       setText(byId("map-state"), "The map could not be loaded: reload the page. The cards and the table show every quantity.");
@@ -105,19 +107,19 @@ function isSamePlan(mission, shown) {
 
 /** A team in flight: each picture is drawn in the next frame, and becomes stale without a new one. */
 class Live {
-  constructor() {
-    this.isOpen = true; // until the first connection fails
+  /** @param {Stream} stream that the page has entered */
+  constructor(stream) {
+    this.isOpen = true;
     this.team = null;
     this.past = [];
     this.arrived_ms = performance.now();
     this.wakeLock = new WakeLock();
-    this.page = new Page((request) => this.stream.send(request));
-    const handlers = { picture: (picture) => this.#take(picture), connection: (isOpen) => this.#connection(isOpen) };
-    this.stream = openStream(streamUrl(), handlers);
+    this.page = new Page((request) => stream.send(request), () => stream.entry.headers);
     setInterval(() => this.#check(), CHECK_EVERY_MS);
   }
 
-  #take(picture) {
+  /** Take a picture of the station. */
+  take(picture) {
     if (picture.kind === "mission") this.#start(picture);
     else if (picture.kind === "event") this.page.events.add(picture);
     else if (picture.kind === "receipt") this.page.commands.receipt(picture);
@@ -142,7 +144,8 @@ class Live {
     this.frame ??= requestAnimationFrame(() => this.#draw());
   }
 
-  #connection(isOpen) {
+  /** Take that the connection has begun or ended. */
+  connection(isOpen) {
     this.isOpen = isOpen;
     if (isOpen) this.page.events.start(); // the station sends past events again
     else this.page.commands.connectionLost();
@@ -178,8 +181,8 @@ class Live {
 }
 
 /** Show a recorded flight on the same page: the time slider chooses the picture. */
-function showFlight(flight) {
-  const page = new Page(() => false);
+function showFlight(flight, headers = () => ({})) {
+  const page = new Page(() => false, headers);
   page.start(flight.mission);
   page.alarms.sound.turn(false);
   new Replay(flight, (index) => {
@@ -197,12 +200,20 @@ function pastOf(teams, index) {
   return teams.slice(first, index + 1);
 }
 
-/** The recorded flight that the page links to; null for a live team. */
-async function recordedFlight() {
-  const answer = await fetch(byId("flight").href);
-  return answer.ok ? answer.json() : null;
+/** Open the page of a station: a recorded flight if the station says so, else a live team. */
+function openStation(flightUrl) {
+  let live = null;
+  let isRecorded = false;
+  const picture = async (shown) => {
+    if (shown.kind !== "recorded") (live ??= new Live(stream)).take(shown);
+    else if (!isRecorded) {
+      isRecorded = true;
+      showFlight(await (await stream.fetch(flightUrl)).json(), () => stream.entry.headers);
+    }
+  };
+  const stream = new Stream(streamUrl(), { picture, connection: (isOpen) => live?.connection(isOpen) });
 }
 
-const flight = await recordedFlight();
-if (flight) showFlight(flight);
-else new Live();
+const flightUrl = byId("flight").href;
+if (flightUrl.startsWith("blob:")) showFlight(await (await fetch(flightUrl)).json()); // in a report
+else openStation(flightUrl);

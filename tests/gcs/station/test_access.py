@@ -1,13 +1,13 @@
 """What `cordon station` refuses before it listens: hosts, certificates and tokens that would let others in."""
 
-import stat
+import re
 from pathlib import Path
 
 import pytest
 
 from gcs.errors import InputError
 from gcs.keys.certificates import CertificateAuthority
-from gcs.station.access import Access, checked_access, kept_token, read_token
+from gcs.station.access import Access, checked_access, derived_secret, read_token
 from gcs.viewer.origin_gate import Address
 
 TOKEN = "0123456789abcdef"
@@ -24,23 +24,36 @@ def tls(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def test_beyond_this_computer_both_a_certificate_and_a_token_are_needed(tls: tuple[Path, Path]) -> None:
-    for given, own, missing in (
-        (None, False, {"--tls", "--token-file"}),
-        (tls, False, {"--token-file"}),
-        (None, True, {"--tls"}),
+    for given, token, missing in (
+        (None, None, {"--tls", "--token-file"}),
+        (tls, None, {"--token-file"}),
+        (None, TOKEN, {"--tls"}),
     ):
         with pytest.raises(InputError) as refused:
-            checked_access(BEYOND, TOKEN, given, is_own_token=own)
+            checked_access(BEYOND, token, given)
         assert {fault.partition(":")[0] for fault in refused.value.faults} == missing
-    assert checked_access(BEYOND, TOKEN, tls, is_own_token=True).url == f"https://0.0.0.0:8766/#{TOKEN}"
-    assert checked_access(HERE, TOKEN, None, is_own_token=False).url == f"http://127.0.0.1:8766/#{TOKEN}"
+    assert checked_access(BEYOND, TOKEN, tls).url.startswith("https://0.0.0.0:8766/#")
     assert Access(Address("::1", 80), TOKEN).origin == "http://[::1]:80"
+
+
+def test_each_start_has_a_secret_and_on_this_computer_an_origin_of_its_own(tls: tuple[Path, Path]) -> None:
+    for token in (None, TOKEN):
+        first, second = (checked_access(HERE, token, None) for _ in range(2))
+        assert first.secret != second.secret
+        assert len(first.secret) >= 32
+        assert first.origin != second.origin
+        assert re.fullmatch(r"http://[0-9a-f]{16}\.localhost:8766/#[\w-]{32,64}", first.url)
+        assert TOKEN not in first.url
+        assert first.is_named([f"{first.name}:8766"])
+    own = checked_access(BEYOND, TOKEN, tls)
+    assert own.secret == derived_secret(TOKEN, own.salt)
+    assert checked_access(HERE, None, tls).origin == "https://127.0.0.1:8766", "its certificate keeps others out"
 
 
 def test_a_certificate_that_cannot_be_used_is_bad_input(tls: tuple[Path, Path], tmp_path: Path) -> None:
     for pair in ((tls[0], tls[0]), (tls[1], tls[0]), (tmp_path / "none", tls[1])):
         with pytest.raises(InputError, match="--tls"):
-            checked_access(HERE, TOKEN, pair, is_own_token=False)
+            checked_access(HERE, TOKEN, pair)
 
 
 def test_a_token_is_long_and_closed_to_others(tmp_path: Path) -> None:
@@ -57,21 +70,13 @@ def test_a_token_is_long_and_closed_to_others(tmp_path: Path) -> None:
             read_token(file)
 
 
-def test_the_token_that_is_kept_stays_the_same_and_is_this_users(tmp_path: Path) -> None:
-    file = tmp_path / "token"
-    token = kept_token(file)
-    assert len(token) >= 32
-    assert stat.S_IMODE(file.stat().st_mode) == 0o600
-    assert kept_token(file) == token
-    assert kept_token(tmp_path / "other") != token
-
-
 @pytest.mark.parametrize(
     ("address", "hosts", "is_named"),
     [
         (HERE, ["127.0.0.1:8766"], True),
         (HERE, ["LOCALHOST"], True),
         (HERE, ["[::1]:8766"], True),
+        (HERE, ["0123.localhost:8766"], True),
         (HERE, ["192.168.1.2:8766"], False),
         (HERE, ["evil.example:8766"], False),
         (HERE, ["127.0.0.1", "127.0.0.1"], False),
@@ -81,6 +86,7 @@ def test_the_token_that_is_kept_stays_the_same_and_is_this_users(tmp_path: Path)
         (BEYOND, ["192.168.1.2:8766"], True),
         (BEYOND, ["[fe80::1]:8766"], True),
         (BEYOND, ["evil.example"], False),
+        (BEYOND, ["0123.localhost"], False),
         (BEYOND, ["192.168.1.2.evil.example"], False),
         (Address("station.example", 443), ["Station.Example"], True),
         (Address("station.example", 443), ["evil.example"], False),

@@ -4,7 +4,9 @@ import asyncio
 import gzip
 import json
 import socket
+import time
 from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,23 @@ import pytest
 import websockets
 
 from agents.ports import VehicleRefusedError
+from gcs.keys.certificates import CertificateAuthority
 from gcs.mission.file import load_mission
-from gcs.station.access import Access
+from gcs.station.access import FAILED_DELAY_S, checked_access
 from gcs.station.picture import FlightPicture, OperatorRights, TeamPicture
-from gcs.station.server import REQUEST_MAX_BYTES, listen, recorded_app, serve
+from gcs.station.server import RECORDED, REQUEST_MAX_BYTES, listen, recorded_app, serve
+from gcs.viewer import connections
 from gcs.viewer.origin_gate import Address
-from tests.support.page.station import TOKEN, CannedSource, Station, asked, received, station
+from tests.support.page.station import (
+    CannedSource,
+    RefusedPageError,
+    Station,
+    asked,
+    received,
+    station,
+    stream,
+    tickets,
+)
 from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until
 
 pytestmark = pytest.mark.wire
@@ -72,27 +85,107 @@ async def test_a_page_is_shown_the_mission_then_what_comes_and_a_late_one_the_la
         ({"Origin": "https://evil.example"}, "another page"),
         ({"Origin": "null"}, "a page in a frame without an origin"),
         ({"Origin": "http://localhost:1"}, "another server of this computer"),
-        ({"Cookie": ""}, "no token"),
-        ({"Cookie": "cordon-station={value}"}, "another server's cookie"),
-        ({"Cookie": "{name}=0"}, "a wrong token"),
         ({"Host": "evil.example:{port}", "Origin": "http://evil.example:{port}"}, "a name that was bound to here"),
     ],
 )
 async def test_a_stranger_gets_no_stream(served: Station, headers: dict[str, str], why: str) -> None:
-    access = served.access
-    filled = {
-        key: value.format(port=served.port, name=access.cookie, value=access.cookie_value)
-        for key, value in headers.items()
-    }
-    with pytest.raises(websockets.InvalidStatus) as refused:
+    filled = {key: value.format(port=served.port) for key, value in headers.items()}
+    with pytest.raises(RefusedPageError, match="403"):
         async with served.connected(**filled):
             pass
-    assert refused.value.response.status_code == 403, why
 
 
-async def test_files_are_served_to_who_has_the_token_with_headers_that_keep_others_out(
+async def test_a_page_that_does_not_know_the_secret_gets_nothing_and_who_knows_it_does_not_wait(
     served: Station, subtests: pytest.Subtests
 ) -> None:
+    """Wrong proofs wait for longer and longer, each connection for itself; a right one from the same host enters."""
+    with subtests.test("without a proof"):
+        async with websockets.connect(stream_url(served), proxy=None) as page:
+            await page.send(asked("1", "kill", confirmation="kill"))
+            with pytest.raises(websockets.ConnectionClosed):
+                print(await page.recv())
+    with subtests.test("proofs of others"):
+        async with served.connected() as entered, websockets.connect(stream_url(served), proxy=None) as page:
+            await page.send('{"kind": "hello", "nonce": "a nonce"}')
+            challenge = json.loads(await page.recv())
+            await page.send(json.dumps({"kind": "proof", "proof": challenge["proof"]}))  # the station's own
+            with pytest.raises(websockets.ConnectionClosed):
+                print(await page.recv())
+            assert entered.state is websockets.State.OPEN
+    with subtests.test("tries in a row"):
+        began_s = time.monotonic()
+        for _ in range(4):
+            with pytest.raises(RefusedPageError, match="1008"):
+                async with served.connected("another secret"):
+                    pass
+        assert time.monotonic() - began_s > 4 * FAILED_DELAY_S
+    with subtests.test("while others wait"):
+        attack = [asyncio.create_task(tried(served)) for _ in range(40)]
+        async with served.connected() as page:
+            await received(page, "mission")
+            assert not all(each.done() for each in attack), "it comes in before they have been refused"
+        for each in attack:
+            each.cancel()
+        await asyncio.gather(*attack, return_exceptions=True)
+
+
+@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+async def test_connections_of_strangers_do_not_keep_pages_out(served: Station, sent: bytes) -> None:
+    """Also those that begin a request, or send one and stay: more than a computer opens for a page."""
+    async with served.connected() as first, AsyncExitStack() as opened:
+        await received(first, "mission")
+        for _ in range(300):
+            _, writer = await asyncio.open_connection(LOOPBACK, served.port)
+            opened.callback(writer.close)
+            writer.write(sent)
+        for _ in range(3):
+            assert (await served.get("/"))[0] == 200
+            async with served.connected() as page:
+                await received(page, "mission")
+        served.source.team(1.0)
+        assert (await received(first, "team"))["time_s"] == 1.0
+
+
+@pytest.mark.parametrize("is_secure", [False, True])
+async def test_connections_that_do_not_enter_end_by_themselves(
+    is_secure: bool, tmp_path: Path, page_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tls = None
+    if is_secure:
+        keys = CertificateAuthority.made(1.0).issue("station", 4e9)
+        tls = (tmp_path / "certificate.pem", tmp_path / "key.pem")
+        tls[0].write_bytes(keys.certificate_pem)
+        tls[1].write_bytes(keys.private_key_pem)
+    monkeypatch.setattr(connections, "WAITING_MAX_S", 0.5)
+    access = checked_access(Address(LOOPBACK, free_port()), None, tls)
+    stop = asyncio.Event()
+    flight = FlightPicture(CannedSource().mission(OperatorRights()), (), ())
+    serving = asyncio.create_task(serve(recorded_app(flight), access, listen(access), stop, page_folder))
+    opened = [await asyncio.open_connection(LOOPBACK, access.address.port) for _ in range(8)]
+    async with asyncio.timeout(PATIENCE_S):
+        for reader, _ in opened:
+            with suppress(ConnectionResetError):
+                assert await reader.read() == b""
+    if not is_secure:
+        async with stream(access.address.port, access.secret) as page:
+            await asyncio.sleep(1.0)  # longer than others may stay
+            await asyncio.wait_for(await page.ping(), PATIENCE_S)
+    stop.set()
+    await asyncio.wait_for(serving, PATIENCE_S)
+
+
+def stream_url(served: Station) -> str:
+    return f"ws://{LOOPBACK}:{served.port}/stream"
+
+
+async def tried(served: Station) -> None:
+    while True:
+        with suppress(RefusedPageError, websockets.ConnectionClosed, OSError):
+            async with served.connected("another secret"):
+                pass
+
+
+async def test_files_are_served_with_headers_that_keep_others_out(served: Station, subtests: pytest.Subtests) -> None:
     with subtests.test("the page"):
         status, headers, body = await served.get("/")
         assert (status, body) == (200, INDEX)
@@ -108,32 +201,12 @@ async def test_files_are_served_to_who_has_the_token_with_headers_that_keep_othe
         assert (await served.get("/", Host="localhost:9999"))[0] == 200, "a forwarded port"
     with subtests.test("origin"):
         assert (await served.get("/", Origin="https://evil.example"))[0] == 403
-    with subtests.test("without the token"):
-        status, _, body = await served.get("/", Cookie="")
-        assert status == 401
-        assert INDEX not in body
-        assert (await served.get("/index.html", Cookie=""))[0] == 403
-        assert (await served.get("/enter/../index.html", Cookie=""))[0] == 404
-        assert (await served.get("/enter/enter.js", Cookie=""))[0] == 200
+    with subtests.test("without a ticket: they hold no secret"):
+        assert (await served.get("/flight.json"))[0] == 404
+        assert "Set-Cookie" not in headers
     with subtests.test("nothing outside of the folder"):
         assert (await served.get("/../mission.toml"))[0] == 404
         assert (await served.get("/%2e%2e/mission.toml"))[0] == 404
-
-
-async def test_the_token_gives_a_cookie_that_scripts_cannot_read(served: Station) -> None:
-    assert served.access.url == f"http://{LOOPBACK}:{served.port}/#a%20token%20of%20the%20tests%3A%20%C3%BCml%C3%A4ut"
-    for wrong in (b"", b"wrong", TOKEN.encode()[:-1], b"x" * 100_000):
-        status, headers, _ = await served.get("/enter", "POST", wrong, Cookie="")
-        assert status in (403, 413)
-        assert "Set-Cookie" not in headers
-    status, headers, _ = await served.get("/enter", "POST", TOKEN.encode(), Cookie="", Origin="https://evil.example")
-    assert status == 403
-    status, headers, _ = await served.get("/enter", "POST", TOKEN.encode(), Cookie="")
-    assert status == 204
-    cookie, *attributes = headers["Set-Cookie"].split("; ")
-    assert {"HttpOnly", "SameSite=strict"} <= set(attributes)
-    assert TOKEN not in cookie
-    assert (await served.get("/", Cookie=cookie))[0] == 200
 
 
 @pytest.mark.parametrize(
@@ -198,7 +271,7 @@ async def test_a_slow_page_is_shown_the_newest_and_holds_nobody_up(served: Stati
 
 async def test_files_are_compressed_for_a_slow_link(served: Station, page_folder: Path) -> None:
     (page_folder / "library.mjs").write_text("export const number = 1;\n" * 10_000)
-    status, headers, body = await served.get("/library.mjs", "GET", b"", **{"Accept-Encoding": "gzip"})
+    status, headers, body = await served.get("/library.mjs", "GET", **{"Accept-Encoding": "gzip"})
     assert (status, headers["Content-Encoding"]) == (200, "gzip")
     assert len(body) < 10_000
     assert gzip.decompress(body) == (page_folder / "library.mjs").read_bytes()
@@ -213,11 +286,12 @@ async def test_a_request_is_received_before_it_is_carried_out(served: Station) -
 async def test_pages_that_are_killed_are_gone_and_cost_the_others_nothing(served: Station) -> None:
     async with served.connected() as page:
         for _ in range(2):
-            pages = [await served.connected() for _ in range(40)]
-            for each in pages:
-                await received(each, "mission")
-            for each in pages:
-                each.transport.abort()
+            async with AsyncExitStack() as opened:
+                pages = [await opened.enter_async_context(served.connected()) for _ in range(40)]
+                for each in pages:
+                    await received(each, "mission")
+                for each in pages:
+                    each.transport.abort()
             served.source.team(1.0)
             assert (await received(page, "team"))["time_s"] == 1.0
 
@@ -225,17 +299,19 @@ async def test_pages_that_are_killed_are_gone_and_cost_the_others_nothing(served
 async def test_a_recorded_flight_is_one_object(page_folder: Path) -> None:
     mission = CannedSource().mission(OperatorRights())
     flight = FlightPicture(mission, tuple(TeamPicture(0.2 * k, 0.0, ()) for k in range(50)), ())
-    access = Access(Address(LOOPBACK, free_port()), TOKEN)
+    access = checked_access(Address(LOOPBACK, free_port()), None, None)
     stop = asyncio.Event()
-    serving = asyncio.create_task(serve(recorded_app(flight, page_folder), access, listen(access), stop))
-    running = Station(access, CannedSource(), {"Cookie": f"{access.cookie}={access.cookie_value}"})
-    status, headers, body = await running.get("/flight.json")
+    serving = asyncio.create_task(serve(recorded_app(flight), access, listen(access), stop, page_folder))
+    running = Station(access, CannedSource())
+    status, headers, body = await running.get_as_page("/flight.json")
     assert (status, headers["Content-Encoding"], headers["Cache-Control"]) == (200, "gzip", "no-store")
     assert msgspec.json.decode(gzip.decompress(body), type=FlightPicture) == flight
-    assert (await running.get("/flight.json", Cookie=""))[0] == 403
-    with pytest.raises(websockets.InvalidStatus):
-        async with running.connected():
-            pass
+    assert (await running.get("/flight.json"))[0] == 404
+    async with running.connected() as page:
+        assert await page.recv() == RECORDED
+        ticket = {"Authorization": f"Bearer {tickets[page]}"}
+        assert (await running.get("/flight.json", **ticket))[0] == 200
+    assert (await running.get("/flight.json", **ticket))[0] == 404, "a ticket ends with its connection"
     stop.set()
     await asyncio.wait_for(serving, PATIENCE_S)
 
@@ -244,6 +320,6 @@ def test_a_port_that_is_taken_is_refused() -> None:
     with socket.create_server((LOOPBACK, 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(VehicleRefusedError) as refused:
-            listen(Access(Address(LOOPBACK, port), TOKEN))
+            listen(checked_access(Address(LOOPBACK, port), None, None))
     assert str(port) in refused.value.reason
     assert "--address" in refused.value.next_step

@@ -1,6 +1,8 @@
 """Map tiles: what is read from folders and MBTiles files, what is refused, and who is served what."""
 
 import asyncio
+import os
+import re
 import sqlite3
 from collections.abc import AsyncIterator, Callable
 from contextlib import closing
@@ -11,7 +13,7 @@ import pytest
 from gcs.errors import InputError
 from gcs.mission.file import load_mission
 from gcs.station.picture import TilesPicture
-from gcs.station.tiles import MapTiles, TileImage, opened_tiles
+from gcs.station.tiles import TILE_MAX_BYTES, MapTiles, TileImage, opened_tiles
 from tests.support.page.map_tiles import corner_deg, mbtiles, png, tile_folder
 from tests.support.page.station import Station, received, station
 
@@ -93,6 +95,80 @@ def test_tiles_that_cannot_be_drawn_are_refused(tmp_path: Path, subtests: pytest
             assert words in str(refused.value)
 
 
+ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
+ENDLESS_TILES = f"{ENDLESS} SELECT i % 1 AS zoom_level, i % 2 + 5 AS tile_column, 0 AS tile_row, i AS tile_data FROM n"
+LARGE_TILE = "SELECT 0 AS zoom_level, 0 AS tile_column, 0 AS tile_row, zeroblob(900000000) AS tile_data"
+COMPUTED = "CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data AS (zeroblob(900000000)))"
+NO_TILES = "CREATE TABLE tiles (zoom_level); DROP TABLE metadata"
+IMAGE = "CREATE TABLE tiles (zoom_level, tile_column, tile_row, tile_data)"
+
+
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        pytest.param(f"CREATE VIEW tiles AS {ENDLESS_TILES}", "sqlite3", id="endless"),
+        pytest.param(f"CREATE VIEW tiles AS {LARGE_TILE}", "sqlite3", id="large"),
+        pytest.param(f"{COMPUTED}; INSERT INTO tiles VALUES (0, 0, 0)", "computed", id="computed"),
+        pytest.param(
+            f"{NO_TILES}; CREATE VIEW metadata AS {ENDLESS} SELECT i AS name, i AS value FROM n", "metadata", id="names"
+        ),
+        pytest.param(f"{NO_TILES}; CREATE VIRTUAL TABLE metadata USING fts5(name, value)", "metadata", id="virtual"),
+        pytest.param(f"{IMAGE}; INSERT INTO tiles VALUES (0, 0, 0, zeroblob(90000000))", "too big", id="large image"),
+    ],
+)
+def test_a_file_that_would_take_for_ever_or_all_memory_is_refused(tmp_path: Path, script: str, words: str) -> None:
+    path = tmp_path / "t.mbtiles"
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript(f"CREATE TABLE metadata (name, value); {script}")
+    with pytest.raises(InputError) as refused:
+        opened_tiles(path, ZURICH)
+    assert words in str(refused.value)
+
+
+def test_the_view_of_a_file_is_made_a_table_as_the_message_says(tmp_path: Path) -> None:
+    path = tmp_path / "t.mbtiles"
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript(
+            "CREATE TABLE metadata (name, value); CREATE TABLE images (id, tile_data);"
+            "CREATE TABLE map (zoom_level, tile_column, tile_row, id); INSERT INTO map VALUES (0, 0, 0, 1);"
+            "CREATE VIEW tiles AS SELECT zoom_level, tile_column, tile_row, tile_data FROM map JOIN images USING (id)"
+        )
+        database.execute("INSERT INTO images VALUES (1, ?)", (RED,))
+        database.commit()
+    with pytest.raises(InputError) as refused:
+        opened_tiles(path, ZURICH)
+    (script,) = re.findall("'([^']*)'", str(refused.value))
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript(script)
+    assert opened_tiles(path, ZURICH).tile(0, 0, 0) == TileImage(RED, "image/png")
+
+
+def test_a_query_of_a_file_that_has_become_endless_ends(tmp_path: Path) -> None:
+    path = mbtiles(tmp_path / "t.mbtiles", [(0, 0, 0, RED)])
+    opened = opened_tiles(path, ZURICH)
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript(f"DROP TABLE tiles; CREATE VIEW tiles AS {ENDLESS_TILES}")
+    assert opened.tile(0, 0, 0) is None
+
+
+def test_pipes_and_long_files_among_the_tiles_are_no_tiles(tmp_path: Path) -> None:
+    folder = tile_folder(tmp_path / "tiles", {HOME: RED, (15, 1, 2): RED + bytes(TILE_MAX_BYTES)})
+    os.mkfifo(folder / "15" / "1" / "3.png")
+    (folder / "15" / "1" / "4.png").symlink_to("/dev/zero")
+    opened = opened_tiles(folder, ZURICH)
+    assert opened.tile(*HOME) == TileImage(RED, "image/png")
+    for row in (2, 3, 4):
+        assert opened.tile(15, 1, row) is None
+    for beside in ("-journal", "-wal"):
+        path = mbtiles(tmp_path / f"with{beside}.mbtiles", [(0, 0, 0, RED)])
+        os.mkfifo(f"{path}{beside}")
+        assert opened_tiles(path, ZURICH).tile(0, 0, 0) == TileImage(RED, "image/png")
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="regular file"):
+        opened_tiles(path, ZURICH)
+
+
 def test_a_mission_that_lies_nowhere_has_no_tiles(tmp_path: Path) -> None:
     folder = tile_folder(tmp_path / "tiles", {HOME: RED})
     with pytest.raises(InputError, match=r"\[frame\] is local"):
@@ -147,7 +223,7 @@ async def test_tiles_are_served_as_the_rest_of_the_page_is(
 ) -> None:
     with subtests.test("tiles"):
         for path, image in (("/tiles/2/1/0", RED), ("/tiles/2/3/3", BLUE)):
-            status, headers, body = await served.get(path)
+            status, headers, body = await served.get_as_page(path)
             assert (status, headers["Content-Type"], body) == (200, "image/png", image)
             assert headers["Cache-Control"] == "no-cache", "another set may be served at this address tomorrow"
             assert headers["X-Content-Type-Options"] == "nosniff"
@@ -157,10 +233,11 @@ async def test_tiles_are_served_as_the_rest_of_the_page_is(
             shown = (await received(page, "mission"))["tiles"]
         assert shown == {"level_min": 2, "level_max": 2, "source": tiles.picture.source}
     with subtests.test("strangers"):
-        assert (await served.get("/tiles/2/1/0", Cookie=""))[0] == 403
-        assert (await served.get("/tiles/2/1/0", Host="evil.example"))[0] == 403
-        assert (await served.get("/tiles/2/1/0", Origin="https://evil.example"))[0] == 403
-        assert (await served.get("/tiles/2/1/0", "POST"))[0] == 405
+        assert (await served.get("/tiles/2/1/0"))[0] == 404
+        assert (await served.get("/tiles/2/1/0", Authorization="Bearer "))[0] == 404
+        assert (await served.get_as_page("/tiles/2/1/0", Host="evil.example"))[0] == 403
+        assert (await served.get_as_page("/tiles/2/1/0", Origin="https://evil.example"))[0] == 403
+        assert (await served.get_as_page("/tiles/2/1/0", "POST"))[0] == 405
     with subtests.test("what is missing, and what is no tile"):
         for place in (
             "2/0/0",
@@ -173,15 +250,15 @@ async def test_tiles_are_served_as_the_rest_of_the_page_is(
             f"2/1/{'9' * 5000}",
             "",
         ):
-            assert (await served.get(f"/tiles/{place}"))[0] == 404, place
-        assert (await served.get("/tiles/99/99999999/99999999"))[0] == 404
+            assert (await served.get_as_page(f"/tiles/{place}"))[0] == 404, place
+        assert (await served.get_as_page("/tiles/99/99999999/99999999"))[0] == 404
     with subtests.test("nothing outside of the tiles"):
         for place in ("../../../secret", "2/1/../../../secret", "%2e%2e/%2e%2e/%2e%2e/secret", "2/1/%2e%2e%2fsecret"):
-            assert (await served.get(f"/tiles/{place}"))[0] == 404, place
-            assert (await served.get(f"/tiles/{place}.png"))[0] == 404, place
+            assert (await served.get_as_page(f"/tiles/{place}"))[0] == 404, place
+            assert (await served.get_as_page(f"/tiles/{place}.png"))[0] == 404, place
 
 
 @pytest.mark.wire
 async def test_many_tiles_at_once(served: Station) -> None:
-    answers = await asyncio.gather(*(served.get("/tiles/2/1/0") for _ in range(40)))
+    answers = await asyncio.gather(*(served.get_as_page("/tiles/2/1/0") for _ in range(40)))
     assert {(status, body) for status, _, body in answers} == {(200, RED)}

@@ -15,6 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
+from gcs.station.access import Access, Challenge, Entered, Hello, Proof
 from gcs.station.picture import (
     AnswerPicture,
     CommandRequest,
@@ -25,6 +26,8 @@ from gcs.station.picture import (
     RecoveredRequest,
     TeamPicture,
 )
+from gcs.station.server import RECORDED
+from gcs.viewer.origin_gate import Address
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, until_now
 
@@ -68,12 +71,13 @@ class CannedStation:
         self._marks = threading.Semaphore(0)
         self._stopped = threading.Event()
         self._server: Server = serve(self._serve, "127.0.0.1", 0, process_request=self._answer, compression=None)
+        self._access = Access(Address("127.0.0.1", self._server.socket.getsockname()[1]), 32 * "a")
         self._threads = [threading.Thread(target=work) for work in (self._server.serve_forever, self._publish)]
 
     @property
     def url(self) -> str:
         """The page's address."""
-        return f"http://127.0.0.1:{self._server.socket.getsockname()[1]}/"
+        return self._access.url
 
     def __enter__(self) -> Self:
         """Begin to serve."""
@@ -114,6 +118,10 @@ class CannedStation:
             connection.close()
 
     def _serve(self, connection: ServerConnection) -> None:
+        if not self._admits(connection):
+            return
+        if self.flight is not None:
+            self._send_text(connection, RECORDED)
         for picture in (self.mission, self.team and self.team(0.0), *self.events):
             if picture is not None:
                 self._send(connection, picture)
@@ -139,9 +147,22 @@ class CannedStation:
             if (team := self.team) is not None and not self.is_silent:
                 self.send(team(time.monotonic() - began_s))
 
-    def _send(self, connection: ServerConnection, picture: Live) -> None:
+    def _admits(self, connection: ServerConnection) -> bool:
+        with suppress(ConnectionClosed):
+            page = msgspec.json.decode(connection.recv(), type=Hello).nonce
+            station = "a nonce"
+            self._send(connection, Challenge(station, self._access.proof("station", page, station), ""))
+            given = msgspec.json.decode(connection.recv(), type=Proof).proof
+            self._send(connection, Entered("a ticket"))
+            return given == self._access.proof("page", page, station)
+        return False
+
+    def _send(self, connection: ServerConnection, picture: Live | Challenge | Entered) -> None:
+        self._send_text(connection, msgspec.json.encode(picture).decode())
+
+    def _send_text(self, connection: ServerConnection, text: str) -> None:
         with self._sending, suppress(ConnectionClosed):
-            connection.send(msgspec.json.encode(picture).decode())
+            connection.send(text)
             self._sent += 1
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:

@@ -5,13 +5,13 @@ import http.client
 import json
 import re
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from http.client import HTTPMessage
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from weakref import WeakKeyDictionary
 
 import websockets
 from websockets.asyncio.client import ClientConnection
@@ -24,7 +24,7 @@ from agents.team.participant import vehicle
 from agents.team.verbs import Verb
 from gcs.console.vehicle_view import VehicleView
 from gcs.mission.mission import Mission
-from gcs.station.access import Access
+from gcs.station.access import Access, checked_access
 from gcs.station.broadcast import Broadcast, Published
 from gcs.station.commands import Commands
 from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture
@@ -33,7 +33,6 @@ from gcs.station.tiles import MapTiles
 from gcs.viewer.origin_gate import Address
 from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until
 
-TOKEN = "a token of the tests: ümläut"
 HERE = (0.0, 0.0)
 
 
@@ -69,7 +68,6 @@ class Station:
 
     access: Access
     source: CannedSource
-    headers: dict[str, str]
     commands: list[Commands] = field(default_factory=list)
 
     @property
@@ -82,33 +80,24 @@ class Station:
     def port(self) -> int:
         return self.access.address.port
 
-    def connected(self, **headers: str) -> websockets.connect:
-        """Connect a page; headers replace its own, empty ones are omitted."""
-        name = headers.pop("Host", f"{LOOPBACK}:{self.port}")
-        own = {"Origin": f"http://{LOOPBACK}:{self.port}", "Cookie": self.headers["Cookie"]}
-        given = {key: value for key, value in (own | headers).items() if value}
-        return websockets.connect(
-            f"ws://{name}/stream", host=LOOPBACK, port=self.port, additional_headers=given, compression=None, proxy=None
-        )
+    def connected(self, secret: str | None = None, **headers: str) -> AbstractAsyncContextManager[ClientConnection]:
+        """Connect a page that enters by the station's secret or another; headers replace its own."""
+        return stream(self.port, self.access.secret if secret is None else secret, **headers)
 
-    async def get(
-        self, path: str, method: str = "GET", body: bytes = b"", **headers: str
-    ) -> tuple[int, HTTPMessage, bytes]:
-        """Request a file; headers replace its own."""
+    async def get(self, path: str, method: str = "GET", /, **headers: str) -> tuple[int, HTTPMessage, bytes]:
+        """Request a file without a ticket."""
+        return await asyncio.to_thread(requested, self.port, path, method, headers)
 
-        def ask() -> tuple[int, HTTPMessage, bytes]:
-            connection = http.client.HTTPConnection(LOOPBACK, self.port, timeout=PATIENCE_S)
-            connection.request(method, path, body, {**self.headers, **headers})
-            answer = connection.getresponse()
-            return answer.status, answer.headers, answer.read()
-
-        return await asyncio.to_thread(ask)
+    async def get_as_page(self, path: str, method: str = "GET", /, **headers: str) -> tuple[int, HTTPMessage, bytes]:
+        """Request a file by the ticket of a page that has entered."""
+        async with self.connected() as page:
+            return await self.get(path, method, Authorization=f"Bearer {tickets[page]}", **headers)
 
 
 @asynccontextmanager
 async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -> AsyncIterator[Station]:
     """Run a server of the page and of map tiles, with commands to a mission's team."""
-    access = Access(Address(LOOPBACK, free_port()), TOKEN)
+    access = checked_access(Address(LOOPBACK, free_port()), None, None)
     source, stop, made = CannedSource(), asyncio.Event(), list[Commands]()
 
     def commands(broadcast: Broadcast) -> Commands:
@@ -118,7 +107,7 @@ async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -
     serving = asyncio.create_task(serve_team(source, commands, access, listen(access), stop, page, tiles))
     try:
         await until(lambda: source.runs or serving.done())
-        yield Station(access, source, {"Cookie": f"{access.cookie}={access.cookie_value}"}, made)
+        yield Station(access, source, made)
     finally:
         stop.set()
         await asyncio.wait_for(serving, PATIENCE_S)
@@ -181,22 +170,61 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
 
 
 def entered(line: str) -> tuple[int, str]:
-    """Return the port in the line that `cordon station` prints, and the cookie for the token in it."""
-    found = re.search(r"http://127\.0\.0\.1:(\d+)/#(\S+)", line)
+    """Return the port and the secret in the line that `cordon station` prints."""
+    found = re.search(r"http://[0-9a-f]+\.localhost:(\d+)/#(\S+)", line)
     assert found is not None, line
-    connection = http.client.HTTPConnection(LOOPBACK, int(found[1]), timeout=PATIENCE_S)
-    connection.request("POST", "/enter", unquote(found[2]))
+    return int(found[1]), found[2]
+
+
+def requested(
+    port: int, path: str, method: str = "GET", headers: Mapping[str, str] | None = None
+) -> tuple[int, HTTPMessage, bytes]:
+    """Return the status, the headers and the body of a station's answer to a request."""
+    connection = http.client.HTTPConnection(LOOPBACK, port, timeout=PATIENCE_S)
+    connection.request(method, path, headers=dict(headers or {}))
     answer = connection.getresponse()
-    assert answer.status == 204
-    return int(found[1]), answer.headers["Set-Cookie"].split(";")[0]
+    return answer.status, answer.headers, answer.read()
 
 
-def stream(port: int, cookie: str, **options: Any) -> websockets.connect:
-    """Connect to the pictures as an admitted page; `options` are those of the connection."""
-    origin = websockets.Origin(f"http://{LOOPBACK}:{port}")
-    return websockets.connect(
-        f"ws://{LOOPBACK}:{port}/stream", origin=origin, additional_headers={"Cookie": cookie}, **options
-    )
+class RefusedPageError(Exception):
+    """A station has refused a page, or has not proved to be the one that the page knows."""
+
+
+tickets: "WeakKeyDictionary[ClientConnection, str]" = WeakKeyDictionary()
+"""The tickets of pages that have entered."""
+
+
+@asynccontextmanager
+async def stream(port: int, secret: str, **headers: str) -> AsyncIterator[ClientConnection]:
+    """Connect to the pictures as a page that enters by a secret; raises RefusedPageError.
+
+    Empty headers are omitted.
+    """
+    name = headers.pop("Host", f"{LOOPBACK}:{port}")
+    given = {key: value for key, value in ({"Origin": f"http://{LOOPBACK}:{port}"} | headers).items() if value}
+    access = Access(Address(LOOPBACK, port), secret)
+    try:
+        async with websockets.connect(
+            f"ws://{name}/stream", host=LOOPBACK, port=port, additional_headers=given, compression=None, proxy=None
+        ) as page:
+            await _enter(page, access)
+            yield page
+    except websockets.InvalidStatus as error:
+        raise RefusedPageError(str(error.response.status_code)) from error
+
+
+async def _enter(page: ClientConnection, access: Access) -> None:
+    nonce = "a nonce"
+    await page.send(json.dumps({"kind": "hello", "nonce": nonce}))
+    challenge = json.loads(await page.recv())
+    is_known = challenge["proof"] == access.proof("station", nonce, challenge["nonce"])
+    await page.send(json.dumps({"kind": "proof", "proof": access.proof("page", nonce, challenge["nonce"])}))
+    try:
+        tickets[page] = json.loads(await page.recv())["ticket"]
+    except websockets.ConnectionClosed as error:
+        assert not is_known
+        raise RefusedPageError(str(page.close_code)) from error
+    assert is_known, "it lets a page enter without a proof of its own"
 
 
 async def received(page: ClientConnection, kind: str, timeout_s: float = PATIENCE_S) -> dict[str, Any]:
