@@ -1,13 +1,18 @@
-"""The security of the bus as Zenoh's settings: mutual TLS and access control."""
+"""The security of the bus as Zenoh's settings: mutual TLS and access control, and sockets for programs of one user."""
 
 import base64
+import os
+import socket
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 from agents.team.messages import REPORT_TOPIC
 
-_TLS = "tls"
+_TLS, _UNIX = "tls", "unixsock-stream"
+_UNIX_PATH_MAX = 100
+"""The longest path of a socket [bytes], less than every system permits."""
 _RECEIVES = {
     "receives": (("put", "liveliness_token"), ("egress",)),
     "subscribes": (
@@ -54,6 +59,10 @@ class BusSecurity:
 
     All are PEM. Nothing is received from or sent to a peer whose certificate is in no grant. `serial` is that of the
     roster with the grants, `keeper` takes later ones.
+
+    In the folder `sockets`, which only this user may enter, programs of this user reach each other without TLS: they
+    can read each other's keys. Zenoh lets every handshake that fails delay the next link at a port by 0.1 s, so that
+    strangers who reach the port can keep operators from joining; they do not reach these sockets.
     """
 
     authority_pem: bytes
@@ -62,6 +71,7 @@ class BusSecurity:
     grants: tuple[Grant, ...]
     serial: int = 0
     keeper: RosterKeeper | None = field(default=None, repr=False, compare=False)
+    sockets: Path | None = None
 
     def not_in(self, admitted: Admitted) -> tuple[Grant, ...]:
         """Return the grants that a later roster does not admit any more.
@@ -79,7 +89,7 @@ class BusSecurity:
         """
         certificate, private_key = _base64(self.certificate_pem), _base64(self.private_key_pem)
         return {
-            "transport/link/protocols": [_TLS],
+            "transport/link/protocols": [_TLS, _UNIX],
             "transport/link/tls": {
                 "root_ca_certificate_base64": _base64(self.authority_pem),
                 "enable_mtls": True,
@@ -98,6 +108,28 @@ class BusSecurity:
             "access_control": _access_control(f"cordon/{team}", self.grants),
         }
 
+    def listening(self, team: str, endpoint: str) -> list[str]:
+        """Return Zenoh's endpoints of a peer of a team that listens at an endpoint."""
+        path = self._socket(team, endpoint)
+        # Without the socket a flight goes on: it can be reached by the port.
+        return [secured(endpoint), *([] if path is None else [f"{_UNIX}/{path}#exit_on_failure=false"])]
+
+    def reaching(self, team: str, endpoint: str) -> str:
+        """Return Zenoh's endpoint by which a peer reaches an endpoint: the socket if a program of this user listens."""
+        path = self._socket(team, endpoint)
+        if path is not None:
+            with socket.socket(socket.AF_UNIX) as probe:
+                if probe.connect_ex(str(path)) == 0:
+                    return f"{_UNIX}/{path}"
+        return secured(endpoint)
+
+    def _socket(self, team: str, endpoint: str) -> Path | None:
+        """Return the path of the socket beside an endpoint's port, None if it would be too long."""
+        if self.sockets is None:
+            return None
+        path = self.sockets / f"{team}.{endpoint.rpartition(':')[2]}"
+        return path if len(os.fsencode(path)) <= _UNIX_PATH_MAX else None
+
 
 def secured(endpoint: str) -> str:
     """Return an endpoint with the scheme of TLS, replacing any other."""
@@ -109,7 +141,12 @@ def _access_control(prefix: str, grants: Sequence[Grant]) -> dict[str, object]:
     names = [grant.common_name for grant in grants]
     everything = (f"{prefix}/**", f"{prefix}/{REPORT_TOPIC}/*")
     rules = [_rule(name, messages, flows, everything) for name, (messages, flows) in _RECEIVES.items()]
-    policies: list[dict[str, object]] = [{"rules": list(_RECEIVES), "subjects": names}]
+    messages = (*(each for kinds, _ in _RECEIVES.values() for each in kinds), "delete")
+    rules.append(_rule(_UNIX, messages, ("ingress", "egress"), everything))
+    policies: list[dict[str, object]] = [
+        {"rules": list(_RECEIVES), "subjects": names},
+        {"rules": [_UNIX], "subjects": [_UNIX]},
+    ]
     for grant in grants:
         own = list(_sending_rules(prefix, grant))
         rules += own
@@ -119,9 +156,12 @@ def _access_control(prefix: str, grants: Sequence[Grant]) -> dict[str, object]:
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [{"id": name, "cert_common_names": [name]} for name in names],
+        "subjects": [
+            *({"id": name, "cert_common_names": [name]} for name in names),
+            {"id": _UNIX, "link_protocols": [_UNIX]},
+        ],
         # Zenoh refuses empty lists.
-        "policies": policies if names else [],
+        "policies": policies if names else policies[1:],
     }
 
 

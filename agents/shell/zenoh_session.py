@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 import zenoh
 
 from agents.ports import VehicleRefusedError
-from agents.shell.bus_security import BusSecurity, secured
+from agents.shell.bus_security import BusSecurity
 from agents.shell.computer import allow_descriptors
 from agents.shell.mailbox import KEY_RATE_HZ, PAYLOAD_LIMIT_BYTES
 from agents.team.messages import (
@@ -94,8 +94,8 @@ class ZenohSession:
 
     Connections to endpoints without a listener are retried. In a team with a router the session that listens at the
     router's endpoint is the router, and all others connect to it only. With `security` the endpoints use TLS, whatever
-    their scheme, and only holders of its certificates are received, each on its own keys. All methods except `publish`
-    block.
+    their scheme, and only holders of its certificates are received, each on its own keys; programs of one user are
+    linked by sockets that no other user reaches. All methods except `publish` block.
     """
 
     def __init__(self, team: BusTeam, listen: str | None, connect: Sequence[str], security: BusSecurity | None) -> None:
@@ -104,15 +104,9 @@ class ZenohSession:
         self._router = team.router if listen != team.router else None
         if self._router is not None:
             listen, connect = None, [self._router]
+        self._team, self._security = team, security
         self._listen = listen
-        if security is not None:
-            listen, connect = None if listen is None else secured(listen), [secured(each) for each in connect]
-        mode: _Mode = "peer" if team.router is None else "router" if self._router is None else "client"
-        self._settings = (
-            _settings(mode, listen, connect)
-            | _limits(self._prefix, team.members)
-            | ({} if security is None else security.settings(team.name))
-        )
+        self._connect = tuple(connect)
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -131,7 +125,7 @@ class ZenohSession:
         allow_descriptors()
         try:
             config = zenoh.Config()
-            for path, value in self._settings.items():
+            for path, value in self._settings().items():
                 config.insert_json5(path, json.dumps(value))
             session = zenoh.open(config)
         except zenoh.ZError as error:
@@ -143,6 +137,18 @@ class ZenohSession:
             session.close()  # type: ignore[no-untyped-call]
             raise self._refusal(error) from error
         self._session = session
+
+    def _settings(self) -> dict[str, object]:
+        """Return Zenoh's settings by path; links to programs of this user depend on which run now."""
+        name, security = self._team.name, self._security
+        mode: _Mode = "peer" if self._team.router is None else "router" if self._router is None else "client"
+        listen, connect = [] if self._listen is None else [self._listen], self._connect
+        limits = _limits(self._prefix, self._team.members)
+        if security is None:
+            return _settings(mode, listen, connect) | limits
+        listen = [each for endpoint in listen for each in security.listening(name, endpoint)]
+        connect = tuple(security.reaching(name, each) for each in connect)
+        return _settings(mode, listen, connect) | limits | security.settings(name)
 
     def _subscribe(self, session: zenoh.Session, receiver: Receiver, *, own: bool, reports: bool) -> None:
         keys, callback, skipped = f"{self._prefix}/**", zenoh.handlers.Callback, len(self._prefix) + 1
@@ -231,17 +237,19 @@ def _show(take: Callable[[str, bool], None], sample: zenoh.Sample) -> None:
     take(str(sample.key_expr).rsplit("/", 1)[-1], sample.kind == zenoh.SampleKind.PUT)
 
 
-def _settings(mode: _Mode, listen: str | None, connect: Sequence[str]) -> dict[str, object]:
+def _settings(mode: _Mode, listen: Sequence[str], connect: Sequence[str]) -> dict[str, object]:
     """Return Zenoh's settings by path for a session at explicit endpoints."""
     return {
         "mode": mode,
-        "listen/endpoints": [] if listen is None else [listen],
+        "listen/endpoints": list(listen),
         "listen/exit_on_failure": True,
         "connect/endpoints": list(connect),
         "connect/timeout_ms": {"peer": -1, "router": -1, "client": _ROUTER_TIMEOUT_MS},
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
         "scouting/multicast/enabled": False,
+        # By default a session that has not reached every endpoint yet opens half a second later.
+        "scouting/delay": 0,
         "adminspace/enabled": False,
         "transport/link/tx/lease": _LEASE_MS[mode],
         "transport/unicast/open_timeout": _HANDSHAKE_MS[mode],

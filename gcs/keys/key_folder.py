@@ -1,6 +1,7 @@
 """A folder of keys on a computer of the team: one folder for each holder that uses this computer."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import time
@@ -11,7 +12,7 @@ from agents.shell.bus_security import BusSecurity
 from agents.team.participant import Role
 from gcs.errors import InputError
 from gcs.keys.identity import FlyingIdentity, Identity
-from gcs.keys.private_files import check_folder, make_folder, read, read_private, write
+from gcs.keys.private_files import check_folder, make_folder, read, read_private, runtime_folder, write
 from gcs.keys.roster import ROSTER_FILE, Holder, KeptRoster, Roster, read_roster, write_roster
 
 AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE = "authority.pem", "certificate.pem", "private-key.pem"
@@ -41,6 +42,7 @@ class KeyFolder:
             tuple(each.grant for each in roster.valid),
             roster.serial,
             KeptRoster(folder / ROSTER_FILE, authority_pem),
+            _sockets(),
         )
         return Identity(holder.participant, security, holder.may)
 
@@ -107,6 +109,13 @@ class KeyFolder:
     def _next_step(self, role: Role, name: str | None) -> str:
         issue = f"cordon keys issue {role} {name or 'NAME'} --keys {self.path}"
         return f"issue them by `{issue}`, or copy the folder {role}-{name or 'NAME'} from the computer that issued them"
+
+
+def _sockets() -> Path | None:
+    """Return the folder of sockets between programs of this user, None if there is none that is closed to others."""
+    with suppress(InputError):
+        return runtime_folder()
+    return None
 
 
 def _roster(folder: Path) -> Roster:

@@ -1,9 +1,12 @@
-"""Files and folders that only their owner may read: modes 0600 and 0700."""
+"""Files and folders that only their owner may read: modes 0600 and 0700. The user's runtime directory is one."""
 
 import errno
+import fcntl
 import os
 import stat
-from contextlib import suppress
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from io import BufferedWriter
 from pathlib import Path
 from typing import Literal
@@ -92,3 +95,48 @@ def read_private(path: Path) -> bytes:
     if found.st_mode & _OF_OTHERS:
         raise InputError([f"{path}: other users may read this private key; next: chmod 600 {path}"])
     return content
+
+
+def runtime_folder() -> Path:
+    """Return the user's runtime directory of cordon, made if it is missing.
+
+    Without XDG_RUNTIME_DIR it is in the directory of temporary files; or below the home directory, if another user has
+    made a file of its name there. Raises InputError if others can write there.
+    """
+    if runtime := os.environ.get("XDG_RUNTIME_DIR"):
+        folder = Path(runtime) / "cordon"
+    else:
+        folder = Path(tempfile.gettempdir()) / f"cordon-{os.geteuid()}"
+    try:
+        make_folder(folder)
+    except InputError:
+        if runtime or not is_of_another_user(folder):
+            raise
+        with suppress(RuntimeError):  # there is no home directory
+            # Of this computer only: others may share the home directory.
+            folder = _state_home() / "cordon" / f"run-{os.uname().nodename}"
+        make_folder(folder)
+    return folder
+
+
+def _state_home() -> Path:
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+
+
+@contextmanager
+def locked_runtime_folder() -> Iterator[Path]:
+    """Return the user's runtime directory of cordon, locked; raises InputError if others can write there."""
+    folder = runtime_folder()
+    with locked(folder):
+        yield folder
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Lock a folder against other processes; waits for them. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

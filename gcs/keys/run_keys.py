@@ -5,7 +5,6 @@ runtime directory. Later processes share them; the last one removes them.
 import fcntl
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -15,10 +14,9 @@ from time import time
 from agents.ports import VehicleRefusedError
 from agents.team.participant import Role
 from agents.team.verbs import VERBS
-from gcs.errors import InputError
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
-from gcs.keys.private_files import is_of_another_user, make_folder
+from gcs.keys.private_files import locked, locked_runtime_folder, make_folder
 from gcs.keys.roster import Holder, Roster, digest
 
 _VALID_DAYS = 7.0
@@ -83,7 +81,7 @@ class RunKeys:
         try:
             yield
         finally:
-            with suppress(OSError), _locked(runtime):  # the directory may be gone: the user has logged out
+            with suppress(OSError), locked(runtime):  # the directory may be gone: the user has logged out
                 os.close(use)
                 if not _in_use(folder):
                     shutil.rmtree(folder, ignore_errors=True)
@@ -131,47 +129,3 @@ def _in_use(folder: Path) -> bool:
     finally:
         os.close(descriptor)
     return False
-
-
-def runtime_folder() -> Path:
-    """Return the user's runtime directory of cordon, made if it is missing.
-
-    Without XDG_RUNTIME_DIR it is in the directory of temporary files; or below the home directory, if another user has
-    made a file of its name there. Raises InputError if others can write there.
-    """
-    if runtime := os.environ.get("XDG_RUNTIME_DIR"):
-        folder = Path(runtime) / "cordon"
-    else:
-        folder = Path(tempfile.gettempdir()) / f"cordon-{os.geteuid()}"
-    try:
-        make_folder(folder)
-    except InputError:
-        if runtime or not is_of_another_user(folder):
-            raise
-        with suppress(RuntimeError):  # there is no home directory
-            # Of this computer only: others may share the home directory.
-            folder = _state_home() / "cordon" / f"run-{os.uname().nodename}"
-        make_folder(folder)
-    return folder
-
-
-def _state_home() -> Path:
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
-
-
-@contextmanager
-def locked_runtime_folder() -> Iterator[Path]:
-    """Return the user's runtime directory of cordon, locked; raises InputError if others can write there."""
-    folder = runtime_folder()
-    with _locked(folder):
-        yield folder
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)

@@ -25,8 +25,7 @@ from serial.tools.list_ports import comports
 from agents.ports import VehicleRefusedError
 from agents.team.text import printable
 from gcs.errors import InputError
-from gcs.keys.private_files import FILE_MODE, make_folder
-from gcs.keys.run_keys import locked_runtime_folder
+from gcs.keys.private_files import FILE_MODE, locked_runtime_folder, make_folder
 from gcs.mission.mission import Mission, MissionVehicle
 
 _COMMAND_LENGTH = 160

@@ -34,6 +34,7 @@ from tests.support.wire import hurried, served, until
 pytestmark = pytest.mark.wire
 
 SPEED = 5.0
+PILOT_QUESTION = "take vehicle 2 from pilot or autopilot?"
 SLOW = 0.5
 """The speed at which a vehicle that lands is still in the air when the next command arrives, by the wall's clock."""
 
@@ -212,15 +213,21 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             stubs.vehicles[2].select(NavMode.HOLD)  # its pilot
             await until(lambda: tactics[2] == "pilot override" and "2: hold -> pilot override" in terminal.text)
             await by_hand(terminal, "rrr")
-            await until(lambda: "take vehicle 2 from pilot or autopilot?" in terminal.text)
+            await until(lambda: PILOT_QUESTION in terminal.text)
             await by_hand(terminal, "kkkkkk")
             await until(lambda: "cut the motors of 3 vehicles" in terminal.text)
             terminal.type("kkkkyyyy")
             await until(lambda: "pasted" in terminal.text)
             assert tactics == {2: "pilot override", 3: "hold"}
             assert all(vehicle.armed for vehicle in stubs.vehicles.values())
-            await by_hand(terminal, "2ry")
-            await until(lambda: tactics == {2: "formation", 3: "hold"})
+            asked = terminal.text.count(PILOT_QUESTION)
+            await by_hand(terminal, "2r")
+            await until(lambda: terminal.text.count(PILOT_QUESTION) > asked)
+            await by_hand(terminal, "y")
+            await until(
+                lambda: tactics == {2: "formation", 3: "hold"},
+                waiting_for=f"a resumed vehicle: {terminal.text[-2000:]}",
+            )
             await by_hand(terminal, "kkill\n")
             await until(lambda: not any(vehicle.armed for vehicle in stubs.vehicles.values()))
             outcomes = (await flight).outcomes

@@ -8,6 +8,7 @@ import base64
 import json
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -160,6 +161,37 @@ async def process(keys: TeamKeys) -> AsyncIterator[Peers]:
             await each.open(partial(team.receive, k), team.perceive, partial(team.note_presence, k))
         await until(lambda: team.present == [{2}, {1}])
         yield team
+
+
+async def test_strangers_at_a_port_do_not_keep_a_program_of_the_same_user_out(keys: AuthorityFolder) -> None:
+    """Each handshake that fails delays the next link at the port by 0.1 s."""
+    anna = KeyFolder(keys.path).identity("operator", "anna")
+    assert anna.security is not None
+    async with peers(keys) as team, AsyncExitStack() as stack:
+        linked: dict[str, set[int]] = {"here": set(), "elsewhere": set()}
+        securities = {"here": anna.security, "elsewhere": replace(anna.security, sockets=None)}
+        for endpoint in 200 * list(team.endpoints):
+            host, port = endpoint.split(":")
+            stranger = stack.enter_context(socket.create_connection((host, int(port))))
+            stranger.sendall(b"nonsense")
+        for place in ("elsewhere", "here"):
+
+            def note(vehicle_id: int, present: bool, known: set[int] = linked[place]) -> None:
+                (known.add if present else known.discard)(vehicle_id)
+
+            bus = single_bus(
+                anna.participant,
+                BusTeam(TEAM, (1, 2, 3)),
+                None,
+                [f"tls/{each}" for each in team.endpoints],
+                securities[place],
+            )
+            stack.push_async_callback(bus.close)
+            await bus.open(lambda *_: None, lambda *_: None, note)
+        await until(lambda: linked["here"] == {1, 2})
+        assert linked["elsewhere"] == set()
+        bus.publish("command/hold", encode(OperatorCommand(time.time(), "hold", None, "anna", 2)))
+        await until(lambda: all("command/hold/anna" in heard for heard in team.heard))
 
 
 class UnauthorisedClient:
