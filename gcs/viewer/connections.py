@@ -16,8 +16,9 @@ from ipaddress import IPv6Address, ip_address
 from typing import Any
 
 WAITING_MAX, WAITING_OF_HOST_MAX = 256, 64
-WAITING_MAX_S = 30.0
-"""A connection that has not been admitted ends after this time: also one that sends its request slowly."""
+SILENT_MAX_S, ASKED_MAX_S = 15.0, 120.0
+"""A connection that has not been admitted ends when its first request takes longer to arrive, or any to be answered:
+a file of the page comes slowly over a poor link."""
 _BACKLOG = 100
 _NOT_HERE = (EADDRNOTAVAIL, EAFNOSUPPORT)
 
@@ -44,7 +45,7 @@ class ConnectionLimits:
         """Take a new connection, and end another one if there are too many."""
         for gone in [each for each, waiting in self._waiting.items() if waiting.connection.fileno() < 0]:
             self._leave(gone)
-        end = asyncio.get_running_loop().call_later(WAITING_MAX_S, self._end, client)
+        end = asyncio.get_running_loop().call_later(SILENT_MAX_S, self._end, client)
         taken = self._waiting[client] = _Waiting(connection, _network(client[0]), time.monotonic(), end)
         others = [each for each in self._waiting if each != client]
         of_host = [each for each in others if self._waiting[each].host == taken.host]
@@ -55,8 +56,10 @@ class ConnectionLimits:
 
     def ask(self, client: Client) -> None:
         """Take that a connection has sent a whole request."""
-        if client in self._waiting:
-            self._waiting[client].has_asked = True
+        if waiting := self._waiting.get(client):
+            waiting.end.cancel()
+            waiting.end = asyncio.get_running_loop().call_later(ASKED_MAX_S, self._end, client)
+            waiting.has_asked = True
 
     def admit(self, client: Client) -> None:
         """Admit a connection: it stays until one of its ends closes it."""

@@ -13,7 +13,6 @@ from tests.support.wire import PATIENCE_S
 expect.set_options(timeout=1000.0 * PATIENCE_S)
 
 EXPECTED = (
-    "401",
     "404",
     "ERR_CONNECTION_",
     "ERR_SOCKET_NOT_CONNECTED",
@@ -21,8 +20,8 @@ EXPECTED = (
     "Worker failed to load",
     "dynamically imported module",
 )
-"""A station asks for its token first, has no recorded flight while it is live, and breaks connections when it goes: a
-map without its worker draws nothing, which other tests see."""
+"""A station lacks tiles, and breaks connections when it goes. A map without its worker draws nothing, which other tests
+see."""
 VIEWPORT: Any = {"width": 1024, "height": 640}
 
 NO_WEBGL = (

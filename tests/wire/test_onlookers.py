@@ -197,7 +197,7 @@ async def test_connections_that_say_nothing_or_too_much_end_by_themselves(monkey
     with live_server(address, context):
         PointCloudChannel("/points", context=context)
         with monkeypatch.context() as patch:
-            patch.setattr(connections, "WAITING_MAX_S", 0.5)
+            patch.setattr(connections, "SILENT_MAX_S", 0.5)
             silent = [await asyncio.open_connection(LOOPBACK, address.port) for _ in range(100)]
             talker = await asyncio.open_connection(LOOPBACK, address.port)
             talker[1].write(b"GET / HTTP/1.1\r\n" + b"x" * 1_000_000)

@@ -109,12 +109,12 @@ function isSamePlan(mission, shown) {
 class Live {
   /** @param {Stream} stream that the page has entered */
   constructor(stream) {
-    this.isOpen = true;
     this.team = null;
     this.past = [];
     this.arrived_ms = performance.now();
     this.wakeLock = new WakeLock();
     this.page = new Page((request) => stream.send(request), () => stream.entry.headers);
+    this.connection(true);
     setInterval(() => this.#check(), CHECK_EVERY_MS);
   }
 
