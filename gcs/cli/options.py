@@ -2,8 +2,10 @@
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from math import inf, nan
 from pathlib import Path
+from stat import S_IFREG, S_ISDIR, S_ISREG
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
@@ -31,8 +33,10 @@ def file_or_folder(_kind: object, given: object) -> None:
 
 def _require(given: object, fault: str, *, folders: bool) -> None:
     for path in given if isinstance(given, (list, tuple)) else (given,):
-        if isinstance(path, Path) and path.exists() and not (path.is_file() or (folders and path.is_dir())):
-            raise ValueError(f"{str(path)!r} {fault}")
+        with suppress(OSError):  # there is none, or who opens it says why not
+            mode = path.stat().st_mode if isinstance(path, Path) else S_IFREG
+            if not (S_ISREG(mode) or (folders and S_ISDIR(mode))):
+                raise ValueError(f"{str(path)!r} {fault}")
 
 
 MissionName = Annotated[

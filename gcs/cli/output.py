@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from gcs.cli.options import only_file
 from gcs.console.result import show_result, verdict_of
 from gcs.console.terminal import STDERR, discard, print_line, printable_lines
 from gcs.errors import Exit, InputError
@@ -127,8 +128,10 @@ def check_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
     """Refuse an output file that cannot be written, or has another suffix; raises InputError."""
     if path.suffix.lower() not in suffixes:
         raise InputError([f"{option}: {path.name!r} must end in {', '.join(suffixes)}"])
-    if path.exists() and not path.is_file():
-        raise InputError([f"{option}: {str(path)!r} is not a file"])
+    try:
+        only_file(Path, path)
+    except ValueError as error:
+        raise InputError([f"{option}: {error}"]) from error
     check_folder(option, path.parent)
 
 

@@ -142,7 +142,7 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     found: list[Finding] = []
     fixed = dict(map(override, options.changes))
     result = planned(
-        options.mission, variations, seeds, fixed, options.duration, lambda m: found.extend(sensor_range(m))
+        options.mission, variations, seeds, fixed, options.duration, lambda m: found.extend(sensor_range(m)), pending
     )
     blind = [each for each in found if each.grade is not Grade.PASS]
     if blind:

@@ -104,11 +104,12 @@ def planned(
     fixed: Mapping[str, Any],
     duration_s: float | None,
     inspect: Callable[[Mission], None] = lambda _: None,
+    interrupted: Callable[[], bool] = lambda: False,
 ) -> tuple[SweepPlan, dict[int, str]]:
     """Return the plan of a sweep, and the faults of runs with invalid missions, by run index; `inspect` the valid ones.
 
     Without seeds, the mission's is the only one. Raises InputError if no run has a valid mission, and for keys that
-    cannot be varied.
+    cannot be varied; KeyboardInterrupt when `interrupted`.
     """
     _require_variable([each.place for each in variations], fixed, bool(seeds), duration_s)
     text, folder = mission_text(mission), mission_path(mission).parent
@@ -118,6 +119,8 @@ def planned(
     flyable: Mission | None = None
     faults: dict[int, InputError] = {}
     for index, values in enumerate(plan.combinations):
+        if interrupted():
+            raise KeyboardInterrupt
         try:
             parsed = parse_mission(overridden(text, plan.fixed | values), folder, profile_texts)
         except InputError as error:

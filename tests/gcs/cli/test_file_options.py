@@ -109,6 +109,20 @@ def test_what_is_no_file_is_refused_at_once(
             assert str(path) in err
 
 
+@pytest.mark.parametrize("argument", ["LOGS", "--html", "--plot", "--animate", "--compare"])
+def test_a_name_that_is_too_long_is_refused(
+    argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "x" * 300 + SUFFIXES.get(argument, ".mcap")
+    monkeypatch.chdir(tmp_path)
+    record_simulation(engaging(), tmp_path / "sim.mcap", duration_s=1.0)
+    monkeypatch.setattr(sys, "argv", ["cordon", *words(RUNS["report"], argument, name)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert name[:50] in capsys.readouterr().err
+
+
 def test_what_is_written_is_the_user_s_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

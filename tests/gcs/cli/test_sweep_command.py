@@ -112,6 +112,27 @@ def test_ctrl_c_ends_it_with_what_goes_on(tmp_path: Path, table: bytes) -> None:
     assert_goes_on(tmp_path, table)
 
 
+def holds_ctrl_c_back(process_id: int) -> bool:
+    """Return whether a process has started those of multiprocessing, which lets signals pass, and blocks them again."""
+    status = Path(f"/proc/{process_id}/status").read_text(encoding="utf-8")
+    blocked = int(status.partition("SigBlk:")[2].split()[0], 16)
+    return len(psutil.Process(process_id).children()) > 1 and bool(blocked >> signal.SIGINT - 1 & 1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it reads /proc")
+def test_ctrl_c_ends_it_while_it_checks_its_missions(tmp_path: Path) -> None:
+    many = ("--vary", "encirclement.radius_m=8:12:0.01", "--vary", "safety.separation_m=1:3:0.005")
+    process = start("case2", *many, "--workers", "1", "--out", str(tmp_path / "swept"))
+    try:
+        until_now(lambda: holds_ctrl_c_back(process.pid))
+        process.send_signal(signal.SIGINT)
+        assert ended(process)[0] is Exit.REFUSED
+        assert not (tmp_path / "swept").exists()
+    finally:
+        process.kill()
+        process.wait()
+
+
 def test_ctrl_c_ends_it_although_a_worker_hangs(tmp_path: Path) -> None:
     with in_the_middle(tmp_path, "--workers", "2") as process:
         workers = [each for each in psutil.Process(process.pid).children(recursive=True) if each.ppid() != process.pid]

@@ -108,7 +108,10 @@ os.setuid(12345)
 taken = [socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) for _ in sys.argv[1:]]
 for each, name in zip(taken, sys.argv[1:]):
     each.bind(chr(0) + name)
+port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 print("taken", flush=True)
+port.bind(("127.0.0.1", int(sys.stdin.readline())))
+print("bound", flush=True)
 sys.stdin.read()
 """
 
@@ -129,6 +132,14 @@ async def test_sockets_of_another_user_refuse_no_run(missions: tuple[str, str, s
         with flight_claims(mission, mission.ids):
             pass
         with stub_claims(ports):
+            pass
+        assert squatter.stdin is not None
+        squatter.stdin.write(b"%d\n" % ports[0])
+        assert await squatter.stdout.readline() == b"bound\n"
+        with (
+            pytest.raises(VehicleRefusedError, match=f"udp port {ports[0]} of .* is in use"),
+            flight_claims(mission, mission.ids),
+        ):
             pass
     finally:
         squatter.kill()
