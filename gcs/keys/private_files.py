@@ -1,6 +1,9 @@
 """Files and folders that only their owner may read: modes 0600 and 0700."""
 
+import fcntl
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from gcs.errors import InputError
@@ -30,6 +33,17 @@ def check_folder(path: Path) -> None:
         raise InputError([f"{path}: it belongs to another user (user id {found.st_uid}); next: remove it, try again"])
     if found.st_mode & _OF_OTHERS:
         raise InputError([f"{path}: other users may read it; next: chmod 700 {path}"])
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder alone among the processes and threads that lock it, inside this context; raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def write(path: Path, content: bytes) -> None:

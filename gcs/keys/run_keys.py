@@ -17,7 +17,7 @@ from agents.team.participant import Role
 from agents.team.verbs import VERBS
 from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
-from gcs.keys.private_files import make_folder
+from gcs.keys.private_files import locked, make_folder
 from gcs.keys.roster import Holder, Roster, digest
 
 _VALID_DAYS = 7.0
@@ -82,7 +82,7 @@ class RunKeys:
         try:
             yield
         finally:
-            with suppress(OSError), _locked(runtime):  # the directory may be gone: the user has logged out
+            with suppress(OSError), locked(runtime):  # the directory may be gone: the user has logged out
                 os.close(use)
                 if not _in_use(folder):
                     shutil.rmtree(folder, ignore_errors=True)
@@ -144,15 +144,5 @@ def runtime_folder() -> Path:
 def _ordered() -> Iterator[Path]:
     """Return the user's runtime directory of cordon, locked; raises InputError if others can write there."""
     folder = runtime_folder()
-    with _locked(folder):
+    with locked(folder):
         yield folder
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
