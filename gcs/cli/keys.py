@@ -118,7 +118,7 @@ def vehicle(
 
 @issue.command
 def operator(name: Name, /, *, options: OperatorOptions = _OPERATOR_DEFAULTS) -> Exit:
-    """Issue the keys of an operator, who may command the team. Without --may: all verbs but kill.
+    """Issue the keys of an operator, who may command the team.
 
     Example: cordon keys issue operator anna --may hold,resume,land
     """
@@ -127,7 +127,7 @@ def operator(name: Name, /, *, options: OperatorOptions = _OPERATOR_DEFAULTS) ->
 
 @issue.command
 def sensor(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of a sensor outside the team, which may send sightings of the target.
+    """Issue the keys of a sensor, which may send sightings of the target.
 
     Example: cordon keys issue sensor mast
     """
@@ -145,7 +145,7 @@ def positions(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit
 
 @issue.command
 def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of an observer, who may watch the team but send nothing.
+    """Issue the keys of an observer, who may only watch.
 
     Example: cordon keys issue observer tower
     """
@@ -154,7 +154,7 @@ def observer(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
 
 @issue.command
 def router(name: Name, /, *, options: IssueOptions = _ISSUE_DEFAULTS) -> Exit:
-    """Issue the keys of a router (`cordon router`), which authenticates senders for the whole team.
+    """Issue the keys of a router (`cordon router`).
 
     Example: cordon keys issue router mast
     """

@@ -1,6 +1,7 @@
 """The folder of keys on the computer that issues them, with the authority that signs them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import time
@@ -12,7 +13,7 @@ from agents.team.verbs import VERBS, Verb
 from gcs.errors import InputError
 from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
 from gcs.keys.key_folder import CERTIFICATE_FILE, PRIVATE_KEY_FILE, KeyFolder
-from gcs.keys.private_files import make_folder, read, read_private, write
+from gcs.keys.private_files import locked, make_folder, read, read_private, write
 from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster, unverified_roster, used_serial
 
 AUTHORITY = "authority"
@@ -52,7 +53,7 @@ class AuthorityFolder:
 
     def sign(self, roster: Roster) -> None:
         """Sign a roster, and write it to this folder and the folders of its holders here; raises InputError."""
-        KeyFolder(self.path).put_roster(roster.signed(self._load_authority().sign))
+        self._put(roster, self._load_authority())
 
     def init(self, days: float) -> None:
         """Create the authority of a team; raises InputError if there is one already."""
@@ -75,19 +76,18 @@ class AuthorityFolder:
 
         `may` are the verbs of an operator, None for all but kill. Raises InputError.
         """
-        roster, authority = self.roster, self._load_authority()
-        _require_name(role, name)
-        before = roster.find(role, name)
-        holder = Holder(
-            role,
-            name,
-            min(time() + days * DAY_S, authority.expires_s),
-            _verbs(role, may),
-            1 if before is None else before.generation + 1,
-        )
-        keys = authority.issue(holder.common_name, holder.expires_s)
-        KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
-        self.sign(roster.put(holder))
+        with self._changing() as (roster, authority):
+            _require_name(role, name)
+            before = roster.find(role, name)
+            holder = Holder(
+                role,
+                name,
+                min(time() + days * DAY_S, authority.expires_s),
+                _verbs(role, may),
+                1 if before is None else before.generation + 1,
+            )
+            self._certify(holder, authority)
+            self._put(roster.put(holder), authority)
         return holder
 
     def renew(self, label: str | None, days: float) -> Sequence[Holder]:
@@ -95,25 +95,38 @@ class AuthorityFolder:
 
         Of one holder that is not revoked, or of all. Raises InputError.
         """
-        roster, authority = self.roster, self._load_authority()
-        renewed = []
-        for holder in roster.valid if label is None else [_of(roster.valid, label)]:
+        with self._changing() as (roster, authority):
             until = min(time() + days * DAY_S, authority.expires_s)
-            renewed.append(msgspec.structs.replace(holder, expires_s=until))
-            keys = authority.issue(holder.common_name, until)
-            KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
-        self.sign(roster.put(*renewed))
+            holders = roster.valid if label is None else [_of(roster.valid, label)]
+            renewed = [msgspec.structs.replace(each, expires_s=until) for each in holders]
+            for holder in renewed:
+                self._certify(holder, authority)
+            self._put(roster.put(*renewed), authority)
         return renewed
 
     def revoke(self, label: str) -> Holder:
         """Revoke the certificate of a holder such as `operator-anna`; raises InputError if there is none."""
-        roster = self.roster
-        holder = _of(roster.holders, label)
-        if holder.revoked:
-            return holder
-        revoked = msgspec.structs.replace(holder, revoked=True)
-        self.sign(roster.put(revoked))
+        with self._changing() as (roster, authority):
+            holder = _of(roster.holders, label)
+            if holder.revoked:
+                return holder
+            revoked = msgspec.structs.replace(holder, revoked=True)
+            self._put(roster.put(revoked), authority)
         return revoked
+
+    @contextmanager
+    def _changing(self) -> Iterator[tuple[Roster, CertificateAuthority]]:
+        """Return the roster, which no other process changes inside this context, and the authority."""
+        authority = self._load_authority()
+        with locked(self._authority):
+            yield self.roster, authority
+
+    def _certify(self, holder: Holder, authority: CertificateAuthority) -> None:
+        keys = authority.issue(holder.common_name, holder.expires_s)
+        KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
+
+    def _put(self, roster: Roster, authority: CertificateAuthority) -> None:
+        KeyFolder(self.path).put_roster(roster.signed(authority.sign))
 
     @property
     def _authority(self) -> Path:

@@ -49,6 +49,17 @@ def check_folder(path: Path) -> None:
         raise InputError([f"{path}: other users may read it; next: chmod 700 {path}"])
 
 
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder alone among the processes and threads that lock it, inside this context; raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def write(path: Path, content: bytes) -> None:
     """Write a file atomically, replacing an existing one; raises InputError."""
     beside = path.with_name(f".{path.name}.{os.getpid()}")
@@ -129,14 +140,3 @@ def locked_runtime_folder() -> Iterator[Path]:
     folder = runtime_folder()
     with locked(folder):
         yield folder
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against other processes; waits for them. Raises OSError."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)

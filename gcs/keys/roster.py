@@ -16,7 +16,7 @@ from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, P
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
 from agents.team.verbs import Verb
 from gcs.errors import InputError
-from gcs.keys.private_files import read, write
+from gcs.keys.private_files import locked, read, write
 
 _OF_VEHICLES = tuple(sorted(PEER_TOPICS | {ROSTER_TOPIC}))
 _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted({*_OF_VEHICLES} | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
@@ -146,12 +146,13 @@ def digest(authority_pem: bytes) -> str:
 
 def read_roster(path: Path, authority_pem: bytes) -> Roster:
     """Read a roster of this authority; raises InputError unless it is signed and no older than any read here before."""
+    used = used_serial(path)  # first: another process may write both meanwhile
     roster = unverified_roster(path, authority_pem)
     if not roster.signature:
         raise InputError([f"{path}: it is not signed: of an earlier version, or altered; next: {_SIGN}"])
     if not is_signed_roster(roster, authority_pem):
         raise InputError([f"{path}: it was altered: it is not what the authority has signed; next: {_COPY}"])
-    if roster.serial < (used := used_serial(path)):
+    if roster.serial < used:
         older = f"it is an older roster (serial {roster.serial}) than the one used here before (serial {used})"
         raise InputError([f"{path}: {older}, and may admit revoked keys; next: {_COPY}"])
     _remember(path, roster.serial)
@@ -214,7 +215,10 @@ class KeptRoster:
             return None
         if roster.authority != digest(self.authority_pem) or not is_signed_roster(roster, self.authority_pem):
             return None
-        with suppress(InputError):  # a folder that cannot be written to: it holds for this flight
+        with (
+            suppress(InputError, OSError),
+            locked(self.path.parent),
+        ):  # of a folder that cannot be written to: in flight
             if roster.serial > used_serial(self.path):
                 write_roster(self.path, roster)
         return Admitted(roster.serial, frozenset(each.common_name for each in roster.valid))

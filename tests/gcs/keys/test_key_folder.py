@@ -4,6 +4,8 @@ import os
 import re
 import shutil
 import stat
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import time
@@ -20,6 +22,8 @@ from gcs.keys.certificates import DAY_S, name_and_expiry
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE
 from tests.conftest import Ran, RunHere
+from tests.support.paths import ROOT
+from tests.support.wire import PATIENCE_S
 
 
 @pytest.fixture
@@ -183,6 +187,17 @@ def test_a_certificate_that_the_roster_does_not_admit_is_refused(keys: Authority
     shutil.copyfile(keys.path / ROSTER_FILE, there.path / "vehicle-3" / ROSTER_FILE)
     with pytest.raises(InputError, match=r"certificate\.pem: it is the certificate vehicle-3; .* vehicle-3~2"):
         there.identity("vehicle", "3")
+
+
+def test_keys_that_are_issued_at_the_same_time_are_all_on_the_roster(keys: AuthorityFolder) -> None:
+    command = [sys.executable, "-m", "gcs", "keys", "issue", "observer", "--keys", str(keys.path)]
+    names = [f"at-once-{i}" for i in range(6)]
+    issuing = [subprocess.Popen([*command, name], cwd=ROOT, stderr=subprocess.DEVNULL) for name in names]
+    assert [each.wait(PATIENCE_S) for each in issuing] == [Exit.HOLDS] * len(names)
+    roster = keys.roster
+    assert {each.name for each in roster.holders} >= set(names)
+    for name in names:
+        assert KeyFolder(keys.path).identity("observer", name).participant.name == name
 
 
 def test_keys_that_expire_soon_are_warned_of(
