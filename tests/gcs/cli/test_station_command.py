@@ -1,6 +1,5 @@
 """Bad input of `cordon station`, and of commands that show its page: named before anything is served or flown."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,28 +20,6 @@ def test_an_address_or_a_token_that_cannot_be_is_named(refused: Refused, subtest
     ):
         with subtests.test(name):
             assert words in "".join(refused("station", *arguments))
-
-
-def test_a_pipe_in_place_of_a_file_is_named_at_once(
-    tmp_path: Path, refused: Refused, subtests: pytest.Subtests
-) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe, 0o600)
-    file = tmp_path / "file"
-    file.touch(0o600)
-    for option, arguments in (
-        ("--token-file", ("station", "--token-file", str(pipe))),
-        ("--tls", ("station", "--tls", str(pipe), str(file))),
-        ("--tls", ("station", "--tls", str(file), str(pipe))),
-        ("map tiles", ("station", "--tiles", str(pipe))),
-        ("map tiles", ("sim", "case2", "--station", "--station-tiles", str(pipe))),
-        ("LOG", ("station", str(pipe))),
-        ("--token-file", ("station", "--token-file", "/dev/zero")),
-    ):
-        with subtests.test(option, arguments=arguments):
-            told = "".join(refused(*arguments))
-            assert option in told
-            assert arguments[-1] in told or str(pipe) in told
 
 
 def test_tiles_that_cannot_be_drawn_are_named(
