@@ -17,6 +17,7 @@ import zenoh
 from agents.ports import VehicleRefusedError
 from agents.shell.bus_security import BusSecurity, secured
 from agents.shell.computer import allow_descriptors
+from agents.shell.gate import Gate
 from agents.shell.mailbox import KEY_RATE_HZ, PAYLOAD_LIMIT_BYTES
 from agents.team.messages import (
     OPERATORS_TOPIC,
@@ -105,9 +106,13 @@ class ZenohSession:
         if self._router is not None:
             listen, connect = None, [self._router]
         self._listen = listen
-        if security is not None:
-            listen, connect = None if listen is None else secured(listen), [secured(each) for each in connect]
         mode: _Mode = "peer" if team.router is None else "router" if self._router is None else "client"
+        self._gate: Gate | None = None
+        if security is not None:
+            connect = [secured(each) for each in connect]
+            if listen is not None:
+                self._gate, listen = Gate(secured(listen)), None
+        self._handshake_ms = _HANDSHAKE_MS[mode]
         self._settings = (
             _settings(mode, listen, connect)
             | _limits(self._prefix, team.members)
@@ -133,14 +138,19 @@ class ZenohSession:
             config = zenoh.Config()
             for path, value in self._settings.items():
                 config.insert_json5(path, json.dumps(value))
+            if self._gate is not None:
+                inner = f"{self._gate.open()}#tls_handshake_timeout_ms={self._handshake_ms}"
+                config.insert_json5("listen/endpoints", json.dumps([inner]))
             session = zenoh.open(config)
-        except zenoh.ZError as error:
+        except (zenoh.ZError, OSError) as error:
+            self._close_gate()
             raise self._refusal(error) from error
         try:
             if receiver is not None:
                 self._subscribe(session, receiver, own=own, reports=reports)
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
+            self._close_gate()
             raise self._refusal(error) from error
         self._session = session
 
@@ -209,6 +219,11 @@ class ZenohSession:
             with suppress(zenoh.ZError):
                 # It waits for running callbacks, which do not wait for anything: no deadlock.
                 session.close()  # type: ignore[no-untyped-call]
+        self._close_gate()
+
+    def _close_gate(self) -> None:
+        if self._gate is not None:
+            self._gate.close()
 
     def _refusal(self, error: Exception) -> VehicleRefusedError:
         """Return a short message for an error of Zenoh."""
