@@ -484,9 +484,8 @@ TABLE = (
     ),
     Row(
         Condition.COMPUTER_SHORT,
-        f"less than {100 * MEMORY_SHARE_MIN:.0f} % of the computer's memory is available, less than "
-        f"{DISK_MIN_BYTES / 1e6:.0f} MB of disk for the flight log, or {100 * DESCRIPTORS_SHARE_MAX:.0f} % of the "
-        "connections and files that it may open are in use",
+        f"less than {100 * MEMORY_SHARE_MIN:.0f} % of the computer's memory, {DISK_MIN_BYTES / 1e6:.0f} MB of disk for "
+        f"the log, or {100 * (1.0 - DESCRIPTORS_SHARE_MAX):.0f} % of its connections is left",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,

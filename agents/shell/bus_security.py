@@ -61,8 +61,8 @@ class BusSecurity:
     roster with the grants, `keeper` takes later ones.
 
     In the folder `sockets`, which only this user may enter, programs of this user reach each other without TLS: they
-    can read each other's keys. Zenoh lets every handshake that fails delay the next link at a port by 0.1 s, so that
-    strangers who reach the port can keep operators from joining; they do not reach these sockets.
+    can read each other's keys. Other users of the computer, who share its address, can keep new callers of a port out
+    (`agents/shell/gate.py`); they do not reach these sockets.
     """
 
     authority_pem: bytes
@@ -108,11 +108,11 @@ class BusSecurity:
             "access_control": _access_control(f"cordon/{team}", self.grants),
         }
 
-    def listening(self, team: str, endpoint: str) -> list[str]:
-        """Return Zenoh's endpoints of a peer of a team that listens at an endpoint."""
+    def sockets_at(self, team: str, endpoint: str) -> list[str]:
+        """Return Zenoh's endpoint of the socket of a peer that listens at an endpoint, if there is one."""
         path = self._socket(team, endpoint)
         # Without the socket a flight goes on: it can be reached by the port.
-        return [secured(endpoint), *([] if path is None else [f"{_UNIX}/{path}#exit_on_failure=false"])]
+        return [] if path is None else [f"{_UNIX}/{path}#exit_on_failure=false"]
 
     def reaching(self, team: str, endpoint: str) -> str:
         """Return Zenoh's endpoint by which a peer reaches an endpoint: the socket if a program of this user listens."""

@@ -177,7 +177,8 @@ class ZenohBus:
         several = sum(len(station.vehicle_ids) for station in self._stations) > 1
         looks_on = any(each.looks_on for station in self._stations for each in station.participants)
         try:
-            for i, session in enumerate(self._sessions):
+            # The first one last: it finds the others by their sockets.
+            for i, session in reversed(list(enumerate(self._sessions))):
                 session.open(None if i else self, own=several, reports=looks_on)
         except VehicleRefusedError:
             self._close_blocking()

@@ -15,8 +15,9 @@ from typing import Literal, Protocol
 import zenoh
 
 from agents.ports import VehicleRefusedError
-from agents.shell.bus_security import BusSecurity
+from agents.shell.bus_security import BusSecurity, secured
 from agents.shell.computer import allow_descriptors
+from agents.shell.gate import Gate
 from agents.shell.mailbox import KEY_RATE_HZ, PAYLOAD_LIMIT_BYTES
 from agents.team.messages import (
     OPERATORS_TOPIC,
@@ -107,6 +108,7 @@ class ZenohSession:
         self._team, self._security = team, security
         self._listen = listen
         self._connect = tuple(connect)
+        self._gate = None if security is None or listen is None else Gate(secured(listen))
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -128,13 +130,15 @@ class ZenohSession:
             for path, value in self._settings().items():
                 config.insert_json5(path, json.dumps(value))
             session = zenoh.open(config)
-        except zenoh.ZError as error:
+        except (zenoh.ZError, OSError) as error:
+            self._close_gate()
             raise self._refusal(error) from error
         try:
             if receiver is not None:
                 self._subscribe(session, receiver, own=own, reports=reports)
         except zenoh.ZError as error:
             session.close()  # type: ignore[no-untyped-call]
+            self._close_gate()
             raise self._refusal(error) from error
         self._session = session
 
@@ -146,7 +150,9 @@ class ZenohSession:
         limits = _limits(self._prefix, self._team.members)
         if security is None:
             return _settings(mode, listen, connect) | limits
-        listen = [each for endpoint in listen for each in security.listening(name, endpoint)]
+        if self._gate is not None:
+            inner = f"{self._gate.open()}#tls_handshake_timeout_ms={_HANDSHAKE_MS[mode]}"
+            listen = [inner, *(each for endpoint in listen for each in security.sockets_at(name, endpoint))]
         connect = tuple(security.reaching(name, each) for each in connect)
         return _settings(mode, listen, connect) | limits | security.settings(name)
 
@@ -215,6 +221,11 @@ class ZenohSession:
             with suppress(zenoh.ZError):
                 # It waits for running callbacks, which do not wait for anything: no deadlock.
                 session.close()  # type: ignore[no-untyped-call]
+        self._close_gate()
+
+    def _close_gate(self) -> None:
+        if self._gate is not None:
+            self._gate.close()
 
     def _refusal(self, error: Exception) -> VehicleRefusedError:
         """Return a short message for an error of Zenoh."""

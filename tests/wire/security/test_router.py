@@ -1,16 +1,27 @@
 """A router with issued keys: all is heard through it, each sender on its own keys only, and operators are seen."""
 
 import asyncio
+import resource
+import socket
+import ssl
+import subprocess
+import sys
+import threading
 import time
-from contextlib import AsyncExitStack
+import tomllib
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
+import tomli_w
 
 from agents.ports import VehicleRefusedError
 from agents.shell import zenoh_session
 from agents.shell.bus_security import BusSecurity
+from agents.shell.computer import allow_descriptors
 from agents.shell.zenoh_bus import ParticipantBus, single_bus
 from agents.shell.zenoh_session import BusTeam, ZenohSession
 from agents.team.codec import encode
@@ -26,6 +37,8 @@ from agents.team.messages import (
 from agents.team.participant import Participant, Role, vehicle
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.key_folder import KeyFolder
+from tests.support.mission_text import CASE2
+from tests.support.paths import ROOT
 from tests.support.wire import free_port, until
 
 pytestmark = pytest.mark.wire
@@ -58,7 +71,30 @@ class RoutedTeam:
     def security(self, role: Role, name: str) -> BusSecurity:
         security = KeyFolder(self.keys.path).identity(role, name).security
         assert security is not None
-        return security
+        return replace(security, sockets=None)  # as on a computer of its own
+
+    @property
+    def port(self) -> int:
+        """The router's port."""
+        return int(self.endpoint.rpartition(":")[2])
+
+    def start_router(self, stack: AsyncExitStack, descriptors: int) -> None:
+        """Run the router in a process of its own, with that many descriptors."""
+
+        def limit() -> None:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (descriptors, descriptors))
+
+        folder = self.keys.path.parent
+        mission = tomllib.loads(CASE2)
+        mission["network"] = {"team": "routed", "router": self.endpoint, "security": {"keys": "keys"}}
+        (folder / "mission.toml").write_text(tomli_w.dumps(mission), encoding="utf-8")
+        command = [sys.executable, "-m", "gcs", "router", str(folder / "mission.toml")]
+        process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, preexec_fn=limit)  # noqa: PLW1509
+        stack.callback(process.wait)
+        stack.callback(process.kill)
+        assert process.stderr is not None
+        stack.callback(process.stderr.close)
+        assert "Ctrl-C" in process.stderr.readline()
 
     async def router(self, stack: AsyncExitStack) -> None:
         session = ZenohSession(self.team, self.endpoint, (), self.security("router", "hill"))
@@ -160,3 +196,83 @@ async def test_without_it_a_participant_is_refused_with_the_next_step(
         with pytest.raises(VehicleRefusedError, match=r"router .* does not answer") as refused:
             await team.bus(vehicle(1), stack)
         assert "cordon router" in refused.value.next_step
+
+
+SILENT, FAILING = 1000, 40
+
+
+def client_hello() -> bytes:
+    """Return what begins a handshake of TLS."""
+    context, sent = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT), ssl.MemoryBIO()
+    context.check_hostname = False
+    with suppress(ssl.SSLWantReadError):
+        context.wrap_bio(ssl.MemoryBIO(), sent).do_handshake()
+    return sent.read()
+
+
+@contextmanager
+def calling(team: RoutedTeam, count: int, says: bytes = b"", host: str = "127.0.0.1") -> Iterator[None]:
+    """Hold connections of a stranger, which come again when they are dropped, until the end."""
+    ended = threading.Event()
+
+    def call() -> None:
+        held = list[socket.socket]()
+        while not ended.is_set():
+            with suppress(OSError):
+                held.append(socket.create_connection(("127.0.0.1", team.port), 1.0, (host, 0)))
+                held[-1].sendall(says)
+            if len(held) > count:
+                held.pop(0).close()
+            time.sleep(0.001)
+        for each in held:
+            each.close()
+
+    thread = threading.Thread(target=call)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("says", "count", "host"),
+    [
+        (b"", SILENT, "127.0.0.1"),
+        (b"\x16", SILENT, "127.0.0.1"),
+        (b"GET / HTTP/1.1\r\n\r\n", FAILING, "127.0.0.1"),
+        (client_hello(), FAILING, "127.0.0.2"),
+    ],
+    ids=["silent", "begins", "no TLS", "no certificate"],
+)
+async def test_strangers_shut_no_operator_out(tmp_path: Path, says: bytes, count: int, host: str) -> None:
+    team = RoutedTeam(tmp_path)
+    spent_s = dict[str, float]()
+
+    async def operator(when: str) -> None:
+        async with AsyncExitStack() as stack:
+            began_s = time.monotonic()
+            anna = await team.bus(Participant("operator", "anna"), stack)
+
+            def heard() -> bool:
+                one.publish("member", state(1))
+                anna.publish("command/hold", encode(OperatorCommand(time.time(), "hold", None, "anna", 1)))
+                return "member/1" in team.heard["anna"] and "command/hold/anna" in team.heard["1"]
+
+            team.heard["1"].clear()
+            await until(heard, waiting_for=f"the operator {when} the attack")
+            spent_s[when] = time.monotonic() - began_s
+
+    allow_descriptors()  # this process is the strangers' as well
+    async with AsyncExitStack() as stack:
+        team.start_router(stack, descriptors=512)
+        one = await team.bus(vehicle(1), stack)
+        await operator("before")
+        with calling(team, count, says, host):
+            for _ in range(3):
+                await asyncio.sleep(1.0)
+                await operator("during")
+        await operator("after")
+    print(", ".join(f"{when} the attack {s:.2f} s" for when, s in spent_s.items()))
+    assert max(spent_s.values()) < 6.0
