@@ -89,7 +89,7 @@ class BusSecurity:
         """
         certificate, private_key = _base64(self.certificate_pem), _base64(self.private_key_pem)
         return {
-            "transport/link/protocols": [_TLS, _UNIX],
+            "transport/link/protocols": [_TLS] if self.sockets is None else [_TLS, _UNIX],
             "transport/link/tls": {
                 "root_ca_certificate_base64": _base64(self.authority_pem),
                 "enable_mtls": True,
@@ -105,7 +105,7 @@ class BusSecurity:
             # Addresses to connect to are in the mission only.
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
-            "access_control": _access_control(f"cordon/{team}", self.grants),
+            "access_control": _access_control(f"cordon/{team}", self.grants, has_sockets=self.sockets is not None),
         }
 
     def sockets_at(self, team: str, endpoint: str) -> list[str]:
@@ -136,32 +136,30 @@ def secured(endpoint: str) -> str:
     return f"{_TLS}/{endpoint.partition('/')[2]}"
 
 
-def _access_control(prefix: str, grants: Sequence[Grant]) -> dict[str, object]:
+def _access_control(prefix: str, grants: Sequence[Grant], *, has_sockets: bool) -> dict[str, object]:
     """Return the access control of a peer, which denies everything that is not allowed here."""
     names = [grant.common_name for grant in grants]
+    subjects: list[dict[str, object]] = [{"id": name, "cert_common_names": [name]} for name in names]
     everything = (f"{prefix}/**", f"{prefix}/{REPORT_TOPIC}/*")
     rules = [_rule(name, messages, flows, everything) for name, (messages, flows) in _RECEIVES.items()]
-    messages = (*(each for kinds, _ in _RECEIVES.values() for each in kinds), "delete")
-    rules.append(_rule(_UNIX, messages, ("ingress", "egress"), everything))
-    policies: list[dict[str, object]] = [
-        {"rules": list(_RECEIVES), "subjects": names},
-        {"rules": [_UNIX], "subjects": [_UNIX]},
-    ]
+    # Zenoh refuses empty lists.
+    policies: list[dict[str, object]] = [{"rules": list(_RECEIVES), "subjects": names}] if names else []
     for grant in grants:
         own = list(_sending_rules(prefix, grant))
         rules += own
         if own:
             policies.append({"rules": [rule["id"] for rule in own], "subjects": [grant.common_name]})
+    if has_sockets:
+        messages = tuple(each for kinds, _ in _RECEIVES.values() for each in kinds)
+        subjects.append({"id": _UNIX, "link_protocols": [_UNIX]})
+        rules.append(_rule(_UNIX, messages, ("ingress", "egress"), everything))
+        policies.append({"rules": [_UNIX], "subjects": [_UNIX]})
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [
-            *({"id": name, "cert_common_names": [name]} for name in names),
-            {"id": _UNIX, "link_protocols": [_UNIX]},
-        ],
-        # Zenoh refuses empty lists.
-        "policies": policies if names else policies[1:],
+        "subjects": subjects,
+        "policies": policies,
     }
 
 
