@@ -70,7 +70,10 @@ class CannedStation:
         self._sending = threading.Lock()
         self._marks = threading.Semaphore(0)
         self._stopped = threading.Event()
-        self._server: Server = serve(self._serve, "127.0.0.1", 0, process_request=self._answer, compression=None)
+        # Without pings: a browser on a busy computer may answer none for so long that the connection would be closed.
+        self._server: Server = serve(
+            self._serve, "127.0.0.1", 0, process_request=self._answer, compression=None, ping_interval=None
+        )
         self._access = Access(Address("127.0.0.1", self._server.socket.getsockname()[1]), 32 * "a")
         self._threads = [threading.Thread(target=work) for work in (self._server.serve_forever, self._publish)]
 
