@@ -1,7 +1,7 @@
 """Client that sends commands and sightings to a running team over its bus, and collects the answers.
 
-A command that does not depend on the mission's content, such as hold and kill, is sent at once and repeated, to whoever
-hears it: nothing that a vehicle tells, or does not tell, keeps it from the others.
+A command that does not depend on the mission's content, such as hold and kill, is sent at once and repeated: no
+message of one vehicle, and no silence, keeps it from the others.
 """
 
 import asyncio

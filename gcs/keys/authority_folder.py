@@ -20,7 +20,7 @@ AUTHORITY = "authority"
 
 
 def no_passphrase() -> bytes:
-    """Raise InputError: there is nobody to ask."""
+    """Raise InputError: the passphrase cannot be asked for here."""
     raise InputError(["the authority's private key is encrypted: its passphrase is needed"])
 
 
@@ -41,7 +41,7 @@ class AuthorityFolder:
 
     @property
     def roster_to_sign(self) -> Roster:
-        """The roster if nobody has signed it, as those of earlier versions, newer than all before it here.
+        """The roster if it is not signed, as those of earlier versions, newer than all before it here.
 
         Raises InputError for one that was altered after it was signed.
         """

@@ -164,7 +164,7 @@ _SIGN = f"`cordon keys sign` on the computer that has the authority, then copy {
 
 
 def unverified_roster(path: Path, authority_pem: bytes) -> Roster:
-    """Read a roster that names this authority, whoever wrote it; raises InputError."""
+    """Read a roster that names this authority, without verifying its signature; raises InputError."""
     try:
         with path.open("rb") as file:
             roster = _decoded(file.read(_SIZE_MAX_BYTES))

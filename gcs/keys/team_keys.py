@@ -36,7 +36,7 @@ class TeamKeys(Protocol):
         ...
 
     def holders(self) -> Sequence[Holder] | None:
-        """Return who is admitted to the bus, None if nobody has keys yet; raises InputError if keys are missing."""
+        """Return who is admitted to the bus, None before keys are made; raises InputError if keys are missing."""
         ...
 
 
