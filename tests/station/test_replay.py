@@ -23,6 +23,14 @@ def page(open_page: OpenPage) -> Iterator[Page]:
         page.clock.resume()
 
 
+FIRST_REQUEST_FAILS = """{
+    const sent = window.fetch;
+    window.requests = 0;
+    window.fetch = (url, options) =>
+        sent(url, ++window.requests === 1 ? { ...options, signal: AbortSignal.abort() } : options);
+}"""
+
+
 def seek(page: Page, picture: int) -> None:
     slider = "node => { node.value = %d; node.dispatchEvent(new Event('input')); }"
     page.locator("#seek").evaluate(slider % picture)
@@ -126,8 +134,16 @@ def test_the_page_says_at_what_rate_it_shows_the_flight_from_its_start(open_page
     for teams, words, first in shown:
         with CannedStation(flight=replace(ring_flight(60.0), teams=teams)) as station:
             page = open_page(station.url, script=NO_WEBGL)
+            expect(page.locator("#rights")).to_have_text("recorded")
             expect(page.locator("#rate")).to_have_text(words)
             expect(page.locator("#seek")).to_have_value(first)
+
+
+def test_a_flight_that_did_not_arrive_is_requested_again(open_page: OpenPage) -> None:
+    with CannedStation(flight=ring_flight(60.0)) as station:
+        page = open_page(station.url, script=FIRST_REQUEST_FAILS)
+        expect(page.locator("#seek-time")).to_have_text("0:00 of 1:00")
+        assert page.evaluate("requests") == 2
 
 
 def test_slider_by_keyboard(page: Page) -> None:

@@ -203,12 +203,14 @@ function pastOf(teams, index) {
 /** Open the page of a station: a recorded flight if the station says so, else a live team. */
 function openStation(flightUrl) {
   let live = null;
-  let isRecorded = false;
+  let flight = null;
   const picture = async (shown) => {
     if (shown.kind !== "recorded") (live ??= new Live(stream)).take(shown);
-    else if (!isRecorded) {
-      isRecorded = true;
-      showFlight(await (await stream.fetch(flightUrl)).json(), () => stream.entry.headers);
+    else if (!flight) {
+      const fetched = await stream.fetch(flightUrl);
+      if (!fetched || flight) return; // after a connection that ended meanwhile, two requests are on their way
+      flight = fetched;
+      showFlight(flight, () => stream.entry.headers);
     }
   };
   const stream = new Stream(streamUrl(), { picture, connection: (isOpen) => live?.connection(isOpen) });

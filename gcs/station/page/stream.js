@@ -24,9 +24,14 @@ export class Stream {
     return true;
   }
 
-  /** Request a file that only pages of this start may read. */
-  fetch(url) {
-    return fetch(url, { headers: this.entry.headers });
+  /** Request JSON that only pages of this start may read. Return null, and connect again, where it does not arrive. */
+  async fetch(url) {
+    try {
+      return await (await fetch(url, { headers: this.entry.headers })).json();
+    } catch {
+      this.socket.close();
+      return null;
+    }
   }
 
   #connect() {
