@@ -4,8 +4,9 @@ Stubs fly with issued keys on a governed clock at the speed of the wall's. In ea
 each a process of its own, and an operator who has just joined sends hold to all vehicles, or kill to one. The audit
 logs of the flights are the judge: every vehicle has to have received the command and not refused it within a second,
 and to have obeyed nobody else. Adversaries are an outsider without keys, another user of this computer (only as root),
-and insiders with valid keys of a vehicle, of an operator who may only hold, and of a sensor. Exit code 1 if a round
-failed.
+and insiders with valid keys of a vehicle, of an operator who may only hold, and of a sensor. With --apart (only as
+root) each vehicle flies in a process of its own, and the operator and the adversaries, but for the other user, are each
+on a computer of their own: in a network namespace. Exit code 1 if a round failed.
 """
 
 import asyncio
@@ -22,9 +23,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Thread
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import pytest
 import zenoh
 
 from agents.ports import VehicleRefusedError
@@ -42,6 +44,7 @@ from gcs.keys.key_folder import KeyFolder
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.experiments.arguments import parser
+from tests.support.computers import Computer, computers
 from tests.support.paths import ROOT, finds_tests
 from tests.support.ring_mission import ring_mission
 from tests.support.wire import free_ports
@@ -67,6 +70,36 @@ class Round:
     vehicles: Sequence[int]
     number: int
     sent_s: float
+
+
+@dataclass(frozen=True)
+class Site:
+    """The computers of the vehicles, of the operator and of the adversaries; None is this one for all."""
+
+    folder: Path
+    vehicles: Computer | None = None
+    operator: Computer | None = None
+    adversaries: Computer | None = None
+
+    def run(self, computer: Computer | None, *arguments: str, **options: Any) -> "subprocess.Popen[str]":
+        """Start a Python program there; those of other computers do not find the runtime directory of the flight's."""
+        line = [sys.executable, *arguments]
+        environment = finds_tests()
+        if computer is not None:
+            runtime = self.folder / f"runtime-{computer.namespace}"
+            runtime.mkdir(mode=0o700, exist_ok=True)
+            environment["XDG_RUNTIME_DIR"] = str(runtime)
+            line = computer.command(*line)
+        return subprocess.Popen(line, cwd=ROOT, env=environment, text=True, **options)
+
+    def child(self, computer: Computer | None, act: str, mission: Path, stack: ExitStack) -> "subprocess.Popen[str]":
+        """Start this program there to act, until the end of a context."""
+        line = ("-m", __spec__.name, "--act", act, str(mission))
+        process = stack.enter_context(self.run(computer, *line, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
+        stack.callback(process.kill)
+        assert process.stdout is not None
+        process.stdout.readline()
+        return process
 
 
 # Adversaries
@@ -213,6 +246,7 @@ def adversary(kind: Kind, mission_path: str) -> None:
     if kind in ("outsider", "other user"):
         if kind == "other user":
             "".encode("idna")  # the codec is imported here: another user may not read this user's Python
+            os.environ.pop("XDG_RUNTIME_DIR", None)
             os.setuid(NOBODY)
         acts: Sequence[Callable[[Mission, np.random.Generator, Event], None]] = (idle, impostor, uninvited)
     else:
@@ -235,43 +269,74 @@ def adversary(kind: Kind, mission_path: str) -> None:
     os._exit(0)
 
 
+# The operator
+
+
+async def wait_for_flight(mission: Mission) -> str:
+    """Wait until every vehicle has left the ground; return "done", or the tactics by the end of the time."""
+    client = CommandClient(mission, KeyFolder(mission.folder / "keys").identity("operator", COMMANDER))
+    end_s = time.monotonic() + IN_FLIGHT_WITHIN_S
+    await client.open()
+    try:
+        while len(client.tactics) < len(mission.ids) or {*client.tactics.values()} - {"formation", "encircle"}:
+            if time.monotonic() > end_s:
+                return f"not in flight: {client.tactics}"
+            await asyncio.sleep(0.1)
+    finally:
+        await client.close()
+    return "done"
+
+
+async def command(mission: Mission, verb: Verb, vehicle: int | None, number: int) -> str:
+    """Let an operator join, command and leave; return "done", or why not."""
+    operator = KeyFolder(mission.folder / "keys").identity("operator", COMMANDER)
+    asked = mission.ids if vehicle is None else (vehicle,)
+    try:
+        await CommandClient(mission, operator).command(verb, asked, vehicle, number=number)
+    except VehicleRefusedError as error:
+        return str(error)
+    return "done"
+
+
+def operator(mission_path: str) -> None:
+    """Wait for the flight at each line `wait`, and send the command of each line `VERB VEHICLE NUMBER` (0: all)."""
+    mission = load_mission(mission_path)
+    print("ready", flush=True)
+    for line in sys.stdin:
+        match line.split():
+            case [verb, vehicle, number]:
+                print(asyncio.run(command(mission, verb, int(vehicle) or None, int(number))), flush=True)  # type: ignore[arg-type]
+            case _:
+                print(asyncio.run(wait_for_flight(mission)), flush=True)
+    os._exit(0)
+
+
 # Flights
 
 
-def told(process: "subprocess.Popen[str]", line: str) -> None:
-    """Send a line to an adversary, and wait for its answer."""
+def told(process: "subprocess.Popen[str]", line: str) -> str:
+    """Send a line to a process that acts, and return its answer."""
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(f"{line}\n")
     process.stdin.flush()
-    process.stdout.readline()
+    return process.stdout.readline().strip()
 
 
-@contextmanager
-def adversaries(mission: Path) -> Iterator[dict[Kind, "subprocess.Popen[str]"]]:
-    """Start one process for each kind of adversary; another user of the computer needs root."""
+def started(site: Site, mission: Path, stack: ExitStack) -> dict[Kind, "subprocess.Popen[str]"]:
+    """Start one process for each kind of adversary; another user of the vehicles' computer needs root."""
     kinds = [each for each in KINDS if each != "other user" or os.geteuid() == 0]
-    with ExitStack() as stack:
-        started = {}
-        for kind in kinds:
-            command = [sys.executable, "-m", __spec__.name, "--act", kind, str(mission)]
-            started[kind] = stack.enter_context(
-                subprocess.Popen(
-                    command, cwd=ROOT, env=finds_tests(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-                )
-            )
-            stack.callback(started[kind].kill)
-        for process in started.values():
-            assert process.stdout is not None
-            process.stdout.readline()
-        yield started
+    where = {"other user": site.vehicles}
+    return {kind: site.child(where.get(kind, site.adversaries), kind, mission, stack) for kind in kinds}
 
 
-def write_mission(folder: Path, vehicles: int) -> Path:
+def write_mission(site: Site, vehicles: int) -> Path:
     """Write the mission of a team, and issue its keys."""
-    ports = free_ports(2 * vehicles)
+    ports, folder = free_ports(2 * vehicles), site.folder
     path = folder / "ring.toml"
     text = ring_mission(vehicles, 3600.0, ports[:vehicles], ports[vehicles:])
+    if site.vehicles is not None:
+        text = text.replace("tcp/127.0.0.1", f"tcp/{site.vehicles.address}")
     path.write_text(f'{text}\n[network.security]\nkeys = "keys"\n', encoding="utf-8")
     for line in (
         "init",
@@ -285,54 +350,47 @@ def write_mission(folder: Path, vehicles: int) -> Path:
     return path
 
 
-async def command(mission: Mission, verb: Verb, vehicle: int | None, number: int) -> None:
-    """Let an operator join, command and leave."""
-    operator = KeyFolder(mission.folder / "keys").identity("operator", COMMANDER)
-    asked = mission.ids if vehicle is None else (vehicle,)
-    await CommandClient(mission, operator).command(verb, asked, vehicle, number=number)
+def flights(site: Site, mission: Path, ids: Sequence[int], stack: ExitStack) -> list["subprocess.Popen[str]"]:
+    """Start the stubs and their flight, or one for each vehicle; each writes a log `flight-*.mcap`."""
+    quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    lines: list[tuple[str, ...]] = [("fly", str(mission), "--sitl")]
+    if site.vehicles is not None:
+        lines = [("fly", str(mission), "--only", str(each)) for each in ids]
+        stubs = site.run(
+            site.vehicles, "-m", "gcs", "sitl", str(mission), "--lockstep", stdout=subprocess.DEVNULL, **quiet
+        )
+        stack.callback(stubs.wait)
+        stack.callback(stubs.terminate)
+    flying = []
+    for number, line in enumerate(lines):
+        options = ("--json", "--log", str(site.folder / f"flight-{number}.mcap"))
+        with (site.folder / f"result-{number}.json").open("wb") as result:
+            flying.append(site.run(site.vehicles, "-m", "gcs", *line, *options, stdout=result, **quiet))
+        stack.callback(flying[-1].kill)
+    return flying
 
 
-def wait_for_flight(mission: Mission, flight: "subprocess.Popen[bytes]") -> None:
-    """Wait until every vehicle has left the ground."""
-
-    async def wait() -> None:
-        client = CommandClient(mission, KeyFolder(mission.folder / "keys").identity("operator", COMMANDER))
-        await client.open()
-        try:
-            end_s = time.monotonic() + IN_FLIGHT_WITHIN_S
-            while len(client.tactics) < len(mission.ids) or {*client.tactics.values()} - {"formation", "encircle"}:
-                if time.monotonic() > end_s or flight.poll() is not None:
-                    raise RuntimeError(f"not in flight: {client.tactics}")
-                await asyncio.sleep(0.1)
-        finally:
-            await client.close()
-
-    asyncio.run(wait())
-
-
-def fly(vehicles: int, seed: int, rounds: int, acting: Sequence[Kind]) -> tuple[list[Round], list[AuditEntry]]:
-    """Fly a team for this many rounds at most; return them, and the entries of the audit log."""
+def fly(
+    site: Site, vehicles: int, seed: int, rounds: int, acting: Sequence[Kind]
+) -> tuple[list[Round], list[AuditEntry]]:
+    """Fly a team for this many rounds at most; return them, and the entries of the audit logs."""
     random, flown = np.random.default_rng(seed), list[Round]()
-    with TemporaryDirectory() as name, ExitStack() as stack:
-        folder = Path(name)
-        if os.geteuid() == 0:
-            folder.chmod(0o755)  # another user of the computer may read the mission
-        path, log = write_mission(folder, vehicles), folder / "flight.mcap"
+    with ExitStack() as stack:
+        path = write_mission(site, vehicles)
         mission = load_mission(str(path))
-        fly_line = [sys.executable, "-m", "gcs", "fly", str(path), "--sitl", "--json", "--log", str(log)]
-        with (folder / "result.json").open("wb") as result:
-            flight = subprocess.Popen(
-                fly_line, cwd=ROOT, stdout=result, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL
-            )
-        stack.callback(flight.kill)
-        clock = _clock(mission, flight, stack)
-        wait_for_flight(mission, flight)
-        enemies = stack.enter_context(adversaries(path))
+        flying = flights(site, path, mission.ids, stack)
+        clock = _clock(mission, flying, stack)
+        commander = site.child(site.operator, "commander", path, stack)
+        if (answer := told(commander, "wait")) != "done":
+            raise RuntimeError(answer)
+        enemies = started(site, path, stack)
         plan: list[tuple[Verb, int | None]] = [("hold", None)] * HOLDS
         plan += [("kill", int(each)) for each in random.permutation(mission.ids)]
         for verb, vehicle in plan[-rounds:]:
-            if flight.poll() is not None:
-                print(f"the flight has ended by itself: {(folder / 'result.json').read_text()[-300:]}", flush=True)
+            if all(each.poll() is not None for each in flying):
+                print(
+                    f"the flight has ended by itself: {(site.folder / 'result-0.json').read_text()[-300:]}", flush=True
+                )
                 break
             present = [each for each in acting if each in enemies]
             kinds = [str(each) for each in random.choice(present, min(len(present), int(random.integers(1, 3))), False)]
@@ -340,27 +398,27 @@ def fly(vehicles: int, seed: int, rounds: int, acting: Sequence[Kind]) -> tuple[
                 told(enemies[kind], f"begin {random.integers(2**31)}")  # type: ignore[index]
             time.sleep(float(random.uniform(0.2, 1.5)))
             number, sent_s = int(random.integers(2**32)), clock.now_s
-            with suppress(VehicleRefusedError):
-                asyncio.run(command(mission, verb, vehicle, number))
+            told(commander, f"{verb} {vehicle or 0} {number}")
             for kind in kinds:
                 told(enemies[kind], "end")  # type: ignore[index]
             asked = mission.ids if vehicle is None else (vehicle,)
             flown.append(Round(kinds, verb, asked, number, sent_s))  # type: ignore[arg-type]
             if verb == "hold":
-                with suppress(VehicleRefusedError):
-                    asyncio.run(command(mission, "resume", None, int(random.integers(2**32))))
-        with suppress(subprocess.TimeoutExpired):
-            flight.wait(ENDS_WITHIN_S)
-        if flight.poll() is None:
-            flight.terminate()
-            flight.wait(ENDS_WITHIN_S)
-        entries = [each.read(AuditEntry) for each in read_log(log).run_records if each.kind is AuditEntry]
+                told(commander, f"resume 0 {random.integers(2**32)}")
+        for each in flying:
+            with suppress(subprocess.TimeoutExpired):
+                each.wait(ENDS_WITHIN_S)
+            if each.poll() is None:
+                each.terminate()
+                each.wait(ENDS_WITHIN_S)
+        logs = [read_log(each) for each in sorted(site.folder.glob("flight-*.mcap"))]
+        entries = [each.read(AuditEntry) for log in logs for each in log.run_records if each.kind is AuditEntry]
     return flown, entries
 
 
-def _clock(mission: Mission, flight: "subprocess.Popen[bytes]", stack: ExitStack) -> LockstepClient:
+def _clock(mission: Mission, flying: Sequence["subprocess.Popen[str]"], stack: ExitStack) -> LockstepClient:
     end_s = time.monotonic() + IN_FLIGHT_WITHIN_S
-    while flight.poll() is None and time.monotonic() < end_s:
+    while all(each.poll() is None for each in flying) and time.monotonic() < end_s:
         with suppress(InputError):
             return stack.enter_context(LockstepClient(*url_ports(mission, mission.ids).values()))
         time.sleep(0.2)
@@ -402,26 +460,35 @@ def usurped(entries: Sequence[AuditEntry]) -> list[str]:
     ]
 
 
-def main(sizes: Sequence[int], rounds: int, seed: int, acting: Sequence[Kind]) -> int:
+@contextmanager
+def sites(*, apart: bool) -> Iterator[Site]:
+    """Make a folder, and computers where the team is apart."""
+    with TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        if os.geteuid() == 0:
+            folder.chmod(0o755)  # another user of the computer may read the mission
+        yield Site(folder, *(stack.enter_context(computers(3)) if apart else ()))
+
+
+def main(sizes: Sequence[int], rounds: int, seed: int, acting: Sequence[Kind], *, apart: bool) -> int:
     """Fly until each size has had this many rounds; print a table of the kinds of adversaries."""
     failed = 0
     for vehicles in sizes:
-        left, flights = rounds, 0
+        left, teams = rounds, 0
         slowest_s, faults = defaultdict[str, list[float]](list), Counter[str]()
         usurpations = list[str]()
-        while left > 0 and flights < rounds:
-            flown, entries = fly(vehicles, seed + flights, left, acting)
-            flights, left = flights + 1, left - len(flown)
+        while left > 0 and teams < rounds:
+            with sites(apart=apart) as site:
+                flown, entries = fly(site, vehicles, seed + teams, left, acting)
+            teams, left = teams + 1, left - len(flown)
             usurpations += usurped(entries)
             for one, after_s, fault in judged(flown, entries):
                 for kind in one.kinds:
                     slowest_s[f"{kind}, {one.verb}"].append(after_s)
                 if fault:
                     faults["failed"] += 1
-                    print(
-                        f"{vehicles} vehicles, seed {seed + flights - 1}: {one.verb}, {one.kinds}: {fault}", flush=True
-                    )
-        print(f"\n{vehicles} vehicles, {rounds - left} rounds in {flights} flights: {faults['failed']} failed")
+                    print(f"{vehicles} vehicles, seed {seed + teams - 1}: {one.verb}, {one.kinds}: {fault}", flush=True)
+        print(f"\n{vehicles} vehicles, {rounds - left} rounds in {teams} flights: {faults['failed']} failed")
         print("| adversary, command | rounds | median, s | slowest, s |\n|---|---|---|---|")
         for what, times_s in sorted(slowest_s.items()):
             print(f"| {what} | {len(times_s)} | {np.median(times_s):.2f} | {max(times_s):.2f} |")
@@ -431,12 +498,19 @@ def main(sizes: Sequence[int], rounds: int, seed: int, acting: Sequence[Kind]) -
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--act"]:
-        adversary(*sys.argv[2:])  # type: ignore[arg-type]
+    match sys.argv[1:]:
+        case ["--act", "commander", path]:
+            operator(path)
+        case ["--act", kind, path]:
+            adversary(kind, path)  # type: ignore[arg-type]
     reader = parser("adversaries", __doc__ or "")
     reader.add_argument("vehicles", nargs="*", type=int, default=[3, 8], help="team sizes (default: 3 8)")
     reader.add_argument("--rounds", type=int, default=500, help="rounds for each size (default: %(default)s)")
     reader.add_argument("--seed", type=int, default=0, help="first seed (default: %(default)s)")
     reader.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="adversaries (default: all)")
+    reader.add_argument("--apart", action="store_true", help="processes and computers of their own (as root)")
     given = reader.parse_args()
-    sys.exit(main(given.vehicles, given.rounds, given.seed, given.kinds))
+    try:
+        sys.exit(main(given.vehicles, given.rounds, given.seed, given.kinds, apart=given.apart))
+    except pytest.skip.Exception as reason:
+        sys.exit(str(reason))

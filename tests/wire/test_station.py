@@ -262,8 +262,9 @@ async def test_the_page_stays_open_for_a_vehicle_that_was_lost_in_the_air_until_
             with subtests.test("where it was last"):
                 assert dist(lost["position_m"], last_m) < 1.0
                 assert (lost["alert"], lost["severity"]) == (UNACCOUNTED, "alarm")
-            while (team := await received(page, "team"))["lost"] is None:
+            while (team := await received(page, "team"))["lost"] is None or not team["ending"]:
                 assert team["vehicles"][2]["is_unaccounted"]
+            lost = team["vehicles"][2]
             with subtests.test("after the end of the flight"):
                 assert team["lost"]["vehicles"] == [3]
                 assert [each["has_ended"] for each in team["vehicles"]] == [True, True, False]
