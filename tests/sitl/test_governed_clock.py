@@ -140,6 +140,38 @@ def test_a_message_behind_others_is_not_lost_while_a_thread_computes() -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="the system does not tell who waits")
+def test_one_that_still_lacks_the_processor_does_not_hang() -> None:
+    """The system counts the time for which a thread lacks it only once the thread computes."""
+    pinned = "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+    spins, yields = (
+        "print(flush=True)\nwhile True: pass\n",
+        "os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))\n",
+    )
+    with ExitStack() as stack:
+        started = []
+        for program in (pinned + spins, pinned + yields + spins):
+            process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
+            started.append(stack.enter_context(process))
+            stack.callback(process.kill)
+            assert process.stdout is not None
+            process.stdout.readline()
+        busy, starved = started
+        statistics = Path(f"/proc/{starved.pid}/schedstat")
+        before = ""
+        while statistics.read_text() != before:  # until it has lacked it all the time
+            before, over = statistics.read_text(), False
+            limit = WallLimit(0.1, 60.0, starved.pid, time.monotonic())
+            end_s = time.monotonic() + 0.5
+            while time.monotonic() < end_s:
+                over = over or limit.is_over(time.monotonic())
+                time.sleep(0.01)
+        assert not over
+        busy.send_signal(signal.SIGSTOP)
+        while not limit.is_over(time.monotonic()):  # it computes, and does not come on
+            time.sleep(0.01)
+
+
+@pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="the system does not tell who waits")
 def test_one_that_lacks_the_processor_is_waited_for(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shared_clock, "HUNG_S", 0.5)
     program = (
