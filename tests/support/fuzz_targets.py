@@ -320,11 +320,12 @@ def _websocket(_: Path) -> Target:
         stream = Stream(broadcast, commands)
         gate = AccessGate(live_app(stream), live_app(stream), access, ConnectionLimits())
         text, proof, is_closed = "", "", False
+        end: Message = {"type": "websocket.disconnect", "code": 1000}
         left: Iterator[Message] = iter([{"type": "websocket.connect"}, *map(_sent, lines)])
 
         async def receive() -> Message:
             nonlocal text
-            message = next(left, {"type": "websocket.disconnect", "code": 1000})
+            message = next(left, end)
             text = message.get("text", "").replace(_PROOF, proof)
             return {**message, "text": text} if text else message
 
