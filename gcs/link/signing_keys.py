@@ -7,7 +7,6 @@ import asyncio
 import ipaddress
 import json
 import secrets
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from urllib.parse import urlsplit
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
 
 from agents.ports import VehicleRefusedError
+from estimation.input_file import toml_content
 from gcs.autopilots.registry import AUTOPILOTS
 from gcs.errors import InputError
 from gcs.keys.private_files import read_private, write
@@ -131,7 +131,7 @@ def read_keys(path: Path) -> dict[int, bytes]:
     if path.stat().st_size > SIZE_MAX:
         raise InputError([_fault(path, f"it is larger than {SIZE_MAX} bytes")])
     try:
-        content = tomllib.loads(read_private(path).decode())
+        content = toml_content(read_private(path).decode())
     except ValueError as error:
         raise InputError([_fault(path, str(error))]) from error
     return {_system_id(path, name): _key(path, name, value) for name, value in content.items()}

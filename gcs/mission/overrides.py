@@ -5,7 +5,6 @@ The result is again a mission's text: a log records it, and the flight can be re
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,8 +25,8 @@ def override(given: str) -> tuple[str, object]:
     if not equals:
         raise InputError([f"--set {given}: write KEY=VALUE, such as encirclement.radius_m=12"])
     try:
-        return place.strip(), tomllib.loads(f"value = {text.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
+        return place.strip(), toml_content(f"value = {text.strip()}")["value"]
+    except ValueError:
         return place.strip(), text.strip()
 
 

@@ -4,7 +4,6 @@ Their inputs are those of the core's filters - its telemetry, its own sightings 
 setpoints that were sent. No decision is recomputed.
 """
 
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -25,6 +24,7 @@ from agents.team.inbox import Inbox
 from agents.team.messages import MemberState, OperatorCommand
 from estimation.filters.own import OwnFilter
 from estimation.filters.target import TargetFilter
+from estimation.input_file import toml_content
 from estimation.settings import OwnFilterSettings, Settings, TargetFilterSettings
 from estimation.state import MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
 from gcs.console.table_view import number
@@ -172,8 +172,8 @@ def changed_filters(mission: Mission, changes: Sequence[str]) -> dict[int, Filte
             faults.append(unknown_key("", section, list(FILTERS)))
         else:
             try:
-                (values[section][name],) = tomllib.loads(f"value = {text}").values()
-            except (ValueError, RecursionError):  # also more than one value
+                (values[section][name],) = toml_content(f"value = {text}").values()
+            except ValueError:  # also more than one value
                 faults.append(KeyFault(f"{section}.{name}", f"{text!r} is not a TOML value"))
     own = validated(OwnFilterSettings, values["own_filter"], "own_filter", faults)
     target = validated(TargetFilterSettings, values["target_filter"], "target_filter", faults)

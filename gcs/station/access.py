@@ -243,7 +243,7 @@ class AccessGate:
             proof = self._access.proof("station", hello.nonce, nonce)
             await _send(page, Challenge(nonce, proof, self._access.salt))
             given = msgspec.json.decode(await _text(page), type=Proof).proof
-        except msgspec.DecodeError:  # a msgspec.ValidationError is one
+        except (msgspec.DecodeError, RecursionError):  # a msgspec.ValidationError is one of the former
             return False
         return hmac.compare_digest(given.encode(), self._access.proof("page", hello.nonce, nonce).encode())
 

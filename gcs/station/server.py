@@ -96,7 +96,7 @@ class Stream:
         while (message := await page.receive())["type"] != "websocket.disconnect":
             try:
                 request = msgspec.json.decode(message.get("text") or "", type=CommandRequest | RecoveredRequest)
-            except msgspec.DecodeError as error:  # a msgspec.ValidationError is one
+            except (msgspec.DecodeError, RecursionError) as error:  # a msgspec.ValidationError is one
                 with suppress(WebSocketDisconnect, RuntimeError):  # the page has disconnected meanwhile
                     await page.close(_MALFORMED, str(error)[:100])
                 return

@@ -38,7 +38,7 @@ def read_rows(path: Path) -> dict[int, Row]:
     for line in lines:
         try:
             read = _DECODER.decode(line)
-        except msgspec.MsgspecError:
+        except (msgspec.MsgspecError, RecursionError):
             continue
         rows[read.run] = read.row
     return rows
@@ -135,7 +135,7 @@ class SweepFolder:
             raise InputError(
                 [f"{path}: {error.strerror or error}; `cordon sweep --out` creates such a folder"]
             ) from error
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, RecursionError) as error:
             raise InputError([f"{path}: damaged: {error}; repeat the sweep in another folder"]) from error
 
     def _require_same(self, plan: SweepPlan) -> None:

@@ -1,6 +1,5 @@
 """The options of a sweep: a varied key of the mission with its values, `encirclement.radius_m=8:16:2`, and seeds."""
 
-import tomllib
 from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
 from math import ceil, isfinite
@@ -8,10 +7,12 @@ from typing import Any
 
 import msgspec
 
+from estimation.input_file import toml_content
 from gcs.errors import InputError
 from gcs.mission.overrides import override
 
 VALUES_MAX = 100_000
+INTEGER_MAX = 2**63 - 1
 _VARY = "write KEY=START:STOP:STEP or KEY=VALUE,VALUE, as in encirclement.radius_m=8:16:2 or formation.shape=line,wedge"
 _RANGE = "a range is START:STOP or START:STOP:STEP, such as 8:16:2"
 
@@ -34,10 +35,7 @@ def variation(given: str) -> Variation:
         if not (place and equals and text):
             raise ValueError(_VARY)
         values = _range(text) or _listed(place, text)
-        _require_different(values)
-        for value in values:
-            if isinstance(value, float) and not isfinite(value):
-                raise ValueError(f"{value} is not finite")
+        _require_usable(values)
     except ValueError as error:
         raise InputError([f"--vary {given}: {error}"]) from error
     return Variation(place, values)
@@ -47,7 +45,7 @@ def seed_range(given: str) -> tuple[int, ...]:
     """Return the seeds of START:STOP (STOP is excluded), START:STOP:STEP, or a list; raises InputError."""
     try:
         seeds = _range(given) or tuple(map(_number, given.split(",")))
-        _require_different(seeds)
+        _require_usable(seeds)
         for seed in seeds:
             if not isinstance(seed, int) or seed < 0:
                 raise ValueError(f"{seed} is not a seed; seeds are whole numbers from 0, such as 0:50")
@@ -75,17 +73,21 @@ def _range(text: str) -> tuple[int | float, ...]:
 def _listed(place: str, text: str) -> tuple[Any, ...]:
     """Return the values of a list: TOML values, or words separated by commas."""
     try:
-        return tuple(tomllib.loads(f"value = [{text}]")["value"])
-    except tomllib.TOMLDecodeError:
+        return tuple(toml_content(f"value = [{text}]")["value"])
+    except ValueError:
         return tuple(override(f"{place}={part}")[1] for part in text.split(","))
 
 
-def _require_different(values: Sequence[Any]) -> None:
-    """Raise ValueError for a value that is given twice: 8 and 8.0 are the same number."""
+def _require_usable(values: Sequence[Any]) -> None:
+    """Raise ValueError for a number that no table holds, and for a value given twice: 8 and 8.0 are the same number."""
     seen = set()
     for value in values:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        key = float(value) if is_number else repr(value)
+        if isinstance(value, float) and not isfinite(value):
+            raise ValueError(f"{value} is not finite")
+        if isinstance(value, int) and abs(value) > INTEGER_MAX:
+            raise ValueError(f"{value} is too large")
+        key = value if is_number else repr(value)
         if key in seen:
             raise ValueError(f"{value} is given twice")
         seen.add(key)

@@ -147,7 +147,9 @@ class _Records:
             return
         try:
             form = DFFormat(kind, name, length, letters, columns)
-            fits = _dtype(form).itemsize == length - HEADER_BYTES
+            dtype = _dtype(form)
+            fits = dtype.itemsize == length - HEADER_BYTES
+            form = form if dtype.names == tuple(form.columns) else None  # numpy names a column without a name itself
         except Exception:  # for an unknown format letter pymavlink raises plain Exception
             form, fits = None, length > HEADER_BYTES
         if fits:

@@ -232,10 +232,10 @@ class _WholeRecords:
             return self._data[begin:end] if self._is_needed[self._number(at)] else b""
         body = self._data[at:end]
         if kind == SUBSCRIPTION:
-            topic = body[3:]
-            needed = topic in self._timed and topic.decode(errors="replace") in TOPICS
+            topic = body[3:].decode(errors="replace")
+            needed = body[3:] in self._timed and topic in TOPICS
             self._is_needed[self._number(at + 1)] = needed
-            self.topics += [topic.decode()] * needed
+            self.topics += [topic] * needed
         elif kind == PARAMETER:
             needed = len(body) == 1 + body[0] + PARAMETER_BYTES
         elif kind == DROPOUT:

@@ -1,63 +1,88 @@
-"""Fuzzing of external inputs: mutated bus messages, sightings, profiles, missions and logs.
+"""Coverage-guided fuzzing of one reader of external inputs, by atheris; or reading single inputs.
 
-Fails if an input causes an undeclared error, exceeds its time limit, or the memory exceeds its limit. A finding states
-target, seed and number; --target and --input reproduce it.
+It ends at the first input that causes an error that the reader does not state, takes too long, or too much memory. That
+input, and those that reach new code, are kept in `build/fuzz/TARGET`; the next run goes on from them.
 """
 
+import os
 import sys
+from hashlib import sha256
 from pathlib import Path
+from random import Random
+from shutil import rmtree
 from tempfile import TemporaryDirectory
-from time import monotonic
 
-from tests.experiments.arguments import parser
-from tests.support.fuzzing import MEMORY_MAX_BYTES, Findings, Target, fault_of, mutated, run, targets
+from tests.experiments.arguments import parser, positive
+from tests.support.fuzzing import CORPUS, INPUT_MAX_BYTES, MEMORY_MAX_BYTES, changed, fault_of
+from tests.support.paths import ROOT
 
-PROGRESS_S = 60.0
+INSTRUMENTED = ["agents", "estimation", "gcs", "mcap", "pyulog"]
+PROCESS_BYTES = 600_000_000
+"""What the imported modules take, instrumented, before the first input."""
+ENGINES_SHARE = 0.5
+"""Share of the inputs that libFuzzer changes; the others are changed as in the tests, which know texts and messages."""
 
 
 def main() -> int:
-    """Run, print the findings, and return 0 if there are none."""
+    """Fuzz, or read inputs, and return 0 if nothing is found."""
     reader = parser("fuzz", __doc__ or "")
-    reader.add_argument("--count", type=int, default=1_000_000, help="number of inputs in all (default: %(default)s)")
-    reader.add_argument("--seed", type=int, default=0, help="seed (default: %(default)s)")
-    reader.add_argument("--target", help="read inputs of this target only")
-    reader.add_argument("--input", type=int, help="read the input of this number again")
+    reader.add_argument("target", choices=sorted(path.name for path in CORPUS.iterdir() if path.is_dir()))
+    reader.add_argument("--minutes", type=positive, default=1.0, help="duration (default: %(default)s)")
+    reader.add_argument("--input", type=Path, nargs="+", help="read these files only, without atheris")
     options = reader.parse_args()
+    return _read(options.target, options.input) if options.input else _fuzz(options.target, options.minutes)
+
+
+def _read(name: str, paths: list[Path]) -> int:
+    from tests.support.fuzz_targets import target_named
+
     with TemporaryDirectory() as folder:
-        chosen = [each for each in targets(Path(folder)) if options.target in (None, each.name)]
-        if options.input is not None:
-            return _once(chosen[0], options.seed, options.input)
-        findings = run(chosen, options.count, options.seed, _Progress())
-    _show(findings)
-    return 1 if findings.faults or findings.memory_bytes > MEMORY_MAX_BYTES else 0
+        target = target_named(name, Path(folder))
+        faults = {path: fault for path in paths if (fault := fault_of(target, path.read_bytes()))}
+    for path, fault in faults.items():
+        print(f"{path}: {fault}")
+    print(f"{len(paths)} inputs, {len(faults)} findings")
+    return int(bool(faults))
 
 
-def _once(target: Target, seed: int, number: int) -> int:
-    data = mutated(target, seed, number)
-    print(data)
-    print(fault := fault_of(target, data))
-    return int(bool(fault))
+def _fuzz(name: str, minutes: float) -> int:
+    try:
+        import atheris
+    except ImportError:
+        print("atheris is not installed; next: .venv/bin/pip install '.[fuzz]' (Linux x86-64)", file=sys.stderr)
+        return 2
+    with atheris.instrument_imports(include=INSTRUMENTED):
+        from tests.support.fuzz_targets import target_named
+    folder = ROOT / "build" / "fuzz" / name
+    found, valid, scratch = (folder / each for each in ("inputs", "valid", "scratch"))
+    rmtree(valid, ignore_errors=True)
+    for each in (found, valid, scratch):
+        each.mkdir(parents=True, exist_ok=True)
+    target = target_named(name, scratch)
+    for number, data in enumerate(target.valid):
+        (valid / str(number)).write_bytes(data)
 
+    def read(data: bytes) -> None:
+        if fault := fault_of(target, data):
+            finding = folder / f"found-{sha256(data).hexdigest()[:16]}"
+            finding.write_bytes(data)
+            print(f"{fault}\nwritten: {finding}", flush=True)
+            os._exit(1)  # at once: the end of Python takes seconds with instrumented modules
 
-def _show(findings: Findings) -> None:
-    for fault in findings.faults:
-        print(fault)
-    for name, count in findings.counts.items():
-        print(f"{name:24} {count:8} inputs, the slowest took {findings.slowest_s.get(name, 0.0) * 1000:.0f} ms")
-    total = sum(findings.counts.values())
-    print(f"{total} inputs, {len(findings.faults)} findings, memory grew by {findings.memory_bytes / 1e6:.0f} MB")
+    def mutated(data: bytes, size_max: int, seed: int) -> bytes:
+        random = Random(seed)
+        if random.random() < ENGINES_SHARE:
+            return bytes(atheris.Mutate(data, size_max))
+        return changed(data, random, target)[:size_max]
 
-
-class _Progress:
-    """Prints the progress of a run."""
-
-    def __init__(self) -> None:
-        self._told_s = monotonic()
-
-    def __call__(self, name: str, number: int) -> None:
-        if monotonic() - self._told_s > PROGRESS_S:
-            self._told_s = monotonic()
-            print(f"{name}: input {number}", file=sys.stderr, flush=True)
+    memory_mb = (PROCESS_BYTES + MEMORY_MAX_BYTES) // 1_000_000
+    # `fault_of` limits the time, of the processor: libFuzzer's limit is of the wall's.
+    limits = ["-timeout=0", f"-rss_limit_mb={memory_mb}", f"-max_len={INPUT_MAX_BYTES}"]
+    ways = [f"-max_total_time={60.0 * minutes:.0f}", f"-artifact_prefix={folder}/", "-print_final_stats=1"]
+    folders = map(str, (found, CORPUS / target.name, valid))
+    atheris.Setup([sys.argv[0], *limits, *ways, *folders], read, custom_mutator=mutated)
+    atheris.Fuzz()  # it ends the process
+    return 0
 
 
 if __name__ == "__main__":

@@ -8,8 +8,9 @@ Whole records are left out: other topics, other times, and all but every n-th re
 import struct
 import sys
 from collections import Counter
-from collections.abc import Set
+from collections.abc import Mapping, Set
 from pathlib import Path
+from types import MappingProxyType
 
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
@@ -73,8 +74,15 @@ def cut_ulog(
     return bytes(out)
 
 
-def cut_bin(log: bytes, until_us: int, kept: Set[str], parameters: tuple[bytes, ...] = BIN_PARAMETERS) -> bytes:
+def cut_bin(
+    log: bytes,
+    until_us: int,
+    kept: Set[str],
+    parameters: tuple[bytes, ...] = BIN_PARAMETERS,
+    every: Mapping[str, int] = MappingProxyType({}),
+) -> bytes:
     out, at = bytearray(), 0
+    seen: Counter[str] = Counter()
     formats: dict[int, tuple[str, int]] = {0x80: ("FMT", 89)}
     while at + 3 <= len(log):
         name, length = formats[log[at + 2]]
@@ -88,6 +96,8 @@ def cut_bin(log: bytes, until_us: int, kept: Set[str], parameters: tuple[bytes, 
         else:
             keep = name in kept and struct.unpack_from("<Q", record, 3)[0] < until_us
             keep = keep and (name != "PARM" or record[11:27].rstrip(b"\0") in parameters)
+            seen[name] += keep
+            keep = keep and seen[name] % every.get(name, 1) == 0
         out += record if keep else b""
     return bytes(out)
 

@@ -1,6 +1,7 @@
-"""Fuzzing of external inputs: readers refuse mutated inputs with declared errors, within time and memory limits.
+"""Fuzzing of external inputs: readers refuse any bytes with their stated errors, within limits of time and memory.
 
-Input number i of a target and a seed is always the same, so that findings can be reproduced.
+`tests/support/fuzz_targets.py` has the readers. Inputs are valid ones, which the project's own writers make, those in
+`tests/corpus`, which fuzzing has found, and changes of both.
 """
 
 import re
@@ -8,50 +9,41 @@ import resource
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
+from functools import cached_property
 from random import Random
-from time import process_time
-from types import FrameType
+from types import FrameType, ModuleType
+from typing import Any
 
-from agents.team.codec import decode, encode
-from agents.team.messages import (
-    CommandAnswer,
-    MemberState,
-    MissionIdentity,
-    NeighbourAngle,
-    OperatorCommand,
-    StartProposal,
-    TargetPackage,
-    TargetReport,
-    VehicleReport,
-)
-from agents.team.perception import ExternalSighting, Perception, encode_sighting
-from estimation.profile.profile import ProfileError, ProfileLibrary
-from gcs.flightlog.container import LogError
-from gcs.flightlog.reader import read_log
-from gcs.flightlog.run import mission_of
-from gcs.mission.file import MissionError, parse_mission
-from gcs.vehicle_logs.foreign import read_vehicle_logs
-from tests.support.cut_logs import BIN_KEPT, ULOG_EVERY, cut_bin, cut_ulog
-from tests.support.flight_logs import engaging, record_simulation
-from tests.support.paths import DATA, MISSIONS, PROFILES
-from tests.support.telemetry_log import Station
+import msgspec
 
-LIMIT_S = 5.0
+from tests.support.paths import ROOT
+
+CORPUS = ROOT / "tests" / "corpus"
+"""A folder for each target. What once was a finding is named `found-...`; the other inputs reached new code."""
+SECONDS_MAX = 5
 """Limit of processor time per input."""
-WALL_LIMIT_S = 60.0
+WALL_SECONDS_MAX = 60.0
 """Limit of wall time per input: a busy computer stalls for seconds."""
 MEMORY_MAX_BYTES = 400_000_000
-"""Limit of the memory of a run beyond that of the valid inputs."""
+"""Limit of the memory beyond that of the valid inputs."""
+INPUT_MAX_BYTES = 16_384
 
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 _EXTREMES = (b"0", b"-1", b"1e308", b"-1e308", b"nan", b"inf", b"9" * 400, b"1e-320", b"255", b"true", b'""', b"[]")
-_BYTES = (b"\x00", b"\xff", b"\xff" * 8, b"\x00" * 8, b"\x7f\xff\xff\xff", b"[" * 400, b"\xc1", b"\xdf\xff\xff\xff\xff")
-
-Read = Callable[[bytes], object]
+_BYTES = (
+    b"\x00",
+    b"\xff",
+    b"\xff" * 8,
+    b"\x00" * 8,
+    b"\x7f\xff\xff\xff",
+    b'{"":' + b"[" * 1200,
+    b"\xc1",
+    b"\xdf\xff\xff\xff\xff",
+)
+_VALUES: tuple[object, ...] = (None, True, -1, 0, 255, 2**63, 1e308, 1e-320, "", "\x00", "a" * 200, (), {})
 
 
 class HangError(BaseException):
@@ -60,84 +52,44 @@ class HangError(BaseException):
 
 @dataclass(frozen=True)
 class Target:
-    """A reader of inputs: its name, valid inputs, share of a run, and the errors that it may raise."""
+    """A reader: its name, valid inputs, the errors that it states, and how many changed inputs a test reads."""
 
     name: str
     valid: Sequence[bytes]
-    read: Read
-    share: float
+    read: Callable[[bytes], object]
     errors: tuple[type[Exception], ...]
+    count: int
+
+    @cached_property
+    def inputs(self) -> list[bytes]:
+        """All inputs that are kept."""
+        return [*self.valid, *(path.read_bytes() for path in sorted((CORPUS / self.name).glob("*")))]
 
 
-@dataclass
-class Findings:
-    """The findings of a run: a line for each input that was handled wrongly, and the slowest inputs."""
-
-    counts: dict[str, int] = field(default_factory=dict)
-    faults: list[str] = field(default_factory=list)
-    slowest_s: dict[str, float] = field(default_factory=dict)
-    memory_bytes: int = 0
-
-
-def targets(folder: Path) -> list[Target]:
-    """Return all readers of external inputs; logs are written to `folder` for reading."""
-    file = folder / "fuzzed.log"
-
-    def written(read: Callable[[Path], object]) -> Read:
-        def read_file(data: bytes) -> object:
-            file.write_bytes(data)
-            return read(file)
-
-        return read_file
-
-    logs = {
-        "ulog": _small_ulog(),
-        "dataflash": cut_bin((DATA / "arducopter.bin").read_bytes(), 60_000_000, BIN_KEPT),
-        "tlog": _small_tlog(),
-    }
-    record_simulation(engaging(), folder / "valid.mcap", duration_s=2.0, flush_s=0.5)
-    own = (folder / "valid.mcap").read_bytes()
-    refusing = (LogError,)
-    return [
-        Target("bus", _messages(), _read_bus, 0.55, (ValueError,)),
-        Target("sighting", _sightings(), _Sightings().read, 0.15, ()),
-        Target("profile", [path.read_bytes() for path in sorted(PROFILES.glob("*.toml"))], _read_profile, 0.15, ()),
-        Target("mission", [path.read_bytes() for path in sorted(MISSIONS.glob("*.toml"))], _read_mission, 0.06, ()),
-        Target("mcap", [own], written(_read_own), 0.02, refusing),
-        Target("mcap as a vehicle's log", [own], written(read_vehicle_logs), 0.01, refusing),
-        *(Target(name, [log], written(read_vehicle_logs), 0.02, refusing) for name, log in logs.items()),
-    ]
-
-
-def run(
-    fuzzed: Sequence[Target], count: int, seed: int, note: Callable[[str, int], None] = lambda *_: None
-) -> Findings:
-    """Read `count` inputs in all; `note` receives the target and the number of each input."""
-    findings = Findings()
-    for target in fuzzed:
-        for valid in target.valid:
-            target.read(valid)
+def faults_of(target: Target) -> list[str]:
+    """Return the faults of a target on its kept inputs and on changed ones, with memory beyond the limit."""
+    for valid in target.valid:
+        target.read(valid)
     before_bytes = _peak_bytes()
-    for target in fuzzed:
-        findings.counts[target.name] = round(count * target.share)
-        for number in range(findings.counts[target.name]):
-            note(target.name, number)
-            began_s = process_time()
-            if fault := fault_of(target, mutated(target, seed, number)):
-                findings.faults.append(f"{target.name}, seed {seed}, input {number}: {fault}")
-            took_s = process_time() - began_s
-            findings.slowest_s[target.name] = max(took_s, findings.slowest_s.get(target.name, 0.0))
-    findings.memory_bytes = _peak_bytes() - before_bytes
-    return findings
+    changed = (mutated(target, number) for number in range(target.count))
+    faults = [f"{fault}input: {data!r}" for data in (*target.inputs, *changed) if (fault := fault_of(target, data))]
+    if (grown_bytes := _peak_bytes() - before_bytes) > MEMORY_MAX_BYTES:
+        faults.append(f"memory grew by {grown_bytes / 1e6:.0f} MB")
+    return faults
 
 
-def mutated(target: Target, seed: int, number: int) -> bytes:
-    """Return one of a target's inputs: a valid one after one to four changes."""
-    random = Random(f"{seed}/{target.name}/{number}")
-    data = random.choice(target.valid)
+def mutated(target: Target, number: int) -> bytes:
+    """Return a kept input after one to four changes, the same each time for a number."""
+    random = Random(f"{target.name}/{number}")
+    data = random.choice(target.inputs)
     for _ in range(random.choice((1, 1, 1, 2, 4))):
-        data = random.choice(_MUTATIONS)(data, random, target)
+        data = changed(data, random, target)
     return data
+
+
+def changed(data: bytes, random: Random, target: Target) -> bytes:
+    """Return an input after one change."""
+    return random.choice(_MUTATIONS)(data, random, target)[:INPUT_MAX_BYTES]
 
 
 def fault_of(target: Target, data: bytes) -> str:
@@ -148,7 +100,7 @@ def fault_of(target: Target, data: bytes) -> str:
     except target.errors:
         return ""
     except HangError:
-        limits = f"{LIMIT_S:g} s of the processor, or {WALL_LIMIT_S:g} s in all"
+        limits = f"{SECONDS_MAX} s of the processor, or {WALL_SECONDS_MAX:g} s in all"
         return f"took longer than {limits}:\n{traceback.format_exc(limit=-3)}"
     except Exception:
         return f"undeclared error:\n{traceback.format_exc(limit=-4)}"
@@ -160,7 +112,7 @@ def _limited() -> Iterator[None]:
     def end(_number: int, _frame: FrameType | None) -> None:
         raise HangError
 
-    timers = ((signal.SIGALRM, signal.ITIMER_REAL, WALL_LIMIT_S), (signal.SIGPROF, signal.ITIMER_PROF, LIMIT_S))
+    timers = ((signal.SIGALRM, signal.ITIMER_REAL, WALL_SECONDS_MAX), (signal.SIGPROF, signal.ITIMER_PROF, SECONDS_MAX))
     before = [signal.signal(number, end) for number, _, _ in timers]
     for _, timer, limit_s in timers:
         signal.setitimer(timer, limit_s)
@@ -229,79 +181,50 @@ def _line(data: bytes, random: Random, _: Target) -> bytes:
 
 
 def _cross(data: bytes, random: Random, target: Target) -> bytes:
-    other = random.choice(target.valid)
+    other = random.choice(target.inputs)
     return data[: random.randrange(len(data) + 1)] + other[random.randrange(len(other) + 1) :]
 
 
-_MUTATIONS = (_flip, _flip, _overwrite, _insert, _cut, _leave_out, _repeat, _number, _number, _line, _cross)
+def _value(data: bytes, random: Random, _: Target) -> bytes:
+    """Replace, leave out or repeat a value within a message that is encoded as msgpack or JSON."""
+    for coding in (msgspec.msgpack, msgspec.json):
+        with suppress(ValueError, RecursionError):
+            return _encoded(coding, _with_a_value_changed(coding.decode(data), random))
+    return data
 
 
-# Targets.
+def _encoded(coding: ModuleType, value: object) -> bytes:
+    encoded: bytes = coding.encode(value)
+    return encoded
 
 
-def _messages() -> list[bytes]:
-    two = (1.0, -2.0)
-    angle = NeighbourAngle(2, 1e9, 1.0, 0.05, 10.0)
-    package = TargetPackage(2, 1e9, two, (1.0, 0.0, 1.0), 0.8, 0.2, (1, 2))
-    messages = (
-        MemberState(1, 1e9, "formation", two, two, two, two, 8.0, 0.1, "battery low", "wedge", 1e9),
-        MemberState(2, 1e9, "encircle", two, two, two, two, angle=angle, sightings=(package,)),
-        StartProposal(1, 1e9, 1e9 + 2.0, mission=MissionIdentity("case2", "0123456789abcdef")),
-        OperatorCommand(1e9, "formation", None, "somebody@somewhere", 7, "line"),
-        CommandAnswer(2, 1e9, 7, "holds"),
-        VehicleReport(1, 1e9, "offboard", ended="landed", target=TargetReport(two, two, (1.0, 0.0, 1.0), 0.5)),
-    )
-    return [encode(message) for message in messages]
+def _with_a_value_changed(value: Any, random: Random) -> Any:
+    if not isinstance(value, list | dict) or not value or random.random() < 0.1:
+        return random.choice(_VALUES)
+    places = range(len(value)) if isinstance(value, list) else list(value)
+    place = random.choice(places)
+    match random.randrange(8):
+        case 0:
+            del value[place]
+        case 1 if isinstance(value, list):
+            value.insert(place, value[place])
+        case _:
+            value[place] = _with_a_value_changed(value[place], random)
+    return value
 
 
-def _read_bus(data: bytes) -> object:
-    return decode(data)
-
-
-def _sightings() -> list[bytes]:
-    covariance = (1.0, 0.1, 1.0)
-    return [
-        encode_sighting(ExternalSighting("mission", (35.0, -5.0), covariance, 0.8, 0.2, time_s=1e9, source=3)),
-        encode_sighting(ExternalSighting("geodetic", (47.3977, 8.5456), covariance, 0.8, 0.2, altitude_m=3.0)),
-    ]
-
-
-class _Sightings:
-    """A vehicle's reader of external sightings, which refuses by returning None."""
-
-    def __init__(self) -> None:
-        self._perception = Perception(engaging("case2").mission_frame(), lambda _: None)
-
-    def read(self, data: bytes) -> object:
-        return self._perception.take(data, 1e9, 1.0)
-
-
-def _read_profile(data: bytes) -> object:
-    with suppress(ProfileError):
-        return ProfileLibrary(None, {"own": data.decode(errors="replace")}).load("own")
-    return None
-
-
-def _read_mission(data: bytes) -> object:
-    with suppress(MissionError):
-        return parse_mission(data.decode(errors="replace"), None)
-    return None
-
-
-def _read_own(path: Path) -> object:
-    log = read_log(path)
-    for records in (log.run_records, *log.vehicles.values()):
-        for record in records[::7]:
-            record.read(record.kind)
-    return mission_of(log)
-
-
-def _small_ulog() -> bytes:
-    every: Mapping[str, int] = {name: 8 * each for name, each in ULOG_EVERY.items()}
-    return cut_ulog((DATA / "px4-quad.ulg").read_bytes(), (20_500_000, 24_000_000), dict(every))
-
-
-def _small_tlog() -> bytes:
-    station = Station([1], 1.0)
-    station.run(3.0)
-    return bytes(station.log)
+_MUTATIONS = (
+    _flip,
+    _flip,
+    _overwrite,
+    _insert,
+    _cut,
+    _leave_out,
+    _repeat,
+    _number,
+    _number,
+    _line,
+    _cross,
+    _value,
+    _value,
+)

@@ -32,6 +32,7 @@ def test_keys_are_made_once_and_only_their_user_reads_them(tmp_path: Path) -> No
         ("1 = 5", 0o600, "64 hexadecimal digits"),
         (f'300 = "{"ab" * 32}"', 0o600, "system id"),
         ("1 = ", 0o600, "Invalid value"),
+        ("1 = " + "[" * 5000, 0o600, "nested too deeply"),
         ("#" * 70_000, 0o600, "larger"),
         (None, 0, "keys issue mavlink"),
     ],

@@ -217,6 +217,7 @@ async def test_files_are_served_with_headers_that_keep_others_out(served: Statio
     [
         ("{", 1007),
         ("[]", 1007),
+        ('{"":' + "[" * 1200, 1007),
         (b"\x00\x01", 1007),
         (asked("1", "dance"), 1007),
         (asked("1", "hold", more=1), 1007),

@@ -4,11 +4,12 @@ import pytest
 
 from gcs.errors import InputError
 from gcs.sweep.columns import Row
-from gcs.sweep.folder import SweepFolder, SweepJournal, read_rows
+from gcs.sweep.folder import PLAN, SweepFolder, SweepJournal, read_rows
 from gcs.sweep.plan import planned
 
 pytestmark = pytest.mark.slow
 
+NESTED = b'{"":' + b"[" * 5000
 ROWS: dict[int, Row] = {0: {"holds": True, "closest_approach_m": 0.1 + 0.2}, 2: {"error": 'it "failed"\nbadly'}}
 
 
@@ -38,8 +39,15 @@ def test_a_journal_that_is_cut_anywhere_goes_on(path: Path) -> None:
 
 def test_a_line_that_cannot_be_read_is_as_if_its_run_were_not_flown(path: Path) -> None:
     lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b'{"run": "x"}\n' + b"\0\0\0\n" + lines[1])
+    path.write_bytes(b'{"run": "x"}\n' + b"\0\0\0\n" + NESTED + b"\n" + lines[1])
     assert read_rows(path) == {2: ROWS[2]}
+
+
+def test_a_plan_that_cannot_be_read_is_bad_input(tmp_path: Path) -> None:
+    for content in (b"{", NESTED):
+        (tmp_path / PLAN).write_bytes(content)
+        with pytest.raises(InputError, match="damaged"):
+            SweepFolder(tmp_path).read()
 
 
 def test_one_sweep_at_a_time_writes(path: Path) -> None:

@@ -16,6 +16,8 @@ def test_values_are_read_as_written(subtests: pytest.Subtests) -> None:
         ("true,false", (True, False)),
         ("[0.1, 0.0],[0.2, 0.0]", ([0.1, 0.0], [0.2, 0.0])),
         ("udpin://127.0.0.1:14540", ("udpin://127.0.0.1:14540",)),
+        ("[" * 5000, ("[" * 5000,)),
+        ("9" * 5000, ("9" * 5000,)),
     ):
         with subtests.test(given=given):
             found = variation(f"a.key={given}")
@@ -43,6 +45,7 @@ def test_what_cannot_be_varied_is_named(subtests: pytest.Subtests) -> None:
         ("r=0:1e9", "1000000000 values"),
         ("r=8,9,8.0", "8.0 is given twice"),
         ("r=1,inf", "inf is not finite"),
+        (f"r=1,{10**400}", "0 is too large"),
     ):
         with subtests.test(given=given), pytest.raises(InputError) as error:
             variation(given)
@@ -51,7 +54,15 @@ def test_what_cannot_be_varied_is_named(subtests: pytest.Subtests) -> None:
 
 
 def test_what_is_no_seed_is_named(subtests: pytest.Subtests) -> None:
-    for given, named in (("-1:2", "-1"), ("0.5", "0.5"), ("a:2", "'a:2'"), ("3,3", "3"), ("5:1", "empty"), ("", "''")):
+    for given, named in (
+        ("-1:2", "-1"),
+        ("0.5", "0.5"),
+        ("a:2", "'a:2'"),
+        ("3,3", "3"),
+        ("5:1", "empty"),
+        ("", "''"),
+        (f"{2**63}", "large"),
+    ):
         with subtests.test(given=given), pytest.raises(InputError, match=f"--seeds {given}: .*{named}"):
             seed_range(given)
 

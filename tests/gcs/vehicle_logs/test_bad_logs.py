@@ -388,6 +388,22 @@ def test_the_estimators_core_that_flies_is_read(read: Read) -> None:
     assert second.values[:, 0].min() > 45.0
 
 
+def test_a_damaged_name_of_a_topic_costs_that_topic_only(read: Read) -> None:
+    """Found by fuzzing: a name that is no text made the whole log unreadable."""
+    at = next(at for at, kind, body in ulog_records(ULOG) if kind == ord("A") and body[3:] == SETPOINT.encode())
+    log = read(ULOG[: at + 8] + b"\xee" + ULOG[at + 9 :])
+    assert (log.missing, log.position is not None) == ((SETPOINT,), True)
+
+
+def test_a_format_of_ardupilot_with_a_column_without_a_name_costs_its_records_only(read: Read) -> None:
+    """Found by fuzzing: it made the whole log unreadable."""
+    begin = BIN.index(b"SIM\0") + 20
+    columns = BIN[begin : begin + 64].replace(b"Alt,", b",").ljust(64, b"\0")
+    log = read(BIN[:begin] + columns + BIN[begin + 64 :])
+    assert (log.true_position, log.position is not None) == (None, True)
+    assert any("the format of SIM is inconsistent" in note for note in log.notes)
+
+
 def test_missing_topics_are_named(read: Read) -> None:
     dropped = set(topic_records(SETPOINT))
     kept = b"".join(
