@@ -1,7 +1,7 @@
-"""How many messages were dropped on receipt, by reason."""
+"""How many messages were dropped on receipt, by reason and by sender."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Annotated, ClassVar
 
@@ -79,18 +79,42 @@ class Drops(msgspec.Struct, frozen=True, omit_defaults=True):
 NO_DROPS = Drops()
 
 
+Refusals = Mapping[tuple[str, str], int]
+"""How often something of a sender was refused, by topic and name of the sender, such as `command/anna`, and by why."""
+_KEY_LENGTH = 128
+_SENDERS_MAX = 64
+_OTHERS = "others"
+
+
 class DropCounter:
     """Counts drops; `drops` is made anew only when one has been added."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
+        self._refusals: Counter[tuple[str, str]] = Counter()
         self._drops = NO_DROPS
         self._changed = False
 
-    def add(self, reason: Reason) -> None:
-        """Count one message."""
+    def add(self, reason: Reason, key: str = "") -> None:
+        """Count one message; one that was refused for what it is also for its sender, which `key` names."""
         self._counts[reason.value] += 1
         self._changed = True
+        if key:
+            (topic, _, _), (_, _, name) = key.partition("/"), key.rpartition("/")
+            is_readable = len(key) <= _KEY_LENGTH and key.isprintable()
+            self.refuse(f"{topic}/{name}" if is_readable else _OTHERS, reason.value.replace("_", " "))
+
+    def refuse(self, sender: str, why: str) -> None:
+        """Count a refusal for its sender only. Senders beyond a limit are counted together: they choose their names."""
+        refusal = sender, why
+        if refusal not in self._refusals and len(self._refusals) >= _SENDERS_MAX:
+            refusal = _OTHERS, why
+        self._refusals[refusal] += 1
+
+    @property
+    def refusals(self) -> Refusals:
+        """A copy of the refusals so far."""
+        return dict(self._refusals)
 
     @property
     def drops(self) -> Drops:

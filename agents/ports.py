@@ -1,13 +1,13 @@
 """The interfaces between an agent and its environment: the vehicle link and the peer bus, as protocols."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import Enum
 from math import isfinite
 from typing import Protocol
 
 import msgspec
 
-from agents.drops import Drops
+from agents.drops import Drops, Refusals
 from agents.team.external_positions import ExternalPosition
 from agents.team.messages import AutopilotReport, BusMessage
 from estimation.frames import Triple
@@ -195,6 +195,14 @@ class PeerBus(Protocol):
     @property
     def revoked(self) -> tuple[str, ...]:
         """The common names whose keys were revoked since it was opened: nothing is received from them."""
+
+    @property
+    def refusals(self) -> Refusals:
+        """What this process has refused so far, by sender."""
+
+    @property
+    def heads(self) -> Mapping[str, bytes]:
+        """The newest head of an audit log that each vehicle of another process has sent, by its name; not verified."""
 
     async def open(
         self,

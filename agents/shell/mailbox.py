@@ -8,8 +8,9 @@ import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Collection
 
-from agents.drops import DropCounter, Drops, Reason
+from agents.drops import DropCounter, Drops, Reason, Refusals
 from agents.team.messages import (
+    HEAD_TOPIC,
     OPERATOR_TOPIC,
     OPERATORS_TOPIC,
     PEER_TOPICS,
@@ -35,6 +36,7 @@ _KEPT = {TOPICS[MemberState].name: 4, TOPICS[CommandAnswer].name: 16}
 _OPERATOR_KEPT, _OPERATOR_RATE_HZ = 8, 50.0
 _SENSOR_KEPT, _SENSOR_RATE_HZ = 32, 200.0
 _ROSTER_RATE_HZ = 5.0
+_HEAD_RATE_HZ = 1.0
 _GUESTS = 32
 """The largest number of operators, and of sensors, that are distinguished at a time."""
 _NEW_GUESTS_HZ = 20.0
@@ -110,6 +112,7 @@ class Mailbox:
         self._ids = {str(member): member for member in members}
         self._own_names = frozenset(map(str, own))
         boxes = {f"{topic}/{name}": _Box(_KEPT.get(topic, 1), rate_hz) for topic in PEER_TOPICS for name in self._ids}
+        boxes |= {f"{HEAD_TOPIC}/{name}": _Box(1, _HEAD_RATE_HZ) for name in self._ids}
         self._own = {key: box for key, box in boxes.items() if key.partition("/")[2] in self._own_names}
         self._peers = {key: box for key, box in boxes.items() if key not in self._own}
         self._operators = _Guests(_OPERATOR_KEPT, _OPERATOR_RATE_HZ)
@@ -128,10 +131,21 @@ class Mailbox:
         with self._lock:
             return self._dropped.drops
 
-    def count(self, reason: Reason) -> None:
-        """Count a message that was dropped elsewhere."""
+    @property
+    def refusals(self) -> Refusals:
+        """What was refused so far, by sender."""
         with self._lock:
-            self._dropped.add(reason)
+            return self._dropped.refusals
+
+    def count(self, reason: Reason, key: str = "") -> None:
+        """Count a message that was dropped elsewhere, by its key also for its sender."""
+        with self._lock:
+            self._dropped.add(reason, key)
+
+    def refuse(self, sender: str, why: str) -> None:
+        """Count what was refused elsewhere and is no message."""
+        with self._lock:
+            self._dropped.refuse(sender, why)
 
     def put(self, key: str, length: int, read: Read, now_s: float, *, own: bool = False) -> bool:
         """Take a message of `length` bytes on a key below the team's, or drop it; `read` returns its payload.
@@ -142,13 +156,13 @@ class Mailbox:
         with self._lock:
             box = (self._own if own else self._peers).get(key) or self._guest_box(key, now_s)
             if key in self._blocked:
-                self._dropped.add(Reason.NOT_A_MEMBER)
+                self._dropped.add(Reason.NOT_A_MEMBER, key)
             elif isinstance(box, Reason):
-                self._dropped.add(box)
+                self._dropped.add(box, key)
             elif length > (ROSTER_LIMIT_BYTES if key.startswith(_ROSTERS) else PAYLOAD_LIMIT_BYTES):
-                self._dropped.add(Reason.TOO_LONG)
+                self._dropped.add(Reason.TOO_LONG, key)
             elif not box.limit.allows(now_s):
-                self._dropped.add(Reason.TOO_MANY)
+                self._dropped.add(Reason.TOO_MANY, key)
             else:
                 if len(box.waiting) == box.waiting.maxlen:
                     self._dropped.add(Reason.SUPERSEDED)
@@ -162,7 +176,7 @@ class Mailbox:
         with self._lock:
             vehicle_id = self._ids.get(name)
             if vehicle_id is None or (present and f"{PRESENCE_TOPIC}/{name}" in self._blocked):
-                self._dropped.add(Reason.NOT_A_MEMBER)
+                self._dropped.add(Reason.NOT_A_MEMBER, f"{PRESENCE_TOPIC}/{name}")
                 return False
             self._presence[vehicle_id] = present
             return self._calls()
@@ -217,6 +231,6 @@ class Mailbox:
                 return self._sensors.box(f"{topic}/{name}", now_s) or Reason.TOO_MANY
             case [topic, name] if topic == ROSTER_TOPIC and is_name(name):
                 return self._rosters.box(name, now_s) or Reason.TOO_MANY
-            case [topic, name] if topic in PEER_TOPICS:
+            case [topic, name] if topic in PEER_TOPICS or topic == HEAD_TOPIC:
                 return Reason.OWN_ID if name in self._own_names else Reason.NOT_A_MEMBER
         return Reason.UNKNOWN_KEY

@@ -4,11 +4,12 @@ The vehicles that a process flies share one Zenoh session, or one for each certi
 """
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from time import monotonic
 
-from agents.drops import NO_DROPS, Drops, Reason
+from agents.drops import NO_DROPS, Drops, Reason, Refusals
 from agents.ports import VehicleRefusedError
 from agents.shell.bus_security import Admitted, BusSecurity
 from agents.shell.clock import MissionClock
@@ -17,6 +18,7 @@ from agents.shell.mailbox import Mailbox
 from agents.shell.zenoh_session import BusTeam, ZenohSession
 from agents.team.codec import Admission
 from agents.team.messages import (
+    HEAD_TOPIC,
     OPERATORS_TOPIC,
     PRESENCE_TOPIC,
     REPORT_TOPIC,
@@ -94,6 +96,8 @@ class ZenohBus:
         """The common names whose keys were revoked since the sessions were opened."""
         self.rosters: dict[str, int] = {}
         """The serial of the newest signed roster that each participant has sent, by its name."""
+        self.heads: dict[str, bytes] = {}
+        """The newest head of an audit log that each vehicle of another process has sent, by its name; not verified."""
 
     def of(self, participant: Participant) -> "ParticipantBus":
         """Return the bus as one participant of a station uses it."""
@@ -109,6 +113,11 @@ class ZenohBus:
         """The messages dropped so far before delivery, and own messages that could not be sent."""
         unread, read = self._mailbox.drops, self._admission.drops
         return unread if read is NO_DROPS else unread.plus(read)
+
+    @property
+    def refusals(self) -> Refusals:
+        """What was refused so far, by sender."""
+        return Counter(self._mailbox.refusals) + Counter(self._admission.refusals)
 
     @property
     def alive(self) -> bool:
@@ -146,9 +155,9 @@ class ZenohBus:
             await asyncio.wait([self._opening, *self._renewals])
         await asyncio.to_thread(self._close_blocking)
 
-    def count(self, reason: Reason) -> None:
-        """Count a message that was dropped."""
-        self._mailbox.count(reason)
+    def count(self, reason: Reason, key: str = "") -> None:
+        """Count a message that was dropped, by its key also for its sender."""
+        self._mailbox.count(reason, key)
 
     def take_message(self, key: str, length: int, read: Callable[[], bytes], *, own: bool) -> None:
         """Take one message, on a Zenoh thread, or an own one on the publishing thread."""
@@ -172,6 +181,13 @@ class ZenohBus:
     def take_operator(self, name: str, present: bool) -> None:
         """Take one change of an operator's presence, on a Zenoh thread."""
         self._mailbox.put_operator(name, present)
+
+    def take_link(self, common_name: str) -> None:
+        """Take one link, on a Zenoh thread: TLS opens it for any certificate of the authority."""
+        security = self._stations[0].security
+        admitted = () if security is None else (each.common_name for each in security.grants)
+        if common_name in self.revoked or common_name not in admitted:
+            self._mailbox.refuse(common_name, "not on the roster")
 
     def _open_blocking(self) -> None:
         several = sum(len(station.vehicle_ids) for station in self._stations) > 1
@@ -209,8 +225,17 @@ class ZenohBus:
                 renewal = asyncio.ensure_future(self._renew(key.partition("/")[2], payload))
                 self._renewals.add(renewal)
                 renewal.add_done_callback(self._renewals.discard)
+            elif topic == HEAD_TOPIC:
+                self._keep_head(key, payload)
             else:
                 self._deliver(key, payload)
+
+    def _keep_head(self, key: str, payload: bytes) -> None:
+        name = key.partition("/")[2]
+        if self._stations[0].security is None:
+            self.count(Reason.MALFORMED, key)
+        elif all(self._names[name] not in station.vehicle_ids for station in self._stations):
+            self.heads[name] = payload
 
     async def _renew(self, sender: str, payload: bytes) -> None:
         """Take a roster: from now on drop what comes from holders that it does not admit any more.
@@ -222,7 +247,7 @@ class ZenohBus:
             admitted = await asyncio.to_thread(self._verified, payload)
         security = self._stations[0].security
         if admitted is None or security is None:
-            self.count(Reason.MALFORMED)
+            self.count(Reason.MALFORMED, f"{ROSTER_TOPIC}/{sender}")
             return
         self.rosters[sender] = max(admitted.serial, self.rosters.get(sender, 0))
         is_newer = admitted.serial > self._serial
@@ -300,6 +325,16 @@ class ParticipantBus:
     def revoked(self) -> tuple[str, ...]:
         """The common names whose keys were revoked since the bus was opened: nothing is received from them."""
         return self._bus.revoked
+
+    @property
+    def refusals(self) -> Refusals:
+        """What the process has refused so far, by sender."""
+        return self._bus.refusals
+
+    @property
+    def heads(self) -> Mapping[str, bytes]:
+        """The newest head of an audit log that each vehicle of another process has sent, by its name; not verified."""
+        return self._bus.heads
 
     @property
     def rosters(self) -> Mapping[str, int]:

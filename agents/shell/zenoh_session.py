@@ -65,6 +65,9 @@ class PresenceReceiver(Protocol):
 class Receiver(PresenceReceiver, Protocol):
     """Takes the messages that a session receives, on any thread; it must not raise."""
 
+    def take_link(self, common_name: str) -> None:
+        """Take a new link, with the common name in the certificate at its other end."""
+
     def take_message(self, key: str, length: int, read: Callable[[], bytes], *, own: bool) -> None:
         """Take a message of `length` bytes on a key below the team's; `own` if this session has sent it."""
 
@@ -170,6 +173,9 @@ class ZenohSession:
             take_own = callback(partial(take, own=True), indirect=False)
             session.declare_subscriber(keys, take_own, allowed_origin=zenoh.Locality.SESSION_LOCAL)
         self._watch(session, receiver)
+        if self._security is not None:
+            take_link = callback(partial(_note_link, receiver.take_link))
+            session.info.declare_link_events_listener(take_link, history=True)
 
     def watch(self, receiver: PresenceReceiver) -> None:
         """Pass to a receiver the presence of others, now and on every change."""
@@ -246,6 +252,12 @@ class ZenohSession:
 def _show(take: Callable[[str, bool], None], sample: zenoh.Sample) -> None:
     """Pass on the name in a liveliness token, and whether its presence begins or ends."""
     take(str(sample.key_expr).rsplit("/", 1)[-1], sample.kind == zenoh.SampleKind.PUT)
+
+
+def _note_link(take: Callable[[str], None], event: zenoh.LinkEvent) -> None:
+    """Pass on the common name of a new link; links by sockets have none."""
+    if event.kind == zenoh.SampleKind.PUT and event.link.auth_identifier is not None:
+        take(event.link.auth_identifier)
 
 
 def _settings(mode: _Mode, listen: Sequence[str], connect: Sequence[str]) -> dict[str, object]:

@@ -9,7 +9,7 @@ from typing import Any, Union
 
 import msgspec
 
-from agents.drops import DropCounter, Drops, Reason
+from agents.drops import DropCounter, Drops, Reason, Refusals
 from agents.team.messages import (
     BusMessage,
     CommandAnswer,
@@ -61,16 +61,21 @@ class Admission:
         """The counts of payloads not admitted so far."""
         return self._dropped.drops
 
+    @property
+    def refusals(self) -> Refusals:
+        """The same by sender."""
+        return self._dropped.refusals
+
     def admitted(self, key: str, payload: bytes) -> BusMessage | None:
         """Return the message in a payload on a key below the team's, None if it is malformed or on a wrong key."""
         try:
             message = decode(payload)
         except ValueError:
-            self._dropped.add(Reason.MALFORMED)
+            self._dropped.add(Reason.MALFORMED, key)
             return None
         reason = refusal(key, message)
         if reason is not None:
-            self._dropped.add(reason)
+            self._dropped.add(reason, key)
             return None
         return message
 

@@ -334,6 +334,8 @@ TOPICS: dict[type[BusMessage], Topic] = {
 OPERATOR_TOPIC = TOPICS[OperatorCommand].name
 ROSTER_TOPIC = "roster"
 """The topic of signed rosters of keys, which revoke keys in flight (`agents/shell/bus_security.py`)."""
+HEAD_TOPIC = "head"
+"""The topic of the signed heads of the vehicles' audit logs (`gcs/flight/audit_exchange.py`)."""
 PRESENCE_TOPIC, OPERATORS_TOPIC = "alive", "operator"
 """The topics of the liveliness tokens of vehicles and of operators; no messages are sent on them."""
 REPORT_TOPIC = TOPICS[VehicleReport].name

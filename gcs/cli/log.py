@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from gcs.cli.options import only_file
+from gcs.cli.options import file_or_folder, only_file
 from gcs.errors import Exit
 
 log = App(
@@ -63,28 +63,59 @@ def recover(options: RecoverOptions) -> Exit:
 
 
 @log.command
-def audit(path: Annotated[Path, Parameter(name="LOG", validator=only_file, help="The log of a flight.")], /) -> Exit:
+def audit(
+    logs: Annotated[list[Path], Parameter(validator=only_file, help="The logs of one flight.")],
+    /,
+    *,
+    keys: Annotated[
+        Path | None, Parameter(validator=file_or_folder, help="The keys by which to verify the heads' signatures.")
+    ] = None,
+) -> Exit:
     """List the operators' commands and the vehicles' responses, and verify that no entry was changed or removed.
 
-    Exit code 1 if the hash chain of the entries is broken. Note the last digest elsewhere: it identifies the log.
+    Exit code 1 if their hash chain is broken, or contradicts a head in another of the logs.
 
-    Example: cordon log audit 2026-05-04_10-00-00-case2.mcap
+    Example: cordon log audit vehicle1.mcap vehicle2.mcap vehicle3.mcap
     """
     from gcs.cli.output import print_result
     from gcs.console.terminal import print_line, print_problem
-    from gcs.flightlog.audit import AuditEntry, audit_line, chain_fault
+    from gcs.flightlog.audit import (
+        AuditedLog,
+        AuditEntry,
+        audit_line,
+        chain_fault,
+        is_signed_head,
+        rewritten,
+        unwitnessed,
+    )
     from gcs.flightlog.reader import read_log
+    from gcs.keys.key_folder import KeyFolder
 
-    records = read_log(path).run_records
-    entries = [each.read(AuditEntry) for each in records if each.kind is AuditEntry]
-    for entry in entries:
-        if entry.event != "closed":
-            print_result(audit_line(entry))
-    if fault := chain_fault(entries):
-        print_problem(f"{path}: the audit log is broken: {fault}")
-        return Exit.VERDICT_FAILED
-    print_line(f"{path}: {len(entries)} entries, none changed or removed; last digest {entries[-1].digest}")
-    return Exit.HOLDS
+    authority_pem = None if keys is None else KeyFolder(keys).authority_pem
+    audited, is_whole = list[AuditedLog](), True
+    for path in logs:
+        flight = read_log(path)
+        entries = [each.read(AuditEntry) for each in flight.run_records if each.kind is AuditEntry]
+        heads = [each for each in entries if each.event == "head"]
+        signed = [each for each in heads if authority_pem is None or is_signed_head(each, authority_pem)]
+        audited.append(AuditedLog(str(path), flight.run.vehicles, entries, signed))
+        for entry in entries:
+            if entry.event not in ("closed", "head"):
+                print_result(audit_line(entry))
+        if fault := chain_fault(entries):
+            print_problem(f"{path}: the audit log is broken: {fault}")
+            is_whole = False
+        else:
+            print_line(f"{path}: {len(entries)} entries, none changed or removed; last digest {entries[-1].digest}")
+        if unsigned := len(heads) - len(signed):
+            print_problem(f"{path}: {unsigned} heads of other logs are not signed by their vehicles")
+            is_whole = False
+    for fault in rewritten(audited):
+        print_problem(fault)
+        is_whole = False
+    for vehicle in unwitnessed(audited):
+        print_line(f"vehicle {vehicle}: these logs hold heads of its log, which is not among them", "yellow")
+    return Exit.HOLDS if is_whole else Exit.VERDICT_FAILED
 
 
 @Parameter(name="*")

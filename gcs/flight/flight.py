@@ -23,6 +23,7 @@ from gcs.console.command_client import CommandClient
 from gcs.console.keyboard import KeyBindings, Keyboard, KeyCommands, KeyedCommand
 from gcs.console.live import LiveView
 from gcs.errors import InputError
+from gcs.flight.audit_exchange import AuditExchange
 from gcs.flight.faults.failing_equipment import FailingEquipment
 from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.faults.team_faults import Injection, PresentFaults, TeamInFlight, UnauthorisedClient, last_in_line
@@ -260,6 +261,7 @@ async def _fly(
         hub = MavsdkHub(clock)
         stack.push_async_callback(hub.close)
         team.equip(hub, supervisor.heartbeat)
+        exchange = AuditExchange(team)
         for agent in team.agents:
             stack.push_async_callback(agent.close)
         target = TargetVehicle(plan.mission, hub, clock, team.agents, team.signing_keys)
@@ -274,7 +276,8 @@ async def _fly(
         began_s, began_mission_s = perf_counter(), clock.now_s()
         async with supervisor.follow(clock):
             with _at_speed(plan.speed, clock):
-                outcomes = await _fly_members(team, Watch(team, report, hint), injector.run(team, stubs))
+                watch = Watch(team, report, hint)
+                outcomes = await _fly_members(team, watch, exchange, injector.run(team, stubs))
         supervisor.report_unaccounted([i for i, outcome in outcomes.items() if outcome.unaccounted is not None])
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
@@ -317,14 +320,17 @@ async def _prepare(team: FlightTeam, target: TargetVehicle, report: FindingsRepo
         )
 
 
-async def _fly_members(team: FlightTeam, watch: Watch, injection: Coroutine[None, None, None]) -> dict[int, Outcome]:
-    beside = [asyncio.create_task(watch.run()), asyncio.create_task(injection)]
+async def _fly_members(
+    team: FlightTeam, watch: Watch, exchange: AuditExchange, injection: Coroutine[None, None, None]
+) -> dict[int, Outcome]:
+    beside = [asyncio.create_task(each) for each in (watch.run(), exchange.run(), injection)]
     try:
         outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
     finally:
         for task in beside:
             task.cancel()
         watch.end()
+    await exchange.end()
     return {
         member.vehicle.id: replace(outcome, unaccounted=member.agent.unaccounted)
         for member, outcome in zip(team.members, outcomes, strict=True)

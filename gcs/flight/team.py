@@ -86,8 +86,8 @@ class FlightTeam:
     """The members of this process and everything that they share in one flight.
 
     `stop` is the operator's request to end; `view` is the live view; `signing_keys` are those of the links,
-    by the vehicle's system id. `newest` is each vehicle's newest status, also during take-off and landing; `kinds` are
-    the vehicles' kinds by id. `priority` is entered for a flight on the wall's clock.
+    by the vehicle's system id. `newest` is each vehicle's newest status, also during take-off and landing; `buses` and
+    `kinds` are the vehicles' buses and kinds by id. `priority` is entered for a flight on the wall's clock.
     """
 
     plan: FlightPlan
@@ -99,6 +99,7 @@ class FlightTeam:
     signing_keys: Mapping[int, bytes] = field(default_factory=dict, repr=False)
     stop: Stop = field(default_factory=Stop)
     members: list[Member] = field(default_factory=list)
+    buses: dict[int, PeerBus] = field(default_factory=dict)
     newest: dict[int, CoreStatus] = field(default_factory=dict)
     kinds: dict[int, str] = field(default_factory=dict)
     priority: RaisedPriority = field(default_factory=RaisedPriority)
@@ -125,11 +126,11 @@ class FlightTeam:
         """
         plan = self.plan
         equipment = plan.equipment or Equipment()
-        buses = equipment.buses(plan.mission, plan.vehicles, self.clock, self.keys)
+        self.buses.update(equipment.buses(plan.mission, plan.vehicles, self.clock, self.keys))
         paces = link_paces(plan.mission, truth=not (plan.only_stubs or plan.mission.frame.local))
         for vehicle in plan.vehicles:
             link = self._link(vehicle, hub, paces[vehicle.section.url])
-            agent = self._agent(vehicle, link, buses[vehicle.id], heartbeat(vehicle.id))
+            agent = self._agent(vehicle, link, self.buses[vehicle.id], heartbeat(vehicle.id))
             self.members.append(Member(vehicle, link, agent))
 
     def _link(self, vehicle: MissionVehicle, hub: MavsdkHub, pace: RateController) -> CheckedLink:

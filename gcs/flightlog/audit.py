@@ -1,29 +1,31 @@
-"""Makes the entries of the audit log from the inputs and outputs of the vehicles' cores."""
+"""The audit log: its entries, made from the inputs and outputs of the vehicles' cores, and its heads in other logs."""
 
 import hashlib
+from base64 import b64decode
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 
 from agents.inputs import Bus, Command, Message
 from agents.outputs import TickOutput
 from agents.team.codec import decode
-from agents.team.messages import ROSTER_TOPIC, TOPICS, CommandAnswer, CommandKey, OperatorCommand, key_of
+from agents.team.messages import ROSTER_TOPIC, TOPICS, CommandAnswer, CommandKey, OperatorCommand, VehicleId, key_of
 from agents.team.text import printable
 
-Event = Literal["received", "answered", "revoked", "closed"]
+Event = Literal["received", "answered", "revoked", "head", "refused", "closed"]
 Source = Literal["bus", "keyboard", ""]
 
 
-class AuditEntry(msgspec.Struct, frozen=True):
-    """A command received by a vehicle, its answer, keys revoked in flight, or the closing of the log after all entries.
+class AuditEntry(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A command received by a vehicle, its answer, keys revoked in flight, refusals, a head of another log, or the end.
 
-    `operator` is the name in its key, and on a bus with keys that of the certificate. `did` is the vehicle's answer, or
-    the effect of a revocation. `previous` is the digest of the entry before, empty in the first; `digest` is the
-    SHA-256 of all other fields.
+    `operator` is the name in its key, and with keys that of the certificate. `did` is the answer, the effect of a
+    revocation, the reason, or the head's digest; `command` also the number of refusals, or of the head's entries;
+    `proof` the signed head (base64). `previous` is the digest of the entry before, empty in the first; `digest` is the
+    SHA-256 of all other fields, without an empty `proof`.
     """
 
     time_s: float
@@ -36,6 +38,16 @@ class AuditEntry(msgspec.Struct, frozen=True):
     did: str
     previous: str
     digest: str
+    proof: str = ""
+
+
+class AuditHead(msgspec.Struct, frozen=True, array_like=True, tag="head"):
+    """The number of entries of the log of a vehicle's process, the digest of the last one, and when it was so."""
+
+    vehicle: VehicleId
+    time_s: float
+    entries: Annotated[int, msgspec.Meta(ge=1, lt=2**53)]
+    digest: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$")]
 
 
 def sealed(entry: AuditEntry, previous: str) -> AuditEntry:
@@ -71,6 +83,7 @@ class AuditTrail:
 
     def __init__(self) -> None:
         self._previous = ""
+        self.length = 0
         self._commands: OrderedDict[tuple[int, CommandKey], tuple[Source, str, str]] = OrderedDict()
         self._answers: OrderedDict[tuple[int, CommandKey, str], None] = OrderedDict()
         self._revoked: dict[int, tuple[str, ...]] = {}
@@ -86,14 +99,16 @@ class AuditTrail:
                 self._revoked[vehicle_id] = revoked
                 did = f"accepts nothing from {', '.join(revoked)}"
                 yield self._chained(AuditEntry(time_s, "revoked", vehicle_id, "bus", "", ROSTER_TOPIC, 0, did, "", ""))
+            case AuditEntry():
+                yield self._chained(item)
             case TickOutput(messages=messages):
                 for each in messages:
                     if each.topic == _ANSWERS:
                         yield from self._answered(vehicle_id, time_s, decode(each.payload))
 
-    def closed(self, time_s: float) -> AuditEntry:
-        """Return the closing entry, which shows that no entries were removed from the end."""
-        return self._chained(AuditEntry(time_s, "closed", 0, "", "", "", 0, "", "", ""))
+    def head(self, time_s: float) -> AuditHead:
+        """Return what shows later whether the entries so far were changed."""
+        return AuditHead(0, time_s, self.length, self._previous)
 
     def _received(
         self, vehicle_id: int, time_s: float, command: OperatorCommand, source: Source, key: str
@@ -124,7 +139,64 @@ class AuditTrail:
     def _chained(self, entry: AuditEntry) -> AuditEntry:
         chained = sealed(entry, self._previous)
         self._previous = chained.digest
+        self.length += 1
         return chained
+
+
+def signer_and_head(authority_pem: bytes, payload: bytes) -> tuple[str, AuditHead]:
+    """Return the common name of who signed a head, and the head; raises ValueError unless it is signed."""
+    from gcs.keys.certificates import signer_and_content  # noqa: PLC0415
+
+    signer, content = signer_and_content(authority_pem, payload)
+    try:
+        return signer, msgspec.msgpack.decode(content, type=AuditHead)
+    except msgspec.MsgspecError as error:
+        raise ValueError(f"{signer} has signed no audit head") from error
+
+
+def is_signed_head(entry: AuditEntry, authority_pem: bytes) -> bool:
+    """Return whether the vehicle whose head an entry holds has signed it."""
+    try:
+        signer, head = signer_and_head(authority_pem, b64decode(entry.proof))
+    except ValueError:
+        return False
+    is_own = signer.partition("~")[0] == f"vehicle-{entry.vehicle}"
+    return is_own and (head.vehicle, head.entries, head.digest) == (entry.vehicle, entry.command, entry.did)
+
+
+class AuditedLog(NamedTuple):
+    """The audit log of a file: its name, its vehicles, its entries, and among them the heads of other logs to trust."""
+
+    name: str
+    vehicles: Collection[int]
+    entries: Sequence[AuditEntry]
+    heads: Sequence[AuditEntry]
+
+    def holds(self, head: AuditEntry) -> bool:
+        """Return whether it has the entries up to a head that another log holds."""
+        return 0 < head.command <= len(self.entries) and self.entries[head.command - 1].digest == head.did
+
+
+def rewritten(logs: Sequence[AuditedLog]) -> Iterator[str]:
+    """Return where logs of one flight contradict the heads that others of them hold, each pair of logs once."""
+    for witness in logs:
+        for vehicle in sorted({each.vehicle for each in witness.heads}):
+            accused = [each for each in logs if vehicle in each.vehicles]
+            held = [each for each in witness.heads if each.vehicle == vehicle]
+            wrong = [each for each in held if not any(log.holds(each) for log in accused)]
+            if accused and wrong:
+                names = " or ".join(each.name for each in accused)
+                fits = max((each.command for each in held if each not in wrong), default=0)
+                yield (
+                    f"{names}: rewritten after its entry {fits}: {witness.name} holds the head that vehicle {vehicle}"
+                    f" sent of {wrong[0].command} entries at {_time(wrong[0].time_s)}, digest {wrong[0].did}"
+                )
+
+
+def unwitnessed(logs: Sequence[AuditedLog]) -> Collection[int]:
+    """Return the vehicles whose heads these logs hold, but none of which is a log of them."""
+    held = {each.vehicle for log in logs for each in log.heads}
+    return sorted(held.difference(*(log.vehicles for log in logs)))
 
 
 def audit_line(entry: AuditEntry) -> str:
@@ -133,6 +205,8 @@ def audit_line(entry: AuditEntry) -> str:
     if entry.event == "revoked":
         who = "authority"
     did = "received" if entry.event == "received" else entry.did
+    if entry.event == "refused":
+        return printable(f"{_time(entry.time_s)}  bus  {entry.operator}  refused {entry.command} times: {did}")
     return printable(f"{_time(entry.time_s)}  vehicle {entry.vehicle}  {who}  {entry.key}  {did}")
 
 

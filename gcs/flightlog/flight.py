@@ -8,7 +8,7 @@ from agents.recording import RecordedCore
 from agents.settings.config import AgentConfig
 from agents.shell.clock import MissionClock
 from estimation.state import Telemetry
-from gcs.flightlog.audit import AuditTrail
+from gcs.flightlog.audit import AuditEntry, AuditHead, AuditTrail
 from gcs.flightlog.recorder import Recorder, RecorderThread, RecordWriter, VehicleRecorder
 from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
 from gcs.preflight.findings import VehicleFacts
@@ -42,8 +42,13 @@ class Recording:
         """Why the record ends before the flight does, empty if it does not."""
         return "" if self._recorder is None else self._recorder.fault
 
-    def note_run(self, record: Run | RunEnd) -> None:
-        """Record the run as a whole, where a later record replaces an earlier one, or how it ended."""
+    @property
+    def head(self) -> AuditHead | None:
+        """The newest head of the audit log, None before the first."""
+        return None if self._recorder is None else self._recorder.head
+
+    def note_run(self, record: Run | RunEnd | AuditEntry) -> None:
+        """Record the run as a whole, where a later record replaces an earlier one, how it ended, or an audit entry."""
         if self._recorder is not None:
             self._recorder.note(0, 0, record)
 

@@ -17,7 +17,7 @@ from agents.recording import RecordedCore
 from agents.settings.config import AgentConfig
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, OperatorCommand
-from gcs.flightlog.audit import AuditTrail
+from gcs.flightlog.audit import AuditEntry, AuditHead, AuditTrail
 from gcs.flightlog.records import Carried, Cost, Decision, Run, RunEnd, Taken, Truth, VehicleEnd, recorded
 from gcs.flightlog.writer import LogWriter
 from gcs.metrics.ending import VehicleEnding
@@ -75,6 +75,8 @@ class Recorder:
         `audit` makes the entries of the audit log; None for a log without an audit log.
         """
         self._audit = audit
+        self.head: AuditHead | None = None
+        """The head of the audit log at the last flush: what a killed process does not lose."""
         self._writer = writer
         self._now_s = now_s
         self._speed = speed
@@ -106,8 +108,7 @@ class Recorder:
         """Write up to `most` waiting records, and flush after a decision with notes; return whether some still wait."""
         self._drain(most)
         if self._eventful:
-            self._eventful = False
-            self._writer.flush()
+            self._flush()
         return bool(self._queue)
 
     def _drain(self, most: int = QUEUE_MAX) -> None:
@@ -122,8 +123,13 @@ class Recorder:
     def flush(self) -> None:
         """Write and flush all records so far, so that they survive this process."""
         self._drain()
+        self._flush()
+
+    def _flush(self) -> None:
         self._eventful = False
+        head = None if self._audit is None else self._audit.head(self._now_s())
         self._writer.flush()
+        self.head = head
 
     def close(self) -> None:
         """Write the remaining records and close the log."""
@@ -131,14 +137,15 @@ class Recorder:
             recorder.end()
         self._drain()
         if self._audit is not None:
-            self.note(0, 0, self._audit.closed(self._now_s()))
+            self.note(0, 0, AuditEntry(self._now_s(), "closed", 0, "", "", "", 0, "", "", ""))
             self._drain()
         self._writer.close()
 
     def _write(self, vehicle_id: int, number: int, time_s: float, time_ns: int, item: object) -> None:
-        record = self._taken(time_ns, item) if isinstance(item, list) else recorded(item)
-        self._eventful |= type(record) is Decision and bool(record.notes)
-        self._writer.write(vehicle_id, number, time_ns, record)
+        if not isinstance(item, AuditEntry):
+            record = self._taken(time_ns, item) if isinstance(item, list) else recorded(item)
+            self._eventful |= type(record) is Decision and bool(record.notes)
+            self._writer.write(vehicle_id, number, time_ns, record)
         if self._audit is not None:
             for each in _commands(item) if isinstance(item, list) else (item,):
                 for entry in self._audit.take(vehicle_id, time_s, each):

@@ -6,6 +6,7 @@ Import it only where certificates are created or signatures verified: the import
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
+import msgspec
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import hashes, serialization
@@ -85,6 +86,39 @@ class CertificateAuthority:
         return self._private_key.sign(content, _SIGNATURE)
 
 
+class _Signed(msgspec.Struct, frozen=True, array_like=True):
+    """A content, the certificate (DER) of who signed it, and the signature."""
+
+    content: bytes
+    certificate: bytes
+    signature: bytes
+
+
+def signed(keys: KeyPair, content: bytes) -> bytes:
+    """Return a content with its signature by a holder of keys, and the holder's certificate."""
+    private_key = serialization.load_pem_private_key(keys.private_key_pem, None)
+    assert isinstance(private_key, ec.EllipticCurvePrivateKey)
+    certificate = x509.load_pem_x509_certificate(keys.certificate_pem).public_bytes(serialization.Encoding.DER)
+    return msgspec.msgpack.encode(_Signed(content, certificate, private_key.sign(content, _SIGNATURE)))
+
+
+def signer_and_content(authority_pem: bytes, payload: bytes) -> tuple[str, bytes]:
+    """Return the common name of a holder of keys, and what it has signed.
+
+    Raises ValueError unless the authority has issued the certificate, and its holder signed the content.
+    """
+    try:
+        message = msgspec.msgpack.decode(payload, type=_Signed)
+        certificate = x509.load_der_x509_certificate(message.certificate)
+        certificate.verify_directly_issued_by(x509.load_pem_x509_certificate(authority_pem))
+    except Exception as error:  # whatever a forged certificate makes its parsers raise
+        raise ValueError("not a signed message of a certificate of the authority") from error
+    pem = certificate.public_bytes(serialization.Encoding.PEM)
+    if not is_signed(pem, message.content, message.signature):
+        raise ValueError("its signature is wrong")
+    return name_and_expiry(pem)[0], message.content
+
+
 def name_and_expiry(certificate_pem: bytes) -> tuple[str, float]:
     """Return a certificate's common name, and when it expires [Unix s]; raises ValueError if it cannot be read."""
     certificate = x509.load_pem_x509_certificate(certificate_pem)
@@ -95,9 +129,9 @@ def name_and_expiry(certificate_pem: bytes) -> tuple[str, float]:
 _SIGNATURE = ec.ECDSA(hashes.SHA256())
 
 
-def is_signed(authority_pem: bytes, content: bytes, signature: bytes) -> bool:
-    """Return whether an authority has signed a content; raises ValueError if its certificate cannot be read."""
-    public_key = x509.load_pem_x509_certificate(authority_pem).public_key()
+def is_signed(certificate_pem: bytes, content: bytes, signature: bytes) -> bool:
+    """Return whether a certificate's key has signed a content; raises ValueError if the certificate cannot be read."""
+    public_key = x509.load_pem_x509_certificate(certificate_pem).public_key()
     if not isinstance(public_key, ec.EllipticCurvePublicKey):
         raise ValueError("its key is not of an elliptic curve")
     try:

@@ -69,6 +69,13 @@ class KeyFolder:
             else InputError([f"{self.path}: no keys here; next: {self._next_step('vehicle', None)}"])
         )
 
+    @property
+    def authority_pem(self) -> bytes:
+        """The authority's certificate, from the folder of a holder here; raises InputError if there is none."""
+        for file in sorted(self.path.glob(f"*/{AUTHORITY_FILE}")):
+            return read(file)
+        raise InputError([f"{self.path}: no keys here; next: {self._next_step('vehicle', None)}"])
+
     def flying(self, vehicle_ids: Sequence[int]) -> Sequence[FlyingIdentity]:
         """Return the identities of a process that flies these vehicles, one for each. Raises InputError."""
         return [FlyingIdentity((each,), self.identity("vehicle", str(each)).security) for each in vehicle_ids]

@@ -12,13 +12,20 @@ import msgspec
 
 from agents.shell.bus_security import Admitted, Grant
 from agents.team import external_positions, perception
-from agents.team.messages import OPERATOR_TOPIC, OPERATORS_TOPIC, PEER_TOPICS, PRESENCE_TOPIC, ROSTER_TOPIC
+from agents.team.messages import (
+    HEAD_TOPIC,
+    OPERATOR_TOPIC,
+    OPERATORS_TOPIC,
+    PEER_TOPICS,
+    PRESENCE_TOPIC,
+    ROSTER_TOPIC,
+)
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
 from agents.team.verbs import Verb
 from gcs.errors import InputError
 from gcs.keys.private_files import locked, read, write
 
-_OF_VEHICLES = tuple(sorted(PEER_TOPICS | {ROSTER_TOPIC}))
+_OF_VEHICLES = tuple(sorted(PEER_TOPICS | {ROSTER_TOPIC, HEAD_TOPIC}))
 _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted({*_OF_VEHICLES} | SENSOR_TOPICS)), f"{OPERATOR_TOPIC}/*/*")
 """What a router forwards: it checks each sender against its certificate."""
 

@@ -2,12 +2,13 @@
 
 import asyncio
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import pytest
 from pymavlink.dialects.v20.common import MAVLink_set_gps_global_origin_message
 
-from agents.drops import NO_DROPS
+from agents.drops import NO_DROPS, Refusals
 from agents.shell.clock import WallClock
 from agents.team.messages import BusMessage, MemberState, OperatorCommand
 from estimation.state import Sighting
@@ -101,6 +102,8 @@ class Bus:
     drops = NO_DROPS
     operated = False
     revoked: tuple[str, ...] = ()
+    refusals: Refusals = MappingProxyType({})
+    heads: Mapping[str, bytes] = MappingProxyType({})
 
     def __init__(self) -> None:
         self.deliver: Callable[[BusMessage], None] = lambda _message: None

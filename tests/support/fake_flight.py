@@ -1,16 +1,17 @@
 """One agent with a scripted vehicle, bus, clock and operator, on an event loop in simulated time."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import count, groupby
+from types import MappingProxyType
 from typing import ClassVar
 
 from msgspec import structs
 
 from agents.core import VehicleCore
-from agents.drops import NO_DROPS
+from agents.drops import NO_DROPS, Refusals
 from agents.inputs import CoreInput, TacticEvent
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
@@ -185,6 +186,8 @@ class FakeBus:
     alive = True
     operated = False
     revoked: tuple[str, ...] = ()
+    refusals: Refusals = MappingProxyType({})
+    heads: Mapping[str, bytes] = MappingProxyType({})
     drops = NO_DROPS
 
     def __init__(self) -> None:

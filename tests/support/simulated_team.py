@@ -5,13 +5,14 @@ drills.
 """
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 from math import hypot
+from types import MappingProxyType
 from typing import Self
 
 from agents.core import VehicleCore
-from agents.drops import NO_DROPS
+from agents.drops import NO_DROPS, Refusals
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.agent import Agent
@@ -187,6 +188,8 @@ class MemberBus:
     """One vehicle's part of the bus; implements `agents.ports.PeerBus`."""
 
     operated, revoked, drops = False, (), NO_DROPS
+    refusals: Refusals = MappingProxyType({})
+    heads: Mapping[str, bytes] = MappingProxyType({})
 
     def __init__(self, team: TeamBus, vehicle_id: int) -> None:
         self.alive = True

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import msgspec
 
-from agents.drops import Drops
+from agents.drops import Drops, Refusals
 from agents.ports import PeerBus, TargetSensor
 from agents.shell.clock import MissionClock
 from agents.team.codec import decode, encode
@@ -58,6 +58,16 @@ class FailingBus:
     def revoked(self) -> tuple[str, ...]:
         """The common names that were revoked on the real bus."""
         return self._bus.revoked
+
+    @property
+    def refusals(self) -> Refusals:
+        """What the real bus has refused."""
+        return self._bus.refusals
+
+    @property
+    def heads(self) -> Mapping[str, bytes]:
+        """The heads that the real bus has received."""
+        return self._bus.heads
 
     async def open(
         self,

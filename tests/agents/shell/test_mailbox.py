@@ -150,3 +150,40 @@ def test_threads_lose_no_call_and_no_count() -> None:
     ended.set()
     receiver.join()
     assert taken[0] + mailbox.drops.superseded + len(mailbox.take()[1]) == 20_000
+
+
+def test_what_is_refused_is_counted_by_sender_up_to_a_limit() -> None:
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
+    mailbox.block(frozenset({"command/hold/anna", "alive/3"}))
+    for _ in range(3):
+        mailbox.put("command/hold/anna", 1, unread, 100.0)
+    mailbox.put("member/9", 1, unread, 100.0)
+    mailbox.put("\x1b/" * 5, 1, unread, 100.0)
+    mailbox.put_presence("3", present=True)
+    mailbox.refuse("operator-anna", "not on the roster")
+    expected = {
+        ("command/anna", "not a member"): 3,
+        ("member/9", "not a member"): 1,
+        ("others", "unknown key"): 1,
+        ("alive/3", "not a member"): 1,
+        ("operator-anna", "not on the roster"): 1,
+    }
+    assert mailbox.refusals == expected
+    put(mailbox, "start/2")
+    put(mailbox, "start/2")
+    assert mailbox.refusals == expected, "what a newer message replaces is not refused"
+    for k in range(1000):
+        mailbox.put(f"junk/{k}", 1, unread, 100.0)
+    assert len(mailbox.refusals) < 70
+    assert sum(mailbox.refusals.values()) == 1007
+
+
+def test_heads_of_audit_logs_wait_apart_and_seldom() -> None:
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
+    for key in ("head/2", "head/3", "head/9", "head/1"):
+        put(mailbox, key)
+    assert mailbox.take()[1] == [("head/2", b"x"), ("head/3", b"x")]
+    assert mailbox.drops == Drops(not_a_member=1, own_id=1)
+    for _ in range(100):
+        put(mailbox, "head/2")
+    assert mailbox.drops.too_many > 80

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from agents.team.messages import OperatorCommand
 from estimation.state import Telemetry
 from gcs.cli.log import audit
 from gcs.errors import Exit
-from gcs.flightlog.audit import AuditEntry, chain_fault
+from gcs.flightlog.audit import AuditedLog, AuditEntry, AuditHead, chain_fault, rewritten, sealed, unwitnessed
 from gcs.flightlog.container import LogError
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.reader import read_log
@@ -101,7 +102,7 @@ def test_the_chain_is_of_plain_hashes_and_whole(log: Path) -> None:
         assert entry.previous == previous
         previous = hashlib.sha256(text.encode()).hexdigest()
         assert entry.digest == previous
-    assert audit(log) == Exit.HOLDS
+    assert audit([log]) == Exit.HOLDS
 
 
 def test_whatever_is_changed_is_found(log: Path, subtests: pytest.Subtests) -> None:
@@ -133,5 +134,90 @@ def test_a_log_that_was_not_closed_does_not_verify(tmp_path: Path) -> None:
             return False
 
         until_now(holds_entries)  # it is flushed every second
-    assert audit(cut) == Exit.VERDICT_FAILED
-    assert audit(path) == Exit.HOLDS
+    assert audit([cut]) == Exit.VERDICT_FAILED
+    assert audit([path]) == Exit.HOLDS
+
+
+def chain(*texts: str, heads: tuple[AuditEntry, ...] = ()) -> tuple[AuditEntry, ...]:
+    """Return a closed chain of entries."""
+    answers = [AuditEntry(1.0, "answered", 1, "bus", "anna", "command/hold/anna", 1, each, "", "") for each in texts]
+    entries, previous = list[AuditEntry](), ""
+    for each in (*answers, *heads, AuditEntry(9.0, "closed", 0, "", "", "", 0, "", "", "")):
+        entries.append(sealed(each, previous))
+        previous = entries[-1].digest
+    return tuple(entries)
+
+
+def head_of(vehicle: int, entries: Sequence[AuditEntry], length: int) -> AuditEntry:
+    digest = entries[length - 1].digest
+    return AuditEntry(5.0, "head", vehicle, "bus", f"vehicle-{vehicle}", f"head/{vehicle}", length, digest, "", "")
+
+
+def audited(name: str, vehicles: list[int], entries: Sequence[AuditEntry]) -> AuditedLog:
+    return AuditedLog(name, vehicles, entries, [each for each in entries if each.event == "head"])
+
+
+def test_a_log_that_was_rewritten_as_a_whole_is_not_the_one_whose_heads_others_hold(subtests: pytest.Subtests) -> None:
+    first = chain("holds", "refused: not allowed", "lands")
+    witness = audited("b.mcap", [2], chain("holds", heads=(head_of(1, first, 1), head_of(1, first, 3))))
+    altered = {
+        "an entry changed": (chain("holds", "obeyed", "lands"), "1"),
+        "the first entry changed": (chain("lands", "refused: not allowed", "lands"), "0"),
+        "an entry removed": (chain("holds", "refused: not allowed"), "1"),
+        "all entries removed": (chain(), "0"),
+    }
+    assert not list(rewritten([audited("a.mcap", [1], first), witness]))
+    for name, (entries, fits) in altered.items():
+        with subtests.test(name=name):
+            assert chain_fault(entries) == ""
+            (fault,) = rewritten([audited("a.mcap", [1], entries), witness])
+            assert fault.startswith(
+                f"a.mcap: rewritten after its entry {fits}: b.mcap holds the head that vehicle 1 sent"
+            )
+    with subtests.test(name="the witness rewritten"):
+        witnessed = (head_of(2, witness.entries, 3),)
+        third = audited("c.mcap", [3], chain(heads=witnessed))
+        accusing = audited("b.mcap", [2], chain("holds", heads=(head_of(1, chain("forged"), 1),)))
+        faults = list(rewritten([audited("a.mcap", [1], first), accusing, third]))
+        assert [each.partition(":")[0] for each in faults] == ["a.mcap", "b.mcap"]
+
+
+def test_heads_of_a_process_that_was_started_again_are_in_one_of_its_logs() -> None:
+    before, after = chain("holds"), chain("resumes", "lands")
+    witness = audited("b.mcap", [2], chain(heads=(head_of(1, before, 1), head_of(1, after, 2))))
+    logs = [audited("a1.mcap", [1], before), audited("a2.mcap", [1], after), witness]
+    assert not list(rewritten(logs))
+    assert len(list(rewritten(logs[1:]))) == 1
+    assert not unwitnessed(logs)
+    assert unwitnessed([witness]) == [1]
+
+
+def test_the_command_compares_logs_with_the_heads_in_others(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries, witness, forged = entries_of(log), tmp_path / "b.mcap", tmp_path / "forged.mcap"
+    mission = load_mission("case2")
+    with Recording(LogWriter(witness, Context()), WallClock(1.0)) as recording:
+        recording.note_run(run_of(mission, (3,), seed=0, source="flight", speed=1.0, began_s=1.7e9, duration_s=10.0))
+        recording.note_run(head_of(2, entries, 4))
+    with Recording(LogWriter(forged, Context()), WallClock(1.0)) as recording:
+        recording.note_run(run_of(mission, (2,), seed=0, source="flight", speed=1.0, began_s=1.7e9, duration_s=10.0))
+        for entry in entries[2:-1]:
+            recording.note_run(entry)
+    assert audit([forged]) == Exit.HOLDS, "by itself it is whole"
+    assert audit([log, witness]) == Exit.HOLDS
+    capsys.readouterr()
+    assert audit([forged, witness]) == Exit.VERDICT_FAILED
+    told = capsys.readouterr().err
+    assert f"{forged}: rewritten after its entry 0: {witness} holds the head that vehicle 2 sent of 4 entries" in told
+    assert audit([witness]) == Exit.HOLDS
+
+
+def test_the_head_is_that_of_the_entries_on_disk(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with Recording(LogWriter(path, Context()), WallClock(1.0)) as recording:
+        fly_commanded(recording)
+        until_now(lambda: recording.head is not None and recording.head.entries == 9)
+        head = recording.head
+    assert head is not None
+    assert head == AuditHead(0, head.time_s, 9, entries_of(path)[8].digest)

@@ -54,7 +54,7 @@ def granted(keys: AuthorityFolder, common_name: str) -> set[str]:
 
 
 def test_each_role_may_send_on_its_own_keys_only(keys: AuthorityFolder) -> None:
-    own = {"member/3", "start/3", "answer/3", "@report/3", "roster/3", "alive/3"}
+    own = {"member/3", "start/3", "answer/3", "@report/3", "head/3", "roster/3", "alive/3"}
     assert granted(keys, "vehicle-3") == own
     steering = set(VERBS) - {"kill"}
     assert granted(keys, "operator-anna") == {f"command/{verb}/anna" for verb in steering} | {

@@ -97,7 +97,7 @@ def test_all_processes_of_a_run_fly_its_vehicles_with_one_certificate(runtime: P
         own = grants.pop(str(name.value))
         assert own.presence == ("alive/1", "alive/2")
         assert sorted(own.topics) == sorted(
-            f"{topic}/{i}" for topic in ("@report", "answer", "member", "roster", "start") for i in (1, 2)
+            f"{topic}/{i}" for topic in ("@report", "answer", "head", "member", "roster", "start") for i in (1, 2)
         )
         others = [topic for grant in grants.values() for topic in (*grant.topics, *grant.presence)]
         assert not [

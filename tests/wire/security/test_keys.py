@@ -18,24 +18,39 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import msgspec
 import pytest
 import zenoh
+from foxglove import Context
+from rich.console import Console
 
 from agents.shell.bus_security import BusSecurity
+from agents.shell.clock import WallClock
 from agents.shell.gate import FAILED_MAX
 from agents.shell.zenoh_bus import ParticipantBus, Station, ZenohBus, single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
 from agents.team.messages import ROSTER_TOPIC, BusMessage, CommandAnswer, MemberState, OperatorCommand, key_of
 from agents.team.participant import Role, vehicle
+from gcs.cli.log import audit
+from gcs.console.live import LiveView
 from gcs.errors import Exit
+from gcs.flight import audit_exchange
+from gcs.flight.team import FlightTeam
+from gcs.flightlog.audit import AuditEntry
+from gcs.flightlog.flight import Recording
+from gcs.flightlog.reader import read_log
+from gcs.flightlog.run import run_of
+from gcs.flightlog.writer import LogWriter
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.run_keys import RunKeys
 from gcs.keys.team_keys import NoKeys, TeamKeys
+from gcs.mission.file import load_mission
 from tests.conftest import Ran
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, free_ports, until
@@ -438,6 +453,10 @@ async def test_what_comes_from_keys_revoked_in_flight_is_dropped(
         with subtests.test("nothing is heard of them"):
             assert await tried(team, *settings.values(), expected=silent) == [silent] * 3
             assert team.buses[0].revoked == ("operator-anna", "sensor-mast", "vehicle-3")
+            refused = team.buses[0].refusals
+            assert refused["command/anna", "not a member"] > 0
+            assert refused["operator-anna", "not on the roster"] > 0
+            assert not {sender for sender, _ in refused} & {"member/2", "vehicle-2", "operator-bob"}
             assert team.present == [{2}, {1}]
         with subtests.test("others are heard"):
             bob = with_keys(security_of(keys, "operator", "bob"))
@@ -479,6 +498,76 @@ def keyed_mission(mission_file: Callable[..., str]) -> str:
     """Return a mission beside the folder of keys."""
     first = "[[vehicles]]\nid = 1\n"
     return mission_file("case2", (first, f'[network]\nteam = "{TEAM}"\nsecurity = {{ keys = "keys" }}\n\n{first}'))
+
+
+class Process:
+    """A process that flies one of the vehicles: its bus, its audit log, and its exchange of heads."""
+
+    def __init__(self, keys: AuthorityFolder, vehicle_id: int, bus: ParticipantBus, folder: Path) -> None:
+        self.log = folder / f"vehicle{vehicle_id}.mcap"
+        self.clock = WallClock(1.0)
+        self.recorded = LogWriter(self.log, Context())
+        self.recording = Recording(self.recorded, self.clock)
+        self.keys, self.buses, self.view = KeyFolder(keys.path), {vehicle_id: bus}, LiveView(Console(quiet=True))
+        self.plan = SimpleNamespace(mission=load_mission("case2"), log=self.recorded)
+        self.members = [SimpleNamespace(vehicle=SimpleNamespace(id=vehicle_id))]
+        run = run_of(
+            load_mission("case2"), (vehicle_id,), seed=0, source="flight", speed=1.0, began_s=1.7e9, duration_s=10.0
+        )
+        self.recording.note_run(run)
+
+    def obeys(self, name: str) -> None:
+        entry = AuditEntry(time.time(), "answered", 1, "bus", name, f"command/land/{name}", 1, "lands", "", "")
+        self.recording.note_run(entry)
+
+
+async def test_a_log_rewritten_after_the_flight_contradicts_the_heads_in_the_log_of_its_peer(
+    keys: AuthorityFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(audit_exchange, "HEAD_EVERY_S", 0.5)
+    async with peers(keys) as team, AsyncExitStack() as stack:
+        flights = [Process(keys, k + 1, bus, tmp_path) for k, bus in enumerate(team.buses)]
+        for each in flights:
+            stack.enter_context(each.recording)
+        exchanges = [audit_exchange.AuditExchange(cast(FlightTeam, each)) for each in flights]
+        running = [asyncio.create_task(each.run()) for each in exchanges]
+        flights[0].obeys("anna")
+        await until(lambda: "1" in team.buses[1].heads and "2" in team.buses[0].heads, waiting_for="heads of both")
+        flights[0].obeys("bob")
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+        before = team.buses[1].heads["1"]
+        await exchanges[0].end()
+        await until(lambda: team.buses[1].heads["1"] != before, waiting_for="the last head")
+        await exchanges[1].end()
+    first, second = (flight.log for flight in flights)
+    entries = [each.read(AuditEntry) for each in read_log(first).run_records if each.kind is AuditEntry]
+    bob = next(k for k, each in enumerate(entries) if each.operator == "bob")
+    assert audit([first, second]) == Exit.HOLDS
+    forged = tmp_path / "forged.mcap"
+    with Recording(LogWriter(forged, Context()), WallClock(1.0)) as recording:
+        recording.note_run(read_log(first).run)
+        for entry in (*entries[:bob], *entries[bob + 1 : -1]):
+            recording.note_run(entry)
+    assert audit([forged]) == Exit.HOLDS
+    capsys.readouterr()
+    assert audit([forged, second]) == Exit.VERDICT_FAILED
+    told = capsys.readouterr().err
+    assert f"{forged}: rewritten after its entry" in told
+    assert f"{second} holds the head that vehicle 1 sent of" in told
+    assert audit([first, second], keys=keys.path) == Exit.HOLDS
+    accusing = tmp_path / "accusing.mcap"
+    with Recording(LogWriter(accusing, Context()), WallClock(1.0)) as recording:
+        recording.note_run(read_log(second).run)
+        (*_, head) = (
+            each.read(AuditEntry)
+            for each in read_log(second).run_records
+            if each.kind is AuditEntry and each.read(AuditEntry).event == "head"
+        )
+        recording.note_run(msgspec.structs.replace(head, did="ab" * 32))
+    assert audit([first, accusing], keys=keys.path) == Exit.VERDICT_FAILED
+    assert "1 heads of other logs are not signed by their vehicles" in capsys.readouterr().err
 
 
 async def test_the_command_revokes_in_flight(keys: AuthorityFolder, mission_file: Callable[..., str]) -> None:
