@@ -52,7 +52,6 @@ from tests.support.wire import PATIENCE_S, free_ports, until
 pytestmark = pytest.mark.wire
 
 TEAM = "keys"
-HOUR_S = 3600.0
 TRIES = 8
 """Attempts of a stranger after all that is expected was heard: each sends all keys once."""
 CLOSED_S = 2.0
