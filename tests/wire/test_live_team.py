@@ -1,12 +1,7 @@
-"""The pictures of a team that flies in another process: against its stubs, its log, and its replay.
-
-Its log is replayed: every decision is the same again.
-"""
+"""The pictures of a team that flies in another process: against its stubs."""
 
 import asyncio
 import json
-import os
-import sys
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
@@ -14,30 +9,22 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import atan2, cos, dist, radians, sin
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from agents.inputs import Start
 from agents.shell.clock import MissionClock, WallClock
 from estimation.state import Vector
 from gcs.console.vehicle_view import VehicleView
 from gcs.flight.stubs import prepared_configs
-from gcs.flightlog.reader import FlightLog, read_log
-from gcs.flightlog.records import Decision
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from gcs.replay.cores import replay
-from gcs.replay.timeline import timeline_of
 from gcs.station.live_team import LiveTeam
-from gcs.station.picture import EventPicture, FlightPicture, MissionPicture, OperatorRights, TeamPicture
-from gcs.station.recorded_flight import recorded_flight
+from gcs.station.picture import EventPicture, MissionPicture, OperatorRights, TeamPicture
 from sitl.autopilot.modes import NavMode
 from sitl.server.server import Stub
 from tests.support.mission_text import LOW
-from tests.support.wire import PATIENCE_S, served, until
+from tests.support.wire import PATIENCE_S, running, served, until
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
@@ -55,7 +42,7 @@ SOON = (
 """What makes the ring form soon, inside a fence."""
 WITHIN_S = 0.5
 """How old what is shown may be [wall s], where the team flies at its full speed."""
-NEAR_M, NEAR_RAD = 0.15, 0.03
+NEAR_M = 0.15
 """How far off what is shown may be: the states go on unchanged within 0.1 m."""
 MODES = {NavMode.OFFBOARD: "offboard", NavMode.HOLD: "hold", NavMode.LAND: "land", NavMode.TAKE_OFF: "take-off"}
 
@@ -103,7 +90,6 @@ class Scene:
     stubs: dict[int, Stub] = field(default_factory=dict)
     truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=200))
     teams: list[TeamPicture] = field(default_factory=list)
-    published_s: list[float] = field(default_factory=list)
     clock: MissionClock = field(default_factory=WallClock)
     events: list[EventPicture] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
@@ -113,7 +99,6 @@ class Scene:
         match picture:
             case TeamPicture():
                 self.teams.append(picture)
-                self.published_s.append(self.clock.now_s())
                 if picture.ring_members == 3 and all(each.fence_margin_m is not None for each in picture.vehicles):
                     self.compare(picture)
             case EventPicture():
@@ -124,9 +109,6 @@ class Scene:
     @property
     def team(self) -> TeamPicture:
         return self.teams[-1]
-
-    def vehicle(self, vehicle_id: int) -> VehicleView:
-        return next(each for each in self.team.vehicles if each.vehicle_id == vehicle_id)
 
     def compare(self, team: TeamPicture) -> None:
         """Note what of a picture was true at no time in the last half second."""
@@ -194,22 +176,6 @@ async def stubs(scene: Scene) -> AsyncIterator[None]:
 
 
 @asynccontextmanager
-async def fly(mission: str, log: Path, duration_s: float) -> AsyncIterator[asyncio.subprocess.Process]:
-    """Fly in a process of its own."""
-    pipe = asyncio.subprocess.PIPE
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gcs", "fly", mission, "--duration", f"{duration_s:g}", "--log", str(log), "--json"),
-        stdout=pipe, stderr=pipe, env={**os.environ, "TERM": "dumb", "NO_COLOR": "1"},
-    )  # fmt: skip
-    try:
-        yield process
-    finally:
-        if process.returncode is None:
-            process.kill()
-        await process.communicate()
-
-
-@asynccontextmanager
 async def watched(scene: Scene) -> AsyncIterator[None]:
     """Make pictures of it."""
     tasks = [asyncio.create_task(scene.follow_truth())]
@@ -223,20 +189,14 @@ async def watched(scene: Scene) -> AsyncIterator[None]:
         assert all(isinstance(each, asyncio.CancelledError) for each in ended), ended
 
 
-def way_back(log_path: Path, vehicle_id: int) -> str:
-    """Return the change of tactic with which a vehicle began its way back, by the log of the flight."""
-    tactics = [each.tactic for each in read_log(log_path).of_kind(vehicle_id, Decision)]
-    return next(f"{before} -> {after}" for before, after in pairwise(tactics) if before != after == "return and land")
-
-
-async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callable[..., str], tmp_path: Path) -> None:
-    path, log_path = mission_file("case2", *SOON, LOW), tmp_path / "flight.mcap"
+async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callable[..., str]) -> None:
+    path = mission_file("case2", *SOON, LOW)
     scene = Scene(load_mission(path))
     live = LiveTeam(scene.mission)
     assert live.mission(OperatorRights("anna")).operator.name == "anna"
     async with stubs(scene), watched(scene):
         await until(lambda: bool(scene.teams) and "no flight" in scene.team.link, waiting_for="it waits for a flight")
-        async with fly(path, log_path, DURATION_S) as process:
+        async with running("fly", path, "--duration", f"{DURATION_S:g}", "--no-log", "--json") as process:
             # A vehicle connects before its first motion arrives.
             await until(lambda: all(each.position_m for each in scene.team.vehicles), waiting_for="all on the ground")
             assert scene.team.link == ""
@@ -252,82 +212,9 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
         assert [each.ending for each in scene.team.vehicles] == ["landed"] * 3
         await until(lambda: "no flight" in scene.team.link, waiting_for="the flight is over")
     assert not scene.faults, (len(scene.faults), scene.compared, scene.faults[:20])
-    compare_with_log(scene, read_log(log_path))
-    compare_with_replay(scene, recorded_flight(read_log(log_path)))
-    replay_bit_for_bit(read_log(log_path))
-    texts = {(each.vehicle_id, each.text) for each in scene.events}
     for vehicle_id in (1, 2, 3):
-        for text in ("connected, tactic standby", way_back(log_path, vehicle_id), "flight ended: landed"):
-            assert (vehicle_id, text) in texts
+        texts = [each.text for each in scene.events if each.vehicle_id == vehicle_id]
+        assert {"connected, tactic standby", "flight ended: landed"} <= set(texts)
+        assert any(text.endswith(" -> return and land") for text in texts), texts
     assert [each.number for each in scene.events] == list(range(1, len(scene.events) + 1))
     assert json.loads(output)
-
-
-def compare_with_log(scene: Scene, log: FlightLog) -> None:
-    """Compare time, tactic, setpoint, ring and target with what the flight recorded, and with where the target was."""
-    start_s = next(log.of_kind(1, Start)).at_s
-    decisions = {i: list(log.of_kind(i, Decision)) for i in (1, 2, 3)}
-    compared = 0
-    for team, now_s in list(zip(scene.teams, scene.published_s, strict=True))[::5]:
-        if team.ring_members < 3 or team.time_s is None or team.remaining_s is None:
-            continue
-        assert abs(team.time_s - (now_s - start_s)) <= WITHIN_S * SPEED
-        assert abs(team.time_s + team.remaining_s - DURATION_S) < 1e-6
-        target_m = scene.mission.target.motion.position_m(team.time_s)
-        assert team.target is not None
-        assert dist(team.target.position_m, target_m) < NEAR_M
-        assert 0.0 <= team.target.sighting_age_s < WITHIN_S * SPEED
-        for shown in team.vehicles:
-            near = [each for each in decisions[shown.vehicle_id] if abs(each.time_s - now_s) <= WITHIN_S * SPEED]
-            compare_with_decisions(shown, near)
-            compared += 1
-    assert compared > 30
-
-
-def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
-    """Compare what the page replays with what it showed in flight at that time of the mission."""
-    assert replayed.teams[-1].ending == "Landed and disarmed"
-    last_s = replayed.teams[-1].time_s or 0.0
-    assert all((each.time_s or 0.0) <= last_s for each in replayed.events), "the last picture shows them all"
-    timed = [(team.time_s, team) for team in replayed.teams if team.time_s is not None]
-    compared = 0
-    for team in (each for each in scene.teams if each.ring_members == 3):
-        assert team.time_s is not None
-        (one_s, one), (other_s, other) = sorted(timed, key=lambda each: abs(each[0] - (team.time_s or 0.0)))[:2]
-        assert abs(one_s - team.time_s) <= abs(other_s - one_s)
-        for live, *later in zip(team.vehicles, one.vehicles, other.vehicles, strict=True):
-            compared += 1
-            for name in ("vehicle_id", "tactic", "mode", "estimator", "alert", "is_stale"):
-                assert getattr(live, name) in {getattr(each, name) for each in later}, name
-            near = later[0]
-            assert live.autopilot.satellites == near.autopilot.satellites
-            assert live.autopilot.gps_dimensions == near.autopilot.gps_dimensions
-            assert abs((live.autopilot.battery or 0.0) - (near.autopilot.battery or 0.0)) <= 0.011
-            assert dist(live.position_m or (), near.position_m or ()) < 1.0
-    assert compared >= 3 * 5, compared
-
-
-def replay_bit_for_bit(log: FlightLog) -> None:
-    """Replay the flight: every decision is the same again."""
-    replayed = replay(log)
-    assert (replayed.same, replayed.other_versions) == (True, ())
-    assert [vehicle.vehicle_id for vehicle in replayed.vehicles] == [1, 2, 3]
-    for vehicle in replayed.vehicles:
-        assert vehicle.ticks == vehicle.compared == vehicle.identical
-        assert vehicle.ticks > 0.7 * 10.0 * DURATION_S, "it has flown, and skipped few ticks"
-    lines = [entry.text for entry in timeline_of(log, 2).entries]
-    for passage in ("standby -> formation: start", "formation -> encircle: engage", "mode offboard"):
-        assert passage in lines
-    assert any(line.startswith("return and land -> land") for line in lines)
-
-
-def compare_with_decisions(shown: VehicleView, near: Sequence[Any]) -> None:
-    """Compare with decisions before and after the picture: the page may hear of a ring's member before a vehicle."""
-    assert shown.aim_m is not None
-    assert any(each.tactic == shown.tactic for each in near)
-    assert min(dist(each.setpoint.position_m[:2], shown.aim_m) for each in near if each.setpoint) < NEAR_M
-    polar = [each.polar for each in near if each.polar is not None]
-    assert min(abs(each.radius_m - (shown.radius_m or 0.0)) for each in polar) < NEAR_M
-    assert min(abs(each.angular_rate_rad_s - (shown.angular_rate_rad_s or 0.0)) for each in polar) < NEAR_RAD
-    leads_rad = [each.place.lead_rad for each in near if each.place is not None and each.place.lead_rad is not None]
-    assert not leads_rad or min(abs(each - (shown.lead_rad or 0.0)) for each in leads_rad) < 2.0 * NEAR_RAD
