@@ -20,7 +20,9 @@ from gcs.flight.stubs import stub_configs
 from gcs.link.hub import MavsdkHub
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from gcs.preflight.findings import Grade
 from gcs.preflight.link_facts import gather_facts
+from gcs.preflight.preflight import preflight
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
@@ -109,18 +111,6 @@ def upload_fence(mission: Mission, vehicle_id: int, half_m: float) -> None:
     write(mission, vehicle_id, Geofence, lambda geofence: geofence.upload_geofence(fence))
 
 
-def test_every_vehicle_tells_the_version_of_its_firmware(mission: Callable[..., tuple[str, Mission]]) -> None:
-    _, two = mission()
-    configs = stub_configs(two)
-    with stubs([replace(configs[0], autopilot="ardupilot"), *configs[1:]]):
-
-        def attempt() -> None:
-            facts = asyncio.run(gather_facts(two))
-            assert [each.firmware for each in facts] == ["4.7.0-dev", "1.17.0", "1.17.0"]
-
-        repeated_now(attempt)
-
-
 def of(findings: list[dict[str, str]], grade: str) -> list[tuple[str, str, str]]:
     return [(each["subject"], each["check"], each["found"]) for each in findings if each["grade"] == grade]
 
@@ -163,21 +153,20 @@ def judge_one_set_wrong(code: int, findings: list[dict[str, str]]) -> None:
     assert float(rate[1]) == pytest.approx(20.0, rel=0.1)
 
 
-def test_estimators_whose_sensors_disagree(mission: Callable[..., Any], checked: Checked) -> None:
-    path, team = mission()
+def test_estimators_whose_sensors_disagree_and_versions_of_firmware(mission: Callable[..., Any]) -> None:
+    _, team = mission()
     one, two, three = stub_configs(team)
     shaken = EstimatorNoise(velocity_m_s=20.0)
-    copter = replace(two, noise=shaken, autopilot="ardupilot")
 
     def attempt() -> None:
-        code, findings = checked(path)
-        assert code == 3
-        refused = [each for each in findings if each["check"] == "estimator" and each["grade"] == "refuse"]
-        assert [each["subject"] for each in refused] == ["vehicle 1", "vehicle 2"]
-        assert all(each["found"].startswith("velocity: rejected") for each in refused)
-        assert [subject for subject, check, _ in of(findings, "pass") if check == "estimator"] == ["vehicle 3"]
+        facts = asyncio.run(gather_facts(team))
+        assert [each.firmware for each in facts] == ["1.17.0", "4.7.0-dev", "1.17.0"]
+        estimators = [each for each in preflight(team, facts) if each.check == "estimator"]
+        found = {each.subject: (each.grade, each.found.startswith("velocity: rejected")) for each in estimators}
+        refused = (Grade.REFUSE, True)
+        assert found == {"vehicle 1": refused, "vehicle 2": refused, "vehicle 3": (Grade.PASS, False)}
 
-    with stubs([replace(one, noise=shaken), copter, three]):
+    with stubs([replace(one, noise=shaken), replace(two, noise=shaken, autopilot="ardupilot"), three]):
         repeated_now(attempt)
 
 

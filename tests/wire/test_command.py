@@ -2,7 +2,6 @@
 
 import asyncio
 import fcntl
-import json
 import os
 import pty
 import re
@@ -16,9 +15,8 @@ import pytest
 
 from agents.flight_end import FlightEnd
 from agents.shell.outcome import Outcome
-from agents.team.perception import TOPIC, ExternalSighting
+from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
-from gcs.console.team_bus import guest_bus
 from gcs.flight.flight import FlightOutcome
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
@@ -97,8 +95,6 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
     fly_team: FlyTeam, subtests: pytest.Subtests, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with fly_team() as team:
-        with subtests.test("nobody follows a sighting that cannot be"):
-            await _point_out_what_cannot_be(team)
         with subtests.test("every command is answered by what the vehicle does"):
             changes = dict.fromkeys((1, 2, 3), "takes its place in the shape 'wedge'")
             assert await team.command("formation", shape="wedge") == changes
@@ -116,30 +112,6 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
             await _kill_all(team, monkeypatch)
     for line in ("vehicle 2: formation by", "vehicle 2: hold by", "vehicle 3: kill by"):
         assert any(line in said for said in team.said), team.said
-
-
-async def _point_out_what_cannot_be(team: Team) -> None:
-    """Let a sensor send sightings that cannot be, twice: each vehicle tells why it drops one, once."""
-    good: dict[str, object] = {"frame": "mission", "position": [8.0, 0.0], "covariance_m2": [0.25, 0.0, 0.25]}
-    good |= {"importance": 0.8, "threat": 0.2}
-    bad: tuple[tuple[dict[str, object], str], ...] = (
-        ({"frame": "utm"}, "unknown frame ('utm'"),
-        ({"time_s": 1e11}, "in the future"),
-        ({"covariance_m2": [1.0, 1.0, 1.0]}, "not positive definite"),
-        ({"covariance_m2": [1e200, 1e200, 1e200]}, "see docs/target.md"),
-        ({"position": [1e7, 0.0]}, "too far away (10000 km"),
-    )
-    camera = guest_bus(team.mission, team_keys(team.mission).identity("sensor"))
-    seen: set[int] = set()
-    await camera.open(lambda *_: None, lambda *_: None, lambda vehicle_id, _: seen.add(vehicle_id))
-    await until(lambda: seen >= {1, 2, 3})
-    payloads = [json.dumps(good | changes).encode() for changes, _ in bad]
-    for payload in (*payloads, *payloads):
-        camera.publish(TOPIC, payload)
-    await until(lambda: sum(words in said for said in team.said for _, words in bad) >= 3 * len(bad))
-    await camera.close()
-    assert [sum(words in said for said in team.said) for _, words in bad] == [3] * len(bad), team.said
-    assert set(team.tactics.values()) == {"formation"}
 
 
 async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...]) -> None:
@@ -237,8 +209,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             assert termios.tcgetattr(person) == shown
 
 
-@pytest.mark.parametrize(("typed", "told"), [("n", "no command was sent"), ("y", "no flight of team")])
-async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mission_file: Callable[..., str]) -> None:
+async def test_a_kill_from_another_terminal_asks_first(mission_file: Callable[..., str]) -> None:
     path = mission_file("case2")
     child, person = pty.fork()
     if child == 0:
@@ -247,10 +218,10 @@ async def test_a_kill_from_another_terminal_asks_first(typed: str, told: str, mi
     terminal = Terminal(person)
     try:
         await until(lambda: "Cut the motors of vehicle 2 of case2" in terminal.text)
-        terminal.type(f"{typed}\n")
+        terminal.type("n\n")
         await until(lambda: terminal.ended)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
-        assert told in terminal.text
+        assert "no command was sent" in terminal.text
     finally:
         terminal.close()
 

@@ -73,14 +73,6 @@ def test_faults_come_at_their_times_and_the_team_reacts(
             assert max(off_m) < 0.5, "rounded to a tenth of a second, at 2 m/s"
 
 
-def test_a_killed_agent_is_named_before_the_process_ends(mission_file: Callable[..., str]) -> None:
-    with cordon("fly", mission_file("case2", LOW), *FLY, "--duration", "40", "--fault", "killed-agent@3") as flight:
-        _, err = flight.communicate(timeout=PATIENCE_S)
-    assert flight.returncode == 4
-    assert "3.0 s: injected: killed agent" in err
-    assert "ended by signal 9" in err
-
-
 def test_without_stubs_no_fault_is_injected(mission_file: Callable[..., str]) -> None:
     with cordon("fly", mission_file("case2"), "--fault", "link-cut@3") as flight:
         _, err = flight.communicate(timeout=PATIENCE_S)

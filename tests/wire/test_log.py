@@ -6,22 +6,14 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import pytest
 
-from agents.core import VehicleCore
-from agents.inputs import Command, Tick
-from agents.outputs import TickOutput
-from agents.recording import replay_input
-from agents.team.codec import decode
-from agents.team.messages import OperatorCommand
-from gcs.flightlog.reader import FlightLog, LogRecord, read_log
-from gcs.flightlog.records import Cost, Decision, LocalCommand, Taken, Truth, Vehicle, VehicleEnd, decision_of
-from gcs.flightlog.run import mission_of
+from agents.inputs import Tick
+from gcs.flightlog.reader import read_log
+from gcs.replay.cores import replay
 from sitl.server.shared_clock import FOLDER_VARIABLE as CLOCKS_VARIABLE
 from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat
 from tests.support.mission_text import LOW
@@ -77,8 +69,9 @@ def test_a_flight_and_its_log_killed_in_mid_air_leave_all_but_their_last_second(
     print(f"MEASURED lost at kill -9: {', '.join(f'{loss_s:.2f} s' for loss_s in losses_s)}")
     assert len(losses_s) == 3
     assert 0.0 < max(losses_s) <= LOSS_MAX_S * SPEED  # of the clock of the flight
-    for vehicle_id in recovered.vehicles:
-        assert played_again(recovered, vehicle_id) > ALOFT_TICKS
+    for vehicle in replay(recovered).vehicles:
+        assert (vehicle.difference, vehicle.failure, vehicle.gap) == (None, None, "")
+        assert vehicle.identical == vehicle.compared > ALOFT_TICKS
 
 
 def test_a_disk_that_is_full_is_told_and_a_team_flies_on_with_stubs_of_its_own(
@@ -133,35 +126,3 @@ def ticks(path: Path) -> int:
     if path.stat().st_size < 20_000:
         return 0
     return sum(each.kind is Tick for each in read_log(path).vehicles.get(1, ()))
-
-
-def played_again(log: FlightLog, vehicle_id: int) -> int:
-    """Replay a vehicle's inputs with a fresh core; every decision must be as it was. Return how many there were."""
-    mission = mission_of(log)
-    core = VehicleCore(mission.agent_config(mission.vehicle(vehicle_id)))
-    output: TickOutput | None = None
-    decisions = 0
-    for record in log.vehicles[vehicle_id]:
-        if record.kind is Decision:
-            assert output is not None
-            assert record.read(Decision) == as_read(output)
-            decisions += 1
-        elif record.kind not in (Cost, Truth, Vehicle, VehicleEnd):
-            for item in items_of(log, record):
-                output = replay_input(core, item) or output
-    return decisions
-
-
-def items_of(log: FlightLog, record: LogRecord) -> Sequence[Any]:
-    if record.kind is Taken:
-        return log.messages(record)
-    item = record.read(record.kind)
-    if not isinstance(item, LocalCommand):
-        return [item]
-    command = decode(item.payload)
-    assert isinstance(command, OperatorCommand)
-    return [Command(item.now_s, command)]
-
-
-def as_read(output: TickOutput) -> Decision:
-    return msgspec.convert(msgspec.to_builtins(decision_of(output), builtin_types=(bytes,)), Decision)

@@ -17,14 +17,12 @@ from pathlib import Path
 import msgspec
 import psutil
 import pytest
-import websockets
-from websockets.asyncio.client import ClientConnection
 
 from gcs.metrics.ending import UNACCOUNTED
 from gcs.station.picture import FlightPicture
 from tests.support.mission_text import LOW
-from tests.support.page.map_tiles import mbtiles, png, tile_folder
-from tests.support.page.station import asked, entered, received, requested, stream, tickets
+from tests.support.page.map_tiles import png, tile_folder
+from tests.support.page.station import entered, received, requested, stream, tickets
 from tests.support.paths import ROOT
 from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, free_port, until_now
 
@@ -44,24 +42,13 @@ def lines_to(lines: Iterable[str], words: str) -> list[str]:
     return said
 
 
-async def events_to_the_end(page: ClientConnection) -> list[str]:
-    """Return the events that a page is shown until its server ends."""
-    texts = []
-    with suppress(websockets.ConnectionClosed):
-        while True:
-            message = json.loads(await asyncio.wait_for(page.recv(), PATIENCE_S))
-            texts += [message["text"]] if message["kind"] == "event" else []
-    return texts
-
-
 def is_listening(port: int) -> bool:
     with socket.socket() as attempt:
         return attempt.connect_ex((LOOPBACK, port)) == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 async def test_without_a_flight_the_page_says_that_it_waits_and_ctrl_c_ends_it_at_once(
-    number: signal.Signals, mission_file: Callable[..., str]
+    mission_file: Callable[..., str],
 ) -> None:
     address = f"{LOOPBACK}:{free_port()}"
     with cordon("station", "--mission", mission_file("case2"), "--address", address) as process:
@@ -72,28 +59,21 @@ async def test_without_a_flight_the_page_says_that_it_waits_and_ctrl_c_ends_it_a
             while "no flight" not in (await received(page, "team"))["link"]:
                 pass
             began_s = time.monotonic()
-            process.send_signal(number)
+            process.send_signal(signal.SIGINT)
             out, err = await asyncio.to_thread(process.communicate, timeout=PATIENCE_S)
             assert time.monotonic() - began_s < END_S
         assert (process.returncode, out, err) == (0, "", "")
 
 
-def test_an_address_that_is_taken_is_refused(mission_file: Callable[..., str], subtests: pytest.Subtests) -> None:
-    mission = mission_file("case2")
+def test_a_flight_whose_page_cannot_be_served_does_not_begin(mission_file: Callable[..., str]) -> None:
     with socket.create_server((LOOPBACK, 0)) as other:
         taken = f"{LOOPBACK}:{other.getsockname()[1]}"
-        for name, arguments in (
-            ("a page", ("station", "--mission", mission, "--address", taken)),
-            (
-                "a flight whose page cannot be served does not begin",
-                ("fly", mission, "--sitl", "--station", "--station-address", taken, "--no-log"),
-            ),
-        ):
-            with subtests.test(name), cordon(*arguments) as process:
-                out, err = process.communicate(timeout=PATIENCE_S)
-                assert (process.returncode, out) == (3, "")
-                assert "cannot listen" in err
-                assert "Traceback" not in err
+        flight = ("fly", mission_file("case2"), "--sitl", "--station", "--station-address", taken, "--no-log")
+        with cordon(*flight) as process:
+            out, err = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, out) == (3, "")
+    assert "cannot listen" in err
+    assert "Traceback" not in err
 
 
 async def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
@@ -125,21 +105,7 @@ async def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
             assert "Traceback" not in err
 
 
-def test_a_flight_whose_tiles_cannot_be_drawn_does_not_begin(mission_file: Callable[..., str], tmp_path: Path) -> None:
-    vector = str(mbtiles(tmp_path / "vector.mbtiles", [(0, 0, 0, b"a vector tile")], format="pbf"))
-    flight = ("fly", mission_file("case2"), "--sitl", "--no-log", "--station", "--station-tiles", vector)
-    with cordon(*flight) as process:
-        out, err = process.communicate(timeout=PATIENCE_S)
-        assert (process.returncode, out) == (2, "")
-        assert "'pbf'" in err
-        assert "Traceback" not in err
-        assert "http" not in err
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_flight_whose_page_does_not_start(
-    number: signal.Signals, mission_file: Callable[..., str], tmp_path: Path
-) -> None:
+def test_a_signal_ends_a_flight_whose_page_does_not_start(mission_file: Callable[..., str], tmp_path: Path) -> None:
     """The page's process hangs: it is told to, by a module that Python imports at its start."""
     module = tmp_path / "sitecustomize.py"
     module.write_text(
@@ -154,7 +120,7 @@ def test_a_signal_ends_a_flight_whose_page_does_not_start(
         until_now((tmp_path / "hangs").exists, "the start of the page's process")
         (page,) = psutil.Process(flight.pid).children()
         try:
-            flight.send_signal(number)
+            flight.send_signal(signal.SIGTERM)
             flight.communicate(timeout=PATIENCE_S)
             assert flight.returncode == 3
             assert not page.is_running()
@@ -162,36 +128,6 @@ def test_a_signal_ends_a_flight_whose_page_does_not_start(
             flight.kill()
             with suppress(psutil.NoSuchProcess):
                 page.kill()
-
-
-async def test_a_flight_is_commanded_from_its_page_and_the_page_ends_with_it(
-    mission_file: Callable[..., str], subtests: pytest.Subtests
-) -> None:
-    address = f"{LOOPBACK}:{free_port()}"
-    flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "10", "--duration", "1000", "--no-log")
-    with cordon(*flight, "--station", "--station-address", address) as process:
-        assert process.stderr is not None
-        port, secret = entered(process.stderr.readline())
-        async with stream(port, secret) as page, stream(port, secret) as other:
-            reading = asyncio.create_task(events_to_the_end(other))  # at once: one that does not read is cut off
-            while not (mission := await received(page, "mission"))["operator"]["may"]:
-                pass
-            with subtests.test("who may command what"):
-                assert mission["source"] == "sitl"
-                assert {"hold", "kill"} <= set(mission["operator"]["may"])
-            while {each["tactic"] for each in (await received(page, "team"))["vehicles"]} != {"formation"}:
-                pass
-            with subtests.test("commands"):
-                for request, verb, did in (("1", "hold", "holds"), ("2", "land", "lands")):
-                    await page.send(asked(request, verb))
-                    answers = [await received(page, "answer") for _ in range(3)]
-                    assert {(each["vehicle_id"], each["did"]) for each in answers} == {(i, did) for i in (1, 2, 3)}
-            said = await reading
-        with subtests.test("what was commanded, and by whom, is shown to the other page"):
-            name = mission["operator"]["name"]
-            assert {f"hold by {name}: holds", f"land by {name}: lands"} <= set(said)
-        assert await asyncio.to_thread(process.wait, PATIENCE_S) == 4, "the operator ended it"
-        assert not is_listening(port)
 
 
 async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_controls_the_vehicles(

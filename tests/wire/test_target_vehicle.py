@@ -15,7 +15,7 @@ from tests.support.wire import served
 
 pytestmark = pytest.mark.wire
 
-SPEED, TARGET_ID, PLACE_M = 5.0, 40, (9.0, 1.0)
+SPEED, TARGET_ID, PLACE_M = 10.0, 40, (9.0, 1.0)
 NAMED = f'[target]\nsource = "mavlink"\nurl = "udpin://127.0.0.1:14550"\nsystem_id = {TARGET_ID}\n'
 """On a port that the maker of mission files changes for a free one."""
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 from typing import get_args
 
 import pytest
@@ -23,13 +22,10 @@ from tests.experiments.conformance import (
     Within,
     client_of,
     observed,
-    table,
 )
 from tests.support.conformance_client import Client
-from tests.support.px4 import VARIABLE, Px4Missing, Px4Simulator, px4_build
+from tests.support.px4 import Px4Missing, Px4Simulator
 from tests.support.wire import free_port, repeated_now
-
-NAMES = [exercise.name for exercise in EXERCISES]
 
 
 @pytest.fixture(scope="module")
@@ -97,33 +93,6 @@ def test_faults_name_what_is_wrong_missing_and_too_much() -> None:
         "extra is not expected",
     ]
     assert exercise.faults(observed(mode="HOLD", after_s=3.0, height_m=4.0)) == []
-
-
-def test_the_table_marks_what_fails_and_what_differs() -> None:
-    stub = {"stream lost hold": observed(failsafe_s=1.5, mode="LAND", resumes_unasked_s=0.1)}
-    px4 = {"stream lost hold": observed(failsafe_s=0.8, mode="HOLD", resumes_unasked_s=0.2)}
-    lines = [line for line in table(stub, px4) if line.startswith("stream lost hold")]
-    marks = ["DIFFERS: unexplained", "FAILS (stub) DIFFERS: unexplained", "0.2"]
-    assert [line.rstrip().endswith(mark) for line, mark in zip(lines, marks, strict=True)] == [True] * 3
-    assert [line.split()[3] for line in table(stub, {}) if "FAILS" in line] == ["mode"]
-
-
-def test_every_exercise_says_what_it_does() -> None:
-    assert len({*NAMES}) == len(NAMES)
-    assert all(exercise.run.__doc__ and exercise.expected for exercise in EXERCISES)
-
-
-def test_a_px4_that_is_not_there_says_what_to_set(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
-    with pytest.raises(Px4Missing, match=r"CORDON_PX4 is not set: .*bin/px4"):
-        px4_build()
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
-    (tmp_path / "etc").mkdir()
-    with pytest.raises(Px4Missing, match="holds no bin/px4: it is no"):
-        px4_build()
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "px4").touch()
-    assert px4_build() == tmp_path
 
 
 @pytest.mark.parametrize("name", get_args(AutopilotName))

@@ -389,6 +389,7 @@ async def test_dead_links_do_not_starve_a_living_one(monkeypatch: pytest.MonkeyP
     assert len(sent_s) * TICK_S > 1.0, "the dead ones took no time"
     refusals = await calls
     assert [type(refusal) for refusal in refusals] == [VehicleRefusedError] * DEAD
+    assert all("did not answer" in str(refusal) for refusal in refusals), refusals
     late_s = sorted(fresh_s[z] - at_s for z, at_s in sent_s.items() if z in fresh_s)
     gaps_s = [after - before for before, after in pairwise(sorted(sent_s.values()))]
     assert len(late_s) >= len(sent_s) - 2

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from math import cos, dist, nan, sin, sqrt
+from math import copysign, cos, dist, nan, sin, sqrt
 from typing import Any
 
 import pytest
@@ -56,6 +56,28 @@ class Flight:
     def reference(self) -> Reference:
         return self.link.status.reference
 
+    def changes_since(self, before: Reference) -> tuple[bool, int, int]:
+        """Return whether the origin is known, and how many moves and jumps have been counted since then."""
+        now = self.reference
+        return now.is_known, now.moves - before.moves, now.jumps - before.jumps
+
+    @asynccontextmanager
+    async def judged(self, subtests: pytest.Subtests, what: str) -> AsyncIterator[Reference]:
+        """Judge one thing, once the vehicle is where it is to stay; yields the reference before."""
+        with subtests.test(what):
+            await self.hold(8.0)
+            assert dist(self.true_m, PLACE_M) < 0.05
+            self.telemetry.clear()
+            yield self.reference
+
+    async def drift(self, name: str, to_m: float) -> None:
+        """Let an error of the height grow by 0.3 m every half second."""
+        faults = self.stub.faults
+        while (left_m := to_m - getattr(faults, name)) != 0.0:
+            setattr(faults, name, to_m if abs(left_m) < 0.3 else getattr(faults, name) + copysign(0.3, left_m))
+            await self.hold(0.5)
+        await self.hold()
+
     async def hold(self, duration_s: float = 6.0) -> float:
         """Hold the same place by setpoints, and return how far the vehicle was from it at most."""
         end_s, away_m = self.clock.now_s() + duration_s, 0.0
@@ -75,148 +97,12 @@ async def in_flight(autopilot: AutopilotName = "px4") -> AsyncIterator[Flight]:
         await link.take_off(PLACE_M[2])
         link.send(Setpoint(PLACE_M))
         await link.start_offboard()
-        flight = Flight(here.stubs[1], link, telemetry, here.clock)
-        await flight.hold(8.0)
-        assert dist(flight.true_m, PLACE_M) < 0.05
-        telemetry.clear()
-        yield flight
+        yield Flight(here.stubs[1], link, telemetry, here.clock)
 
 
 def north_east(x: float, y: float) -> tuple[float, float]:
     """Return a horizontal vector of the mission frame, by its bearing."""
     return x * cos(BEARING_RAD) + y * sin(BEARING_RAD), x * sin(BEARING_RAD) - y * cos(BEARING_RAD)
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-async def test_an_origin_that_moves_moves_neither_the_vehicle_nor_its_positions(autopilot: AutopilotName) -> None:
-    async with in_flight(autopilot) as flight:
-        flight.stub.faults.origin_moved_m = (8.0, 3.0, -2.0)
-        assert await flight.hold() < STAYS_M
-        off_m = max(dist(each.position_m, PLACE_M) for each in flight.telemetry)
-        assert off_m < STAYS_M
-        assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
-        reference = flight.reference
-        assert (reference.is_known, reference.moves, reference.jumps) == (True, 1, 0)
-        assert reference.moved_m == pytest.approx((*north_east(8.0, 3.0), -2.0), abs=2.0 * QUANTUM_M)
-
-
-async def test_a_move_too_small_for_a_jump_is_read_where_the_autopilot_sends_it() -> None:
-    async with in_flight() as flight:
-        flight.stub.faults.origin_moved_m = (0.6, 0.0, 0.0)
-        await flight.hold()
-        assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
-        assert flight.reference.moves == 1
-        flight.stub.faults.origin_moved_m = (0.6, 0.0, 0.9 * ORIGIN_STEP_M)
-        await flight.hold()
-        assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
-        assert flight.reference.moves == 1, "corrections of a height are no event"
-
-
-async def test_a_height_that_jumps_moves_neither_the_vehicle_nor_the_height_that_is_told() -> None:
-    async with in_flight() as flight:
-        flight.stub.faults.height_jump_m = 6.0
-        assert await flight.hold() < STAYS_M
-        assert max(abs(each.position_m[2] - PLACE_M[2]) for each in flight.telemetry) < STAYS_M
-        reference = flight.reference
-        assert (reference.moves, reference.jumps) == (0, 1)
-        assert reference.jumped_m == pytest.approx((0.0, 0.0, 6.0), abs=0.05)
-        # It lands on the ground, not 6 m above or below.
-        await flight.link.land()
-        assert not flight.link.status.armed
-        assert flight.true_m[2] == pytest.approx(0.0, abs=0.05)
-
-
-async def test_a_position_that_jumps_with_its_origin_where_it_was_is_told_as_it_is() -> None:
-    async with in_flight() as flight:
-        flight.stub.faults.estimate_offset_m = (7.0, 0.0, 0.0)
-        await flight.clock.sleep(2.0)  # a core holds at the new place
-        assert flight.telemetry[-1].position_m[0] == pytest.approx(flight.true_m[0] + 7.0, abs=0.05)
-        reference = flight.reference
-        assert (reference.is_known, reference.moves, reference.jumps) == (True, 0, 1)
-        assert reference.jumped_m == pytest.approx((*north_east(7.0, 0.0), 0.0), abs=0.05)
-
-
-async def test_one_wrong_sample_is_dropped() -> None:
-    async with in_flight() as flight:
-        count = len(flight.telemetry)
-        await until(lambda: len(flight.telemetry) > count, waiting_for="a sample", clock=flight.clock)
-        flight.stub.faults.estimate_offset_m = (7.0, 0.0, 3.0)
-        await flight.clock.sleep(SAMPLED_S)  # begins and ends between samples: one is wrong
-        flight.stub.faults.estimate_offset_m = NONE
-        assert await flight.hold() < STAYS_M
-        apart_s = [later.time_s - before.time_s for before, later in pairwise(flight.telemetry)]
-        assert max(apart_s) > 1.5 * SAMPLED_S, "it was sent"
-        assert max(dist(each.position_m, PLACE_M) for each in flight.telemetry) < STAYS_M
-        assert flight.reference == Reference()
-
-
-async def test_a_height_that_drifts_is_compared_with_the_barometer() -> None:
-    async with in_flight() as flight:
-        assert flight.link.status.height_off_m == 0.0
-        for _ in range(20):
-            flight.stub.faults.height_jump_m += 0.3
-            await flight.hold(0.5)
-        await flight.hold()
-        status = flight.link.status
-        # A slow drift is no jump: the vehicle has followed it down to 2 m, and the barometer tells.
-        assert flight.reference == Reference()
-        assert flight.true_m[2] == pytest.approx(2.0, abs=0.1)
-        assert (status.height_off_m, status.height_sensor) == (6.0, BAROMETER)
-        assert [*reported_faults(status, FailsafeSettings())] == [
-            Condition.ESTIMATOR_FAILING,
-            Condition.ESTIMATOR_DEGRADED,
-        ]
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-async def test_a_height_that_follows_a_drifting_barometer_is_compared_with_the_gps(autopilot: AutopilotName) -> None:
-    explained_m = SIGMAS * sqrt(2.0) * GPS_SIGMA_M  # the stub's GPS states no accuracy
-    async with in_flight(autopilot) as flight:
-        for off_m, conditions in (
-            (explained_m + 1.0, []),
-            (explained_m + 3.0, [Condition.ESTIMATOR_DEGRADED]),
-            (explained_m + 5.0, [Condition.ESTIMATOR_FAILING, Condition.ESTIMATOR_DEGRADED]),
-        ):
-            # It climbs: below it is the ground.
-            while flight.stub.faults.barometer_off_m > -off_m:
-                flight.stub.faults.barometer_off_m -= 0.3
-                await flight.hold(0.5)
-            await flight.hold()
-            status = flight.link.status
-            assert flight.true_m[2] == pytest.approx(PLACE_M[2] + off_m, abs=0.5)
-            assert status.height_off_m == pytest.approx(explained_m - off_m, abs=0.5)
-            assert status.height_sensor == GPS
-            assert [*reported_faults(status, FailsafeSettings())] == conditions
-        assert flight.reference == Reference()
-
-
-async def unreadable(*_: Any) -> Triple:
-    raise VehicleRefusedError("has no position", "wait")
-
-
-async def test_a_vehicle_stays_while_its_origin_cannot_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with in_flight("ardupilot") as flight:
-        monkeypatch.setattr(mavsdk_link, "find_origin", unreadable)
-        flight.stub.faults.origin_moved_m = (8.0, 0.0, 0.0)
-        assert await flight.hold() < STAYS_M
-        assert not flight.reference.is_known
-        assert flight.link.status.mode is FlightMode.OFFBOARD
-        monkeypatch.undo()
-        assert await flight.hold() < STAYS_M
-        assert (flight.reference.is_known, flight.reference.moves) == (True, 1)
-        assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
-
-
-async def test_an_origin_that_is_sent_unasked_is_as_good_as_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with in_flight() as flight:
-        monkeypatch.setattr(mavsdk_link, "find_origin", unreadable)
-        flight.stub.faults.estimate_offset_m = (5.0, 0.0, 0.0)
-        await flight.clock.sleep(2.0)
-        assert not flight.reference.is_known
-        flight.stub.faults.estimate_offset_m = NONE
-        flight.stub.faults.origin_moved_m = (8.0, 0.0, 0.0)
-        assert await flight.hold() < STAYS_M
-        assert (flight.reference.is_known, flight.reference.moves, flight.reference.jumps) == (True, 1, 0)
 
 
 def odometry(resets: int) -> bytes:
@@ -227,18 +113,116 @@ def odometry(resets: int) -> bytes:
     return bytes(message.pack(MAVLink(None, 1, 1)))
 
 
-async def test_an_estimator_that_counts_a_reset_is_asked_for_its_origin(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = list[float]()
-    find = find_origin
+async def unreadable(*_: Any) -> Triple:
+    raise VehicleRefusedError("has no position", "wait")
 
-    async def noted(*arguments: Any) -> Triple:
-        asked.append(flight.clock.now_s())
-        return await find(*arguments)
 
+async def test_of_an_autopilot_that_sends_its_origin(
+    monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
+) -> None:
+    asked, find = list[float](), find_origin
     async with in_flight() as flight:
-        monkeypatch.setattr(mavsdk_link, "find_origin", noted)
-        for resets, readings in ((7, 0), (7, 0), (8, 1), (8, 1), (0, 2)):
-            flight.stub.endpoint.send([odometry(resets)])
-            assert await flight.hold(3.0) < STAYS_M
-            assert len(asked) == readings, resets
-        assert flight.reference == Reference()
+        faults = flight.stub.faults
+
+        async def noted(*arguments: Any) -> Triple:
+            asked.append(flight.clock.now_s())
+            return await find(*arguments)
+
+        async with flight.judged(subtests, "one wrong sample is dropped"):
+            await until(lambda: bool(flight.telemetry), waiting_for="a sample", clock=flight.clock)
+            faults.estimate_offset_m = (7.0, 0.0, 3.0)
+            await flight.clock.sleep(SAMPLED_S)  # begins and ends between samples: one is wrong
+            faults.estimate_offset_m = NONE
+            assert await flight.hold() < STAYS_M
+            apart_s = [later.time_s - before.time_s for before, later in pairwise(flight.telemetry)]
+            assert max(apart_s) > 1.5 * SAMPLED_S, "it was sent"
+            assert max(dist(each.position_m, PLACE_M) for each in flight.telemetry) < STAYS_M
+            assert flight.reference == Reference()
+        async with flight.judged(subtests, "an estimator that counts a reset is asked for its origin"):
+            monkeypatch.setattr(mavsdk_link, "find_origin", noted)
+            for resets, readings in ((7, 0), (7, 0), (8, 1), (8, 1), (0, 2)):
+                flight.stub.endpoint.send([odometry(resets)])
+                assert await flight.hold(3.0) < STAYS_M
+                assert len(asked) == readings, resets
+            assert flight.reference == Reference()
+        monkeypatch.undo()
+        async with flight.judged(subtests, "a height that drifts is compared with the barometer") as before:
+            assert flight.link.status.height_off_m == 0.0
+            await flight.drift("height_jump_m", 6.0)
+            status = flight.link.status
+            # A slow drift is no jump: the vehicle has followed it down to 2 m, and the barometer tells.
+            assert flight.reference == before
+            assert flight.true_m[2] == pytest.approx(2.0, abs=0.1)
+            assert (status.height_off_m, status.height_sensor) == (6.0, BAROMETER)
+            assert [*reported_faults(status, FailsafeSettings())] == [
+                Condition.ESTIMATOR_FAILING,
+                Condition.ESTIMATOR_DEGRADED,
+            ]
+            await flight.drift("height_jump_m", 0.0)
+        async with flight.judged(subtests, "a move too small for a jump is read") as before:
+            for moved_m in ((0.6, 0.0, 0.0), (0.6, 0.0, 0.9 * ORIGIN_STEP_M)):  # corrections of a height are no event
+                faults.origin_moved_m = moved_m
+                await flight.hold()
+                assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
+                assert flight.changes_since(before) == (True, 1, 0)
+        async with flight.judged(subtests, "a position that jumps with its origin where it was is told") as before:
+            faults.estimate_offset_m = (7.0, 0.0, 0.0)
+            await flight.clock.sleep(2.0)  # a core holds at the new place
+            assert flight.telemetry[-1].position_m[0] == pytest.approx(flight.true_m[0] + 7.0, abs=0.05)
+            assert flight.changes_since(before) == (True, 0, 1)
+            assert flight.reference.jumped_m == pytest.approx((*north_east(7.0, 0.0), 0.0), abs=0.05)
+        faults.estimate_offset_m = NONE
+        async with flight.judged(subtests, "an origin that is sent unasked is as good as an answer") as before:
+            monkeypatch.setattr(mavsdk_link, "find_origin", unreadable)
+            faults.estimate_offset_m = (5.0, 0.0, 0.0)
+            await flight.clock.sleep(2.0)
+            assert not flight.reference.is_known
+            faults.estimate_offset_m, faults.origin_moved_m = NONE, (8.0, 0.0, 0.0)
+            assert await flight.hold() < STAYS_M
+            assert flight.changes_since(before) == (True, 1, 0)
+        monkeypatch.undo()
+        async with flight.judged(subtests, "a height that jumps moves neither vehicle nor height") as before:
+            faults.height_jump_m = 6.0
+            assert await flight.hold() < STAYS_M
+            assert max(abs(each.position_m[2] - PLACE_M[2]) for each in flight.telemetry) < STAYS_M
+            assert flight.changes_since(before) == (True, 0, 1)
+            assert flight.reference.jumped_m == pytest.approx((0.0, 0.0, 6.0), abs=0.05)
+            # It lands on the ground, not 6 m above or below.
+            await flight.link.land()
+            assert not flight.link.status.armed
+            assert flight.true_m[2] == pytest.approx(0.0, abs=0.05)
+
+
+async def test_of_one_that_does_not(monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests) -> None:
+    explained_m = SIGMAS * sqrt(2.0) * GPS_SIGMA_M  # the stub's GPS states no accuracy
+    async with in_flight("ardupilot") as flight:
+        async with flight.judged(subtests, "an origin that moves moves neither vehicle nor positions") as before:
+            flight.stub.faults.origin_moved_m = (8.0, 3.0, -2.0)
+            assert await flight.hold() < STAYS_M
+            assert max(dist(each.position_m, PLACE_M) for each in flight.telemetry) < STAYS_M
+            assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
+            assert flight.changes_since(before) == (True, 1, 0)
+            assert flight.reference.moved_m == pytest.approx((*north_east(8.0, 3.0), -2.0), abs=2.0 * QUANTUM_M)
+        async with flight.judged(subtests, "a vehicle stays while its origin cannot be read") as before:
+            monkeypatch.setattr(mavsdk_link, "find_origin", unreadable)
+            flight.stub.faults.origin_moved_m = NONE
+            assert await flight.hold() < STAYS_M
+            assert not flight.reference.is_known
+            assert flight.link.status.mode is FlightMode.OFFBOARD
+            monkeypatch.undo()
+            assert await flight.hold() < STAYS_M
+            assert flight.changes_since(before) == (True, 1, 0)
+            assert dist(flight.telemetry[-1].position_m, flight.true_m) < 2.0 * QUANTUM_M
+        async with flight.judged(subtests, "a height that follows a drifting barometer is compared with GPS") as before:
+            for off_m, conditions in (
+                (explained_m + 1.0, []),
+                (explained_m + 3.0, [Condition.ESTIMATOR_DEGRADED]),
+                (explained_m + 5.0, [Condition.ESTIMATOR_FAILING, Condition.ESTIMATOR_DEGRADED]),
+            ):
+                await flight.drift("barometer_off_m", -off_m)  # it climbs: below it is the ground
+                status = flight.link.status
+                assert flight.true_m[2] == pytest.approx(PLACE_M[2] + off_m, abs=0.5)
+                assert status.height_off_m == pytest.approx(explained_m - off_m, abs=0.5)
+                assert status.height_sensor == GPS
+                assert [*reported_faults(status, FailsafeSettings())] == conditions
+            assert flight.reference == before

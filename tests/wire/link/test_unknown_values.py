@@ -8,9 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from agents.ports import FlightMode, ModeSource, Setpoint
-from agents.safety.failsafe import STATUS_STALE_S
 from estimation.profile.autopilots import AutopilotName
-from gcs.link.batteries import KEPT_S
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
@@ -22,8 +20,6 @@ from tests.support.wire import free_port, served, until
 from tests.wire.link.test_link import FRAME, PLANT, SPEED, link_on, udp_in
 
 pytestmark = pytest.mark.wire
-
-BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 
 
 @asynccontextmanager
@@ -38,68 +34,48 @@ async def linked(
             yield stub, link, stubs.clock
 
 
-@BOTH
-async def test_unknown_values_are_none(autopilot: AutopilotName) -> None:
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+async def test_what_is_unknown_is_none_and_the_lower_of_two_batteries_counts(
+    autopilot: AutopilotName, subtests: pytest.Subtests
+) -> None:
     async with linked(autopilot, unknown=True) as (stub, link, clock):
-        await until(lambda: link.status.gps_dimensions == 3, clock=clock)
-        await clock.sleep(6.0)  # all messages have been received several times
-        status = link.status
-        assert (status.battery, status.endurance_s, status.satellites) == (None, None, None)
-        assert (status.estimator_ratio, status.estimator_sensor) == (None, "")
-        stub.faults.values_unknown, stub.faults.endurance_s = False, 500.0
-        await until(lambda: (link.status.battery, link.status.endurance_s) == (1.0, 500.0), clock=clock)
-        await until(lambda: link.status.satellites == 14 and link.status.estimator_ratio is not None, clock=clock)
-        stub.faults.values_unknown = True
-        await until(lambda: link.status.satellites is None and link.status.estimator_ratio is None, clock=clock)
-        assert link.status.battery == 1.0, "it is kept for a while"
-        ends_s = clock.now_s() + (KEPT_S + 6.0) * clock.time_scale
-        await until(lambda: link.status.battery is None, ends_s - clock.now_s(), clock=clock)
-        assert link.status.endurance_s is None
-
-
-@BOTH
-async def test_the_lower_of_two_batteries_counts_whichever_is_reported_last(autopilot: AutopilotName) -> None:
-    async with linked(autopilot) as (stub, link, clock):
-        await until(lambda: link.status.battery == 1.0, clock=clock)
-        stub.faults.second_battery = 0.08
-        await until(lambda: link.status.battery == 0.08, clock=clock)
-        stub.faults.second_battery, stub.autopilot.battery_fraction = 0.9, 0.06
-        await until(lambda: link.status.battery == 0.06, clock=clock)
-        seen = set()
-        for _ in range(200):
-            await clock.sleep(0.05)
-            seen.add(link.status.battery)
-        assert seen == {0.06}
-
-
-@BOTH
-async def test_a_battery_that_is_no_longer_reported_is_unknown_and_told(autopilot: AutopilotName) -> None:
-    async with linked(autopilot) as (stub, link, clock):
-        await until(lambda: link.status.battery == 1.0, clock=clock)
-        stub.faults.battery_silent = True
-        await until(lambda: link.status.stale == "battery", (STATUS_STALE_S + 6.0) * clock.time_scale, clock=clock)
-        assert link.status.battery is None
-        stub.faults.battery_silent = False
-        await until(lambda: (link.status.battery, link.status.stale) == (1.0, ""), clock=clock)
-
-
-@BOTH
-async def test_what_an_autopilot_says_of_a_battery_is_told(autopilot: AutopilotName) -> None:
-    async with linked(autopilot) as (stub, link, clock):
 
         def told(fault: str) -> bool:
             return link.status.battery_fault == fault
 
-        await until(lambda: link.status.battery == 1.0, clock=clock)
-        assert told("")
-        stub.faults.second_battery = 0.9
-        for state, fault in (
-            (mavlink.MAV_BATTERY_CHARGE_STATE_LOW, "battery 0 low, battery 1 low"),
-            (mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY, "battery 0 unhealthy, battery 1 unhealthy"),
-            (mavlink.MAV_BATTERY_CHARGE_STATE_OK, ""),
-        ):
-            stub.faults.charge_state = state
-            await until(partial(told, fault), clock=clock)
+        with subtests.test("what is unknown"):
+            await until(lambda: link.status.gps_dimensions == 3, clock=clock)
+            await clock.sleep(6.0)  # all messages have been received several times
+            status = link.status
+            assert (status.battery, status.endurance_s, status.satellites) == (None, None, None)
+            assert (status.estimator_ratio, status.estimator_sensor) == (None, "")
+            stub.faults.values_unknown, stub.faults.endurance_s = False, 500.0
+            await until(lambda: (link.status.battery, link.status.endurance_s) == (1.0, 500.0), clock=clock)
+            await until(lambda: link.status.satellites == 14 and link.status.estimator_ratio is not None, clock=clock)
+            stub.faults.values_unknown = True
+            await until(lambda: link.status.satellites is None and link.status.estimator_ratio is None, clock=clock)
+            assert link.status.battery == 1.0, "it is kept for a while"
+        stub.faults.values_unknown = False
+        with subtests.test("what an autopilot says of a battery"):
+            assert told("")
+            stub.faults.second_battery = 0.9
+            for state, fault in (
+                (mavlink.MAV_BATTERY_CHARGE_STATE_LOW, "battery 0 low, battery 1 low"),
+                (mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY, "battery 0 unhealthy, battery 1 unhealthy"),
+                (mavlink.MAV_BATTERY_CHARGE_STATE_OK, ""),
+            ):
+                stub.faults.charge_state = state
+                await until(partial(told, fault), clock=clock)
+        with subtests.test("the lower counts, whichever is reported last"):
+            stub.faults.second_battery = 0.08
+            await until(lambda: link.status.battery == 0.08, clock=clock)
+            stub.faults.second_battery, stub.autopilot.battery_fraction = 0.9, 0.06
+            await until(lambda: link.status.battery == 0.06, clock=clock)
+            seen = set()
+            for _ in range(100):
+                await clock.sleep(0.05)
+                seen.add(link.status.battery)
+            assert seen == {0.06}
 
 
 async def test_check_lists_the_batteries_that_an_autopilot_reports() -> None:

@@ -146,18 +146,25 @@ async def test_sockets_of_another_user_refuse_no_run(missions: tuple[str, str, s
         await squatter.communicate()
 
 
-async def test_claims_of_a_killed_run_count_for_nothing(missions: tuple[str, str, str]) -> None:
-    mission = load_mission(missions[2])
-    async with running("sitl", missions[0]) as stubs:
-        await line_with(stubs, "Ctrl-C ends it")
-        with (
-            pytest.raises(VehicleRefusedError, match=f"by process {stubs.pid} "),
-            flight_claims(load_mission(missions[0]), mission.ids),
-        ):
-            pass
-        stubs.kill()
-        await stubs.communicate()
-    with flight_claims(load_mission(missions[0]), mission.ids):
+async def test_stubs_serve_a_station_that_listens_already_and_claims_of_a_killed_run_count_for_nothing(
+    missions: tuple[str, str, str],
+) -> None:
+    mission = load_mission(missions[0])
+    *_, port = fed_ports(mission.vehicles)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", port))
+        station.settimeout(PATIENCE_S)
+        async with running("sitl", missions[0]) as stubs:
+            await line_with(stubs, "Ctrl-C ends it")
+            assert (await asyncio.to_thread(station.recv, 2048))[0] in (0xFD, 0xFE), "MAVLink arrives"
+            with (
+                pytest.raises(VehicleRefusedError, match=f"by process {stubs.pid} "),
+                flight_claims(mission, mission.ids),
+            ):
+                pass
+            stubs.kill()
+            await stubs.communicate()
+    with flight_claims(mission, mission.ids):
         pass
 
 
@@ -238,12 +245,3 @@ async def test_a_kill_is_not_refused_for_what_one_vehicle_tells(missions: tuple[
         lying.cancel()
         commanding.cancel()
         await asyncio.gather(*(bus.close() for bus in buses))
-
-
-async def test_stub_vehicles_serve_a_ground_station_that_listens_already(missions: tuple[str, str, str]) -> None:
-    flown, _, _ = missions
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
-        station.bind(("127.0.0.1", int(load_mission(flown).vehicles[0].section.url.rpartition(":")[2])))
-        station.settimeout(PATIENCE_S)
-        async with running("sitl", flown):
-            assert (await asyncio.to_thread(station.recv, 2048))[0] in (0xFD, 0xFE), "MAVLink arrives"
