@@ -7,7 +7,7 @@ from math import cos, hypot, sin, tau
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.control.plan import PlannerFactory
@@ -212,6 +212,28 @@ def test_no_message_makes_a_vehicle_raise_or_fly_off(
     acting = found(config, motion)
     assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
     core.tick(10.1)
+
+
+@settings(max_examples=30)
+@given(
+    motion=st.tuples(near, near, st.floats(-30.0, 30.0), st.floats(-30.0, 30.0)),
+    target=pairs,
+    tactic=st.sampled_from([Tactic.FORMATION, Tactic.ENCIRCLE]),
+)
+def test_the_setpoint_never_leads_by_more_than_allowed_whatever_the_estimate(
+    motion: tuple[float, float, float, float], target: tuple[float, float], tactic: Tactic, make_config: Maker
+) -> None:
+    decision = {"distance_max_m": 1e8, "importance_min": 0.0 if tactic is Tactic.ENCIRCLE else 1.0}
+    config = make_config(encirclement={"smoothing_time_s": 0.0}, decision=decision)
+    core = VehicleCore(config)
+    core.take(Start(0.0))
+    core.take(telemetry(10.0, motion))
+    core.take(sighting(10.0, *target))
+    output = core.tick(10.0)
+    assert output.status.tactic is tactic
+    acting = found(config, np.array(motion))
+    x, y = setpoint_of(output)
+    assert hypot(x - acting[0], y - acting[1]) <= config.safety.setpoint_lead_max_m + 1e-6
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,11 @@ def test_what_is_no_place_on_earth_is_refused(subtests: pytest.Subtests) -> None
             Geodetic(*place)
 
 
+def test_a_bearing_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(ValueError, match="not a bearing"):
+        MissionFrame(ZURICH, nan)
+
+
 @given(st.tuples(metres, metres, metres))
 def test_rows_of_ned_convert_as_the_mission_frame_of_bearing_zero(ned: tuple[float, float, float]) -> None:
     rows = np.array([ned, (1.0, 2.0, 3.0)])

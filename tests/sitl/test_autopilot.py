@@ -12,7 +12,7 @@ from scipy.linalg import expm
 
 from estimation.plant.model import Plant, PlantAxis
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import LandedState, MavResult, Positioning, StubAutopilot
+from sitl.autopilot.autopilot import Battery, LandedState, MavResult, Positioning, StubAutopilot
 from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
@@ -217,6 +217,13 @@ def test_an_old_setpoint_is_not_flown_when_offboard_resumes() -> None:
     assert autopilot.airframe.position_m[0] == pytest.approx(held_m, abs=1e-3)
 
 
+def test_a_setpoint_below_the_ground_lands_and_disarms() -> None:
+    autopilot = offboard(3.0)
+    stream(autopilot, PositionTarget((0.0, 0.0, -1.0)), 20.0)
+    assert not autopilot.armed
+    assert autopilot.airframe.position_m[2] == 0.0
+
+
 # The fence
 
 SQUARE = Zone(True, ((5.0, 5.0), (5.0, -5.0), (-5.0, -5.0), (-5.0, 5.0)))
@@ -387,6 +394,15 @@ def test_no_parameter_breaks_a_flight(subtests: pytest.Subtests) -> None:
                 wait(autopilot, 3.0)
                 assert np.isfinite(autopilot.airframe.position_m).all()
                 assert max(map(abs, autopilot.airframe.position_m)) < 1e3
+
+
+def test_the_battery_drains_while_armed() -> None:
+    autopilot = Px4(PLANT, battery=Battery(0.5, endurance_s=100.0))
+    autopilot.step(3.0)
+    autopilot.arm()
+    autopilot.take_off()
+    wait(autopilot, 20.0)
+    assert autopilot.battery_fraction == pytest.approx(0.3)
 
 
 def test_slow_messages_of_several_vehicles_come_at_different_times_and_fast_ones_together() -> None:

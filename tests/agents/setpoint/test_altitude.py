@@ -83,6 +83,12 @@ def test_what_comes_too_late_or_after_a_long_silence() -> None:
     assert believed([*steady, told(40.0, 24.0 + SETTINGS.stale_after_s)]) == 40.0
 
 
+def test_a_sighting_with_an_altitude_that_is_none_is_refused() -> None:
+    for altitude_m, sigma_m, words in ((float("nan"), 1.0, "not finite"), (3.0, 0.0, "altitude_sigma_m 0.0")):
+        with pytest.raises(ValueError, match=words):
+            told(altitude_m, sigma_m=sigma_m)
+
+
 @pytest.mark.parametrize("altitude_m", [None, 4.25])
 def test_peers_receive_it(altitude_m: float | None) -> None:
     sighting, here = told(altitude_m), (0.0, 0.0)

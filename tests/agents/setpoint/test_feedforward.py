@@ -2,7 +2,7 @@
 teams in closed loop on plants that are not their files."""
 
 from collections.abc import Callable
-from math import hypot
+from math import hypot, nan
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from agents.control.plan import Plan
 from agents.core import VehicleCore
 from agents.inputs import Start, TacticEvent
 from agents.outputs import TickOutput
+from agents.ports import Setpoint
 from agents.safety.guard import Guarded, GuardStatus
 from agents.setpoint import FeedForward
 from agents.settings.config import AgentConfig
@@ -91,6 +92,12 @@ def test_who_brakes_or_stays_is_sent_no_velocity(status: GuardStatus, velocity: 
 def test_a_plant_that_takes_no_velocity_is_sent_none() -> None:
     plain = Plant(PLANT.x, PLANT.y)
     assert split((5.0, 1.0), plant=plain) == ((5.0, 1.0), ())
+
+
+@pytest.mark.parametrize("velocity", [(1.0, 2.0), (nan, 0.0, 0.0)])
+def test_a_velocity_has_three_numbers(velocity: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="setpoint"):
+        Setpoint((0.0, 0.0, 8.0), velocity_m_s=velocity)
 
 
 @pytest.mark.parametrize(("gain", "rate_rad_s"), [(0.0, 0.15), (0.8, 0.5)])

@@ -163,7 +163,8 @@ BECOMES = {
 def test_every_answer_is_true(name: str) -> None:
     assert set(STEERING) | {"start", "kill"} == set(VERBS)
     refuses = all(expected.startswith("refused: ") for expected in ANSWERS[name])
-    flights = [STEERING] if refuses else [(verb,) for verb in STEERING]  # what is refused changes nothing
+    # What is refused changes nothing.
+    flights: list[tuple[Verb, ...]] = [STEERING] if refuses else [(verb,) for verb in STEERING]
     found = [each for verbs in flights for each in answered(SITUATIONS[name], *verbs)]
     assert [did for did, _ in found] == list(ANSWERS[name])
     for did, tactic in found:

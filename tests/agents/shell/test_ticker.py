@@ -77,6 +77,15 @@ async def test_whole_periods_late_are_counted_and_skipped(work_s: float, index: 
     assert ticker.statistics.ticks == 3
 
 
+async def test_a_late_ticker_still_gives_way() -> None:
+    clock = FakeClock()
+    ticker = ticker_on(clock)
+    for _ in range(3):
+        await ticker.next()
+        clock.work(1.0)
+    assert len(clock.slept_wall_s) == 3
+
+
 async def test_ticks_begin_at_the_start_that_is_given() -> None:
     clock = FakeClock()
     ticker = Ticker(0.1, clock, 100.03)
