@@ -136,8 +136,8 @@ def test_a_ring_keeps_radius_and_rate_on_plants_30_percent_off_even_without_an_e
     errors_m, slow = {}, {}
     unestimated = (("own_filter",), {"disturbance_max_m_s2": 0.0})
     for plant in ("stub", "stub-feedforward"):
-        record = fly_simulated(feeding("case2", plant, 0.7, 1.3, unestimated), 1, 60.0, lambda _: None)
-        late = (record.time_s > 50.0) & (record.time_s < 60.0)
+        record = fly_simulated(feeding("case2", plant, 0.7, 1.3, unestimated), 1, 45.0, lambda _: None)
+        late = (record.time_s > 35.0) & (record.time_s < 45.0)
         x, y = np.array([(each.position_m - record.target_position_m)[late].T for each in record.vehicles]).swapaxes(
             0, 1
         )
