@@ -73,40 +73,6 @@ def test_on_the_ground_a_vehicle_that_lacks_nothing_is_started_once() -> None:
     assert vehicle.told("hold") == "holds"
 
 
-@pytest.mark.parametrize(
-    ("before", "verb", "did", "after"),
-    [
-        (Tactic.FORMATION, "hold", "holds", Tactic.HOLD),
-        (Tactic.LAND, "hold", "refused: it is landing", Tactic.LAND),
-        (Tactic.HOLD, "resume", "resumes its mission", Tactic.FORMATION),
-        (Tactic.PILOT_OVERRIDE, "resume", "resumes its mission", Tactic.FORMATION),
-        (Tactic.ENCIRCLE, "resume", "was on its mission already", Tactic.ENCIRCLE),
-        (Tactic.RETURN_AND_LAND, "resume", "refused: it is on its way to land", Tactic.RETURN_AND_LAND),
-        (Tactic.ENCIRCLE, "rtl", "returns and lands", Tactic.RETURN_AND_LAND),
-        (Tactic.ENCIRCLE, "land", "lands", Tactic.LAND),
-        (Tactic.ENCIRCLE, "abort", "holds, lands in 5 s unless resumed", Tactic.HOLD),
-        (Tactic.HOLD, "abort", "was holding already, lands in 5 s unless resumed", Tactic.HOLD),
-        (Tactic.RETURN_AND_LAND, "abort", "holds, lands in 5 s unless resumed", Tactic.HOLD),
-        (Tactic.LAND, "abort", "was landing already", Tactic.LAND),
-        (Tactic.FORMATION, "kill", CUTTING, Tactic.LAND),
-    ],
-)
-def test_what_is_done_and_answered(before: Tactic, verb: Verb, did: str, after: Tactic) -> None:
-    vehicle = Vehicle(before)
-    assert (vehicle.told(verb), vehicle.tactic) == (did, after)
-
-
-@pytest.mark.parametrize("verb", ["hold", "land", "rtl", "abort"])
-def test_a_vehicle_that_was_handed_over_reports_that_and_the_next_step(verb: Verb) -> None:
-    vehicle = Vehicle(Tactic.PILOT_OVERRIDE)
-    did = vehicle.told(verb)
-    assert vehicle.outcome == "refused"
-    assert "handed it over" in did
-    assert "resume takes it back" in did
-    assert "lands in" not in did
-    assert vehicle.tactic is Tactic.PILOT_OVERRIDE
-
-
 @given(tactic=st.sampled_from(Tactic), verb=st.sampled_from(get_args(Verb)))
 def test_whatever_the_tactic_every_command_is_answered_and_obeyed_or_refused(tactic: Tactic, verb: Verb) -> None:
     vehicle = Vehicle(tactic)
@@ -172,16 +138,6 @@ def test_a_command_for_another_vehicle_is_not_answered() -> None:
     vehicle = Vehicle()
     assert vehicle.told("land", vehicle=3) == ""
     assert vehicle.tactic is Tactic.FORMATION
-
-
-def test_an_abort_lands_after_its_time_and_not_before() -> None:
-    vehicle = Vehicle()
-    vehicle.told("abort")
-    vehicle.tick(4.9)
-    assert vehicle.does(Tactic.HOLD)
-    vehicle.tick(5.0)
-    assert vehicle.does(Tactic.LAND)
-    assert vehicle.notes.drained()[-1].text == "abort by pat@here: lands, no resume was received"
 
 
 @pytest.mark.parametrize(("verb", "after"), [("resume", Tactic.FORMATION), ("rtl", Tactic.RETURN_AND_LAND)])

@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, get_args
 
 import pytest
@@ -85,49 +86,41 @@ def decisions(outputs: list[TickOutput]) -> list[Any]:
     return [decision_of(output) for output in outputs]
 
 
-def test_a_recorded_core_decides_as_any_other(make_config: Callable[..., AgentConfig]) -> None:
+Items = list[CoreInput | TickOutput]
+
+
+@pytest.fixture(scope="module")
+def recorded(make_config: Callable[..., AgentConfig]) -> Items:
+    """Return the record of a story, whose decisions are those of a core that is not recorded."""
     plain, recorder = flown(VehicleCore(make_config())), ListRecorder()
     kept = flown(RecordedCore(make_config(), recorder))
     assert decisions(kept) == decisions(plain)
     assert {output.status.tactic for output in plain} >= {Tactic.STANDBY, Tactic.ENCIRCLE, Tactic.HOLD}
+    return recorder.items
 
 
-def test_what_is_replayed_comes_out_the_same(make_config: Callable[..., AgentConfig]) -> None:
-    recorder = ListRecorder()
-    flown(RecordedCore(make_config(), recorder))
+def test_every_input_is_in_the_story_and_what_is_replayed_comes_out_the_same(
+    recorded: Items, make_config: Callable[..., AgentConfig]
+) -> None:
+    assert {type(item) for item in recorded} == {*get_args(CoreInput), TickOutput}
     fresh = VehicleCore(make_config())
-    played = [replay_input(fresh, item) for item in recorder.items if not isinstance(item, TickOutput)]
-    recorded = [item for item in recorder.items if isinstance(item, TickOutput)]
-    assert decisions([output for output in played if output is not None]) == decisions(recorded)
+    played = [replay_input(fresh, item) for item in recorded if not isinstance(item, TickOutput)]
+    outputs = [item for item in recorded if isinstance(item, TickOutput)]
+    assert decisions([output for output in played if output is not None]) == decisions(outputs)
     # The story has both kinds of commands in it, each obeyed once: a record that had one twice would tell so.
-    told = [note.text for output in recorded for note in output.status.notes if note.kind == "command"]
+    told = [note.text for output in outputs for note in output.status.notes if note.kind == "command"]
     assert len(told) == len(set(told)) >= 2
 
 
-def test_an_output_follows_its_tick_and_nothing_is_recorded_twice(make_config: Callable[..., AgentConfig]) -> None:
-    recorder = ListRecorder()
-    flown(RecordedCore(make_config(), recorder))
-    for before, item in zip(recorder.items, recorder.items[1:], strict=False):
+def test_an_output_follows_its_tick_and_nothing_is_recorded_twice(recorded: Items) -> None:
+    for before, item in pairwise(recorded):
         assert isinstance(item, TickOutput) == isinstance(before, Tick)
-    kinds = [type(item).__name__ for item in recorder.items]
+    kinds = [type(item).__name__ for item in recorded]
     # Said in every tick, recorded only when it was news: a link that works, no late ticks but once, the bus away once.
-    assert kinds.count("LateTicks") == 2
-    assert kinds.count("Bus") == 2
-    assert kinds.count("Computer") == 2
-    assert kinds.count("Command") == 1
-    assert kinds.count("Message") == 2
+    counts = {kind: kinds.count(kind) for kind in ("LateTicks", "Bus", "Computer", "Command", "Message")}
+    assert counts == {"LateTicks": 2, "Bus": 2, "Computer": 2, "Command": 1, "Message": 2}
 
 
 def test_there_are_two_ways_into_a_core_and_both_are_recorded() -> None:
     ways = {name for name, _ in inspect.getmembers(VehicleCore, inspect.isroutine) if not name.startswith("_")}
     assert ways == {name for name in vars(RecordedCore) if not name.startswith("_")} == {"take", "tick"}
-
-
-@pytest.mark.parametrize("kind", get_args(CoreInput))
-def test_every_input_can_be_replayed(kind: type, make_config: Callable[..., AgentConfig]) -> None:
-    recorder = ListRecorder()
-    flown(RecordedCore(make_config(), recorder))
-    items = [item for item in recorder.items if not isinstance(item, TickOutput) and type(item) is kind]
-    assert items, f"the story of these tests lacks {kind.__name__}"
-    core = VehicleCore(make_config())
-    assert (replay_input(core, items[0]) is not None) is (kind is Tick)

@@ -52,13 +52,3 @@ def test_the_share_rises_from_none_to_all(since_s: float, smoothing_s: float) ->
     assert share == (0.0 if since_s <= 0.0 else 1.0) or 0.0 < since_s < smoothing_s
     assert mixing_share(since_s + 0.1, smoothing_s) >= share
     assert share + mixing_share(smoothing_s - since_s, smoothing_s) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("knot", [0.0, 3.5])
-def test_the_share_has_no_kink(knot: float) -> None:
-    before, at, after = (mixing_share(knot + shift, 3.5) for shift in (-1e-5, 0.0, 1e-5))
-    assert (at - before) / 1e-5 == pytest.approx((after - at) / 1e-5, abs=1e-4)
-
-
-def test_without_smoothing_the_ring_takes_over_at_once() -> None:
-    assert mixing_share(0.0, 0.0) == 1.0

@@ -27,7 +27,7 @@ def found_in(recording: MotionRecording) -> ParameterEstimate:
 def told(*, position_m: float, velocity_m_s: float, push_m_s2: float = 0.0) -> FilterNoise:
     """Identify a flight with white noise on its positions, a steady error of its velocities, and a push that swings."""
     random = np.random.default_rng(3)
-    sent_m = excitation_m(random)
+    sent_m = excitation_m(random, 45.0, 30.0)
     time_s, aimed_m = flown(TRUTH, sent_m)
     swing = push_m_s2 / TRUTH.a0[0] * np.sin(0.4 * np.arange(len(sent_m)) * SENT_S)
     _, pushed_m = flown(replace(TRUTH, delay_s=0.0), np.column_stack((swing, -swing)))
@@ -59,7 +59,8 @@ def test_an_oscillating_push_gives_a_larger_random_walk_and_bound() -> None:
 
 def test_a_delay_that_changes_is_noticed() -> None:
     """For 15 s each, setpoints act at once and 0.3 s later: 0.15 s rms, part of which the plant's damping takes up."""
-    steady = recorded(TRUTH, 1, noise_m=0.03, sampled=False, setpoints_hz=25.0)
+    sent_m = excitation_m(np.random.default_rng(1), 45.0, 30.0)
+    steady = recorded(TRUTH, 1, noise_m=0.03, sampled=False, setpoints_hz=25.0, setpoint_m=sent_m)
     late_s = steady.setpoint_time_s + 0.3 * (np.floor(steady.setpoint_time_s / 15.0) % 2.0)
     kept = np.append(True, np.diff(np.maximum.accumulate(late_s)) > 0.0)
     changing = replace(steady, setpoint_time_s=late_s[kept], setpoint_m=steady.setpoint_m[kept])

@@ -116,15 +116,6 @@ def test_rows_of_ned_convert_as_the_mission_frame_of_bearing_zero(ned: tuple[flo
     assert up_from_ned(up_from_ned(rows)).tolist() == rows.tolist()
 
 
-def test_many_places_are_converted_as_each_alone() -> None:
-    """In NED about the origin, against the mission frame of bearing 0 place by place."""
-    frame = MissionFrame(ZURICH)
-    places = [Geodetic(47.3979, 8.5454, 500.0), Geodetic(47.39, 8.55, 480.0), ZURICH]
-    columns = np.array([(place.latitude_deg, place.longitude_deg, place.altitude_m) for place in places]).T
-    each = [frame.ned_from_mission(frame.mission_from_geodetic(place)) for place in places]
-    assert frame.ned_from_geodetics(*columns) == pytest.approx(np.array(each), abs=1e-6)
-
-
 @given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
 def test_a_quaternion_is_the_product_of_its_three_turns(roll: float, pitch: float, yaw: float) -> None:
     """Yaw, then pitch, then roll: the quaternion multiplied out here turn by turn."""

@@ -1,7 +1,6 @@
 """A vehicle's own filter against batch least squares, its Riccati equation, statistics of simulated truth; trouble."""
 
 from collections.abc import Callable
-from math import nan
 
 import msgspec
 import numpy as np
@@ -107,7 +106,7 @@ def test_the_covariance_settles_where_the_riccati_equation_says() -> None:
 def test_errors_match_the_filters_covariance() -> None:
     transition, gain, noise = model(PERIOD_S)
     random = np.random.default_rng(7)
-    root, flights, squares = np.linalg.cholesky(noise), 80, []
+    root, flights, squares = np.linalg.cholesky(noise), 40, []
     for _ in range(flights):
         own = OwnFilter(PLANT, SETTINGS)
         truth, setpoint = np.concatenate([np.zeros(4), random.standard_normal(2) * 0.1]), np.zeros(2)
@@ -153,9 +152,6 @@ def test_a_constant_wind_is_found() -> None:
     own = OwnFilter(PLANT, SETTINGS)
     fly(own, PLANT, 300, wind=(0.3, -0.2))
     assert estimated(own, 30.0)[4:] == pytest.approx([0.3, -0.2], abs=2e-3)
-    noisy = OwnFilter(PLANT, SETTINGS)
-    fly(noisy, PLANT, 300, wind=(0.3, -0.2), noise_m=0.02)
-    assert estimated(noisy, 30.0)[4:] == pytest.approx([0.3, -0.2], abs=0.1)
 
 
 def test_the_disturbance_stays_within_its_bound() -> None:
@@ -200,15 +196,6 @@ def test_there_is_no_estimate_before_telemetry_and_none_before_its_time() -> Non
     early = own.estimate(4.0)
     assert early is not None
     assert early.time_s == own.received_s == 5.0
-
-
-def test_telemetry_that_is_not_finite_never_reaches_the_filter(subtests: pytest.Subtests) -> None:
-    for field in range(3):
-        with subtests.test(field=field):
-            values = [1.0, (1.0, 2.0, 3.0), (1.0, 2.0, 3.0)]
-            values[field] = nan if field == 0 else (1.0, nan, 3.0)
-            with pytest.raises(ValueError, match="not finite"):
-                Telemetry(*values)  # type: ignore[arg-type]
 
 
 def settled() -> OwnFilter:
@@ -299,7 +286,7 @@ def test_the_disturbance_of_a_wrong_plant_on_a_circle_is_estimated_without_lag()
     for rate_rad_s in (0.0, 0.2):
         own = OwnFilter(PLANT, SETTINGS)
         own.turn_disturbance(rate_rad_s)
-        errors[rate_rad_s] = np.abs(circled(own, wrong, rate_rad_s=0.2, duration_s=200.0)[-300:]).max()
+        errors[rate_rad_s] = np.abs(circled(own, wrong, rate_rad_s=0.2, duration_s=120.0)[-300:]).max()
     assert errors[0.2] < 2e-4
     assert errors[0.0] > 10.0 * errors[0.2], "a disturbance that is taken to stand still lags"
 
@@ -311,7 +298,7 @@ def test_a_ring_that_turns_at_another_rate_is_followed() -> None:
         own = OwnFilter(PLANT, SETTINGS)
         for rate_rad_s in rates_rad_s:
             own.turn_disturbance(rate_rad_s)
-        errors.append(np.abs(circled(own, wrong, rate_rad_s=0.1, duration_s=200.0)[-300:]).max())
+        errors.append(np.abs(circled(own, wrong, rate_rad_s=0.1, duration_s=120.0)[-300:]).max())
     assert errors[1] < 1e-4
     assert errors[0] > 10.0 * errors[1]
 

@@ -39,12 +39,6 @@ def test_the_bundled_profiles_hold_the_numbers_of_their_autopilots(tmp_path: Pat
     assert px4.limits == LimitsSection(speed_max_m_s=12.0, acceleration_max_m_s2=3.0)
 
 
-def test_a_plant_file_of_earlier_versions_is_a_profile_with_the_filters_defaults(tmp_path: Path) -> None:
-    (tmp_path / "own.toml").write_text(AXES + IDENTIFIED)
-    profile = ProfileLibrary(tmp_path).load("own.toml")
-    assert (profile.autopilot, profile.own_filter, profile.limits) == (None, OwnFilterSettings(), LimitsSection())
-
-
 def test_texts_that_were_read_load_the_same_profiles_anywhere(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(AXES + "[own_filter]\ngate_sigma = 6.0\n")
     here = ProfileLibrary(tmp_path)
@@ -72,12 +66,8 @@ def test_a_fault_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: 
         (b"\xff\xfe", "'own.toml' is not TOML"),
         (AXES.encode() + b"extra = 1\n", "own.toml: y.extra: Extra inputs are not permitted"),
         (b"feedforward = -1\n" + AXES.encode(), "own.toml: feedforward: Input should be greater than or equal to 0"),
-        (b"feedforward = 2.5\n" + AXES.encode(), "own.toml: feedforward: Input should be less than or equal to 2"),
-        (b"delay_s = 1.5\n" + AXES.encode(), "own.toml: delay_s: Input should be less than or equal to 1"),
         (AXES.replace("0.6", "nan").encode(), "own.toml: y.a0_per_s2: Input should be a finite number"),
-        (AXES.replace("0.6", "'0.6'").encode(), "own.toml: y.a0_per_s2: Input should be a valid number"),
         (b"autopilot = 'mine'\n" + AXES.encode(), "own.toml: autopilot: Input should be 'px4' or 'ardupilot'"),
-        (AXES.encode() + b"[own_filter]\ngate_sigma = 0.5", "own.toml: own_filter.gate_sigma: Input should be greater"),
         (AXES.encode() + b"[own_filter]\ngate = 5", "own.toml: own_filter.gate: Extra inputs are not permitted"),
         (AXES.encode() + b"[limits]\nspeed_max_m_s = inf", "own.toml: limits.speed_max_m_s: Input should be a finite"),
         (AXES.replace("0.6", "-0.6").encode(), "own.toml: y: a0_per_s2 = -0.6 makes the plant unstable"),
@@ -115,9 +105,7 @@ def test_a_file_holds_how_its_plant_was_identified(tmp_path: Path) -> None:
 def test_a_fault_in_the_identified_section_is_reported_with_its_path(subtests: pytest.Subtests, tmp_path: Path) -> None:
     rows: tuple[tuple[str, str, str], ...] = (
         ('verdict = "usable"', 'verdict = "fine"', "identified.verdict: Input should be"),
-        ("vehicle = 3", "vehicle = 3\nextra = 1", "identified.extra: Extra inputs are not permitted"),
         ("2026-11-21", "2026-13-21", "identified.date: String should match pattern"),
-        ("0a0a", "xyz0", "identified.logs.0.sha256: String should match pattern"),
         ("[0.01, 0.0, 0.0, 0.0, 0.0], ", "", "identified: Value error, covariance must have 5 rows of 5 numbers"),
         ("[[0.01", "[[-0.01", "identified: Value error, covariance has a negative variance"),
     )

@@ -27,8 +27,10 @@ def test_the_response_to_held_setpoints_on_the_grid_equals_the_exact_step(subtes
             assert response_of(a0, a1).forced(steps, 0.0, 0.0, 0.1, 240) == pytest.approx(np.array(positions), abs=1e-7)
 
 
-@pytest.mark.parametrize("between", [InputHold.HELD, InputHold.MIDWAY, InputHold.LINEAR])
-@pytest.mark.parametrize(("lag_s", "lead_s"), [(0.0, 0.0), (0.15, 0.0), (0.0, 0.4)])
+@pytest.mark.parametrize(
+    ("between", "lag_s", "lead_s"),
+    [(InputHold.HELD, 0.15, 0.0), (InputHold.MIDWAY, 0.0, 0.4), (InputHold.LINEAR, 0.0, 0.0)],
+)
 def test_the_response_to_setpoints_at_any_time_equals_a_solvers(
     between: InputHold, lag_s: float, lead_s: float
 ) -> None:

@@ -215,8 +215,8 @@ class Flown:
         )
 
 
-def flown(draw: Draw) -> Flown:
-    """Fly a draw and evaluate it."""
+def flown(draw: Draw, duration_s: float | None = None) -> Flown:
+    """Fly a draw, for as long as its mission unless told otherwise, and evaluate it."""
     mission = draw.mission
     tactics = [""] * len(mission.vehicles)
 
@@ -225,7 +225,7 @@ def flown(draw: Draw) -> Flown:
 
     seed, imperfections = mission.mission.seed, {key: each.imperfections for key, each in draw.family.items()}
     vehicles = simulated_vehicles(mission, seed, imperfections=imperfections)
-    flight = observed(mission, seed, observe, vehicles=vehicles)
+    flight = observed(mission, seed, observe, duration_s=duration_s, vehicles=vehicles)
     return _judged(draw, flight, on_ring=set(tactics) == {"encircle"})
 
 

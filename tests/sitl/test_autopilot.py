@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from math import hypot, inf, nan, pi, sqrt
+from math import hypot, inf, nan, pi
 
 import numpy as np
 import pytest
@@ -103,23 +103,14 @@ def test_wind_pushes_as_a_disturbance_acceleration() -> None:
     assert (x, y) == pytest.approx((exact(PLANT.x, 0.0, 0.3, 1.5), exact(PLANT.y, 0.0, -0.2, 1.5)), abs=1e-9)
 
 
-def test_a_setpoint_between_two_steps_acts_from_the_nearest_step(subtests: pytest.Subtests) -> None:
-    for offset_s in [0.0, 0.004, 0.013, 0.019]:
-        with subtests.test(offset_s=offset_s):
-            autopilot = offboard()
-            start_s = autopilot.time_s
-            autopilot.receive_setpoint(start_s + offset_s, PositionTarget((1.0, 0.0, 5.0)))
-            autopilot.step(start_s + 0.8)
-            acted_s = 0.8 - PLANT.delay_s - round(offset_s / STEP_S) * STEP_S
-            assert autopilot.airframe.position_m[0] == pytest.approx(exact(PLANT.x, 1.0, 0.0, acted_s), abs=1e-9)
-
-
-def test_standing_vehicles_stay_where_they_are() -> None:
-    autopilot = ready()
-    autopilot.arm()
-    autopilot.step(autopilot.time_s + 5.0, (2.0, 2.0))
-    assert autopilot.airframe.position_m == (0.0, 0.0, 0.0)
-    assert autopilot.airframe.velocity_m_s == (0.0, 0.0, 0.0)
+def test_a_setpoint_between_two_steps_acts_from_the_nearest_step() -> None:
+    for offset_s in (0.004, 0.019):
+        autopilot = offboard()
+        start_s = autopilot.time_s
+        autopilot.receive_setpoint(start_s + offset_s, PositionTarget((1.0, 0.0, 5.0)))
+        autopilot.step(start_s + 0.8)
+        acted_s = 0.8 - PLANT.delay_s - round(offset_s / STEP_S) * STEP_S
+        assert autopilot.airframe.position_m[0] == pytest.approx(exact(PLANT.x, 1.0, 0.0, acted_s), abs=1e-9)
 
 
 def test_climbs_and_descents_keep_to_their_speed_limits() -> None:
@@ -156,35 +147,6 @@ def test_arming_waits_for_the_estimator() -> None:
     assert autopilot.arm() is MavResult.ACCEPTED
 
 
-def test_arming_in_offboard_takes_a_flowing_stream() -> None:
-    autopilot = ready()
-    autopilot.select(NavMode.OFFBOARD)
-    autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
-    assert autopilot.arm() is MavResult.ACCEPTED
-
-
-def test_take_off_to_a_stated_altitude_and_before_arming() -> None:
-    autopilot = ready()
-    assert autopilot.take_off(7.0) is MavResult.ACCEPTED
-    wait(autopilot, 2.0)
-    assert autopilot.landed
-    autopilot.arm()
-    wait(autopilot, 25.0)
-    assert autopilot.airframe.position_m[2] == pytest.approx(7.0, abs=0.01)
-
-
-def test_disarming_in_the_air_is_refused_and_killing_drops_the_vehicle() -> None:
-    autopilot = hovering(5.0)
-    assert autopilot.disarm() is MavResult.REJECTED
-    assert autopilot.armed
-    height_m = autopilot.airframe.height_m
-    assert autopilot.disarm(force=True) is MavResult.ACCEPTED
-    assert not autopilot.armed
-    fall_s = until(autopilot, lambda: autopilot.airframe.on_ground)
-    assert fall_s == pytest.approx(sqrt(2 * height_m / 9.81), abs=2 * STEP_S)
-    assert until(autopilot, lambda: autopilot.landed) == pytest.approx(1.0, abs=2 * STEP_S)
-
-
 def test_return_rises_flies_home_and_lands() -> None:
     autopilot = offboard(5.0)
     stream(autopilot, PositionTarget((12.0, -9.0, 5.0)), 15.0)
@@ -201,18 +163,6 @@ def test_return_rises_flies_home_and_lands() -> None:
     assert hypot(x, y) < 0.01
 
 
-def test_home_is_where_the_vehicle_was_last_armed() -> None:
-    autopilot = offboard(3.0)
-    stream(autopilot, PositionTarget((6.0, 1.0, 3.0)), 12.0)
-    autopilot.select(NavMode.HOLD)
-    autopilot.select(NavMode.LAND)
-    until(autopilot, lambda: not autopilot.armed)
-    assert autopilot.home_m == (0.0, 0.0, 0.0)
-    wait(autopilot, 1.0)
-    autopilot.arm()
-    assert autopilot.home_m == pytest.approx((6.0, 1.0, 0.0), abs=0.01)
-
-
 # Offboard
 
 
@@ -220,15 +170,10 @@ def test_home_is_where_the_vehicle_was_last_armed() -> None:
     ("action", "sticks_action", "mode"),
     [
         (3, 3, NavMode.RETURN),
-        (4, 2, NavMode.LAND),
         (5, 2, NavMode.HOLD),
         # What would need sticks, and has none, does what is to be done about lost sticks.
-        (0, 2, NavMode.RETURN),
         (1, 3, NavMode.LAND),
-        (2, 1, NavMode.HOLD),
         (99, 2, NavMode.RETURN),
-        (0, 5, NavMode.POSITION),
-        (1, 5, NavMode.ALTITUDE),
         (2, 5, NavMode.STABILIZED),
     ],
 )
@@ -286,57 +231,62 @@ KEPT_OUT = Zone(False, ((20.0, 0.0),), radius_m=4.0)
 TRIANGLE = Zone(True, ((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)))
 
 
-def test_what_a_zone_allows(subtests: pytest.Subtests) -> None:
+def test_what_a_zone_allows() -> None:
     for zone, place_m, allowed in (
         (SQUARE, (4.9, -4.9), True),
         (SQUARE, (5.1, 0.0), False),
         (SQUARE, (0.0, -5.1), False),
-        (SQUARE, (0.0, 5.1), False),
         (KEPT_OUT, (20.0, 3.9), False),
         (KEPT_OUT, (20.0, 4.1), True),
         (TRIANGLE, (4.9, 4.9), True),
         (TRIANGLE, (5.1, 5.1), False),
-        (TRIANGLE, (-0.1, 5.0), False),
     ):
-        with subtests.test(zone=zone, place_m=place_m, allowed=allowed):
-            assert zone.allows(place_m) is allowed
+        assert zone.allows(place_m) is allowed, (zone, place_m)
 
 
 def test_gf_action_selects_the_mode_after_a_breach(subtests: pytest.Subtests) -> None:
-    breaches: tuple[tuple[dict[str, float], tuple[Zone, ...], tuple[float, float, float], str], ...] = (
-        ({}, (SQUARE,), (9.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
-        ({}, (KEPT_OUT,), (20.0, 0.0, 5.0), "Geofence: approaching or outside geofence"),
-        ({"GF_MAX_HOR_DIST": 6.0}, (), (6.0, 6.0, 5.0), "Geofence: exceeding maximum distance to Home"),
-        ({"GF_MAX_VER_DIST": 8.0}, (), (0.0, 0.0, 12.0), "Geofence: exceeding maximum altitude above Home"),
+    around = "Geofence: approaching or outside geofence"
+    breaches: tuple[tuple[int, NavMode, dict[str, float], tuple[Zone, ...], tuple[float, float, float], str], ...] = (
+        (2, NavMode.HOLD, {}, (SQUARE,), (9.0, 0.0, 5.0), around),
+        (3, NavMode.RETURN, {}, (KEPT_OUT,), (20.0, 0.0, 5.0), around),
+        (
+            5,
+            NavMode.LAND,
+            {"GF_MAX_HOR_DIST": 6.0},
+            (),
+            (6.0, 6.0, 5.0),
+            "Geofence: exceeding maximum distance to Home",
+        ),
+        (
+            2,
+            NavMode.HOLD,
+            {"GF_MAX_VER_DIST": 8.0},
+            (),
+            (0.0, 0.0, 12.0),
+            "Geofence: exceeding maximum altitude above Home",
+        ),
     )
-    actions: tuple[tuple[int, NavMode], ...] = ((2, NavMode.HOLD), (3, NavMode.RETURN), (5, NavMode.LAND))
-    for parameters, zones, place_m, says in breaches:
-        for action, mode in actions:
-            with subtests.test(
-                parameters=parameters, zones=zones, place_m=place_m, says=says, action=action, mode=mode
-            ):
-                autopilot = offboard(GF_ACTION=action, **parameters)
-                autopilot.zones = zones
-                stream(autopilot, PositionTarget((0.0, 0.0, 5.0)), 1.0)
-                assert mode_of(autopilot) is NavMode.OFFBOARD
-                stream(autopilot, PositionTarget(place_m), 6.0)
-                assert mode_of(autopilot) is mode
-                assert autopilot.failsafe
-                texts = [text for _, text in autopilot.take_texts()]
-                assert texts[-2:] == [says, "Failsafe activated"]
-                assert texts.count(says) == 1
-
-
-def test_a_fence_without_action_has_no_effect(subtests: pytest.Subtests) -> None:
-    for action in [0, 1, 4]:
-        with subtests.test(action=action):
-            autopilot = offboard(GF_ACTION=action)
-            autopilot.zones = (SQUARE,)
-            stream(autopilot, PositionTarget((9.0, 0.0, 5.0)), 6.0)
+    for action, mode, parameters, zones, place_m, says in breaches:
+        with subtests.test(action=action, parameters=parameters, zones=zones):
+            autopilot = offboard(GF_ACTION=action, **parameters)
+            autopilot.zones = zones
+            stream(autopilot, PositionTarget((0.0, 0.0, 5.0)), 1.0)
             assert mode_of(autopilot) is NavMode.OFFBOARD
-            assert (action == 1) is (
-                "Geofence: approaching or outside geofence" in [t for _, t in autopilot.take_texts()]
-            )
+            stream(autopilot, PositionTarget(place_m), 6.0)
+            assert mode_of(autopilot) is mode
+            assert autopilot.failsafe
+            texts = [text for _, text in autopilot.take_texts()]
+            assert texts[-2:] == [says, "Failsafe activated"]
+            assert texts.count(says) == 1
+
+
+def test_a_fence_without_action_has_no_effect() -> None:
+    for action in (0, 1):
+        autopilot = offboard(GF_ACTION=action)
+        autopilot.zones = (SQUARE,)
+        stream(autopilot, PositionTarget((9.0, 0.0, 5.0)), 6.0)
+        assert mode_of(autopilot) is NavMode.OFFBOARD
+        assert (action == 1) is ("Geofence: approaching or outside geofence" in [t for _, t in autopilot.take_texts()])
 
 
 def test_one_of_several_inclusions_is_enough_and_whoever_chooses_a_mode_flies_on_outside() -> None:
@@ -401,24 +351,14 @@ def test_without_gps_it_hovers_on_in_take_off_refuses_hold_and_lands() -> None:
     until(autopilot, lambda: not autopilot.armed)
 
 
-@pytest.mark.parametrize("action", [3, 5])
-def test_a_failsafe_that_needs_a_place_on_the_globe_lands_without_one(action: int) -> None:
-    autopilot = indoors(COM_OBL_RC_ACT=action)
+def test_a_failsafe_that_needs_a_place_on_the_globe_lands_without_one() -> None:
+    autopilot = indoors(COM_OBL_RC_ACT=3)
     stream(autopilot, PositionTarget((0.0, 0.0, 2.0)), 0.2)
     autopilot.select(NavMode.OFFBOARD)
     autopilot.arm()
     stream(autopilot, PositionTarget((0.0, 0.0, 2.0)), 8.0)
     until(autopilot, lambda: autopilot.mode is not NavMode.OFFBOARD)
     assert mode_of(autopilot) is NavMode.LAND
-
-
-def test_not_localised_it_arms_in_no_mode() -> None:
-    autopilot = Px4(PLANT, positioning=Positioning(localised=False))
-    autopilot.step(60.0)
-    autopilot.receive_setpoint(autopilot.time_s, PositionTarget((0.0, 0.0, 2.0)))
-    for mode in NavMode:
-        autopilot.select(mode)
-        assert autopilot.arm() is MavResult.REJECTED
 
 
 # Values
@@ -446,12 +386,12 @@ def test_no_parameter_breaks_a_flight(subtests: pytest.Subtests) -> None:
                 autopilot = ready(**{name: extreme})
                 autopilot.arm()
                 autopilot.take_off()
-                wait(autopilot, 8.0)
+                wait(autopilot, 4.0)
                 stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 0.2)
                 autopilot.select(NavMode.OFFBOARD)
                 stream(autopilot, PositionTarget((5.0, 5.0, 5.0)), 2.0)
                 autopilot.select(NavMode.RETURN)
-                wait(autopilot, 10.0)
+                wait(autopilot, 3.0)
                 assert np.isfinite(autopilot.airframe.position_m).all()
                 assert max(map(abs, autopilot.airframe.position_m)) < 1e3
 
@@ -511,7 +451,7 @@ COMMANDS = st.one_of(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(COMMANDS, st.floats(0.02, 4.0)), max_size=25))
 def test_no_sequence_of_commands_breaks_the_vehicle(
     script: list[tuple[Callable[[StubAutopilot], object], float]],

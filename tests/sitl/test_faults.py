@@ -1,6 +1,5 @@
 """Faults of one stub vehicle: what it tells and where it flies with a silent motion, or an estimate that is off."""
 
-import asyncio
 from collections import Counter
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -11,8 +10,7 @@ from pymavlink.dialects.v20.common import MAVLink_set_gps_global_origin_message
 from agents.drops import NO_DROPS, Refusals
 from agents.shell.clock import WallClock
 from agents.team.messages import BusMessage, MemberState, OperatorCommand
-from estimation.state import Sighting
-from gcs.flight.faults.failing_equipment import FailingBus, FailingSensor
+from gcs.flight.faults.failing_equipment import FailingBus
 from gcs.flight.faults.team_faults import PresentFaults, TeamFaults
 from sitl.autopilot.modes import NavMode
 from sitl.faults import VehicleFaults
@@ -166,29 +164,3 @@ async def test_who_is_unheard_is_and_operators_are_not() -> None:
     bus.deliver(COMMAND)
     bus.sight("perception", b"noise")
     assert heard == [member(3), COMMAND, b"noise"]
-
-
-async def test_what_is_late_comes_later() -> None:
-    bus = Bus()
-    receiver, heard = await opened(bus)
-    receiver.now = TeamFaults(delay_s=0.01)
-    bus.deliver(member(1))
-    assert heard == []
-    arrived = asyncio.Event()
-    asyncio.get_running_loop().call_later(0.02, arrived.set)
-    await arrived.wait()
-    assert heard == [member(1)]
-
-
-def test_a_blind_sensor_sees_nothing() -> None:
-    sighting = Sighting(1.0, 1, (0.0, 0.0), (1.0, 0.0, 1.0), 0.5, 0.5)
-
-    class Eye:
-        def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting:
-            return sighting
-
-    receiver = PresentFaults()
-    sensor = FailingSensor(Eye(), receiver)
-    assert sensor.sight(1.0, (0.0, 0.0)) is sighting
-    receiver.now = TeamFaults(blind=True)
-    assert sensor.sight(1.0, (0.0, 0.0)) is None

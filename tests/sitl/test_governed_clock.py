@@ -38,7 +38,7 @@ def fast() -> Iterator[ClockName]:
         yield name
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(st.lists(st.lists(st.integers(1, 50), min_size=1, max_size=8), min_size=2, max_size=5), st.randoms())
 def test_events_happen_in_their_order_whoever_looks_first(
     periods_us: list[list[int]],

@@ -28,7 +28,6 @@ FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians
 START: Triple = (20.0, -5.0, 1.5)
 ORIGIN: Triple = (20.3, -5.4, 1.6)
 SYSTEM_ID = 7
-NOBODY = (0.0,) * 7
 NOISELESS = EstimatorNoise()
 
 
@@ -102,14 +101,6 @@ def param_set(name: str, value: float, kind: int) -> Any:
 # Telemetry
 
 
-def test_the_heartbeat_keeps_its_second_whatever_changes(client: Client) -> None:
-    client.run(0.5)
-    client.command(400, 1)
-    before, after = client.run(0.4), client.run(0.6)
-    assert not [message for message in before if message.get_type() == "HEARTBEAT"]
-    assert only(after, "HEARTBEAT").base_mode & 128
-
-
 def test_before_the_estimator_is_ready_no_position_is_sent() -> None:
     messages = Client().run(1.9)
     kinds = {message.get_type() for message in messages}
@@ -167,9 +158,10 @@ def test_a_speed_beyond_the_field_is_sent_as_its_maximum(client: Client) -> None
 def test_noise_is_as_stated_repeatable_and_the_same_in_all_messages_of_a_time() -> None:
     noise = EstimatorNoise(position_m=0.5, velocity_m_s=0.1)
     first, again = Client(noise, seed=3), Client(noise, seed=3)
-    sent, sent_again = first.run(60.0), again.run(60.0)
+    sent, sent_again = first.run(60.0), again.run(5.0)
     local = [m for m in sent if m.get_type() == "LOCAL_POSITION_NED"]
-    assert [m.x for m in local] == [m.x for m in sent_again if m.get_type() == "LOCAL_POSITION_NED"]
+    repeated = [m.x for m in sent_again if m.get_type() == "LOCAL_POSITION_NED"]
+    assert [m.x for m in local][: len(repeated)] == repeated
     assert np.std([m.x for m in local]) == pytest.approx(0.5, rel=0.1)
     assert np.std([m.vz for m in local]) == pytest.approx(0.1, rel=0.1)
     heights = {m.time_boot_ms: m.alt for m in sent if m.get_type() == "GLOBAL_POSITION_INT"}
@@ -191,11 +183,6 @@ def test_the_truth_is_told_on_request_without_the_estimates_errors() -> None:
     assert client.command(512, 108)[0].result != 0
 
 
-def test_packets_are_numbered_in_sequence(client: Client) -> None:
-    numbers = [message.get_seq() for message in client.run(3.0) + client.command(512, 148) + client.run(3.0)]
-    assert np.all(np.diff(numbers) % 256 == 1)
-
-
 # Commands
 
 
@@ -207,22 +194,11 @@ def test_take_off_to_an_altitude_above_the_datum(client: Client) -> None:
     assert client.autopilot.airframe.position_m[2] == pytest.approx(3.0, abs=0.01)
 
 
-def test_messages_and_rates_on_request(client: Client) -> None:
-    version = only(client.command(512, 148), "AUTOPILOT_VERSION")
-    assert version.capabilities & dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-    assert version.flight_sw_version >> 16 == 1 << 8 | 17
-    assert results(client.command(512, 36)) == [2]
-    assert results(client.command(511, 32, 20000)) == [0]
+def test_the_interval_of_a_message_is_told(client: Client) -> None:
     assert results(client.command(511, 30, -1)) == [0]
-    assert only(client.command(510, 32), "MESSAGE_INTERVAL").interval_us == 20000
     assert only(client.command(510, 30), "MESSAGE_INTERVAL").interval_us == -1
-    counts = Counter(message.get_type() for message in client.run(10.0))
-    assert (counts["LOCAL_POSITION_NED"], counts["ATTITUDE"]) == (500, 0)
-    assert results(client.command(511, 30, 0)) == [0]
-    assert Counter(message.get_type() for message in client.run(10.0))["ATTITUDE"] == 500
-    for refused in ((0, 100000.0), (9999, 1.0), (32, nan)):
-        assert results(client.command(511, *refused)) == [4]
-    assert results(client.command(31000)) == [3]
+    assert results(client.command(511, 32, nan)) == [4]
+    assert results(client.command(510, 9999)) == [2]
 
 
 def test_commands_as_integers(client: Client) -> None:
@@ -248,14 +224,12 @@ def test_parameters_integers_bytewise(client: Client) -> None:
     assert only(client.send(by_index), "PARAM_VALUE").param_id == "COM_OBL_RC_ACT"
 
 
-def test_a_parameter_that_is_no_number_is_refused_and_the_old_value_sent(client: Client) -> None:
+def test_a_parameter_that_cannot_be_is_counted_and_one_that_is_no_number_answered_with_the_old_value(
+    client: Client,
+) -> None:
     assert only(client.send(param_set("COM_OF_LOSS_T", nan, 9)), "PARAM_VALUE").param_value == 1.0
-    assert client.vehicle.dropped[Drop.PARAMETER] == 1
-
-
-def test_a_parameter_that_is_unknown_or_of_another_kind_is_dropped_without_an_answer(client: Client) -> None:
     assert client.send(param_set("NO_SUCH", 1.0, 9)) == client.send(param_set("COM_OF_LOSS_T", 0.0, 6)) == []
-    assert client.vehicle.dropped[Drop.PARAMETER] == 2
+    assert client.vehicle.dropped[Drop.PARAMETER] == 3
 
 
 def test_a_text_too_long_for_a_message_comes_in_chunks(client: Client) -> None:
@@ -301,17 +275,19 @@ def test_without_gps_it_knows_its_local_position_and_nothing_of_the_globe() -> N
     assert status.onboard_control_sensors_health & POSITION_BIT
     assert [m.get_type() for m in indoors.command(512, 49)] == ["COMMAND_ACK"]
     assert [m.get_type() for m in indoors.command(512, 242)] == ["COMMAND_ACK"]
+    assert only(indoors.command(512, 230), "ESTIMATOR_STATUS").flags == 303
 
 
 def test_not_localised_it_sends_no_position_and_stays_disarmed() -> None:
     lost = Client(positioning=Positioning(localised=False))
-    messages = lost.run(30.0)
+    messages = lost.run(6.0)
     kinds = {message.get_type() for message in messages}
     assert not kinds & {"LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "HOME_POSITION"}
     status = last(messages, "SYS_STATUS")
     assert status.onboard_control_sensors_present & GPS_BIT
     assert not status.onboard_control_sensors_health & (GPS_BIT | POSITION_BIT)
     assert results(lost.command(400, 1)) == [1]
+    assert only(lost.command(512, 230), "ESTIMATOR_STATUS").flags == 165
 
 
 def test_the_estimators_report_comes_when_asked_for_and_follows_its_noise() -> None:
@@ -329,13 +305,6 @@ def test_the_estimators_report_comes_when_asked_for_and_follows_its_noise() -> N
     means = [np.mean([getattr(m, name) for m in shaken]) for name in ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio")]
     assert means == pytest.approx([3 / 25, 2 / 25, 1 / 25], rel=0.2)
     assert results(calm.command(512, 193)) == [2], "that is ArduPilot's"
-
-
-@pytest.mark.parametrize(("positioning", "flags"), [(Positioning(gps=False), 303), (Positioning(localised=False), 165)])
-def test_the_estimator_reports_what_is_invalid(positioning: Positioning, flags: int) -> None:
-    client = Client(positioning=positioning)
-    client.run(3.0)
-    assert only(client.command(512, 230), "ESTIMATOR_STATUS").flags == flags
 
 
 def test_the_parameter_list_is_complete(client: Client) -> None:
@@ -410,20 +379,16 @@ def test_an_uploaded_fence_holds_the_vehicle_that_leaves_it(client: Client) -> N
     assert client.autopilot.zones == ()
 
 
-@pytest.mark.parametrize(
-    "broken",
-    [
+def test_what_makes_no_zone_is_left_out(client: Client) -> None:
+    for command, size, north_m in (
         (5001, 4.0, 0.0),  # a polygon of four corners with one
         (5001, nan, 0.0),
         (5003, nan, 0.0),
         (5003, 5.0, 1e7),  # beyond the pole
         (16, 5.0, 0.0),
-    ],
-)
-def test_what_makes_no_zone_is_left_out(client: Client, broken: tuple[int, float, float]) -> None:
-    command, size, north_m = broken
-    upload_fence(client, fence_item(0, command, size, north_m, 0.0))
-    assert client.autopilot.zones == ()
+    ):
+        upload_fence(client, fence_item(0, command, size, north_m, 0.0))
+        assert client.autopilot.zones == ()
 
 
 def test_clearing_by_an_empty_plan_and_all_at_once(client: Client) -> None:
@@ -442,25 +407,24 @@ def test_clearing_by_an_empty_plan_and_all_at_once(client: Client) -> None:
 # What is dropped
 
 
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
+def test_setpoints_that_cannot_be_flown_are_counted_and_do_not_keep_offboard_alive(client: Client) -> None:
+    counted = Counter[Drop]()
+    rows: tuple[tuple[dict[str, Any], Drop], ...] = (
         ({"x": nan}, Drop.NOT_FINITE),
-        ({"z": inf}, Drop.NOT_FINITE),
         ({"y": 1e30}, Drop.OUT_OF_REACH),
+        ({"vx": inf, "type_mask": 0b100111000000}, Drop.NOT_FINITE),
+        ({"vx": 1e30, "type_mask": 0b100111000000}, Drop.OUT_OF_REACH),
         ({"type_mask": 0b100111111001}, Drop.POSITION_MASKED),
         ({"type_mask": 0b110111000111, "vx": 0.5}, Drop.POSITION_MASKED),
         ({"type_mask": 0b110111111111}, Drop.POSITION_MASKED),
         ({"coordinate_frame": 8}, Drop.FRAME),
         ({"target_system": 8}, Drop.FOREIGN),
-    ],
-)
-def test_setpoints_that_cannot_be_flown_are_counted_and_do_not_keep_offboard_alive(
-    client: Client, changes: dict[str, Any], why: Drop
-) -> None:
-    client.setpoint(**({"x": 0.0, "y": 0.0, "z": -5.0} | changes))
-    assert client.vehicle.dropped == {why: 1}
-    assert not client.autopilot.conditions.setpoints_flow
+    )
+    for changes, why in rows:
+        counted[why] += 1
+        client.setpoint(**({"x": 0.0, "y": 0.0, "z": -5.0} | changes))
+        assert client.vehicle.dropped == counted
+        assert not client.autopilot.conditions.setpoints_flow
 
 
 def test_a_yaw_of_nan_or_masked_keeps_the_heading(client: Client) -> None:
@@ -476,33 +440,22 @@ def test_a_yaw_of_nan_or_masked_keeps_the_heading(client: Client) -> None:
     assert degrees(client.autopilot.airframe.heading_rad) == pytest.approx(20.0)
 
 
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
-        ({}, ()),
-        ({"type_mask": 0b100111000000}, (0.8, 0.5, 0.25)),
-        ({"type_mask": 0b100111010000}, ()),
-        ({"type_mask": 0b100111000000, "vy": nan}, ()),
-    ],
-    ids=["masked", "all", "one masked", "one not given"],
-)
 def test_a_velocity_beside_the_setpoint_counts_where_it_is_whole(
-    client: Client, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], expected: tuple[float, ...]
+    client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     heard: list[PositionTarget] = []
     monkeypatch.setattr(client.autopilot, "receive_setpoint", lambda _, target: heard.append(target))
     north, east, down = FRAME.ned_from_mission((0.8, 0.5, 0.25))
-    client.setpoint(0.0, 0.0, -5.0, **({"vx": north, "vy": east, "vz": down} | changes))
-    assert heard[0].velocity_m_s == pytest.approx(expected)
+    rows: tuple[tuple[dict[str, Any], tuple[float, ...]], ...] = (
+        ({"vx": inf}, ()),  # masked: it is not looked at
+        ({"type_mask": 0b100111000000}, (0.8, 0.5, 0.25)),
+        ({"type_mask": 0b100111010000}, ()),
+        ({"type_mask": 0b100111000000, "vy": nan}, ()),
+    )
+    for changes, expected in rows:
+        client.setpoint(0.0, 0.0, -5.0, **({"vx": north, "vy": east, "vz": down} | changes))
+        assert heard.pop().velocity_m_s == pytest.approx(expected)
     assert client.vehicle.dropped == {}
-
-
-@pytest.mark.parametrize(("speed", "why"), [(inf, Drop.NOT_FINITE), (1e30, Drop.OUT_OF_REACH)])
-def test_a_velocity_that_none_can_be_is_dropped_with_its_setpoint(client: Client, speed: float, why: Drop) -> None:
-    client.setpoint(0.0, 0.0, -5.0, vx=speed, type_mask=0b100111000000)
-    assert client.vehicle.dropped == {why: 1}
-    client.setpoint(0.0, 0.0, -5.0, vx=speed)
-    assert client.vehicle.dropped == {why: 1}, "a masked one is not looked at"
 
 
 def test_what_is_foreign_garbled_or_not_understood_is_counted(client: Client) -> None:
@@ -534,6 +487,7 @@ def test_a_timesync_request_is_answered_with_its_time_and_an_answer_is_not(clien
     assert client.send(dialect.MAVLink_timesync_message(5, 987_654_321)) == []
 
 
+@settings(max_examples=30)
 @given(st.lists(st.binary(max_size=300), max_size=5))
 def test_no_bytes_break_it(datagrams: list[bytes]) -> None:
     client = Client()
@@ -545,6 +499,7 @@ def test_no_bytes_break_it(datagrams: list[bytes]) -> None:
 WIRE_FLOATS = st.floats(width=32) | st.sampled_from([nan, inf, -inf, 21196.0, 1.0, 0.0, 2.0**31, 4.0, 6.0])
 
 
+@settings(max_examples=30)
 @given(st.sampled_from([20, 21, 22, 176, 400, 410, 510, 511, 512, 520, 999]), st.tuples(*[WIRE_FLOATS] * 7))
 def test_no_command_breaks_it(command: int, params: tuple[float, ...]) -> None:
     client = Client()
@@ -555,7 +510,7 @@ def test_no_command_breaks_it(command: int, params: tuple[float, ...]) -> None:
     assert np.isfinite(client.autopilot.airframe.position_m).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.tuples(*[WIRE_FLOATS] * 4), st.integers(0, 2**16 - 1), st.integers(0, 255))
 def test_no_setpoint_breaks_it(numbers: tuple[float, float, float, float], mask: int, frame: int) -> None:
     client = Client(plant=replace(PLANT, feedforward=1.0))

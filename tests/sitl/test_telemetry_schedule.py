@@ -12,12 +12,6 @@ def times_s(model: TelemetryTiming, until_s: float, seed: int = 5) -> Vector:
     return np.concatenate([telemetry_timing.due_s(at_s) for at_s in np.arange(0.0, until_s, 0.1)])
 
 
-def test_without_jitter_or_gaps_samples_are_even() -> None:
-    times = times_s(TelemetryTiming(25.0), 10.0)
-    np.testing.assert_allclose(times, np.arange(len(times)) / 25.0)
-    assert len(times) in range(246, 252)
-
-
 def test_jitter_moves_every_sample_within_its_share_and_never_past_another() -> None:
     times = times_s(TelemetryTiming(20.0, jitter=0.3), 200.0)
     off = times * 20.0 - np.arange(len(times))

@@ -23,16 +23,6 @@ def look(sensor: SimulatedSensor, seconds: float, rate_hz: float = 10.0) -> list
     return [one for one in seen if one is not None]
 
 
-def test_the_target_sets_out_when_the_mission_does(subtests: pytest.Subtests) -> None:
-    for time_s, place in (
-        (-3.0, (35.0, -5.0)),
-        (0.0, (35.0, -5.0)),
-        (10.0, (36.0, -7.0)),
-    ):
-        with subtests.test(time_s=time_s, place=place):
-            assert TARGET.position_m(time_s) == pytest.approx(place)
-
-
 @pytest.mark.parametrize(("distance", "seen"), [(14.99, True), (15.01, False)])
 def test_a_sensor_has_a_range(distance: float, seen: bool) -> None:
     sensor = SimulatedSensor(1, IDEAL, TARGET, 0.0, seed=0)

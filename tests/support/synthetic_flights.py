@@ -36,10 +36,10 @@ def excitation_m(random: np.random.Generator, steps_s: float = 90.0, circle_s: f
     return np.vstack((np.column_stack(columns), circle))
 
 
-def circle_velocity_m_s(setpoint_m: Vector, steps_s: float = 90.0) -> Vector:
-    """Return the velocities (n, 2) of such setpoints: the circle's, and none with steps."""
+def circle_velocity_m_s(setpoint_m: Vector) -> Vector:
+    """Return the velocities (n, 2) of such setpoints: the circle's, and none with steps, which take three fifths."""
     velocity = np.gradient(setpoint_m, SENT_S, axis=0)
-    velocity[: round(steps_s / SENT_S) + 1] = 0.0
+    velocity[: round(0.6 * len(setpoint_m)) + 1] = 0.0
     return np.asarray(velocity)
 
 

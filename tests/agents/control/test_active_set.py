@@ -80,13 +80,3 @@ def test_the_search_begins_at_the_active_set_found_last_and_ends_when_it_takes_t
     monkeypatch.setattr("agents.control.lmpc._CHANGES_MAX", 1)
     assert_optimal(hessian, rows, given, active_set)
     assert ActiveSet(hessian, rows).optimum(*given) is None
-
-
-def test_after_bounds_that_contradict_each_other_the_next_optimum_is_found() -> None:
-    hessian, rows = steep(), nearly_parallel()
-    active_set, gradient = ActiveSet(hessian, rows), np.ones(SIZE)
-    lower, upper = np.full(len(rows), -1.0), np.full(len(rows), 1.0)
-    upper[-1], lower[-2] = -3.0, 3.0  # the same row, once times two
-    active_set.optimum(gradient, lower, upper)
-    upper[-1], lower[-2] = 1.0, -1.0
-    assert_optimal(hessian, rows, (gradient, lower, upper), active_set)

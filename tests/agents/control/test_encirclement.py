@@ -175,7 +175,7 @@ PLACES = {
     place=st.sampled_from(list(PLACES.values())),
     weights=st.tuples(st.floats(4.0, 10.0), st.floats(4.0, 10.0)),
 )
-@settings(max_examples=15)
+@settings(max_examples=10)
 def test_the_plan_minimises_the_papers_cost(
     make_config: Maker, polar: Polar, place: RingPlace, weights: tuple[float, float]
 ) -> None:
@@ -214,19 +214,6 @@ def test_the_planned_acceleration_stays_within_its_bounds(
     radial, angular = np.abs(polar_acceleration(config, motion, plan, WIND))
     assert radial <= config.encirclement.acceleration_max_m_s2 + 1e-6
     assert angular * polar.radius_m <= config.encirclement.acceleration_max_m_s2 + 1e-6
-
-
-@given(turn=st.floats(-pi, pi), radius=st.sampled_from([0.5, 8.0, 70.0]))
-def test_turning_the_world_turns_the_setpoint(turn: float, radius: float, make_config: Maker) -> None:
-    # No direction is special, least of all the one where the bearing wraps.
-    def setpoint(bearing: float) -> Vector:
-        motion = motion_from_polar(Polar(radius, bearing, 0.1, 0.08), np.zeros(4))
-        place = ring_place(bearing, [bearing + 1.0, bearing - 2.5])
-        config = make_config()
-        return EncirclementPlanner(config).plan(ring_task(config, motion, np.zeros(4), STILL, place)).aim_m
-
-    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    assert setpoint(turn) == pytest.approx(rotation @ setpoint(0.0), abs=1e-4)
 
 
 class Flyer:
@@ -285,9 +272,7 @@ def fly(flyers: Sequence[Flyer], duration_s: float) -> Vector:
     return flown
 
 
-@pytest.mark.parametrize(
-    ("members", "gain_per_s"), [(2, 0.1), (2, 0.4), (3, 0.1), (3, 0.2), (3, 0.4), (6, 0.1), (6, 0.4), (12, 0.2)]
-)
+@pytest.mark.parametrize(("members", "gain_per_s"), [(2, 0.4), (3, 0.1), (12, 0.2)])
 def test_the_spacing_of_flown_vehicles_decays_as_the_slowest_mode_of_the_ring(
     members: int, gain_per_s: float, make_config: Maker
 ) -> None:
@@ -352,7 +337,7 @@ def test_near_the_centre_and_far_out_the_way_is_radial(make_config: Maker, radiu
         assert radial * (1.0 if approach is Approach.OUTWARD else -1.0) == pytest.approx(0.87 * 3.0)
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.3, 90.0])
+@pytest.mark.parametrize("radius", [0.0, 90.0])
 def test_from_the_centre_and_from_afar_a_vehicle_reaches_the_ring(radius: float, make_config: Maker) -> None:
     config = make_config()
     flyer = Flyer(config, Polar(radius, 2.0, 0.0, 0.0), config.plant)
@@ -361,12 +346,6 @@ def test_from_the_centre_and_from_afar_a_vehicle_reaches_the_ring(radius: float,
     assert flyer.plans[-1].approach is Approach.ORBIT
     assert np.abs(flown[:, 2]).max() < 3.0 * 1.02
     assert flown[-100:, 0] == pytest.approx(10.0, abs=0.1)
-
-
-def test_the_clearance_is_the_angle_of_the_separation(make_config: Maker) -> None:
-    config = make_config(safety={"separation_m": 3.0})
-    assert 10.0 * config.clearance_rad == pytest.approx(3.0)
-    assert make_config(safety={"separation_m": 99.0}).clearance_rad == pytest.approx(pi / 2.0)
 
 
 def test_with_little_authority_the_model_alone_leads_along_the_ring(make_config: Callable[..., AgentConfig]) -> None:

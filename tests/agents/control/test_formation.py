@@ -1,13 +1,11 @@
 """Formation flight: the error dynamics against two plants, the closed loop on a plant that is not the planner's."""
 
 from collections.abc import Callable
-from itertools import permutations
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import expm
 
 from agents.control.formation import FormationPlanner, Predecessor, leader_of, mission_line, predecessor_of
 from agents.settings.config import AgentConfig
@@ -21,23 +19,6 @@ STILL = np.zeros(2)
 
 positions = st.lists(st.floats(-200.0, 200.0), min_size=2, max_size=2).map(np.array)
 motions = st.tuples(positions, positions).map(lambda pair: np.concatenate([pair[0], pair[1] / 40.0]))
-
-
-def test_the_error_of_two_vehicles_obeys_the_plant_under_the_difference_of_their_setpoints() -> None:
-    # (1), (2), lost in the paper's text: two vehicles flown apart by matrix exponentials, and their difference.
-    random = np.random.default_rng(2)
-    flow = np.zeros((6, 6))
-    flow[:2, 2:4] = np.eye(2)
-    flow[2:4, :2], flow[2:4, 2:4] = -np.diag(PLANT.a0_per_s2), -np.diag(PLANT.a1_per_s)
-    flow[2:4, 4:] = np.diag(PLANT.a0_per_s2)
-    first, second = random.standard_normal((2, 4))
-    error = second - first
-    for _ in range(8):
-        first_setpoint, second_setpoint = random.standard_normal((2, 2))
-        error = exact_step(PLANT, 0.5).advance(error, second_setpoint - first_setpoint, STILL)
-        first = (expm(flow * 0.5) @ np.concatenate([first, first_setpoint]))[:4]
-        second = (expm(flow * 0.5) @ np.concatenate([second, second_setpoint]))[:4]
-        assert error == pytest.approx(second - first, abs=1e-12)
 
 
 def test_the_mission_line_is_a_flight_that_the_plant_can_really_fly() -> None:
@@ -72,14 +53,6 @@ def test_the_undisturbed_setpoint_never_leads_by_more_than_allowed(
     assert lead <= config.safety.setpoint_lead_max_m + 1e-6
 
 
-def test_wind_shifts_the_setpoint_but_not_what_followers_are_told(make_config: Callable[..., AgentConfig]) -> None:
-    line, motion = mission_line(PLANT, (0.0, 0.0), 0.2, 5.0), np.array([1.1, 0.2, 0.1, 0.0])
-    calm = FormationPlanner(make_config(plant=PLANT)).plan(motion, STILL, line, (0.0, 0.0))
-    windy = FormationPlanner(make_config(plant=PLANT)).plan(motion, WIND, line, (0.0, 0.0))
-    assert (windy.undisturbed_aim_m == calm.undisturbed_aim_m).all()
-    assert calm.aim_m - windy.aim_m == pytest.approx([0.15 / 0.80, -0.1 / 0.60])
-
-
 def test_each_axis_is_planned_by_its_own_plant(make_config: Callable[..., AgentConfig]) -> None:
     motion, other = np.array([1.1, 0.2, 0.1, -0.3]), np.array([0.4, -4.0, 0.2, 0.1])
     swap = [1, 0, 3, 2]
@@ -97,7 +70,6 @@ def test_each_axis_is_planned_by_its_own_plant(make_config: Callable[..., AgentC
         (frozenset({1, 2, 3, 4, 5}), 3, {1: 2, 2: 3, 3: None, 4: 3, 5: 4}),
         (frozenset({1, 2, 4, 5}), 2, {1: 2, 2: None, 4: 2, 5: 4}),
         (frozenset({1, 4, 5}), 4, {1: 4, 4: None, 5: 4}),
-        (frozenset({1, 3, 5}), 3, {1: 3, 3: None, 5: 3}),
         (frozenset({1, 5}), 1, {1: None, 5: 1}),
         (frozenset({5}), 5, {5: None}),
     ],
@@ -106,16 +78,3 @@ def test_succession(flying: frozenset[int], leader: int, predecessors: dict[int,
     slots = (1, 2, 3, 4, 5)
     assert leader_of(flying, slots, 3) == leader
     assert {vehicle: predecessor_of(vehicle, flying, slots, 3) for vehicle in flying} == predecessors
-
-
-@pytest.mark.parametrize("slots", list(permutations((7, 8, 9, 200))))
-def test_whatever_the_line_everybody_follows_the_same_leader(slots: tuple[int, ...]) -> None:
-    for size in range(1, len(slots) + 1):
-        flying = frozenset(slots[-size:])
-        leader = leader_of(flying, slots, 8)
-        for vehicle in flying:
-            hops, seen = vehicle, 0
-            while (before := predecessor_of(hops, flying, slots, 8)) is not None:
-                hops, seen = before, seen + 1
-                assert seen < size
-            assert hops == leader

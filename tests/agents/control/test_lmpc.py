@@ -135,8 +135,8 @@ def bounds(input_max: float = FREE, state_max: float = FREE) -> Bounds:
 
 
 def test_without_bounds_the_plan_is_the_least_squares_solution(subtests: pytest.Subtests) -> None:
-    for control_horizon in [1, 2, 4]:
-        for seed in range(5):
+    for control_horizon in [1, 4]:
+        for seed in range(2):
             with subtests.test(control_horizon=control_horizon, seed=seed):
                 given = problem(seed, control_horizon)
                 plan = given.lmpc().solve(given.state, given.reference, given.previous, bounds())
@@ -148,7 +148,7 @@ def test_without_bounds_the_plan_is_the_least_squares_solution(subtests: pytest.
 
 def test_on_the_bounds_the_plan_is_what_slsqp_finds(subtests: pytest.Subtests) -> None:
     limit_rows = ((0.5, FREE), (FREE, 2.5), (3.0, 3.0))
-    for control_horizon, (input_max, state_max), seed in product((1, 2, 4), limit_rows, range(5)):
+    for control_horizon, (input_max, state_max), seed in product((1, 4), limit_rows, range(3)):
         with subtests.test(control_horizon=control_horizon, input_max=input_max, state_max=state_max, seed=seed):
             given = problem(seed, control_horizon)
             limits = bounds(input_max, max(state_max, 1.05 * np.abs(given.state[2:]).max()))

@@ -3,7 +3,7 @@
 from math import dist, hypot
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from agents.control.station_keeping import way_point
@@ -16,6 +16,7 @@ ARRIVED_M = 2.5
 
 
 @pytest.mark.parametrize("shape", SPACED_SHAPES)
+@settings(max_examples=25)
 @given(
     count=st.integers(2, 8),
     leader=st.integers(0, 7),

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from itertools import pairwise
 from math import hypot, nan
 
 import numpy as np
@@ -10,22 +9,19 @@ import pytest
 
 from agents.control.aims import resting
 from agents.control.plan import Plan
-from agents.core import VehicleCore
-from agents.inputs import Message, Start, TacticEvent
+from agents.inputs import Message, TacticEvent
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.situation.task import Task
 from agents.tactics import Event, Tactic
-from agents.team.messages import MemberState
-from estimation.plant.model import Plant, PlantAxis, exact_step
-from estimation.state import Sighting, Telemetry, Vector
+from estimation.plant.model import Plant, PlantAxis
+from estimation.state import Vector
+from tests.agents.test_core import PERIOD_S, Pilot, member, sighting
 
 Maker = Callable[..., AgentConfig]
 
-PERIOD_S = 0.1
 TRUE_PLANT = Plant(PlantAxis(0.9, 0.8), PlantAxis(0.7, 1.0))
-FAR_M = np.array([40.0, -30.0])
 
 
 class Recorded:
@@ -40,28 +36,18 @@ class Recorded:
         return self._plan(task)
 
 
-class Flight:
+class Flight(Pilot):
     """A core with a planner in front, on a plant that is not the one of its configuration."""
 
     def __init__(self, config: AgentConfig, planner: Recorded, start_m: tuple[float, float] = (0.0, 0.0)) -> None:
-        self.core = VehicleCore(config, lambda _: planner)
-        self.core.take(Start(0.0))
-        self.motion: Vector = np.array([*start_m, 0.0, 0.0])
-        self._ticks = 0
+        super().__init__(config, motion=(*start_m, 0.0, 0.0), planner=lambda _: planner, plant=TRUE_PLANT)
 
-    def fly(self, seconds: float, sees_m: tuple[float, float] | None = None) -> list[TickOutput]:
-        outputs = []
-        for _ in range(round(seconds / PERIOD_S)):
-            now_s = self._ticks * PERIOD_S
-            x, y, x_rate, y_rate = self.motion.tolist()
-            self.core.take(Telemetry(now_s, (x, y, 8.0), (x_rate, y_rate, 0.0)))
+    def fly_on(self, seconds: float, sees_m: tuple[float, float] | None = None) -> list[TickOutput]:
+        outputs, end_s = [], self.now_s + seconds
+        while self.now_s < end_s - 1e-9:
             if sees_m is not None:
-                self.core.take(Sighting(now_s, 2, sees_m, (0.01, 0.0, 0.01), 0.8, 0.2))
-            outputs.append(self.core.tick(now_s))
-            assert outputs[-1].setpoint is not None
-            aim_m = np.array(outputs[-1].setpoint.position_m[:2])
-            self.motion = exact_step(TRUE_PLANT, PERIOD_S).advance(self.motion, aim_m, np.zeros(2))
-            self._ticks += 1
+                self.core.take(sighting(self.now_s, *sees_m))
+            outputs += self.fly(self.now_s + PERIOD_S)
         return outputs
 
 
@@ -88,7 +74,7 @@ def reference_rad(status: CoreStatus) -> float:
 def test_the_planner_is_asked_for_mission_tactics_only_and_its_aim_is_sent(make_config: Maker) -> None:
     planner = Recorded(ahead)
     flight = Flight(make_config(), planner)
-    outputs = flight.fly(5.0)
+    outputs = flight.fly_on(5.0)
     assert {task.tactic for task in planner.tasks} == {Tactic.FORMATION}
     assert flight.motion[0] > 3.0, "cordon's own planner flies 1 m in that time"
     for output in outputs[-10:]:
@@ -98,31 +84,22 @@ def test_the_planner_is_asked_for_mission_tactics_only_and_its_aim_is_sent(make_
     asked = len(planner.tasks)
     for event in (Event.HOLD, Event.LAND):
         flight.core.take(TacticEvent(event))
-        flight.fly(2.0)
+        flight.fly_on(2.0)
     assert flight.core.tactic is Tactic.LAND
     assert len(planner.tasks) == asked
-
-
-def test_an_aim_that_jumps_is_followed_no_faster_than_cordons_own_is(make_config: Maker) -> None:
-    config = make_config()
-    outputs = Flight(config, Recorded(partial(from_1_s, resting(FAR_M)))).fly(3.0)
-    sent = [output.setpoint.position_m[:2] for output in outputs if output.setpoint is not None]
-    steps_m = [hypot(*np.subtract(after, before)) for before, after in pairwise(sent)]
-    assert max(steps_m) == pytest.approx(config.safety.setpoint_speed_bound_m_s * PERIOD_S)
 
 
 def test_a_planner_knows_its_peers(make_config: Maker) -> None:
     planner = Recorded(ahead)
     flight = Flight(make_config(), planner)
-    state = MemberState(1, 0.0, "formation", (0.0, 5.0), (0.2, 0.0), (0.2, 5.0), (0.2, 0.0))
-    flight.core.take(Message(0.0, state))
-    flight.fly(0.5)
+    flight.core.take(Message(0.0, member(1, 0.0, 0.0, 5.0)))
+    flight.fly_on(0.5)
     assert [peer.position_m for peer in planner.tasks[-1].peers] == [(0.0, 5.0)]
 
 
 def test_on_the_ring_a_plan_without_a_report_is_reported_as_a_place_on_it(make_config: Maker) -> None:
     flight = Flight(make_config(), Recorded(lambda _: resting(np.array([10.0, 0.0]))), (10.0, 0.0))
-    last = flight.fly(8.0, sees_m=(0.0, 0.0))[-1].status
+    last = flight.fly_on(8.0, sees_m=(0.0, 0.0))[-1].status
     assert last.tactic is Tactic.ENCIRCLE
     assert last.place is not None
     assert last.place.members == 1
@@ -135,9 +112,9 @@ def test_cordon_takes_over_on_the_ring_from_where_the_planner_has_brought_the_ve
     stood_m = np.array([10.0, 0.0])
     planner = Recorded(lambda task: resting(stood_m) if 8.0 < task.situation.now_s < 28.0 else None)
     flight = Flight(make_config(), planner, (10.0, 0.0))
-    flight.fly(28.0, sees_m=(0.0, 0.0))
+    flight.fly_on(28.0, sees_m=(0.0, 0.0))
     assert hypot(*(flight.motion[:2] - stood_m)) < 1.0
-    after = flight.fly(40.0, sees_m=(0.0, 0.0))
+    after = flight.fly_on(40.0, sees_m=(0.0, 0.0))
     assert reference_rad(after[0].status) == pytest.approx(0.0, abs=0.02)
     motions = [output.status.motion for output in after if output.status.motion is not None]
     assert max(abs(hypot(*motion[:2]) - 10.0) for motion in motions[-100:]) < 0.3
@@ -156,4 +133,4 @@ def test_a_plan_that_is_not_finite_ends_the_flight_and_names_vehicle_and_time(ma
     ):
         flight = Flight(make_config(), Recorded(partial(from_1_s, plan)))
         with pytest.raises(ValueError, match=rf"vehicle 2, 1\.0 s: {name}"):
-            flight.fly(2.0)
+            flight.fly_on(2.0)

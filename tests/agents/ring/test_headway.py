@@ -39,17 +39,3 @@ def test_who_leads_is_up_to_a_quarter_turn_ahead(
     place_m = radius_m * cos(at_rad), radius_m * sin(at_rad)
     does = 0.0 < ahead_rad < pi / 2.0
     assert leads((cos(bearing_rad), sin(bearing_rad)), place_m, direction) is does
-
-
-def test_a_column_closes_up_to_the_headway_and_not_further() -> None:
-    bearings = [0.0, 1.0, 1.35]
-    for _ in range(600):
-        rates = []
-        for own, bearing in enumerate(bearings):
-            others = [Polar(10.0, each, 0.0, 0.05) for k, each in enumerate(bearings) if k != own]
-            rates.append(
-                min(0.15 if own < 2 else 0.05, headway_rate_rad_s(Polar(10.0, bearing, 0.0, 0.05), others, 1.0, 3.0))
-            )
-        bearings = [bearing + rate * 0.1 for bearing, rate in zip(bearings, rates, strict=True)]
-    assert bearings[2] - bearings[1] == pytest.approx(0.3, abs=0.01)
-    assert bearings[1] - bearings[0] == pytest.approx(0.3, abs=0.01)

@@ -15,13 +15,6 @@ RATE_RAD_S = 0.05
 gaps = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8)
 
 
-def bearings_of(gaps: list[float]) -> Vector:
-    """Bearings in no particular order, some of them a turn or two off."""
-    bearings = np.cumsum(gaps) / np.sum(gaps) * tau
-    mixed = np.random.default_rng(len(gaps)).permutation(len(gaps))
-    return np.asarray(bearings[mixed] + tau * (mixed % 3 - 1), dtype=np.float64)
-
-
 def rates(bearings: Vector, gain_per_s: float) -> Vector:
     """The angular rate that (22) asks of each vehicle."""
     if len(bearings) == 1:
@@ -40,7 +33,7 @@ def modes_per_s(members: int, gain_per_s: float) -> list[float]:
     return sorted((-np.linalg.eigvals(np.column_stack(columns)).real).tolist())
 
 
-@pytest.mark.parametrize("members", range(2, 8))
+@pytest.mark.parametrize("members", [2, 3, 7])
 def test_the_slowest_mode_decays_at_the_gain_and_all_of_them_as_a_ring_laplacian(members: int) -> None:
     gain = 0.15
     scaled = 1.5 * gain / (1.0 - cos(tau / members))
@@ -50,7 +43,7 @@ def test_the_slowest_mode_decays_at_the_gain_and_all_of_them_as_a_ring_laplacian
     assert modes[1] == pytest.approx(gain)
 
 
-@pytest.mark.parametrize("members", [11, 16, 20])
+@pytest.mark.parametrize("members", [11, 20])
 def test_the_fastest_mode_of_a_large_ring_is_bounded(members: int) -> None:
     fastest = modes_per_s(members, 0.3)[-1]
     assert fastest == pytest.approx(1.5 * (1.0 - cos(tau * (members // 2) / members)), abs=1e-7)
@@ -58,15 +51,10 @@ def test_the_fastest_mode_of_a_large_ring_is_bounded(members: int) -> None:
 
 
 def test_the_stated_decay_of_a_ring_is_that_of_its_slowest_mode(subtests: pytest.Subtests) -> None:
-    for members in range(2, 25):
-        for gain in [0.05, 0.3, 1.5]:
+    for members in [2, 3, 12, 24]:
+        for gain in [0.05, 1.5]:
             with subtests.test(members=members, gain=gain):
                 assert spacing_decay_per_s(members, gain) == pytest.approx(modes_per_s(members, gain)[1], rel=1e-4)
-
-
-@given(gaps, st.floats(0.0, 2.0))
-def test_the_corrections_sum_to_zero(gaps: list[float], gain: float) -> None:
-    assert rates(bearings_of(gaps), gain).sum() == pytest.approx(RATE_RAD_S * len(gaps), abs=1e-9)
 
 
 @given(gaps, st.floats(-20.0, 20.0))

@@ -132,8 +132,3 @@ def test_meeting_the_demand_of_the_speed_limit_meets_its_condition_of_first_orde
 
     slope = (h(STEP_S) - h(-STEP_S)) / (2.0 * STEP_S)
     assert slope + 2.0 * RATE_PER_S * h(0.0) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_slow_vehicles_have_no_speed_demand() -> None:
-    assert list(slow((0.0, 0.0), 5.0, RATE_PER_S)) == []
-    assert list(slow((2.4, 0.0), 5.0, RATE_PER_S)) == []

@@ -19,7 +19,7 @@ from agents.drops import Drops
 from agents.inputs import AutopilotStatus, Bus, Computer, LateTicks, Message, Presence, Start, TacticEvent, TimeScale
 from agents.outputs import CoreStatus, TickOutput
 from agents.ports import Connection, ModeSource, Reference, VehicleStatus
-from agents.safety.failsafe import TABLE, Condition
+from agents.safety.failsafe import TABLE, Condition, Reaction
 from agents.safety.failsafe_monitor import COUNTED_MIN_S, COUNTED_SHARE
 from agents.safety.guard import GuardStatus
 from agents.settings.config import AgentConfig
@@ -32,8 +32,6 @@ from agents.team.team import GONE_S
 from agents.team.verbs import Verb
 from estimation.plant.model import exact_step
 from estimation.state import POSITION, Sighting, Telemetry, Vector
-from gcs.flight.simulated import fly_simulated
-from gcs.mission.file import load_mission
 from tests.support.solver import UNSOLVED
 
 Maker = Callable[..., AgentConfig]
@@ -133,6 +131,9 @@ class Flight:
     def notes(self, since_s: float = 0.0, kind: str = "failsafe") -> list[str]:
         notes = (note for output in self.outputs for note in output.status.notes)
         return [note.text for note in notes if note.kind == kind and note.time_s >= since_s - 1e-9]
+
+    def told_to(self, verb: Verb, number: int = 1) -> None:
+        self.core.take(Message(self.now_s, OperatorCommand(self.now_s, verb, None, "pat", number)))
 
     def fly(self, until_s: float) -> list[TickOutput]:
         before = len(self.outputs)
@@ -382,6 +383,32 @@ def test_every_condition_has_one_row_and_every_row_a_case() -> None:
     assert {row.condition for row in TABLE if row.shell} == BY_THE_SHELL
 
 
+def check_announcements(flown: list[TickOutput], condition: Condition, scale: float = 1.0) -> None:
+    """Every change by itself is announced before, and comes when it was announced.
+
+    Grace times below two seconds are too short to be read.
+    """
+    grace_s = GRACE_S.get(condition, 0.0)
+    for before, after in pairwise(flown):
+        by_itself = after.status.tactic is not before.status.tactic
+        taken_over = after.status.tactic is Tactic.PILOT_OVERRIDE
+        first = before.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
+        if by_itself and not taken_over and not (first and grace_s < COUNTED_MIN_S):
+            assert before.status.outlook is not None
+            change = before.status.outlook.next
+            assert change is not None
+            assert (change.tactic, change.cause) == (after.status.tactic.value, condition.value)
+            assert change.at_s == pytest.approx(after.status.time_s, abs=PERIOD_S)
+            announced_s = [
+                each.status.time_s for each in flown if each.status.outlook and each.status.outlook.next == change
+            ]
+            known_s = max(COUNTED_SHARE * grace_s, GONE_S if condition is Condition.PEERS_SILENT else 0.0)
+            notice_s = scale * (grace_s - known_s if first else ESCALATION_S)
+            assert change.at_s - announced_s[0] == pytest.approx(notice_s, abs=3.0 * PERIOD_S)
+    last = flown[-1].status.outlook
+    assert last is None or last.next is None, "nothing is announced that does not come"
+
+
 @pytest.mark.parametrize("condition", CASES, ids=by_name)
 def test_it_is_met_after_its_grace_and_announced_and_by_graver_reactions_as_it_persists(
     condition: Condition, make_flight: Callable[..., Flight]
@@ -392,17 +419,19 @@ def test_it_is_met_after_its_grace_and_announced_and_by_graver_reactions_as_it_p
     quiet = flight.fly(ONSET_S + case.after_s - 0.15)
     assert {output.status.tactic for output in quiet} <= {before}
     assert condition.value not in {output.status.alert for output in quiet}
-    flight.fly(ONSET_S + case.after_s + 0.15)
+    flown = quiet + flight.fly(ONSET_S + case.after_s + 0.15)
     assert flight.status.tactic is case.tactics[0]
     assert flight.status.alert == condition.value
     assert (flight.told.tactic, flight.told.alert) == (case.tactics[0].value, condition.value)
     assert [note for note in flight.notes() if note.startswith(f"{condition.value}: ")]
     for step, tactic in enumerate(case.tactics):
         reached_s = ONSET_S + case.after_s + step * ESCALATION_S
-        flight.fly(reached_s + 0.15)
+        flown += flight.fly(reached_s + 0.15)
         assert flight.status.tactic is tactic
         steady = flight.fly(reached_s + ESCALATION_S - 0.15) if step + 1 < len(case.tactics) else []
         assert {output.status.tactic for output in steady} <= {tactic}
+        flown += steady
+    check_announcements(flown + flight.fly(flight.now_s + 1.0), condition)
 
 
 @pytest.mark.parametrize("condition", CASES, ids=by_name)
@@ -413,6 +442,15 @@ def test_what_comes_over_a_link_is_borne_by_the_wall_and_the_rest_by_the_vehicle
     case.begin(flight)
     after_s = 5.0 * case.after_s if case.wall else case.after_s
     assert reaction_s(flight, condition, ONSET_S + 25.0) == pytest.approx(after_s, abs=0.2)
+
+
+@pytest.mark.parametrize("condition", [Condition.TELEMETRY_STALE, Condition.PEERS_SILENT, Condition.LATE_TICKS])
+def test_what_is_borne_by_the_wall_is_announced_by_it(condition: Condition, make_flight: Callable[..., Flight]) -> None:
+    case, flight = CASES[condition], make_flight(condition, time_scale=3.0)
+    case.begin(flight)
+    flown = flight.fly(ONSET_S + 3.0 * (case.after_s + 3.0 * ESCALATION_S) + 1.0)
+    assert flight.status.tactic is case.tactics[-1]
+    check_announcements(flown, condition, 3.0)
 
 
 @pytest.mark.parametrize("condition", STICKY, ids=by_name)
@@ -428,7 +466,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     lasts = condition not in (Condition.PLAN_FAILING, Condition.NO_OPERATOR)
     if lasts:
         said_s = flight.now_s
-        flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+        flight.told_to("resume")
         flight.fly(flight.now_s + 0.2)
         assert flight.status.tactic is reaction
         (refusal,) = flight.notes(said_s - PERIOD_S, kind="command")
@@ -438,7 +476,7 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     assert {output.status.tactic for output in after} == {reaction}, "it stays"
     assert (flight.told.tactic, flight.told.alert) == (reaction.value, condition.value)
     assert f"{condition.value}: cleared; resume continues the mission" in flight.notes()
-    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 2)))
+    flight.told_to("resume", 2)
     flight.fly(flight.now_s + 0.3)
     assert flight.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
     assert flight.told.alert == ""
@@ -499,38 +537,24 @@ def test_a_vehicle_resumes_by_itself_three_times_and_then_waits_for_its_operator
         tactics.append(flight.status.tactic)
     assert tactics == [Tactic.FORMATION] * 3 + [Tactic.HOLD] * 2
     assert flight.status.outlook == Outlook(waits_for_resume=True)
-    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.told_to("resume")
     flight.fly(flight.now_s + 0.3)
     assert flight.status.tactic is Tactic.FORMATION
 
 
-@pytest.mark.parametrize("verb", ["hold", "abort"])
-@pytest.mark.parametrize("held_s", [-1.0, 1.5, 3.0])
+@pytest.mark.parametrize("here", [False, True], ids=["over the bus", "at this computer"])
+@pytest.mark.parametrize("held_s", [-1.0, 3.0])
 def test_what_an_operator_has_stopped_before_or_after_resumes_by_the_operator_alone(
-    held_s: float, verb: Verb, make_config: Maker
+    held_s: float, here: bool, make_config: Maker
 ) -> None:
     flight = resuming(make_config)
     faults = ((0.0, set_to(telemetry=False)), (2.0, set_to(telemetry=True)))
-    command = OperatorCommand(ONSET_S, verb, None, "pat", 1)
-    holds = (
-        held_s,
-        lambda each: each.core.take(Message(each.now_s, msgspec.structs.replace(command, time_s=each.now_s))),
-    )
-    for at_s, act in sorted((*faults, holds), key=lambda pair: pair[0]):
+    stop = (held_s, lambda each: each.core.take(TacticEvent(Event.HOLD)) if here else each.told_to("hold"))
+    for at_s, act in sorted((*faults, stop), key=lambda pair: pair[0]):
         flight.fly(ONSET_S + 1.0 + at_s)
         act(flight)
-    flown = flight.fly(ONSET_S + 20.0)
+    flown = flight.fly(ONSET_S + 12.0)
     assert Tactic.FORMATION not in {each.status.tactic for each in flown}
-
-
-def test_a_stop_at_this_computer_is_an_operators_too(make_config: Maker) -> None:
-    flight = resuming(make_config)
-    flight.telemetry = False
-    flight.fly(ONSET_S + 2.0)
-    flight.core.take(TacticEvent(Event.HOLD))
-    flight.telemetry = True
-    flown = flight.fly(ONSET_S + 20.0)
-    assert {each.status.tactic for each in flown} == {Tactic.HOLD}
 
 
 def test_a_position_that_has_jumped_meanwhile_is_the_operators_to_judge(make_config: Maker) -> None:
@@ -593,7 +617,7 @@ def test_an_operator_may_resume_before_the_bus_shows_one(make_flight: Callable[.
     flight.operated = False
     flight.fly(flight.now_s + SETTINGS.no_operator_s + 1.0)
     assert flight.status.tactic is Tactic.HOLD
-    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.told_to("resume")
     flight.operated = True
     flight.fly(flight.now_s + 5.0)
     assert (flight.status.tactic, flight.told.alert) == (Tactic.FORMATION, "")
@@ -615,44 +639,22 @@ def test_what_is_only_told_ends_by_itself(condition: Condition, make_flight: Cal
     assert {output.status.tactic for output in flight.outputs} == {Tactic.FORMATION}
 
 
-@pytest.mark.parametrize("condition", CASES, ids=by_name)
+DESCENTS = {(CASES[row.condition].tactics[0], row.descending): row.condition for row in TABLE if not row.shell}
+"""A condition of each reaction in flight and in a descent."""
+
+
+def test_what_a_descent_becomes_is_in_the_table() -> None:
+    lands = {row.condition for row in TABLE if Reaction.LAND in (row.descending, row.reactions[0])}
+    assert lands == {condition for condition, case in CASES.items() if case.grave is Tactic.LAND}
+
+
+@pytest.mark.parametrize("condition", DESCENTS.values(), ids=by_name)
 def test_nothing_turns_a_descent_into_hovering(condition: Condition, make_flight: Callable[..., Flight]) -> None:
     case, flight = CASES[condition], make_flight(condition, going_home=True)
     case.begin(flight)
     down = flight.fly(ONSET_S + case.after_s + 2.0)
     assert {output.status.tactic for output in down} <= {Tactic.RETURN_AND_LAND, case.grave}
     assert flight.status.tactic is case.grave
-
-
-@pytest.mark.parametrize("time_scale", [1.0, 3.0])
-@pytest.mark.parametrize("condition", CASES, ids=by_name)
-def test_every_change_by_itself_is_announced_before_and_comes_when_it_was_announced(
-    condition: Condition, time_scale: float, make_flight: Callable[..., Flight]
-) -> None:
-    """Grace times below two seconds are too short to be read."""
-    case, flight = CASES[condition], make_flight(condition, time_scale=time_scale)
-    case.begin(flight)
-    scale = time_scale if case.wall else 1.0
-    flown = flight.fly(ONSET_S + scale * (case.after_s + 3.0 * ESCALATION_S) + 1.0)
-    grace_s = GRACE_S.get(condition, 0.0)
-    for before, after in pairwise(flown):
-        by_itself = after.status.tactic is not before.status.tactic
-        taken_over = after.status.tactic is Tactic.PILOT_OVERRIDE
-        first = before.status.tactic in (Tactic.FORMATION, Tactic.ENCIRCLE)
-        if by_itself and not taken_over and not (first and grace_s < COUNTED_MIN_S):
-            assert before.status.outlook is not None
-            change = before.status.outlook.next
-            assert change is not None
-            assert (change.tactic, change.cause) == (after.status.tactic.value, condition.value)
-            assert change.at_s == pytest.approx(after.status.time_s, abs=PERIOD_S)
-            announced_s = [
-                each.status.time_s for each in flown if each.status.outlook and each.status.outlook.next == change
-            ]
-            known_s = max(COUNTED_SHARE * grace_s, GONE_S if condition is Condition.PEERS_SILENT else 0.0)
-            notice_s = scale * (grace_s - known_s if first else ESCALATION_S)
-            assert change.at_s - announced_s[0] == pytest.approx(notice_s, abs=3.0 * PERIOD_S)
-    last = flown[-1].status.outlook
-    assert last is None or last.next is None, "nothing is announced that does not come"
 
 
 def test_a_fault_that_passes_within_its_grace_time_is_announced_once_half_of_it_is_over(
@@ -683,7 +685,7 @@ def test_what_refuses_a_resume_is_told_where_another_condition_stopped_the_vehic
         "estimator failing",
         ("estimator jumped", "estimator degraded"),
     )
-    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.told_to("resume")
     lands_s = ONSET_S + SETTINGS.estimator_s + ESCALATION_S
     flown = flight.fly(flight.now_s + PERIOD_S)
     (refusal,) = (note for note in flight.notes(kind="command") if "refused" in note)
@@ -691,15 +693,6 @@ def test_what_refuses_a_resume_is_told_where_another_condition_stopped_the_vehic
     flown += flight.fly(lands_s + 1.0)
     landed_s = next(each.status.time_s for each in flown if each.status.tactic is Tactic.LAND)
     assert landed_s == pytest.approx(lands_s, abs=PERIOD_S)
-
-
-def test_a_vehicle_taken_by_its_pilot_tells_what_would_refuse_a_resume(make_flight: Callable[..., Flight]) -> None:
-    flight = make_flight(Condition.PILOT_TOOK_OVER)
-    flight.core.take(TacticEvent(Event.HANDED_OVER))
-    flight.battery = 0.05
-    flight.fly(ONSET_S + 5.0)
-    assert flight.status.outlook is not None
-    assert (flight.told.alert, flight.status.outlook.blocks) == ("mode changed", "battery critical")
 
 
 def test_a_vehicle_whose_condition_is_over_waits_for_a_resume_and_one_whose_operator_held_it_does_not(
@@ -720,10 +713,10 @@ def test_a_vehicle_whose_condition_is_over_waits_for_a_resume_and_one_whose_oper
 
 def test_the_landing_after_an_abort_is_announced_until_a_resume(make_flight: Callable[..., Flight]) -> None:
     flight = make_flight(None)
-    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "abort", None, "pat", 1)))
+    flight.told_to("abort")
     flight.fly(ONSET_S + 1.0)
     assert flight.status.outlook == Outlook(NextChange("land", ONSET_S + 5.0, "abort"))
-    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 2)))
+    flight.told_to("resume", 2)
     flight.fly(ONSET_S + 2.0)
     assert flight.status.outlook is None
 
@@ -767,6 +760,8 @@ def test_who_has_the_vehicle_keeps_it_and_it_returns_by_resume_once_all_is_well(
     flight.core.take(TacticEvent(Event.HANDED_OVER))
     flight.battery = 0.05
     flight.fly(ONSET_S + 20.0)
+    assert flight.status.outlook is not None
+    assert (flight.told.alert, flight.status.outlook.blocks) == ("mode changed", "battery critical")
     flight.core.take(TacticEvent(Event.RESUME))
     flight.fly(flight.now_s + 0.2)
     assert flight.status.tactic is Tactic.PILOT_OVERRIDE
@@ -853,34 +848,11 @@ def test_of_a_cause_and_its_consequences_only_the_cause_is_an_alarm(make_flight:
     flight.bus = True
     flight.fly(ONSET_S + 5.5)
     assert flight.told.alert == "all peers silent"
-    flight.core.take(Message(flight.now_s, OperatorCommand(flight.now_s, "resume", None, "pat", 1)))
+    flight.told_to("resume")
     flight.fly(ONSET_S + 7.0)
     (refusal,) = (note for note in flight.notes(kind="command"))
     assert "refused: all peers silent" in refusal, "a consequence that goes on is an alarm of its own"
     assert flight.notes(ONSET_S + 5.0)[1].startswith("all peers silent: vehicle 1, vehicle 2")
-
-
-def test_all_peers_that_fall_silent_at_once_are_one_alarm(make_flight: Callable[..., Flight]) -> None:
-    flight = make_flight(Condition.PEERS_SILENT)
-    peers()(flight)
-    flight.fly(ONSET_S + 5.0)
-    peers(1, 2)(flight)
-    flight.fly(ONSET_S + 8.0)
-    began, over = flight.notes()
-    assert began.startswith("all peers silent: vehicle 1, vehicle 2")
-    assert over == "all peers silent: cleared; resume continues the mission"
-
-
-def test_a_condition_that_returns_while_the_vehicle_still_holds_is_noted_again(
-    make_flight: Callable[..., Flight],
-) -> None:
-    flight = make_flight(Condition.TELEMETRY_STALE)
-    for onset_s in (0.0, 4.0):
-        flight.telemetry = False
-        flight.fly(ONSET_S + onset_s + 2.0)
-        flight.telemetry = True
-        flight.fly(ONSET_S + onset_s + 4.0)
-    assert [note.partition(";")[0].rpartition(":")[2] for note in flight.notes()] == [" hold", " cleared"] * 2
 
 
 def test_peers_that_land_or_stand_down_are_not_missed(make_flight: Callable[..., Flight]) -> None:
@@ -907,10 +879,7 @@ def test_the_last_peer_to_fall_silent_counts_beside_those_that_landed(make_fligh
     assert (flight.told.tactic, flight.told.alert) == ("aside", "all peers silent")
 
 
-@pytest.mark.parametrize("drift_m_s", [0.0, 0.5])
-def test_on_the_ring_a_vehicle_without_bus_stays_clear_of_the_others(
-    drift_m_s: float, make_flight: Callable[..., Flight]
-) -> None:
+def test_on_the_ring_a_vehicle_without_bus_stays_clear_of_the_others(make_flight: Callable[..., Flight]) -> None:
     flight = make_flight(Condition.TARGET_STALE)
     flight.peers = {}
     flight.fly(ONSET_S + 3.6)
@@ -922,7 +891,7 @@ def test_on_the_ring_a_vehicle_without_bus_stays_clear_of_the_others(
         # The ring comes after it.
         course = flight.motion[:2] - np.array([x, y])
         away_m.append(float(np.hypot(*course)))
-        x, y = (np.array([x, y]) + course / away_m[-1] * drift_m_s * PERIOD_S).tolist()
+        x, y = (np.array([x, y]) + course / away_m[-1] * 0.5 * PERIOD_S).tolist()
         flight.target_m = x, y
         flight.fly(flight.now_s + PERIOD_S)
     # The ring, twice the separation of its bend, and one for the vehicle.
@@ -969,37 +938,26 @@ def test_a_peer_that_falls_silent_nearby_still_counts_as_near(make_flight: Calla
     assert (flight.told.tactic, flight.told.alert) == ("aside", "too close")
 
 
-@pytest.mark.parametrize("height_m", [6.5, 9.5])
-def test_above_and_below_each_other_vehicles_are_not_too_close(
-    height_m: float, make_flight: Callable[..., Flight]
-) -> None:
+def test_above_and_below_each_other_vehicles_are_not_too_close(make_flight: Callable[..., Flight]) -> None:
     flight = make_flight(Condition.TOO_CLOSE)
-    flight.close, flight.peer_height_m = True, height_m
-    flown = flight.fly(ONSET_S + 2.0)
-    assert "too close" not in {output.status.alert for output in flown}
+    flight.close = True
+    for height_m in (6.5, 9.5):
+        flight.peer_height_m = height_m
+        flown = flight.fly(flight.now_s + 1.0)
+        assert "too close" not in {output.status.alert for output in flown}
 
 
-def test_a_field_flight_with_losses_and_delays_raises_no_alarm() -> None:
-    alerts: set[str] = set()
-    mission = load_mission("case2-field")
-    assert mission.network.loss == 0.1
-    record = fly_simulated(
-        mission, 3, 300.0, lambda _: None, on_tick=lambda _tick, _vehicle, output: alerts.add(output.status.alert)
-    )
-    assert [track.tactic[-1] for track in record.vehicles] == ["encircle"] * 3
-    assert alerts == {""}
-
-
-@pytest.mark.parametrize("signal", ["SIGHUP", "SIGTERM", "SIGINT"])
-def test_a_lost_operator_ends_the_flight_and_does_not_kill_the_program(signal: str) -> None:
+def test_a_lost_operator_ends_the_flight_and_does_not_kill_the_program() -> None:
     program = (
         "import os, signal, threading\n"
         "from gcs.signals import hold_back, relay\n"
         "hold_back()\n"
         "asked = threading.Event()\n"
         "relay(asked.set)\n"
-        f"os.kill(os.getpid(), signal.{signal})\n"
-        "print(asked.wait(10.0))\n"
+        "for each in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT):\n"
+        "    asked.clear()\n"
+        "    os.kill(os.getpid(), each)\n"
+        "    print(asked.wait(10.0))\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
+    assert (done.returncode, done.stdout) == (0, 3 * "True\n"), done.stderr

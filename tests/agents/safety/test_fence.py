@@ -181,11 +181,6 @@ def test_behind_a_notch_the_corner_that_sticks_in_is_nearest() -> None:
     assert [(point.distance_m, point.inward) for point in sticking_in] == [(0.5, (0.0, -1.0))] * 2
 
 
-@given(corners=polygons())
-def test_a_simple_polygon_has_no_crossed_edges(corners: Corners) -> None:
-    assert Fence(corners).crossed_edges() is None
-
-
 @given(corners=polygons(), one=st.integers(0, 3), other=st.integers(0, 3))
 def test_edges_that_cross_are_found_wherever_corners_are_in_disorder(corners: Corners, one: int, other: int) -> None:
     corners[one], corners[other] = corners[other], corners[one]

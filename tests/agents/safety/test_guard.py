@@ -155,13 +155,6 @@ def test_an_aim_that_meets_all_demands_is_unchanged(aim: Pair, make_config: Make
     assert (guarded.status, guarded.causes, guarded.yielded) == (GuardStatus.PASSED, (), None)
 
 
-def test_a_change_within_the_tolerances_is_not_sent(make_config: Maker) -> None:
-    config = make_config(safety={"fence_m": BOX})
-    guarded, setpoint = checked(config, situation(place=(9.0, 0.0)), (10.005, 0.0))
-    assert setpoint == pytest.approx((10.0, 0.0))
-    assert (guarded.status, guarded.causes) == (GuardStatus.PASSED, ())
-
-
 # Whatever it is given
 
 
@@ -312,11 +305,6 @@ def test_status_and_cause_say_why(
     assert bool(setpoint[1] < 0.0) is (cause in (Cause.SEPARATION, Cause.KEEP_OUT))  # around it, on the right
 
 
-def test_a_target_that_is_not_seen_has_no_keep_out(make_config: Maker) -> None:
-    guarded, _ = checked(make_config(safety={"keep_out_m": 3.0}), situation(), (5.0, 0.0))
-    assert guarded.status is GuardStatus.PASSED
-
-
 def test_uncertainty_keeps_a_vehicle_farther_inside_the_fence(make_config: Maker) -> None:
     config = make_config(safety={"fence_m": BOX, "uncertainty_sigmas": 3.0})
     for sigma_m in (0.0, 0.2):
@@ -368,8 +356,8 @@ def meet(config: AgentConfig, starts: Sequence[Pair], goals: Sequence[Pair], sha
     return np.array(paths)
 
 
-@pytest.mark.parametrize("turn_rad", [0.0, 0.7, 2.5])
-def test_two_that_meet_head_on_pass_each_other_on_the_right(turn_rad: float, make_config: Maker) -> None:
+def test_two_that_meet_head_on_pass_each_other_on_the_right(make_config: Maker) -> None:
+    turn_rad = 0.7
     along = np.array([np.cos(turn_rad), np.sin(turn_rad)])
     ends = tuple((-12.0 * along).tolist()), tuple((12.0 * along).tolist())
     paths = meet(make_config(), ends, ends[::-1], (True, True))
@@ -387,13 +375,6 @@ def test_one_that_does_not_evade_is_got_around_by_the_other_alone(make_config: M
     assert np.linalg.norm(paths[:, 0] - paths[:, 1], axis=1).min() >= 3.0 - 0.1
     assert np.abs(paths[:, 1, 1]).max() < 1e-6
     assert paths[-1, 0] == pytest.approx((12.0, 0.0), abs=0.05)
-
-
-def test_without_the_guard_two_that_meet_head_on_collide(make_config: Maker) -> None:
-    paths = meet(
-        make_config(safety={"guard": False}), ((-12.0, 0.0), (12.0, 0.0)), ((12.0, 0.0), (-12.0, 0.0)), (True,) * 2
-    )
-    assert np.linalg.norm(paths[:, 0] - paths[:, 1], axis=1).min() < 0.3
 
 
 def test_a_vehicle_flies_to_the_fence_without_crossing_it(make_config: Maker) -> None:

@@ -44,18 +44,7 @@ def bent(by_m: float, *causes: Cause) -> Guarded:
     return Guarded(AIM_M + np.array([by_m, 0.0]), GuardStatus.CHANGED, causes, None, (2,))
 
 
-@pytest.mark.parametrize(
-    ("tactic", "shown_s"),
-    [
-        (Tactic.STANDBY, 0.0),
-        (Tactic.HOLD, 0.0),
-        (Tactic.ASIDE, 0.0),
-        (Tactic.FORMATION, BENT_FOR_S),
-        (Tactic.ENCIRCLE, BENT_FOR_S),
-        (Tactic.EXCITE, BENT_FOR_S),
-        (Tactic.RETURN_AND_LAND, BENT_FOR_S),
-    ],
-)
+@pytest.mark.parametrize(("tactic", "shown_s"), [(Tactic.HOLD, 0.0), (Tactic.FORMATION, BENT_FOR_S)])
 def test_an_aim_that_stays_bent_is_shown_in_each_tactic_until_it_is_straight(tactic: Tactic, shown_s: float) -> None:
     """With gaps, as the guard acts on and off while two vehicles keep apart."""
     interventions = Interventions()

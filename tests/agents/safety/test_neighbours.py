@@ -109,26 +109,14 @@ def test_who_is_silent_goes_on_for_a_while_only() -> None:
         assert (body.velocity_m_s, body.acceleration_m_s2) == (STILL, STILL)
 
 
-@pytest.mark.parametrize(
-    ("tactic", "shares"),
-    [
-        ("standby", True),
-        ("formation", True),
-        ("encircle", True),
-        ("aside", True),
-        ("hold", True),
-        ("return and land", True),
-        ("land", False),
-        ("pilot override", False),
-    ],
-)
+@pytest.mark.parametrize(("tactic", "shares"), [("formation", True), ("land", False), ("pilot override", False)])
 def test_who_lands_or_is_flown_by_somebody_else_bears_no_half(tactic: str, shares: bool) -> None:
     (heard,) = Neighbours(CONFIG).bodies(situation(10.0), [member(tactic=tactic)], [])
     (lost,) = Neighbours(CONFIG).bodies(situation(10.0), [], [member(tactic=tactic)])
     assert (heard.shares, lost.shares) == (shares, False)
 
 
-@pytest.mark.parametrize(("above_m", "counts"), [(0.0, 1), (1.9, 1), (-1.9, 1), (2.0, 0), (-2.5, 0)])
+@pytest.mark.parametrize(("above_m", "counts"), [(1.9, 1), (-1.9, 1), (2.0, 0), (-2.5, 0)])
 def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts: int) -> None:
     bodies = Neighbours(CONFIG).bodies(situation(10.0), [member(altitude_m=HEIGHT_M + above_m)], [])
     assert len(bodies) == counts
@@ -194,7 +182,7 @@ def test_a_setpoint_without_effect_is_not_guarded(event: Event, guarded: bool, m
     assert bool(status.guarded.causes) is guarded
 
 
-@settings(max_examples=500)
+@settings(max_examples=150)
 @given(
     away_m=st.floats(5.0, 40.0),
     closing=st.tuples(st.floats(2.0, 5.0), st.floats(2.0, 5.0)),
@@ -223,7 +211,7 @@ def test_who_is_as_far_as_the_other_end_of_a_long_line_is_not_near() -> None:
     assert 1 <= len(near) <= 8
 
 
-@settings(max_examples=1000)
+@settings(max_examples=250)
 @given(
     away_m=st.floats(2.0, 15.0),
     own_m_s=st.floats(-1.0, 3.0),

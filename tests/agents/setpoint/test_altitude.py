@@ -1,7 +1,5 @@
 """Altitudes: the layers, or the target's from noisy sightings, and what the vehicles make of it together."""
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -36,11 +34,6 @@ FLIES_M, LOWEST_M, HIGHEST_M = 9.0, 8.0, 12.0
 """One of several vehicles: the heights of its mission's."""
 
 
-def test_who_follows_no_altitude_is_spared_the_import_of_filterpy() -> None:
-    code = "import sys, gcs.flight.simulated; sys.exit('filterpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
 def told(altitude_m: float | None, time_s: float = 1.0, sigma_m: float = 0.5) -> Sighting:
     return Sighting(time_s, 1, (9.0, 0.0), (0.1, 0.0, 0.1), 0.8, 0.2, altitude_m, sigma_m)
 
@@ -53,10 +46,6 @@ def believed(sightings: Iterable[Sighting]) -> float | None:
 
 
 # The filter
-
-
-def test_what_nobody_tells_is_not_known() -> None:
-    assert believed([told(None, each / 5.0) for each in range(20)]) is None
 
 
 def test_it_is_the_random_walk_that_fits_all_sightings_best(batch_mean: Callable[..., np.ndarray]) -> None:

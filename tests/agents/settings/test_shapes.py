@@ -7,7 +7,7 @@ from math import dist, sqrt
 import pytest
 
 from agents.settings.config import AgentConfig
-from agents.settings.shapes import SHAPES, SPACED_SHAPES, SpacedShape, gap_m, offset_m
+from agents.settings.shapes import SHAPES, SPACED_SHAPES, SpacedShape, offset_m
 
 Maker = Callable[..., AgentConfig]
 
@@ -22,14 +22,6 @@ Maker = Callable[..., AgentConfig]
 )
 def test_shapes_by_hand(shape: SpacedShape, places: list[tuple[float, float]]) -> None:
     assert [offset_m(shape, place, 2, 5.0) for place in range(5)] == [pytest.approx(p, abs=1e-3) for p in places]
-
-
-@pytest.mark.parametrize(
-    ("shape", "leader", "apart_m"), [("line", 1, 5.0), ("wedge", 0, 5.0), ("column", 0, 10.0), ("column", 2, 10.0)]
-)
-def test_how_far_neighbours_in_line_order_are_apart(shape: SpacedShape, leader: int, apart_m: float) -> None:
-    assert gap_m(shape, 3, leader, 5.0) == pytest.approx(apart_m)
-    assert gap_m(shape, 1, 0, 5.0) == 0.0
 
 
 def test_in_no_shape_is_anybody_nearer_than_the_spacing(subtests: pytest.Subtests) -> None:

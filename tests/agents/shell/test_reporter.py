@@ -5,12 +5,10 @@ import asyncio
 import numpy as np
 import pytest
 
-from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus
 from agents.ports import FlightMode, GpsThreat, VehicleStatus
 from agents.shell.life import Phase
-from agents.shell.outcome import Outcome
-from agents.shell.reporter import ended_words, estimator_words, target_report
+from agents.shell.reporter import estimator_words, target_report
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.codec import decode
@@ -184,7 +182,6 @@ def test_an_end_is_reported_at_once_where_nothing_else_changes() -> None:
     [
         (VehicleStatus(), ""),
         (VehicleStatus(estimator_ratio=0.2, estimator_sensor="height"), "good"),
-        (VehicleStatus(estimator_ratio=0.7, estimator_sensor="height"), "height doubtful"),
         (VehicleStatus(estimator_ratio=1.2, estimator_sensor="height"), "height rejected"),
         (VehicleStatus(estimator_ratio=1.2, estimator_fault="no attitude"), "no attitude"),
         (VehicleStatus(estimator_ratio=0.2, gps_threat=GpsThreat.SPOOFED), "GPS spoofed"),
@@ -194,12 +191,6 @@ def test_an_end_is_reported_at_once_where_nothing_else_changes() -> None:
 )
 def test_the_estimator_in_words(status: VehicleStatus, words: str) -> None:
     assert estimator_words(status) == words
-
-
-def test_how_a_flight_ended_in_words() -> None:
-    assert ended_words(Outcome(FlightEnd.LANDED)) == "landed"
-    assert ended_words(Outcome(FlightEnd.OPERATOR, "failsafe: battery low")) == "operator: failsafe: battery low"
-    assert len(ended_words(Outcome(FlightEnd.REFUSED, "x" * 500))) == 120
 
 
 def test_the_estimate_of_the_target_is_reported() -> None:

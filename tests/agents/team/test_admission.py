@@ -25,19 +25,10 @@ KEYS: dict[str, BusMessage] = {
     "@report/3": VehicleReport(3, 5.0, "offboard"),
     "command/hold/pat": OperatorCommand(5.0, "hold", None, "pat", 7),
 }
-OTHERS: tuple[str, ...] = (
-    "",
-    "member",
-    "member/",
-    "member/03",
-    "member/3/",
-    "/member/3",
-    "member/1",
-    "answer/2",
-    "command/pat",
-    "x/3",
+OTHERS = (
+    *("", "member", "member/", "member/03", "member/3/", "/member/3", "member/1", "answer/2", "command/pat", "x/3"),
+    *("command/kill/pat", "command/hold/eve", "command/hold/3", "perception/3", "command/hold/pat/3"),
 )
-OTHERS += ("command/kill/pat", "command/hold/eve", "command/hold/3", "perception/3", "command/hold/pat/3")
 
 
 def test_each_type_has_one_key() -> None:

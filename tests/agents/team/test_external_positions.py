@@ -28,12 +28,6 @@ def test_each_vehicle_takes_its_own_position() -> None:
     assert (position, positions.refused, reported) == (None, 0, [])
 
 
-def test_without_a_time_it_is_of_now() -> None:
-    position = taken({"poses": GOOD["poses"]})[0]
-    assert position is not None
-    assert position.time_s == NOW_S
-
-
 @pytest.mark.parametrize(
     ("message", "why"),
     [

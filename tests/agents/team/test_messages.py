@@ -75,23 +75,10 @@ MUSTER = StartProposal(2, 10.0, 12.0)
 COMMAND = OperatorCommand(12.5, "resume", 2, "pat", 7)
 ANSWER = CommandAnswer(2, 12.6, 7, "resumed", "resume", "pat", "obeyed")
 SEEN = TargetReport((35.0, -5.0), (0.1, 0.0), (0.1, 0.0, 0.1), 0.5)
+AUTOPILOT = AutopilotReport(0.8, 600.0, 3, 12)
 REPORT = VehicleReport(
-    2,
-    12.7,
-    "offboard",
-    True,
-    True,
-    0.1,
-    1.5,
-    AutopilotReport(0.8, 600.0, 3, 12),
-    "good",
-    10.0,
-    200.0,
-    "",
-    SEEN,
-    "no fix",
-    0.1,
-)
+    2, 12.7, "offboard", True, True, 0.1, 1.5, AUTOPILOT, "good", 10.0, 200.0, "", SEEN, "no fix", 0.1
+)  # fmt: skip
 EXAMPLES: list[BusMessage] = [MEMBER, ON_RING, MUSTER, COMMAND, ANSWER, REPORT]
 
 
@@ -155,16 +142,7 @@ def test_a_decoded_report_is_within_half_a_unit(report: VehicleReport) -> None:
     again = decode(encode(report))
     assert isinstance(again, VehicleReport)
     assert decode(encode(again)) == again
-    exact = (
-        "sender",
-        "time_s",
-        "mode",
-        "armed",
-        "in_air",
-        "estimator",
-        "start_s",
-        "ended",
-    )
+    exact = ("sender", "time_s", "mode", "armed", "in_air", "estimator", "start_s", "ended")
     assert [getattr(again, name) for name in exact] == [getattr(report, name) for name in exact]
     (own, got), (theirs, sent) = ((each, each.autopilot) for each in (again, report))
     assert (got.gps_dimensions, got.satellites) == (sent.gps_dimensions, sent.satellites)
@@ -195,21 +173,8 @@ def test_a_state_fits_a_slow_radio() -> None:
 
 def test_a_report_is_no_larger_than_two_states() -> None:
     seen = TargetReport((-123.456, 78.901), (-1.234, 0.567), (0.123456, -0.012345, 0.234567), 12.345)
-    report = VehicleReport(
-        8,
-        1.7e9,
-        "offboard",
-        True,
-        True,
-        0.045,
-        -2.345,
-        AutopilotReport(0.1234, 1234.0, 3, 12),
-        "good",
-        1.7e9,
-        600.0,
-        "",
-        seen,
-    )
+    told = AutopilotReport(0.1234, 1234.0, 3, 12)
+    report = VehicleReport(8, 1.7e9, "offboard", True, True, 0.045, -2.345, told, "good", 1.7e9, 600.0, "", seen)
     assert len(encode(report)) <= 110
 
 
@@ -239,21 +204,6 @@ def test_the_bytes_of_a_state_and_a_report_are_those_that_earlier_versions_send(
     """After the length of the array, up to what has been added since."""
     assert encode(ON_RING)[3:].startswith(STATE_BYTES)
     assert encode(REPORT)[3:].startswith(REPORT_BYTES)
-
-
-@given(st.binary(max_size=200))
-def test_arbitrary_bytes_never_raise_anything_but_value_error(payload: bytes) -> None:
-    if not refused(payload):
-        assert type(decode(payload)) in TOPICS
-
-
-@given(messages | states | reports, st.data())
-def test_a_mutated_message_never_raises_anything_but_value_error(message: BusMessage, data: st.DataObject) -> None:
-    payload = bytearray(encode(message))
-    for _ in range(data.draw(st.integers(1, 4))):
-        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
-    refused(bytes(payload))
-    assert refused(bytes(encode(message)[: data.draw(st.integers(0, len(payload) - 1))]))
 
 
 # An array of one field more, and that one nested without end: to skip it takes recursion.
@@ -307,9 +257,3 @@ def test_no_text_holds_control_characters(text: str) -> None:
         structs.replace(REPORT, ended=text),
     ):
         assert refused(encode(message)), message
-
-
-def test_text_of_all_languages_is_left_as_it_is() -> None:
-    for text in ("", "holds", "höher als 120 m: σ = 3", "保持"):
-        assert printable_text(text) == text
-        assert decode(encode(structs.replace(ANSWER, did=text))) == structs.replace(ANSWER, did=text)

@@ -118,10 +118,6 @@ def test_a_geodetic_one_is_refused_where_the_mission_lies_nowhere() -> None:
     assert perception.refused == {Refusal.NOWHERE: 1}
 
 
-def test_faster_clocks_are_farther_apart() -> None:
-    assert take({"time_s": 1009.0}, time_scale=10.0)[0] is not None
-
-
 @pytest.mark.parametrize("payload", [b"{", b"{}", b"{" * 4000, b'{"frame": "\xff"}', b"[1, 2]"])
 def test_nonsense_is_refused(payload: bytes) -> None:
     perception = Perception(EARTH, lambda _: None)

@@ -56,12 +56,6 @@ def test_what_is_new_is_repeated_at_the_full_rate_and_what_goes_on_is_a_heartbea
     assert np.diff(sent_s)[4:] == pytest.approx(HEARTBEAT_S)
 
 
-def test_close_to_others_the_rate_is_full() -> None:
-    sender = settled()
-    sender.often = True
-    assert np.diff(sender.sent_s(11.0, 13.0)) == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize(
     "changes",
     [

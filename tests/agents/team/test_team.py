@@ -44,13 +44,6 @@ def test_what_was_said_too_long_ago_is_dropped() -> None:
     assert team.members() == ()
 
 
-def test_bearings_go_on_at_the_rate_of_the_ring() -> None:
-    team = a_team()
-    team.ring.receive(angle(1, 10.0, 0.5))
-    team.ring.receive(angle(3, 9.5, 3.0))
-    assert team.ring.bearings_rad(10.2, 0.05) == pytest.approx([0.5 + 0.01, 3.0 + 0.035])
-
-
 @pytest.mark.parametrize(("tactic", "counted"), [("encircle", 1), ("formation", 0), ("hold", 0), ("land", 0)])
 def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
     team = a_team()
