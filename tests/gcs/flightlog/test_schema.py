@@ -52,8 +52,7 @@ def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> 
     "outlook",
     [
         None,
-        Outlook(waits_for_resume=True),
-        Outlook(NextChange("land", 118.25, "not following"), "tilt too large", False, ("a", "b"), ("fence",), (2, 3)),
+        Outlook(NextChange("land", 118.25, "not following"), "tilt too large", True, ("a", "b"), ("fence",), (2, 3)),
     ],
 )
 def test_what_comes_next_and_what_the_guard_did_are_read_as_they_were_written(outlook: Outlook | None) -> None:

@@ -112,16 +112,3 @@ def test_a_bug_in_one_relay_leaves_the_others_running(thread: RelayThread, capsy
     for each in (broken, sound):
         thread.remove(each)
         each.socket.close()
-
-
-def test_the_thread_ends_with_its_last_relay_and_begins_again(thread: RelayThread) -> None:
-    for _ in range(2):
-        each = Echo()
-        thread.add(each)
-        assert each.told(b"here")
-        thread.remove(each)
-        each.socket.close()
-        for running in threading.enumerate():
-            if running.name == "relays":
-                running.join(PATIENCE_S)
-                assert not running.is_alive()
