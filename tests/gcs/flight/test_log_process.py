@@ -50,7 +50,7 @@ def _is_closed(path: Path) -> bool:
 
 
 def test_a_flight_is_written_as_if_by_its_own_process(tmp_path: Path) -> None:
-    record_simulation(engaging(), tmp_path / "direct.mcap", duration_s=20.0)
+    record_simulation(engaging(), tmp_path / "direct.mcap", duration_s=8.0)
     direct = read_log(tmp_path / "direct.mcap")
     log = LogProcess(LogRequest(MISSION, tmp_path / "sent.mcap"))
     for vehicle_id, records in {0: direct.run_records, **direct.vehicles}.items():
