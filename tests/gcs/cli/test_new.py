@@ -106,7 +106,7 @@ def test_real_vehicles_have_no_default_place(new: RunHere, tmp_path: Path, subte
 
 
 def test_target_starts_where_it_is_told_and_inside_the_fence(new: RunHere) -> None:
-    code, _, said = new(*words(**{"--vehicles": "3", "--target-start": "50,-8", "--target": "rest"}))
+    code, _, said = new(*words(**{"--vehicles": "1", "--target-start": "50,-8", "--target": "rest"}))
     assert code == 0, said
     assert "ring: 0.1 rad/s on 15 m: 1.5 m/s, a lap in 63 s\n" in said, "a lap takes 2 pi / 0.1 s"
     mission = load_mission("my.toml")
