@@ -271,6 +271,7 @@ REFUSED: tuple[tuple[str, ...], ...] = (
     ("report a.mcap --compare", "--compare: ", "at least one"),
     ("report a.mcap --compare b.mcap b.mcap", "--compare: ", "b.mcap"),
     ("report a.mcap --compare b.mcap", "a.mcap: No such file"),
+    ("report a.mcap --compare b.mcap --plot a.png", "--plot: ", "--compare"),
     (f"report a.mcap --compare {DATA / 'px4-quad.ulg'}", "--compare: ", "px4-quad.ulg", "not recorded by cordon"),
     ("report a.mcap --animate a.mp4", "--animate: ", "'a.mp4'", ".gif, .webp"),
     ("report a.mcap --animate /dev/full/a.gif", "--animate: ", "'/dev/full'"),
