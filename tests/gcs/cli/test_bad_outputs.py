@@ -1,7 +1,6 @@
 """Standard output that is closed or full, and terminals of no size: no verb ends in a traceback."""
 
 import os
-import pty
 import subprocess
 import sys
 from io import StringIO
@@ -14,7 +13,7 @@ from gcs.console.terminal import whole_words
 from tests.conftest import RunHere
 
 pytestmark = pytest.mark.slow
-RESULTS = (("missions", "--json"), ("schema",), ("--help",), ("fly", "--help"))
+RESULTS = (("missions", "--json"), ("fly", "--help"))
 
 
 def cordon(*words: str, stdout: int, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -41,13 +40,7 @@ def test_full_output_is_an_error_in_a_line_and_a_closed_one_is_none(words: tuple
     assert ran.stderr == ""
 
 
-@pytest.mark.parametrize("columns", ["0", "1"])
-def test_any_number_of_columns_prints(columns: str) -> None:
-    ran = cordon("sim", "no-such", stdout=subprocess.DEVNULL, COLUMNS=columns, LINES=columns)
-    assert (ran.returncode, ran.stderr.count("Traceback")) == (2, 0)
-
-
-@pytest.mark.parametrize("columns", ["0", "", "x", "²", "1", "80", "99999999999"])
+@pytest.mark.parametrize("columns", ["0", "²", "1", "80", "99999999999"])
 def test_no_verb_sees_a_size_that_is_none(columns: str, run_here: RunHere, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", columns)
     monkeypatch.setenv("LINES", columns)
@@ -65,21 +58,3 @@ def test_line_on_a_terminal_breaks_between_words() -> None:
     assert " ".join(line.strip() for line in lines) == text
     assert all(len(line) <= 30 for line in lines[:-1])
     assert whole_words(text, Console(file=StringIO(), width=30)) == text
-
-
-def test_faults_on_a_terminal_of_forty_columns_break_between_words() -> None:
-    process, terminal = pty.fork()
-    if process == 0:
-        os.environ["COLUMNS"] = "40"
-        os.execv(sys.executable, [sys.executable, "-m", "gcs", "sim", "case2", "--set", "encirclement.radius_m=0.1"])
-    said = b""
-    try:
-        while part := os.read(terminal, 4096):
-            said += part
-    except OSError:
-        pass  # the end
-    os.waitpid(process, 0)
-    os.close(terminal)
-    lines = said.decode().split("\r\n")
-    assert any("encirclement.radius_m" in line for line in lines)
-    assert all(len(line) <= 40 or " " not in line.strip() for line in lines), lines

@@ -76,10 +76,8 @@ def test_what_would_not_hold_is_refused_before_anything_is_written(
     for option, value, *says in (
         ("--radius", "2", "--radius", "2.56", "3 m between vehicles"),
         ("--rate", "0.3", "encirclement.angular_rate_rad_s", "4.60 m/s", "3.0 m/s"),
-        ("--radius", "nan", "--radius", "'nan'"),
         ("--vehicles", "0", "--vehicles", "'0'"),
         ("--links", "wifi", "--links", '"wifi"', "stub"),
-        ("--target", "fast", "--target", "'fast'"),
         ("--profile", "0.8,0.9", "--profile", "A0,A1,DELAY", "'0.8,0.9'"),
         ("--profile", "0.8,-1,0", "--profile", "'-1'"),
         ("--profile", "mine.toml", "vehicles[0].profile", "'mine.toml'", "bundled profiles: "),
@@ -91,36 +89,26 @@ def test_what_would_not_hold_is_refused_before_anything_is_written(
             assert list(tmp_path.iterdir()) == []
 
 
-def test_the_next_command_fits_the_links(new: RunHere) -> None:
-    place = {"--place": "47.1,8.2,450,30"}
-    ran = new(*words(**{"--vehicles": "1", "--links": "serial", "--profile": "stub"}, **place))
+def test_the_next_command_fits_the_links_and_the_place_is_taken(new: RunHere) -> None:
+    ran = new(*words(**{"--vehicles": "1", "--links": "serial", "--place": "47.1,8.2,450,30"}))
     assert "next: cordon check my.toml" in ran.err
     frame = load_mission("my.toml").frame
     assert (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.x_bearing_deg) == (47.1, 8.2, 450.0, 30.0)
 
 
 def test_real_vehicles_have_no_default_place(new: RunHere, tmp_path: Path, subtests: pytest.Subtests) -> None:
-    for links in ("udp", "serial"):
-        with subtests.test(links):
-            code, _, said = new(*words(**{"--links": links}))
-            assert code == 2
-            assert said.startswith("--place: missing")
-            assert list(tmp_path.iterdir()) == []
-    for place in ("47.1,8.2", "147.1,8.2,450", "47.1,8.2,x"):
+    for place in (None, "47.1,8.2", "147.1,8.2,450", "47.1,8.2,x"):
         with subtests.test(place=place):
-            code, _, said = new(*words(**{"--links": "udp", "--place": place}))
+            code, _, said = new(*words(**{"--links": "udp"} | ({"--place": place} if place else {})))
             assert code == 2
-            assert said.startswith("--place: ")
-
-
-def test_rate_is_told_as_speed_and_time_of_a_lap(new: RunHere) -> None:
-    """By hand: 15 m at 0.1 rad/s are 1.5 m/s, and a lap takes 2 pi / 0.1 = 62.8 s."""
-    assert "ring: 0.1 rad/s on 15 m: 1.5 m/s, a lap in 63 s\n" in new(*words(**{"--vehicles": "1"})).err
+            assert said.startswith("--place: " if place else "--place: missing")
+            assert list(tmp_path.iterdir()) == []
 
 
 def test_target_starts_where_it_is_told_and_inside_the_fence(new: RunHere) -> None:
-    code, _, said = new(*words(**{"--vehicles": "3", "--target-start": "50,-8", "--target": "rest"}))
+    code, _, said = new(*words(**{"--vehicles": "1", "--target-start": "50,-8", "--target": "rest"}))
     assert code == 0, said
+    assert "ring: 0.1 rad/s on 15 m: 1.5 m/s, a lap in 63 s\n" in said, "a lap takes 2 pi / 0.1 s"
     mission = load_mission("my.toml")
     assert mission.target.start_m == (50.0, -8.0)
     corners = mission.safety.fence_m
@@ -131,23 +119,8 @@ def test_target_starts_where_it_is_told_and_inside_the_fence(new: RunHere) -> No
 def test_without_a_terminal_every_missing_option_is_named(new: RunHere, tmp_path: Path) -> None:
     code, _, said = new("--vehicles", "5", "--shape", "wedge")
     assert code == 2
-    assert [line.partition(":")[0] for line in said.splitlines()] == [
-        "--links",
-        "--radius",
-        "--rate",
-        "--target",
-        "--fence",
-    ]
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_without_a_terminal_the_file_is_named_too(
-    run_here: RunHere, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, _, said = run_here("new", *words())
-    assert code == 2
-    assert said.startswith("FILE: missing")
+    missing = [line.partition(":")[0] for line in said.splitlines()]
+    assert missing == ["--links", "--radius", "--rate", "--target", "--fence"]
     assert list(tmp_path.iterdir()) == []
 
 
@@ -177,7 +150,7 @@ def test_ctrl_c_at_a_question_writes_nothing(tmp_path: Path) -> None:
 
 
 def test_every_choice_makes_a_mission_that_holds(subtests: pytest.Subtests) -> None:
-    for links, shape, vehicles in product(get_args(Links), SPACED_SHAPES, (1, 2, 5, 20)):
+    for links, shape, vehicles in product(get_args(Links), SPACED_SHAPES, (1, 2, 20)):
         with subtests.test(f"{links} {shape} {vehicles}"):
             mission = chosen(links=links, profile=PROFILES[links], shape=shape, vehicles=vehicles)
             assert parse_mission(mission.text, None).formation.shape == shape
@@ -200,7 +173,7 @@ def test_missions_in_one_folder_share_no_port_with_each_other_or_with_the_bundle
         for vehicle in load_mission(name).vehicles
         for address in (vehicle.section.url, vehicle.section.endpoint)
     }
-    for number in range(200):
+    for number in range(40):
         ports = own_ports(f"mission-{number}", 12, taken)
         assert taken.isdisjoint(ports)
         assert own_ports(f"mission-{number}", 12, ()) == own_ports(f"mission-{number}", 12, ())

@@ -2,14 +2,9 @@
 
 import pytest
 
-from gcs.cli.options import loaded_mission, stub_ids, with_stubs
+from gcs.cli.options import stub_ids, with_stubs
 from gcs.errors import InputError
 from gcs.mission.file import load_mission
-
-
-def test_a_mission_of_today_is_loaded_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
-    assert loaded_mission("case2") == load_mission("case2")
-    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
@@ -19,7 +14,6 @@ def test_a_mission_of_today_is_loaded_without_a_word(capsys: pytest.CaptureFixtu
         ("fly case2 --sitl", "fly case2 --sitl=all"),
         ("fly --sitl case2 --speed 3", "fly --sitl=all case2 --speed 3"),
         ("fly case2 --sitl 2,3 --json", "fly case2 --sitl=2,3 --json"),
-        ("fly case2 --sitl 2", "fly case2 --sitl=2"),
         ("fly case2 --sitl=2", "fly case2 --sitl=2"),
         ("excite case2 --sitl", "excite case2 --sitl"),
     ],

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from gcs.cli import output
 from gcs.cli.output import SimulationProgress, check_plot, present
-from gcs.errors import Exit, InputError
+from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
@@ -40,16 +40,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_figure_that_can_be_written_is_no_fault(folder: Path) -> None:
-    for name in ("flight.png", "flight.svg", "flight.pdf", "FLIGHT.PNG", "a[b].png", "two words.svg"):
-        check_plot(Path(name))
-        check_plot(folder / name)
-    check_plot(None)
-
-
 def test_a_figure_that_cannot_be_is_a_fault(folder: Path, subtests: pytest.Subtests) -> None:
+    for writable in ("FLIGHT.PDF", "a[b].png", "two words.svg"):
+        check_plot(Path(writable))
+        check_plot(folder / writable)
     for name, number, fault in [
-        *((name, None, r"--plot: .* must end in") for name in ("a.bmp", "flight", "a.png.txt", "png", "", ".")),
+        *((name, None, r"--plot: .* must end in") for name in ("a.png.txt", "png", "")),
         *((f"{parent}/a.png", None, "--plot: no folder") for parent in ("missing", "file")),
         ("folder.png", None, r"--plot: .*folder\.png"),
         ("a.png", 7, "--figure: the paper has no figure 7"),
@@ -62,19 +58,10 @@ def test_a_figure_that_cannot_be_is_a_fault(folder: Path, subtests: pytest.Subte
 # The result
 
 
-def test_a_verdict_that_does_not_hold_is_an_exit_code(record: FlightRecord) -> None:
-    # Case 1's vehicles start 4 m apart.
-    case1 = load_mission("case1")
-    strict = case1.safety.model_copy(update={"separation_m": 4.5})
-    failing = Mission(**{name: getattr(case1, name) for name in Mission.__slots__} | {"safety": strict})
-    assert present(failing, record, json=False, plot=None) is Exit.VERDICT_FAILED
-
-
 def test_a_figure_is_written_and_its_name_is_told_as_it_is(
     mission: Mission, record: FlightRecord, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "a[/bold]b.svg"
-    path.parent.mkdir(exist_ok=True)
+    path = tmp_path / "a[b]c.svg"
     present(mission, record, json=False, plot=path)
     assert path.read_bytes().startswith(b"<?xml")
     assert f"figure: {path}\n" in capsys.readouterr().err
@@ -91,16 +78,8 @@ def test_a_figure_that_cannot_be_written_after_all_is_told(
 # Progress
 
 
-def test_progress_is_silence_where_nobody_watches(capsys: pytest.CaptureFixture[str]) -> None:
-    with SimulationProgress("case1", 10.0) as progress:
-        for flown_s in range(11):
-            progress.update(float(flown_s))
-    assert capsys.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("name", ["case1", "{braces}", "[bold]brackets[/bold]", "50 %"])
-def test_progress_on_a_terminal_names_the_mission_as_it_is(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    screen = StringIO()
+def test_progress_on_a_terminal_names_the_mission_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen, name = StringIO(), "[bold]{braces}[/bold] 50 %"
     monkeypatch.setattr(output, "STDERR", Console(file=screen, force_terminal=True, width=120, color_system=None))
     with SimulationProgress(name, 10.0) as progress:
         for flown_s in range(8):

@@ -9,8 +9,6 @@ from agents.notes import (
     NotedEvent,
     Notes,
     ResumeRefusal,
-    ShapeChange,
-    TacticChange,
 )
 from agents.safety.failsafe import Condition
 from gcs.console.advice import advice, event_severity, severity
@@ -60,8 +58,6 @@ def test_an_event_is_as_grave_as_what_happened(subtests: pytest.Subtests) -> Non
         (CommandOutcome("hold", "pat.here", "holds"), "information"),
         (CommandOutcome("resume", "pat.here", "refused: battery low", is_refused=True), "warning"),
         (CommandOutcome("kill", "pat.here", "cuts the motors"), "warning"),
-        (ShapeChange("wedge"), "information"),
-        (TacticChange("formation", "hold", "hold"), "information"),
         (GuardAction(("separation",)), "information"),
     )
     notes = Notes()

@@ -54,31 +54,23 @@ def test_keys_and_what_confirms_them(subtests: pytest.Subtests) -> None:
         ("hra", [("hold", None), ("resume", None), ("abort", None)]),
         ("ly", [("land", None)]),
         ("ty", [("rtl", None)]),
-        ("l", []),
         ("ll", []),
-        ("ln", []),
         ("lny", []),
         ("lh", [("hold", None)]),
-        ("ta", [("abort", None)]),
         ("kkill\n", [("kill", None)]),
         ("kkill", []),
         ("kkil\n", []),
-        ("kky", []),
         ("kkih", [("hold", None)]),
-        ("kkl", []),
         ("2kkl", []),
         ("2kkk3l", [("land", 3)]),
-        ("y", []),
         ("kill\n", []),
         ("xyzHKQ\n ", []),
-        ("2h", [("hold", 2)]),
         ("2hh", [("hold", 2), ("hold", None)]),
         ("2l3t", [("land", 2), ("rtl", 3)]),
         ("2kkill\n", [("kill", 2)]),
         ("2\x1bh", [("hold", None)]),
         ("20h", [("hold", None)]),
         ("23h", [("hold", 3)]),
-        ("2ly", [("land", 2)]),
         ("9h", [("hold", None)]),
     ):
         with subtests.test(keys=keys):
@@ -90,10 +82,8 @@ def test_digits_select_vehicles_of_two_digits(subtests: pytest.Subtests) -> None
     for keys, given in (
         ("12h", [("hold", 12)]),
         ("1h", [("hold", 1)]),
-        ("10h", [("hold", 10)]),
         ("112h", [("hold", 12)]),
         ("3h", []),
-        ("31h", [("hold", 31)]),
     ):
         with subtests.test(keys=keys):
             assert commands(keys, team=many) == given
@@ -102,7 +92,6 @@ def test_digits_select_vehicles_of_two_digits(subtests: pytest.Subtests) -> None
 
 def test_hint_says_what_selects_a_vehicle(subtests: pytest.Subtests) -> None:
     for team, keys, hint in (
-        ((1, 2, 3), "", "1-3 select one"),
         (tuple(range(1, 33)), "", "1-32 select one"),
         (tuple(range(1, 33)), "12", "vehicle 12: "),
         ((1, 30, 31), "3", "vehicle 3…: type its next digit"),
@@ -112,6 +101,7 @@ def test_hint_says_what_selects_a_vehicle(subtests: pytest.Subtests) -> None:
             for key in keys:
                 bindings.press(key, 10.0)
             assert hint in bindings.hint(10.0)
+            assert len(bindings.hint(10.0)) <= 80
 
 
 def test_vehicles_whose_flight_has_ended_are_not_counted_or_asked() -> None:
@@ -130,16 +120,13 @@ def test_a_selection_is_for_the_next_command_and_does_not_last() -> None:
     assert bindings.press("h", 10.0 + SELECTED_FOR_S) == KeyedCommand("hold", None)
 
 
-@pytest.mark.parametrize("key", "kltr")
-@pytest.mark.parametrize("every_s", [0.01, 0.033, 0.5])
-def test_a_key_that_is_held_down_confirms_nothing(key: str, every_s: float) -> None:
-    assert commands(key * 1000, every_s=every_s, piloted=(2,)) == []
-
-
-@pytest.mark.parametrize("text", ["kkkkyyyy", "kkill\n", "kkill\nkkill\n", "lyly", "tyty", "ryry", "2kkill\n", "2lll"])
-def test_pasted_text_that_arrives_key_by_key_confirms_nothing(text: str) -> None:
-    assert commands(text, every_s=0.002, piloted=(2,)) == []
-    assert commands(text, every_s=0.0, piloted=(2,)) == []
+def test_neither_a_key_that_is_held_down_nor_a_paste_confirms_anything(subtests: pytest.Subtests) -> None:
+    """Also text that arrives key by key."""
+    held = [(key * 1000, every_s) for key in "kltr" for every_s in (0.01, 0.5)]
+    pasted = [(text, every_s) for text in ("kkkkyyyy", "kkill\nkkill\n", "lyly", "ryry") for every_s in (0.0, 0.002)]
+    for keys, every_s in held + pasted:
+        with subtests.test(keys=keys[:12], every_s=every_s):
+            assert commands(keys, every_s=every_s, piloted=(2,)) == []
 
 
 def test_a_paste_ends_an_open_question() -> None:
@@ -152,9 +139,7 @@ def test_a_paste_ends_an_open_question() -> None:
 
 def test_a_vehicle_that_its_pilot_has_is_taken_back_only_when_that_is_confirmed(subtests: pytest.Subtests) -> None:
     for keys, given in (
-        ("r", []),
         ("rr", []),
-        ("rrrr", []),
         ("ry", [("resume", None)]),
         ("2r", []),
         ("2ry", [("resume", 2)]),
@@ -166,10 +151,8 @@ def test_a_vehicle_that_its_pilot_has_is_taken_back_only_when_that_is_confirmed(
 
 def test_questions_name_what_they_are_about(subtests: pytest.Subtests) -> None:
     for keys, words in (
-        ("l", ("land", "3 vehicles", "y within 3 s")),
         ("t", ("return", "3 vehicles", "y within 3 s")),
-        ("k", ("type kill", "motors", "3 vehicles")),
-        ("kki", ("type kill", "3 vehicles", ": ki")),
+        ("kki", ("type kill", "motors", "3 vehicles", ": ki")),
         ("2k", ("type kill", "vehicle 2")),
         ("2r", ("vehicle 2", "pilot", "y within 3 s")),
     ):
@@ -181,16 +164,6 @@ def test_questions_name_what_they_are_about(subtests: pytest.Subtests) -> None:
             assert bindings.asks(11.0)
             assert all(word in hint for word in words), hint
             assert len(hint) <= 80
-
-
-@pytest.mark.parametrize("team", [TEAM, tuple(range(1, 33))])
-def test_the_hint_fits_eighty_columns(team: tuple[int, ...]) -> None:
-    bindings = KeyBindings(team)
-    assert len(bindings.hint(0.0)) <= 80
-    for number, key in enumerate(str(team[-1])):
-        bindings.press(key, number * BY_HAND_S)
-    assert str(team[-1]) in bindings.hint(1.0)
-    assert len(bindings.hint(1.0)) <= 80
 
 
 @pytest.mark.parametrize(("after_s", "confirms"), [(ANSWERED_WITHIN_S, True), (ANSWERED_WITHIN_S + 0.01, False)])
@@ -275,19 +248,14 @@ import asyncio, fcntl, sys, termios
 from gcs.console.keyboard import Keyboard
 
 async def main():
-    done = asyncio.Event()
     def press(key):
         print("pressed", key, flush=True)
-        if key == "q":
-            done.set()
-        if key == "x":
-            raise SystemExit(7)
         if key == "e":
             loop.call_soon(task.cancel)
     loop, task = asyncio.get_running_loop(), asyncio.current_task()
     with Keyboard(press, lambda: print("pasted", flush=True)) as keys:
         print("active", keys.active, flush=True)
-        await done.wait()
+        await asyncio.Event().wait()
 
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 asyncio.run(main())
@@ -295,8 +263,7 @@ asyncio.run(main())
 
 
 @pytest.mark.wire
-@pytest.mark.parametrize(("ending", "code"), [("q", 0), ("x", 7), ("e", 1)])
-def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: int, terminal: tuple[int, int]) -> None:
+def test_keys_arrive_one_by_one_and_the_terminal_is_restored(terminal: tuple[int, int]) -> None:
     person, program = terminal
     before = settings(person)
     command = [sys.executable, "-c", PROGRAM]
@@ -317,8 +284,8 @@ def test_keys_arrive_one_by_one_and_the_terminal_is_restored(ending: str, code: 
                 heard += _read_until(person, "pasted")
             os.write(person, b"\x1b")
             heard += _read_until(person, "pressed \x1b")
-            heard += _press_until(person, ending, f"pressed {ending}")
-            assert child.wait(PATIENCE_S) == code
+            heard += _press_until(person, "e", "pressed e")
+            assert child.wait(PATIENCE_S) == 1, "it was cancelled"
         finally:
             child.kill()
     assert settings(person) == before

@@ -14,8 +14,9 @@ from rich.text import Text
 
 from agents.safety.failsafe import Condition
 from agents.team.messages import AutopilotReport, NextChange, Outlook
-from gcs.console.live import LiveView, flight_title, live_table, plain_line
+from gcs.console.live import LiveView, flight_title, plain_line
 from gcs.console.summary import summary
+from gcs.console.terminal import PrintableConsole
 from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_unaccounted
 from gcs.metrics.catalogue import Verdicts
 from gcs.metrics.ending import Unaccounted
@@ -172,19 +173,16 @@ def test_vehicles_that_are_unaccounted_for_come_first_with_their_places_also_aft
 
 
 def test_a_hundred_and_twenty_columns_show_everything() -> None:
-    lines = shown_at(120)
+    unknown = structs.replace(ROWS[1], autopilot=AutopilotReport(0.31, None, 3, None))
+    lines = shown_at(120, [ROWS[0], unknown])
     assert lines[1].split()[-5:] == ["r", "trip", "ω", "lead", "lag"]
     assert lines[3].split() == [
         "1", "encircle", "offboard", "8.0", "0.5", "17.3", "to", "2", "4.3", "0.0", "3D", "12", "83%",
         "10.02", "120", "+0.051", "119.2", "121.3",
     ]  # fmt: skip
     assert "return and land" in lines[4]
+    assert " 3D – " in re.sub(" +", " ", lines[4]), "an unknown number of satellites is not 0"
     assert max(map(len, lines)) <= 120
-
-
-def test_an_unknown_number_of_satellites_is_not_shown_as_none() -> None:
-    row = structs.replace(ROWS[0], autopilot=AutopilotReport(0.8, None, 3, None))
-    assert shown_at(120, [row])[3].split()[10:13] == ["3D", "–", "80%"]
 
 
 def test_the_widest_values_fit_eighty_columns() -> None:
@@ -231,46 +229,6 @@ def test_after_the_end_nothing_is_shown_as_flying(subtests: pytest.Subtests) -> 
             assert not any(word in "\n".join(lines) for word in ("offboard", "encircle", "ALARM", "h hold", "NO LINK"))
 
 
-def test_a_vehicle_that_is_down_is_shown_so_while_the_others_fly() -> None:
-    lines = shown_at(80, [ROWS[0], structs.replace(ROWS[1], ending="disarmed")])
-    assert lines[3].split()[:3] == ["1", "encircle", "offboard"]
-    assert lines[4].split()[:3] == ["2", "ended", "disarmed"]
-
-
-def test_a_view_that_fails_before_it_shows_a_team_leaves_nothing() -> None:
-    console, output = terminal()
-    with contextlib.suppress(RuntimeError), LiveView(console) as view:
-        view.update([], 0.0, "looking for the vehicles")
-        output.seek(output.truncate(0))
-        raise RuntimeError("the flight failed")
-    assert "looking" not in output.getvalue()
-    assert "ENDED" not in output.getvalue()
-
-
-def test_a_number_has_the_colour_and_the_sign_of_its_severity(subtests: pytest.Subtests) -> None:
-    rows: tuple[tuple[float, str, str], ...] = (
-        (0.83, "", ""),
-        (0.35, "", ""),
-        (0.34, "\x1b[33m", "!"),
-        (0.2, "\x1b[33m", "!"),
-        (0.19, "\x1b[1;31m", "!!"),
-    )
-    for battery, style, sign in rows:
-        with subtests.test(battery=battery, style=style):
-            told = rendered(
-                live_table(3.0, [structs.replace(ROWS[0], autopilot=AutopilotReport(battery))], False, False),
-                colour=True,
-            )
-            cell = re.search(rf"(\x1b\[[\d;]+m)? *{battery:.0%}(!*)", told)
-            assert cell is not None
-            assert (cell[1] or "", cell[2]) == (style, sign)
-
-
-def test_a_lost_link_is_red_and_says_so() -> None:
-    told = rendered(live_table(3.0, [structs.replace(ROWS[0], mode="")], False, False), colour=True)
-    assert re.search(r"\x1b\[[\d;]*31m\s*NO LINK", told)
-
-
 def test_events_and_alerts_have_the_colour_and_the_word_of_their_severity() -> None:
     console, output = terminal()
     with LiveView(console) as view:
@@ -290,7 +248,6 @@ def test_the_bell_rings_once_for_each_new_alarm(subtests: pytest.Subtests) -> No
         ([alerted(1, ""), alerted(2, "")], 0),
         ([alerted(1, "peer silent"), alerted(2, "")], 0),
         ([alerted(1, "battery low"), alerted(2, "")], 1),
-        ([alerted(1, "battery low"), alerted(2, "")], 1),
         ([alerted(1, "battery low"), alerted(2, "battery low")], 2),
         ([alerted(1, ""), alerted(2, "battery low")], 2),
         ([alerted(1, "battery low"), alerted(2, "battery low")], 3),
@@ -304,6 +261,16 @@ def test_the_bell_rings_once_for_each_new_alarm(subtests: pytest.Subtests) -> No
     with LiveView(console) as view:
         view.update([alerted(1, "battery low")], 1.0)
     assert "\a" not in output.getvalue()
+
+
+def test_what_others_have_written_makes_a_terminal_do_nothing() -> None:
+    evil, output = "\x1b[2J\x1b]0;mine\x07\x9b31m\u202e", StringIO()
+    with LiveView(PrintableConsole(file=output, force_terminal=True, width=120)) as view:
+        view.update([TeamRow(1, tactic=f"tactic {evil}", mode="offboard", note=evil)], 1.0, evil, Text(evil))
+        view.print_line(f"said {evil}")
+    assert "said ?[2J" in output.getvalue()
+    for harm in ("\x1b[2J", "\x1b]", "\x07", "\x9b", "\u202e"):
+        assert harm not in output.getvalue()
 
 
 def test_a_terminal_gets_a_table_drawn_over_and_left_standing() -> None:
@@ -330,28 +297,24 @@ def test_the_hint_is_below_the_table_and_news_stay_above_it() -> None:
     assert told.count("h hold") < told.count("1.0 s"), "after the end no key does anything"
 
 
-def test_elsewhere_there_are_news_but_no_hints() -> None:
-    console, output = plain()
-    with LiveView(console) as view:
-        view.update((), 1.0, "", Text("h hold"))
-        view.print_line("0.5 s: vehicle 1: [holds]")
-    assert output.getvalue() == "t=1.0s\n0.5 s: vehicle 1: [holds]\n"
-
-
-def test_the_terminal_is_restored_when_the_flight_fails() -> None:
+def test_of_a_flight_that_fails_before_it_shows_a_team_only_the_restored_terminal_is_left() -> None:
     console, output = terminal()
-    with contextlib.suppress(RuntimeError), LiveView(console):
+    with contextlib.suppress(RuntimeError), LiveView(console) as view:
+        view.update([], 0.0, "looking for the vehicles")
+        output.seek(output.truncate(0))
         raise RuntimeError("the flight failed")
+    assert "looking" not in output.getvalue()
+    assert "ENDED" not in output.getvalue()
     assert output.getvalue().rstrip().endswith("\x1b[?25h\x1b[?2004l")
 
 
 def test_elsewhere_a_line_comes_every_half_minute_of_the_mission_at_most() -> None:
     console, output = plain()
     with LiveView(console) as view:
-        for tick in range(0, 3001):
+        for tick in range(0, 901):
             view.update(ROWS, tick / 10.0, "")
     lines = output.getvalue().splitlines()
-    assert [line.split(" ")[0] for line in lines] == [f"t={due}.0s" for due in range(0, 301, 30)]
+    assert [line.split(" ")[0] for line in lines] == [f"t={due}.0s" for due in range(0, 91, 30)]
     assert "\x1b" not in output.getvalue()
 
 
@@ -367,8 +330,10 @@ def test_a_dumb_terminal_gets_lines() -> None:
     output = StringIO()
     console = Console(file=output, force_terminal=True, _environ={"TERM": "dumb"})
     with LiveView(console) as view:
-        view.update(ROWS, 1.0, "")
-    assert output.getvalue() == plain_line(ROWS, 1.0, "") + "\n"  # one line, however narrow; brackets and all
+        view.update(ROWS, 1.0, "", Text("h hold"))
+        view.print_line("0.5 s: vehicle 1: [holds]")
+    # One line, however narrow; brackets and all, and no hint.
+    assert output.getvalue() == plain_line(ROWS, 1.0, "") + "\n0.5 s: vehicle 1: [holds]\n"
 
 
 def test_the_plain_line_leaves_out_what_is_not_known() -> None:
@@ -399,11 +364,6 @@ def test_the_summary_gives_each_verdict_its_sign_and_its_evidence() -> None:
     assert "18000 ticks, 2 missed; a tick took 220 µs (median), 621 µs (99 %)" in lines[21]
 
 
-def test_the_summary_writes_a_high_speed_without_an_exponent() -> None:
-    (first, *_) = rendered(summary(replace(RESULT, wall_time_s=0.25, realtime_factor=1437.6))).splitlines()
-    assert first.strip() == "case2  simulation, seed 7, 600 s in 0.2 s (1440× real time)"
-
-
 def test_the_summary_names_the_reference_and_the_figures_beside_it() -> None:
     beside = EstimateResult(
         (EstimatedVehicleResult(1, 0.111, 0.2, 0.05, 0.444, 0.5),), RingResult(None, 0.77, 1.0), 1.5
@@ -418,12 +378,6 @@ def test_the_summary_names_the_reference_and_the_figures_beside_it() -> None:
     by_estimate = rendered(summary(replace(RESULT, reference="estimate", truth_missing="no truth of vehicle 2")))
     assert "estimate" in by_estimate.splitlines()[1]
     assert "no truth of vehicle 2" in " ".join(by_estimate.split())
-
-
-def test_the_summary_colours_failures_red() -> None:
-    told = rendered(summary(RESULT), colour=True)
-    assert "\x1b[1;31m✗" in told
-    assert "\x1b[1;32m✓" in told
 
 
 def test_the_summary_of_a_flight_without_a_ring_claims_nothing() -> None:

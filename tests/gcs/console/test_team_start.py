@@ -21,7 +21,6 @@ def proposal(mission: MissionIdentity | None) -> StartProposal:
 @pytest.mark.parametrize(
     ("messages", "present", "state", "reason"),
     [
-        ((), False, "missing", "no agent is on the bus"),
         ((report(),), False, "missing", "no agent is on the bus"),
         ((), True, "missing", "has not found its autopilot"),
         ((report(), proposal(MISSION.identity)), True, "ready", ""),

@@ -47,18 +47,11 @@ def state(
     return MemberState(sender, time_s, tactic, here, (0.0, 0.0), here, (0.0, 0.0), 8.0, 0.1, alert, angle=angle)
 
 
-def test_who_has_said_nothing_has_an_empty_row() -> None:
-    picture = TeamState((1, 2))
-    assert picture.rows(0.0) == [replace(UNKNOWN, vehicle_id=each) for each in (1, 2)]
-    assert not picture.any_received
-    picture.receive(state(2), 0.0)
-    assert [row.vehicle_id for row in picture.rows(0.0)] == [1, 2]
-    assert picture.any_received
-
-
 def test_silence_is_news_once_and_so_is_its_end() -> None:
     picture = TeamState((1,))
+    assert (picture.rows(0.0), picture.any_received) == ([replace(UNKNOWN, vehicle_id=1)], False)
     picture.receive(state(), 0.0)
+    assert picture.any_received
     (connected,) = picture.new_events(0.0)
     assert connected.line.startswith("vehicle 1: ")
     assert "formation" in connected.text
@@ -212,7 +205,7 @@ def test_of_a_view_that_is_closed_nothing_is_shown_as_if_it_went_on() -> None:
 
 def test_a_flood_of_commands_is_shown_in_part_and_the_newest_are_kept() -> None:
     picture = TeamState((1,))
-    for number in range(5000):
+    for number in range(2 * EVENTS_KEPT):
         picture.receive(OperatorCommand(100.0, "hold", None, "pat", number), 0.0)
     picture.receive(OperatorCommand(100.0, "kill", None, "pat", 5000), 0.0)
     events = picture.new_events(0.0)

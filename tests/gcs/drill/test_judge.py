@@ -32,9 +32,7 @@ def test_undisturbed_is_no_reaction_and_nothing_else_wrong(log: TeamLog) -> None
     assert reacted_s(HOLD, log, BEGAN_S) is None
     assert failures(HOLD, log, BEGAN_S, UNTIL_S) == ["vehicle 3 did not react: offboard, encircle"]
     assert [fault[:23] for fault in failures(OUT, log, BEGAN_S, UNTIL_S)] == [
-        "vehicle 1 did not react",
-        "vehicle 2 did not react",
-        "vehicle 3 did not react",
+        f"vehicle {i} did not react" for i in (1, 2, 3)
     ]
     assert failures(BORNE, log, BEGAN_S, UNTIL_S) == []
 
@@ -70,17 +68,12 @@ def test_what_was_so_before_the_fault_did_not_come_of_it(log: TeamLog) -> None:
     assert reacted_s(HOLD, log, BEGAN_S) is None
 
 
-def test_the_last_of_several_counts(log: TeamLog) -> None:
+def test_coming_back_by_itself_is_wrong(log: TeamLog) -> None:
     for at_s, vehicle in ((101.0, 2), (101.5, 1), (101.25, 3)):
-        assert reacted_s(OUT, log, BEGAN_S) is None
+        assert reacted_s(OUT, log, BEGAN_S) is None, "the last of several counts"
         log.note_mode(at_s, vehicle, "land")
     assert reacted_s(OUT, log, BEGAN_S) == 101.5
     assert failures(OUT, log, BEGAN_S, UNTIL_S) == []
-
-
-def test_coming_back_by_itself_is_wrong(log: TeamLog) -> None:
-    for vehicle in (1, 2, 3):
-        log.note_mode(101.0, vehicle, "land")
     log.note_mode(103.0, 2, "offboard")
     assert failures(OUT, log, BEGAN_S, UNTIL_S) == ["vehicle 2 returned to offboard by itself"]
 

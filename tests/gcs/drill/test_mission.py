@@ -10,7 +10,7 @@ import pytest
 from gcs.drill.faults import DRILLS, Roles, chosen
 from gcs.drill.run import drill_mission
 from gcs.errors import InputError
-from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
+from gcs.mission.file import load_mission, parse_mission
 from gcs.mission.mission import Mission
 from tests.support.paths import PROFILES
 
@@ -19,7 +19,7 @@ def drilled(name: str, *changes: tuple[str, str, object]) -> Mission:
     return parse_mission(drill_mission(name, changes), None, load_mission(name).profile_texts)
 
 
-@pytest.mark.parametrize("name", bundled_missions())
+@pytest.mark.parametrize("name", ["case1", "case2-field", "mixed-team", "crossing"])
 def test_everything_but_ports_team_and_target_is_kept(name: str) -> None:
     given, flown = load_mission(name), drilled(name)
     kept = replace(flown, vehicles=(), network=given.network, target=given.target, formation=given.formation)
@@ -36,10 +36,6 @@ def test_everything_but_ports_team_and_target_is_kept(name: str) -> None:
     assert flown.target.model_copy(update={"start_m": given.target.start_m}) == given.target
 
 
-def test_any_text_of_a_mission_is_kept() -> None:
-    assert drilled("case1", ("mission", "name", 'a"b\x7f\\é')).mission.name == 'a"b\x7f\\é'
-
-
 def test_the_target_is_in_reach_of_those_who_want_it() -> None:
     case1, case2 = drilled("case1"), drilled("case2")
     assert [Roles(case2).tactic(i) for i in case2.ids] == ["encircle"] * 3
@@ -52,12 +48,8 @@ def test_a_line_that_all_leave_for_the_ring_moves_on_with_the_target() -> None:
     """Else it overtakes the target, and who was moved out of its reach does not come back."""
     assert (load_mission("case2").formation.speed_m_s, drilled("case2").formation.speed_m_s) == (0.2, 0.1)
     assert drilled("case1").formation == load_mission("case1").formation, "two vehicles stay in line"
-    assert drilled("crossing").formation == load_mission("crossing").formation, "no vehicle engages"
-
-
-def test_where_nobody_gets_to_it_the_target_stays() -> None:
-    crossing = drilled("crossing")
-    assert crossing.target == load_mission("crossing").target
+    crossing, given = drilled("crossing"), load_mission("crossing")
+    assert (crossing.formation, crossing.target) == (given.formation, given.target), "no vehicle engages"
     assert {Roles(crossing).tactic(i) for i in crossing.ids} == {"formation"}
 
 
@@ -65,13 +57,6 @@ def test_a_mission_that_forbids_it_keeps_its_target(mission_file: Callable[..., 
     fence = "fence_m = [[-5.0, -30.0], [120.0, -30.0], [120.0, 8.0], [-5.0, 8.0]]"
     name = mission_file("case2", ("separation_m = 3.0", f"separation_m = 3.0\n{fence}"))
     assert drilled(name).target.start_m == (35.0, -5.0)
-
-
-def test_changes_are_made_to_sections_that_are_there_or_not() -> None:
-    flown = drilled("case2", ("failsafe", "battery_low", 0.3), ("safety", "telemetry_timeout_s", 30.0))
-    assert (flown.failsafe.battery_low, flown.safety.telemetry_timeout_s) == (0.3, 30.0)
-    with pytest.raises(MissionError, match="nonsense"):
-        drilled("case2", ("safety", "nonsense", 1))
 
 
 def test_a_plant_file_beside_the_mission_is_found(mission_file: Callable[..., str]) -> None:

@@ -8,7 +8,7 @@ from typing import cast
 import pytest
 
 from agents.ports import VehicleRefusedError
-from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, blocker_lines
+from gcs.flight.preparation import FIRST_REPORTS_S, Readiness, blocker_lines, start_blockers
 from gcs.flight.team import FlightTeam
 from gcs.preflight.findings import MISSION, Finding, Grade
 from tests.support.simulated_loop import run_simulated
@@ -61,10 +61,9 @@ async def checked(team: FakeTeam) -> Sequence[Finding]:
     return await Readiness(cast(FlightTeam, team)).findings()
 
 
-@pytest.mark.parametrize("first", [[WELL], [WELL, WARNED]], ids=["well", "warned"])
-async def test_a_team_that_is_ready_is_checked_once(first: list[Finding]) -> None:
-    team = FakeTeam(30.0, first, [NO_FIX])
-    assert await checked(team) == first
+async def test_a_team_that_is_ready_is_checked_once() -> None:
+    team = FakeTeam(30.0, [WELL, WARNED], [NO_FIX])
+    assert await checked(team) == [WELL, WARNED]
     assert team.settled_s == [FIRST_REPORTS_S]
     assert team.lines == []
 
@@ -73,13 +72,8 @@ async def test_what_waiting_cannot_change_is_checked_once_more_and_refused() -> 
     team = FakeTeam(30.0, [NO_FIX, WRONG], [NO_FIX, WRONG], [WELL])
     assert await checked(team) == [NO_FIX, WRONG]
     assert team.lines == []
+    assert await checked(FakeTeam(0.0, [NO_FIX], [WELL])) == [NO_FIX], "without a wait"
     assert await checked(FakeTeam(30.0, [CLOCKS], [WELL], [CLOCKS])) == [WELL], "a busy computer measured it wrong"
-
-
-async def test_without_a_wait_it_is_refused_at_once() -> None:
-    team = FakeTeam(0.0, [NO_FIX], [WELL])
-    assert await checked(team) == [NO_FIX]
-    assert team.lines == []
 
 
 async def test_vehicles_about_to_be_ready_are_waited_for() -> None:
@@ -115,6 +109,12 @@ async def test_a_speed_that_cannot_be_measured_yet() -> None:
     team = FakeTeam(30.0, speeds=(False, False, True))
     await Readiness(cast(FlightTeam, team)).measure_speed()
     assert team.measured == 3
+
+
+def test_the_first_refusal_of_a_vehicle_or_the_mission_forbids_its_start() -> None:
+    assert start_blockers(2, [WARNED, lack(1, "no fix")]) == ""
+    assert start_blockers(2, [WARNED, lack(1, "no fix"), lack(2, "a 2D fix")]) == "gps: a 2D fix"
+    assert start_blockers(2, [CLOCKS, lack(1, "no fix")]) == f"clocks: {CLOCKS.found}"
 
 
 def test_vehicles_that_lack_the_same_share_a_line() -> None:

@@ -19,7 +19,6 @@ from gcs.flight.supervision_protocol import (
     HEARTBEAT_VARIABLE,
     JOINED,
     POLL_PERIOD_S,
-    STOP,
     Beat,
     LoopMonitor,
     encode_beat,
@@ -46,7 +45,7 @@ def polls_to_death(monitor: LoopMonitor, limit: int = 1000) -> int:
 
 @pytest.mark.parametrize(
     ("rate_hz", "speed", "dead_after_s"),
-    [(10.0, 1.0, 0.7), (2.0, 1.0, 0.9), (20.0, 1.0, 0.7), (100.0, 1.0, 0.7), (10.0, 50.0, 0.7), (10.0, 0.1, 1.4)],
+    [(10.0, 1.0, 0.7), (2.0, 1.0, 0.9), (10.0, 50.0, 0.7), (10.0, 0.1, 1.4)],
 )
 def test_a_loop_is_dead_when_its_silence_is_long_on_the_walls_clock(
     rate_hz: float, speed: float, dead_after_s: float
@@ -67,13 +66,6 @@ def test_the_dead_are_named_with_their_silence_and_the_living_are_not() -> None:
     assert monitor.flying == (1, 2, 3)
 
 
-def test_a_tick_in_time_begins_the_count_anew() -> None:
-    monitor = LoopMonitor()
-    for _ in range(50):
-        monitor.receive(tick(1))
-        assert not any(monitor.poll() for _ in range(6))
-
-
 def test_who_has_not_ticked_yet_or_has_ended_is_not_watched() -> None:
     monitor = LoopMonitor()
     monitor.receive(encode_beat(Beat.RISING, 1) + tick(2) + encode_beat(Beat.ENDED, 2))
@@ -81,13 +73,12 @@ def test_who_has_not_ticked_yet_or_has_ended_is_not_watched() -> None:
     assert monitor.flying == (1,), "it takes off: in no offboard, but in the air"
 
 
-def test_nobody_has_flown_before_the_first_heartbeat() -> None:
+def test_of_a_flight_that_is_over_those_unaccounted_for_are_known() -> None:
     monitor = LoopMonitor()
-    monitor.receive(b"")
-    assert not monitor.has_flown
-    monitor.receive(encode_beat(Beat.RISING, 1) + encode_beat(Beat.ENDED, 1))
-    assert monitor.has_flown
-    assert not monitor.flying
+    monitor.receive(tick(1) + tick(2) + encode_beat(Beat.ENDED, 1) + encode_beat(Beat.ENDED, 2))
+    monitor.receive(encode_beat(Beat.UNACCOUNTED, 2))
+    assert (LoopMonitor().has_flown, monitor.has_flown) == (False, True)
+    assert (monitor.flying, monitor.unaccounted) == ((), (2,))
 
 
 def test_heartbeats_may_arrive_in_pieces() -> None:
@@ -111,7 +102,7 @@ def silent(*vehicle_ids: int) -> LoopMonitor:
     return monitor
 
 
-@pytest.mark.parametrize(("load", "overloaded"), [(1.9, False), (3.0, False), (6.2, True)])
+@pytest.mark.parametrize(("load", "overloaded"), [(3.0, False), (6.2, True)])
 def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0))
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
@@ -127,13 +118,6 @@ def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypa
     assert (lost.reason, lost.vehicles) == (reason, (1, 2))
     assert others == [f"vehicles 1 and 2, unaccounted for: {lost.autopilots}", f"next: {lost.next_step}"]
     assert time.time() - lost.ended_s < 60.0
-
-
-def test_vehicles_that_are_unaccounted_for_at_the_end_are_known() -> None:
-    monitor = LoopMonitor()
-    monitor.receive(tick(1) + tick(2) + encode_beat(Beat.ENDED, 1) + encode_beat(Beat.ENDED, 2))
-    monitor.receive(encode_beat(Beat.UNACCOUNTED, 2))
-    assert (monitor.unaccounted, monitor.flying) == ((2,), ())
 
 
 class Ending(subprocess.Popen[bytes]):
@@ -184,77 +168,14 @@ def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
         yield ours, theirs
 
 
-def test_heartbeats_reach_the_supervisor(pair: tuple[socket.socket, socket.socket]) -> None:
-    ours, theirs = pair
-    heartbeat = SupervisorHeartbeat(theirs, lambda: None).heartbeat(7)
-    monitor = LoopMonitor()
-    heartbeat.rising()
-    monitor.receive(ours.recv(64))
-    assert monitor.flying == (7,)
-    heartbeat.tick(PERIOD_S)
-    monitor.receive(ours.recv(64))
-    assert polls_to_death(monitor) == 7
-    heartbeat.ended()
-    monitor.receive(ours.recv(64))
-    assert not monitor.flying
-
-
 def test_a_fast_loop_tells_of_a_few_ticks_only(pair: tuple[socket.socket, socket.socket]) -> None:
     ours, theirs = pair
     heartbeat = SupervisorHeartbeat(theirs, lambda: None).heartbeat(1)
-    for _ in range(100_000):
+    for _ in range(10_000):
         heartbeat.tick(0.002)
     assert len(ours.recv(1 << 20)) <= len(tick(1)) * (5.0 / TICK_PERIOD_MIN_S)
-
-
-def test_a_supervisor_that_does_not_read_blocks_nothing(pair: tuple[socket.socket, socket.socket]) -> None:
-    heartbeat = SupervisorHeartbeat(pair[1], lambda: None).heartbeat(1)
-    for _ in range(100_000):
+    for _ in range(100_000):  # nobody reads, and nothing waits
         heartbeat.rising()
-
-
-def test_a_wish_is_one_call_each_and_a_lost_supervisor_is_one_wish(pair: tuple[socket.socket, socket.socket]) -> None:
-    ours, theirs = pair
-    calls: list[str] = []
-    heard = threading.Semaphore(0)
-
-    def call(name: str) -> None:
-        calls.append(name)
-        heard.release()
-
-    with SupervisorHeartbeat(theirs, lambda: call("orphaned")) as heartbeat:
-        heartbeat.relay(lambda: call("ask"))
-        ours.send(ALIVE + STOP + ALIVE + STOP)
-        assert heard.acquire(timeout=PATIENCE_S)
-        assert heard.acquire(timeout=PATIENCE_S)
-        ours.close()
-        assert heard.acquire(timeout=PATIENCE_S)
-    assert calls == ["ask", "ask", "orphaned"], "another wish would mean: in a hurry"
-
-
-@pytest.mark.parametrize("closed", [True, False], ids=["dead", "stopped"])
-def test_a_supervisor_that_is_dead_or_silent_makes_it_land(
-    closed: bool, pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("gcs.flight.heartbeat.POLL_PERIOD_S", 0.001)
-    ours, theirs = pair
-    calls: list[str] = []
-    told = threading.Event()
-
-    def ask() -> None:
-        calls.append("ask")
-
-    def orphaned() -> None:
-        calls.append("orphaned")
-        told.set()
-
-    with SupervisorHeartbeat(theirs, orphaned) as heartbeat:
-        heartbeat.relay(ask)
-        if closed:
-            ours.close()
-        assert told.wait(PATIENCE_S)
-        assert not theirs.get_inheritable()
-    assert calls == ["ask", "orphaned"]
 
 
 async def test_on_a_clock_that_runs_ahead_of_the_listening_thread_a_supervisor_that_lives_is_not_lost(
@@ -283,7 +204,7 @@ async def test_on_a_clock_that_runs_ahead_of_the_listening_thread_a_supervisor_t
         heartbeat.relay(lambda: calls.append("ask"))
         supervisor.start()
         async with heartbeat.follow(clock):
-            for _ in range(10_000):
+            for _ in range(3_000):
                 await clock.sleep(POLL_PERIOD_S)
         is_over.set()
     supervisor.join()

@@ -116,20 +116,13 @@ def told(log: FlightLog) -> str:
 
 
 @FUZZ
-@given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
-def test_any_flipped_bit_is_noticed(place: float, bit: int, sample: Sample) -> None:
-    data = bytearray(sample.data)
-    data[int(place * len(data))] ^= 1 << bit
-    log = assert_honest(sample, bytes(data))
-    assert log is None or log.faults
-
-
-@FUZZ
-@given(record=st.floats(0.0, 1.0, exclude_max=True), byte=st.integers(0, 60), bit=st.integers(0, 7))
-def test_any_flipped_bit_of_a_record_s_head_is_noticed(record: float, byte: int, bit: int, sample: Sample) -> None:
+@given(share=st.floats(0.0, 1.0, exclude_max=True), head=st.none() | st.integers(0, 60), bit=st.integers(0, 7))
+def test_any_flipped_bit_is_noticed(share: float, head: int | None, bit: int, sample: Sample) -> None:
+    """Anywhere, or in the head of a record."""
     data = bytearray(sample.data)
     places = [offset for _, offset, _ in records_of(sample.data)]
-    data[min(places[int(record * len(places))] + byte, len(data) - 1)] ^= 1 << bit
+    at = int(share * len(data)) if head is None else min(places[int(share * len(places))] + head, len(data) - 1)
+    data[at] ^= 1 << bit
     log = assert_honest(sample, bytes(data))
     assert log is None or log.faults
     assert log is None or held(log) >= 0.5 * sample.total or not log.vehicles, "the rest is read all the same"
@@ -145,7 +138,7 @@ def test_cut_anywhere_it_gives_what_mcap_s_own_reader_gives(place: float, sample
             whole += isinstance(record, Message)
     log = assert_honest(sample, data)
     assert (0 if log is None else held(log)) == whole
-    assert log is None or "it was never closed: it ends" in told(log)
+    assert log is None or ("it was never closed: it ends" in told(log) and not log.is_damaged)
 
 
 @FUZZ
@@ -157,21 +150,6 @@ def test_bytes_that_do_not_belong_there_are_noticed(place: float, inserted: byte
     assert log is None or held(log) >= 0.5 * sample.total
 
 
-@FUZZ
-@given(
-    record=st.floats(0.0, 1.0, exclude_max=True),
-    byte=st.integers(0, 60),
-    claim=st.sampled_from([b"\xff" * 4, b"\xff" * 8, struct.pack("<Q", HUGE), b"\x00" * 8]),
-)
-def test_absurd_numbers_in_a_record_s_head_are_no_matter(
-    record: float, byte: int, claim: bytes, sample: Sample
-) -> None:
-    places = [offset for _, offset, _ in records_of(sample.data)]
-    at = places[int(record * len(places))] + byte
-    assert_honest(sample, sample.data[:at] + claim + sample.data[at + len(claim) :])
-
-
-@settings(max_examples=200)
 @given(record=st.floats(0.0, 1.0, exclude_max=True), place=st.floats(0.0, 1.0), new=st.binary(max_size=12))
 def test_a_record_whose_bytes_are_not_its_own_is_refused_by_name(
     record: float, place: float, new: bytes, sample: Sample
@@ -187,7 +165,9 @@ def test_a_record_whose_bytes_are_not_its_own_is_refused_by_name(
 # Damages as they come
 
 
-def test_a_damaged_chunk_is_skipped_and_what_it_held_is_told(sample: Sample) -> None:
+def test_a_damaged_chunk_costs_its_records_which_are_told_and_the_exit_code_says_so(
+    sample: Sample, run_here: RunHere
+) -> None:
     offset, length = chunks_of(sample.data)[8]
     lost = [each for each in _messages(sample.data, 8) if each.topic.startswith("/vehicle/2/")]
     every = [each for which in range(len(chunks_of(sample.data))) for each in _messages(sample.data, which)]
@@ -195,6 +175,7 @@ def test_a_damaged_chunk_is_skipped_and_what_it_held_is_told(sample: Sample) -> 
     data[offset + length // 2] ^= 0x10
     log = assert_honest(sample, bytes(data))
     assert log is not None
+    assert log.is_damaged
     assert held(log) == sample.total - len(_messages(sample.data, 8))
     assert f"at byte {offset}: a chunk" in told(log)
     of_vehicle = [each for each in every if each.topic.startswith("/vehicle/2/")]
@@ -203,7 +184,10 @@ def test_a_damaged_chunk_is_skipped_and_what_it_held_is_told(sample: Sample) -> 
     missing = f"vehicle 2: {len(lost)} records are missing, between {begin_s:.1f} and {end_s:.1f} s of the log"
     assert missing in told(log)
     assert len(lost) > 30
-    assert "are lost" in told(log)
+    for command in (("replay",), ("report",), ("log", "recover")):
+        code, _, said = run_here(*command, str(log.path))
+        assert code == 1
+        assert f"{held(log)} records of " in " ".join(said.split()), command
 
 
 def test_a_chunk_whose_length_or_kind_is_damaged_costs_that_chunk(subtests: pytest.Subtests, sample: Sample) -> None:
@@ -239,9 +223,22 @@ def test_an_index_that_is_damaged_costs_no_record(sample: Sample) -> None:
     assert "its index is damaged" in told(log)
 
 
+def foreign() -> bytes:
+    """Another program's MCAP file."""
+    stream = BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    schema = writer.register_schema("std_msgs/String", "ros1msg", b"string data")
+    channel = writer.register_channel("/chatter", "ros1", schema)
+    writer.add_message(channel, 1, b"hello", 1)
+    writer.finish()  # type: ignore[no-untyped-call]  # it takes and returns nothing
+    return stream.getvalue()
+
+
 def test_what_is_no_log_is_refused(subtests: pytest.Subtests, sample: Sample) -> None:
     for data, reason in (
         (b"", "it is empty"),
+        (foreign(), "it holds no cordon record"),
         (b"# Flight logs", "it is not an MCAP file"),
         (b"\x89MCAP0\r\n", "it holds no cordon record"),
         (b"\x89MCAP0\r\n" + bytes(10_000_000), "it holds no cordon record"),
@@ -250,25 +247,6 @@ def test_what_is_no_log_is_refused(subtests: pytest.Subtests, sample: Sample) ->
             path = sample.written(data)
             with pytest.raises(LogError, match=reason):
                 read_log(path)
-
-
-def test_another_s_mcap_file_is_refused(sample: Sample) -> None:
-    stream = BytesIO()
-    writer = Writer(stream)
-    writer.start()
-    schema = writer.register_schema("std_msgs/String", "ros1msg", b"string data")
-    channel = writer.register_channel("/chatter", "ros1", schema)
-    writer.add_message(channel, 1, b"hello", 1)
-    writer.finish()  # type: ignore[no-untyped-call]  # it takes and returns nothing
-    with pytest.raises(LogError, match="it holds no cordon record"):
-        read_log(sample.written(stream.getvalue()))
-
-
-def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="it is not a file"):
-        read_log(tmp_path)
-    with pytest.raises(LogError, match="No such file"):
-        read_log(tmp_path / "nowhere.mcap")
 
 
 # Claims
@@ -300,19 +278,16 @@ CLAIMS: dict[str, Callable[[], bytes]] = {
     "a record of 100 GB": lambda: record(CHUNK, b"", HUGE),
     "a record that fits the file but no memory": lambda: record(3, b"", 90_000_000),
     "a chunk of 100 GB unpacked": lambda: chunk(zstandard.compress(bytes(1000)), HUGE),
-    "a chunk of 100 GB packed": lambda: chunk(zstandard.compress(bytes(1000)), 1000, packed_claimed=HUGE),
     "a chunk of 2^64 bytes packed": lambda: chunk(zstandard.compress(bytes(1000)), 1000, packed_claimed=2**64 - 1),
     "a chunk that unpacks to more than it says": lambda: chunk(zstandard.compress(bytes(400_000_000)), 1000),
     "a chunk that unpacks without end": lambda: sizeless(400_000_000),
     "a bomb": lambda: bomb(400_000_000),
     "many small bombs": lambda: bomb(30_000_000) * 200,
     "a text of 4 GB": lambda: record(3, struct.pack("<HI", 1, 0xFFFFFFFF) + b"x"),
-    "a table of 4 GB": lambda: record(12, struct.pack("<I", 1) + b"x" + struct.pack("<I", 0xFFFFFFFF)),
     "a message index of 4 GB": lambda: record(INDEX, struct.pack("<HI", 1, 0xFFFFFFFF)),
     "an end that is none": lambda: record(DATA_END, bytes(2000)),
     "kinds that nobody knows": lambda: record(200, b"") * 20_000,
-    "chunks that only look like chunks": lambda: chunk(b"", HUGE) * 300,
-    "countless chunks that only look like chunks": lambda: chunk(b"", HUGE) * 100_000,
+    "chunks that only look like chunks": lambda: chunk(b"", HUGE) * 100_000,
 }
 
 
@@ -332,16 +307,12 @@ def test_a_claim_is_not_believed(subtests: pytest.Subtests, sample: Sample) -> N
             assert peak_bytes < MEMORY_MAX_BYTES
             assert time.process_time() - began_s < SECONDS_MAX
             assert 1 <= len(log.faults) < 40, "not one for each of a hundred thousand"
-            if claim not in ("many small bombs", "countless chunks that only look like chunks"):  # it gives up
+            if claim not in ("many small bombs", "chunks that only look like chunks"):  # it gives up
                 assert held(log) == sample.total
 
 
-@pytest.mark.parametrize(
-    ("more", "end"),
-    [(-100, "within a record"), (0, "behind a record"), (9, "in a record that claims it all")],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_a_file_of_a_hundred_gigabytes_of_nothing_is_no_matter(more: int, end: str, sample: Sample) -> None:
+@pytest.mark.parametrize("more", [-100, 9], ids=["within a record", "in a record that claims it all"])
+def test_a_file_of_a_hundred_gigabytes_of_nothing_is_no_matter(more: int, sample: Sample) -> None:
     half = chunks_of(sample.data)[10][0]
     claim = record(CHUNK, b"", HUGE // 2) if more > 0 else b""
     path = sample.written(sample.data[: half + min(more, 0)] + claim)
@@ -354,7 +325,7 @@ def test_a_file_of_a_hundred_gigabytes_of_nothing_is_no_matter(more: int, end: s
     log = read_log(path)
     path.unlink()
     assert time.process_time() - began_s < SECONDS_MAX
-    assert 0.2 * sample.total < held(log) < sample.total, end
+    assert 0.2 * sample.total < held(log) < sample.total
     assert log.faults
 
 
@@ -519,21 +490,6 @@ def test_a_log_that_was_never_closed_is_recovered_whole(sample: Sample, tmp_path
     assert read_log(tmp_path / "new.mcap").end == sample.log.end
 
 
-def test_a_closed_log_whose_beginning_is_damaged_is_recovered_from_there_on(sample: Sample, tmp_path: Path) -> None:
-    offset, length = chunks_of(sample.data)[0]
-    data = bytearray(sample.data)
-    data[offset + length // 2] ^= 0x10
-    recovery = recover(sample.written(bytes(data)), tmp_path / "new.mcap", _nothing)
-    assert recovery.records == sample.total - len(_messages(sample.data, 0))
-    assert len(by_index(tmp_path / "new.mcap")) == recovery.records
-
-
-def test_a_whole_log_is_said_to_be_whole(sample: Sample) -> None:
-    recovery = examine(sample.written(sample.data), _nothing)
-    assert recovery.faults == ()
-    assert recovery.records == sample.total
-
-
 def test_the_command_tells_what_is_recovered_and_overwrites_nothing(
     sample: Sample, tmp_path: Path, run_here: RunHere
 ) -> None:
@@ -550,31 +506,6 @@ def test_the_command_tells_what_is_recovered_and_overwrites_nothing(
     assert "exists already" in again.err
     assert new.read_bytes() == before
     assert "it is complete" in whole.err
-
-
-def test_one_flipped_bit_costs_its_chunk_and_the_exit_code_says_so(sample: Sample, run_here: RunHere) -> None:
-    chunks, log = chunks_of(sample.data), sample.log
-    for which in (0, 1, len(chunks) // 2, len(chunks) - 1):
-        offset, length = chunks[which]
-        data = bytearray(sample.data)
-        data[offset + length // 2] ^= 0x10
-        read = assert_honest(sample, bytes(data))
-        assert read is not None, f"chunk {which}"
-        assert read.is_damaged
-        log = read
-        assert held(log) == sample.total - len(_messages(sample.data, which)) > 0.75 * sample.total
-    path = str(log.path)
-    for command in (("replay",), ("report",), ("log", "recover")):
-        code, _, said = run_here(*command, path)
-        assert code == 1
-        assert f"{held(log)} records of " in " ".join(said.split()), command
-
-
-def test_a_log_that_was_only_not_closed_is_not_damaged(sample: Sample) -> None:
-    log = assert_honest(sample, sample.data[: chunks_of(sample.data)[-1][0] + 100])
-    assert log is not None
-    assert log.faults
-    assert not log.is_damaged
 
 
 def test_what_cannot_be_recovered_ends_in_exit_code_2_and_leaves_nothing(

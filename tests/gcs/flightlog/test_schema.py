@@ -20,7 +20,7 @@ from agents.tactics import Tactic
 from agents.team.messages import NextChange, Outlook
 from estimation.state import Telemetry
 from gcs.flightlog.reader import read_log
-from gcs.flightlog.records import VEHICLE_TOPICS, Decision, LocalCommand, Place, decision_of, notes_of, outlook_of
+from gcs.flightlog.records import VEHICLE_TOPICS, Decision, decision_of, notes_of, outlook_of
 from gcs.flightlog.schema import Codec, Decoder, codec_of
 from tests.support.flight_logs import engaging, record_simulation
 
@@ -52,8 +52,7 @@ def test_numbers_keep_every_bit(time_s: float, position: Any, velocity: Any) -> 
     "outlook",
     [
         None,
-        Outlook(waits_for_resume=True),
-        Outlook(NextChange("land", 118.25, "not following"), "tilt too large", False, ("a", "b"), ("fence",), (2, 3)),
+        Outlook(NextChange("land", 118.25, "not following"), "tilt too large", True, ("a", "b"), ("fence",), (2, 3)),
     ],
 )
 def test_what_comes_next_and_what_the_guard_did_are_read_as_they_were_written(outlook: Outlook | None) -> None:
@@ -69,11 +68,6 @@ def test_what_comes_next_and_what_the_guard_did_are_read_as_they_were_written(ou
     assert [each.guard for each in notes_of(read)] == [action]
 
 
-@given(st.binary(max_size=300), NUMBERS)
-def test_payloads_keep_every_byte(payload: bytes, now_s: float) -> None:
-    assert back(LocalCommand(now_s, payload)) == LocalCommand(now_s, payload)
-
-
 def test_every_input_of_a_core_has_a_channel() -> None:
     """Messages and commands are recorded as others: as the messages that were taken, and as what was commanded here."""
     assert set(get_args(CoreInput)) - set(VEHICLE_TOPICS) == {Message, Command}
@@ -84,25 +78,6 @@ def test_nothing_is_told_from_nought(subtests: pytest.Subtests) -> None:
         with subtests.test(battery=battery):
             status = VehicleStatus(connected=True, mode=FlightMode.LAND, battery=battery)
             assert back(AutopilotStatus(status)) == AutopilotStatus(status)
-
-
-@given(st.one_of(st.none(), NUMBERS), st.integers(1, 200))
-def test_what_may_be_missing_may_be_missing(lead_rad: float | None, members: int) -> None:
-    assert back(Place(members, lead_rad, None)) == Place(members, lead_rad, None)
-
-
-def test_an_older_reader_reads_what_it_knows_of_a_newer_record() -> None:
-    class Place(msgspec.Struct, frozen=True):
-        members: int
-        lead_rad: float | None
-        lag_rad: float | None
-        gap_rad: float
-
-    newer = Codec(Place)
-    decoded = Decoder(newer.name, newer.schema).decode(newer.encode(Place(3, 1.0, 2.0, 0.5), 1))
-    from gcs.flightlog.records import Place as Known
-
-    assert msgspec.convert(decoded, Known) == Known(3, 1.0, 2.0)
 
 
 def test_a_record_of_before_a_field_with_a_default_is_read_with_that() -> None:
@@ -136,7 +111,7 @@ def test_a_field_with_a_former_name_is_read_with_its_present_one() -> None:
 
 def test_a_log_is_read_by_others_as_well(tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
-    record_simulation(engaging(), path, duration_s=12.0)
+    record_simulation(engaging(), path, duration_s=5.0)
     ours = {vehicle: list(read_log(path).of_kind(vehicle, Decision)) for vehicle in (1, 2, 3)}
     theirs: dict[int, list[Any]] = {1: [], 2: [], 3: []}
     with path.open("rb") as stream:
@@ -145,7 +120,7 @@ def test_a_log_is_read_by_others_as_well(tmp_path: Path) -> None:
             if channel.topic.endswith("/decision"):
                 theirs[int(channel.topic.split("/")[2])].append((message, decoded))
     for vehicle, decisions in ours.items():
-        assert len(theirs[vehicle]) == len(decisions) == 121
+        assert len(theirs[vehicle]) == len(decisions) == 51
         for (message, decoded), decision in zip(theirs[vehicle], decisions, strict=True):
             assert math.isclose(message.log_time * 1e-9, decision.time_s, abs_tol=1e-9)
             assert decoded.tactic == decision.tactic

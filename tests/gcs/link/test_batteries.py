@@ -3,16 +3,6 @@
 from gcs.link.batteries import KEPT_S, Batteries, BatteryReport
 
 
-def test_the_lowest_battery_counts_whichever_reported_last() -> None:
-    batteries = Batteries()
-    seen = []
-    for time_s in range(6):
-        batteries.take(BatteryReport(time_s % 2, (0.9, 0.12)[time_s % 2], (800.0, 90.0)[time_s % 2]), float(time_s))
-        seen.append((batteries.charge, batteries.endurance_s))
-    assert seen == [(0.9, 800.0), *[(0.12, 90.0)] * 5]
-    assert list(batteries.newest) == [0, 1]
-
-
 def test_a_battery_that_the_vehicle_does_not_fly_with_is_listed_and_does_not_count() -> None:
     batteries = Batteries()
     batteries.take(BatteryReport(0, 0.9), 0.0)

@@ -68,11 +68,11 @@ def thread(monkeypatch: pytest.MonkeyPatch) -> Iterator[RelayThread]:
 
 
 def test_a_port_is_free_as_soon_as_its_relay_is_removed_and_closed(thread: RelayThread) -> None:
-    others = [Echo() for _ in range(6)]
+    others = [Echo() for _ in range(2)]
     for other in others:
         thread.add(other)
     port = 0
-    for _ in range(20):
+    for _ in range(5):
         each = Echo(port)
         port = each.port
         thread.add(each)
@@ -91,7 +91,7 @@ def test_a_turn_comes_when_it_is_due_although_nothing_arrives(
     monkeypatch.setattr(relay_thread, "WAKE_PERIOD_S", 3.0 * PATIENCE_S)  # no other turn comes by itself
     each = Echo()
     thread.add(each)
-    for _ in range(5):
+    for _ in range(2):
         each.turned.clear()
         each.due_at_s = time.monotonic() + 0.02
         thread.wake()
@@ -112,16 +112,3 @@ def test_a_bug_in_one_relay_leaves_the_others_running(thread: RelayThread, capsy
     for each in (broken, sound):
         thread.remove(each)
         each.socket.close()
-
-
-def test_the_thread_ends_with_its_last_relay_and_begins_again(thread: RelayThread) -> None:
-    for _ in range(3):
-        each = Echo()
-        thread.add(each)
-        assert each.told(b"here")
-        thread.remove(each)
-        each.socket.close()
-        for running in threading.enumerate():
-            if running.name == "relays":
-                running.join(PATIENCE_S)
-                assert not running.is_alive()

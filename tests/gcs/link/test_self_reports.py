@@ -63,18 +63,14 @@ class Reports:
 
 TEXTS = {
     # PX4 1.13 to 1.17, ArduCopter 4.3 to 4.7.
-    "Connection to ground station lost": Connection.GROUND_STATION,
     "Connection to ground control station lost": Connection.GROUND_STATION,
     "GCS Failsafe": Connection.GROUND_STATION,
     "Manual control lost": Connection.REMOTE_CONTROL,
     "Radio Failsafe - Continuing Guided Mode": Connection.REMOTE_CONTROL,
     "GCS connection regained": None,
     "GCS Failsafe Cleared": None,
-    "Radio Failsafe Cleared": None,
     "Failsafe activated": None,
     "Connection to mission computer lost": None,
-    "Armed by external command": None,
-    "Forced landing": None,
 }
 THREATS = {
     "GNSS signal spoofed": GpsThreat.SPOOFED,
@@ -228,10 +224,8 @@ LEFT_OFFBOARD = VehicleStatus(mode=FlightMode.LAND, mode_by=ModeSource.FAILSAFE,
     "changes",
     [
         {"mode_by": ModeSource.PILOT},
-        {"mode_by": ModeSource.UNKNOWN},
         {"lost": Connection.REMOTE_CONTROL},
         {"mode": FlightMode.RETURN},
-        {"gps_dimensions": 0},
         {"gps_dimensions": 2},
         {"battery": 0.15},
         {"estimator_fault": "no horizontal position"},

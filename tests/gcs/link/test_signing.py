@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -42,7 +42,6 @@ def signed(sender: mavlink.MAVLink, count: int = 1) -> list[bytes]:
 
 
 @given(ANY_MESSAGE)
-@settings(max_examples=200, deadline=None)
 def test_what_is_signed_here_pymavlink_verifies(message: mavlink.MAVLink_message) -> None:
     frame = Signing(KEY, lambda: NOW).sign(message.pack(station(None)))
     (received,) = station(KEY).parse_buffer(frame)
@@ -54,13 +53,7 @@ def test_what_is_signed_here_pymavlink_verifies(message: mavlink.MAVLink_message
 def test_what_pymavlink_signs_is_accepted_once_and_in_order() -> None:
     signing, (first, second, third) = Signing(KEY, lambda: NOW), signed(station(KEY, 1), 3)
     verdicts = [signing.verify(frame) for frame in (first, third, second, third, first)]
-    assert verdicts == [
-        SignatureCheck.AUTHENTIC,
-        SignatureCheck.AUTHENTIC,
-        SignatureCheck.OLD,
-        SignatureCheck.OLD,
-        SignatureCheck.OLD,
-    ]
+    assert verdicts == [SignatureCheck.AUTHENTIC] * 2 + [SignatureCheck.OLD] * 3
 
 
 def test_what_is_unsigned_damaged_or_of_another_key_is_not() -> None:
@@ -97,7 +90,6 @@ def test_times_grow_from_run_to_run_and_behind_a_vehicle_that_is_ahead() -> None
 
 
 @given(st.data())
-@settings(max_examples=100, deadline=None)
 def test_frames_are_found_however_their_bytes_are_split(data: st.DataObject) -> None:
     sender = station(KEY, 7)
     frames = [*signed(sender, 2), heartbeat(sender, force_mavlink1=True)]
@@ -118,12 +110,10 @@ def parts(whole: bytes, cuts: Iterable[int]) -> Iterable[bytes]:
         start = cut
 
 
-@pytest.mark.parametrize("sequence", [0, 1, 255, 256])
-def test_the_station_s_own_heartbeat_is_one_to_pymavlink(sequence: int) -> None:
-    (message,) = mavlink.MAVLink(None).parse_buffer(station_heartbeat(sequence))
+def test_the_station_s_own_heartbeat_is_one_to_pymavlink() -> None:
+    (message,) = mavlink.MAVLink(None).parse_buffer(station_heartbeat(257))
     assert message.get_type() == "HEARTBEAT"
-    assert (message.type, message.autopilot, message.get_srcSystem()) == (6, 8, 245)
-    assert message.get_seq() == sequence % 256
+    assert (message.type, message.autopilot, message.get_srcSystem(), message.get_seq()) == (6, 8, 245, 1)
 
 
 @given(st.binary(max_size=2000))

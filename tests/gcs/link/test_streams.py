@@ -27,28 +27,21 @@ class Vehicle:
         return looks
 
 
-@pytest.mark.parametrize("rate_hz", [0.25, 0.5, 2.0, 10.0, 50.0])
-@pytest.mark.parametrize("share", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("rate_hz", [0.25, 50.0])
+@pytest.mark.parametrize("share", [0.5, 1.5])
 def test_messages_about_as_often_as_requested_are_right(rate_hz: float, share: float) -> None:
     vehicle = Vehicle()
     vehicle.streams.expect(MESSAGE, rate_hz)
     assert not any(vehicle.fly(200.0, share * rate_hz))
 
 
-@pytest.mark.parametrize(("rate_hz", "default_hz"), [(0.5, 10.0), (2.0, 50.0), (1.0, 8.0)])
+@pytest.mark.parametrize(("rate_hz", "default_hz"), [(0.5, 10.0), (1.0, 8.0)])
 def test_a_default_rate_is_noticed_within_a_second_until_it_is_corrected(rate_hz: float, default_hz: float) -> None:
     vehicle = Vehicle()
     vehicle.streams.expect(MESSAGE, rate_hz)
     assert vehicle.fly(3.0, default_hz)[0] == {MESSAGE: rate_hz}
     vehicle.streams.expect(MESSAGE, rate_hz)
     assert not any(vehicle.fly(60.0, rate_hz))
-
-
-def test_a_default_rate_that_comes_later_is_noticed() -> None:
-    vehicle = Vehicle()
-    vehicle.streams.expect(MESSAGE, 1.0)
-    assert not any(vehicle.fly(600.0, 1.0))
-    assert any(vehicle.fly(3.0, 10.0))
 
 
 def test_what_waited_on_the_link_and_arrives_at_once_is_right() -> None:

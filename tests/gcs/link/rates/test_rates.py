@@ -1,7 +1,6 @@
 """The rates of a connection: in what order they go down, what they take, which fit, and how they follow the link."""
 
 from itertools import pairwise
-from math import inf
 
 import numpy as np
 import pytest
@@ -45,10 +44,7 @@ def test_status_goes_down_first_then_motion_then_setpoints_and_each_to_its_least
     assert changed == [["status_hz"]] * 2 + [["telemetry_hz"]] * 5 + [["setpoint_hz"]] * 5
     assert levels[0] == FULL
     assert levels[-1] == Rates(telemetry_hz=5.0, status_hz=0.5, setpoint_hz=5.0)
-
-
-def test_a_rate_below_the_least_stays() -> None:
-    assert rate_levels(Rates(4.0, 0.2, 4.0)) == (Rates(4.0, 0.2, 4.0),)
+    assert rate_levels(Rates(4.0, 0.2, 4.0)) == (Rates(4.0, 0.2, 4.0),), "below the least"
 
 
 @pytest.mark.parametrize(
@@ -129,7 +125,7 @@ def of_emulated_channel(spec: RadioSpec, frames_hz: float, duration_s: float) ->
     return Losses(frames, frames - len(arrived_s), bursts), arrived_s
 
 
-@pytest.mark.parametrize(("loss", "burst", "frames_hz"), [(0.1, 6.0, 10.0), (0.05, 3.0, 5.0), (0.1, 5.0, 12.5)])
+@pytest.mark.parametrize(("loss", "burst", "frames_hz"), [(0.1, 6.0, 10.0), (0.05, 3.0, 5.0)])
 def test_silences_are_as_often_as_the_formula_says(loss: float, burst: float, frames_hz: float) -> None:
     losses, arrived_s = of_emulated_channel(RadioSpec(loss=loss, burst=burst), frames_hz, 4 * 3600.0)
     assert (losses.share, losses.burst) == pytest.approx((loss, burst), rel=0.1)
@@ -148,17 +144,7 @@ def test_the_length_of_bursts_is_known_as_well_as_is_said() -> None:
     assert Losses(1000.0, 3.0, 3.0).longer(9.0).burst == 6.0, "all of them, and three more"
 
 
-def test_nothing_lost_and_no_timeout_make_no_silence() -> None:
-    assert Losses(1000.0).silences_per_hour(1.0, 0.1) == 0.0
-    assert Losses(1000.0, 100.0, 10.0).silences_per_hour(20.0, inf) == 0.0
-
-
-def test_losses_that_do_not_depend_on_the_load_leave_the_rates_where_they_are() -> None:
-    pace = RateController(FULL, 1, automatic=True)
-    assert Line(pace).looks(200, missed=20, bursts=20) == FULL
-
-
-@pytest.mark.parametrize(("baud", "vehicles"), [(38400, 1), (57600, 1), (115200, 1), (115200, 3)])
+@pytest.mark.parametrize(("baud", "vehicles"), [(38400, 1), (115200, 3)])
 def test_a_line_with_bursts_of_three_has_few_silent_seconds(baud: int, vehicles: int) -> None:
     pace = RateController(FULL, vehicles, baud / 10.0, automatic=True, telemetry_s=1.0, offboard_s=1.0)
     rates = Line(pace).looks(60, missed=5, bursts=2)
@@ -177,6 +163,8 @@ def test_bursts_raise_the_rates_above_those_of_the_mission_and_their_end_lowers_
     assert (pace.copies - 1) * FULL.setpoint_hz < raised.setpoint_hz <= pace.copies * FULL.setpoint_hz
     assert line.looks(200) == FULL
     assert pace.copies == 1
+    steady = RateController(FULL, 1, automatic=True)
+    assert Line(steady).looks(200, missed=20, bursts=20) == FULL, "single losses, whatever the load"
 
 
 def test_where_not_all_fits_motion_and_setpoints_go_below_what_losses_require_together() -> None:

@@ -5,8 +5,6 @@ import pytest
 from sitl.radio import RadioSpec
 from tests.support.simulated_link import SimulatedLink
 
-SEEDS = range(6)
-
 
 def lossy(seed: int, **changes: float) -> RadioSpec:
     """Return a line of 38 400 baud with 100 ms, 30 ms of jitter, and 5 % lost in bursts of 3."""
@@ -15,27 +13,25 @@ def lossy(seed: int, **changes: float) -> RadioSpec:
 
 
 def test_a_lossy_line_flies_for_five_minutes_without_a_silent_second_and_with_few_warnings() -> None:
-    links = [SimulatedLink(lossy(seed), 1) for seed in SEEDS]
-    silences = [link.fly(300.0) for link in links]
-    assert [len(each.offboard_s) + len(each.motion_s) for each in silences] == [0] * len(SEEDS)
-    assert max(len(link.faults) for link in links) <= 3
-
-
-def test_most_lossy_lines_pass_the_check_and_those_that_lose_longer_bursts_do_not() -> None:
-    assert sum(SimulatedLink(lossy(seed), 1).check() == "" for seed in SEEDS) >= len(SEEDS) // 2
-    longer = [SimulatedLink(lossy(seed, burst=8.0, loss=0.1), 1).check() for seed in SEEDS]
-    assert all("in a row" in refusal for refusal in longer)
+    for seed in (0, 1):
+        link = SimulatedLink(lossy(seed), 1)
+        silences = link.fly(300.0)
+        assert (silences.offboard_s, silences.motion_s) == ([], [])
+        assert len(link.faults) <= 3
 
 
 @pytest.mark.parametrize(
     ("loss", "burst", "refused"),
-    [(0.05, 3.0, range(2)), (0.031, 3.8, range(6)), (0.1, 4.5, range(19, 25))],
+    [(0.05, 3.0, {0}), (0.031, 3.8, {0, 1}), (0.1, 4.5, {7, 8}), (0.1, 8.0, {8})],
 )
 def test_few_lines_are_refused_that_are_fit_and_few_pass_that_are_not(
-    loss: float, burst: float, refused: range
+    loss: float, burst: float, refused: set[int]
 ) -> None:
-    # These losses cause 0.01, 0.1 and 2 silences an hour; 0.3 are permitted.
-    assert sum(SimulatedLink(lossy(seed, loss=loss, burst=burst), 1).check() != "" for seed in range(24)) in refused
+    # The first three cause 0.01, 0.1 and 2 silences an hour; 0.3 are permitted.
+    refusals = [SimulatedLink(lossy(seed, loss=loss, burst=burst), 1).check() for seed in range(8)]
+    found = [each for each in refusals if each]
+    assert len(found) in refused, found
+    assert all("in a row" in each for each in found)
 
 
 def test_a_line_that_loses_nothing_is_not_raised_and_one_that_is_too_slow_is_refused() -> None:

@@ -62,10 +62,6 @@ def test_after_a_break_the_vehicle_itself_has_to_say_its_mode() -> None:
     assert gate.admit(ATTITUDE, VEHICLE, 2.0) == ATTITUDE
 
 
-def test_heartbeats_that_arrive_are_not_doubled() -> None:
-    assert heartbeats_s(20.0, 20.0, 20.0) == [float(second) for second in range(20)]
-
-
 def test_what_is_heard_of_one_vehicle_is_no_life_of_another() -> None:
     gate = of_vehicles(1, 2)
     for system_id in (1, 2):

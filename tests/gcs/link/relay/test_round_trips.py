@@ -18,14 +18,14 @@ def heartbeat() -> bytes:
     return packed(dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
 
 
-@pytest.mark.parametrize("time_ns", [1, 22_000_000_000_000, 256**7, 2**62 + 1])
+@pytest.mark.parametrize("time_ns", [1, 2**62 + 1])
 def test_a_request_is_one_for_every_autopilot(time_ns: int) -> None:
     (message,) = dialect.MAVLink(None).parse_buffer(timesync_request(260, time_ns))
     assert (message.get_type(), message.tc1, message.ts1) == ("TIMESYNC", 0, time_ns)
     assert message.get_seq() == 260 % 256
 
 
-@pytest.mark.parametrize("asked_ns", [1, 22_000_000_000_000, 2**62])
+@pytest.mark.parametrize("asked_ns", [1, 2**62])
 def test_an_answer_returns_the_time_of_its_request(asked_ns: int) -> None:
     assert timesync_answer(packed(dialect.MAVLink_timesync_message(77, asked_ns))) == asked_ns
     assert timesync_answer(packed(dialect.MAVLink_timesync_message(0, asked_ns))) is None
