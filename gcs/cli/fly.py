@@ -29,7 +29,6 @@ from gcs.cli.options import (
     stub_ids,
 )
 from gcs.errors import Exit, InputError
-from gcs.flight.faults.names import OPTIONS
 from gcs.signals import hold_back
 
 if TYPE_CHECKING:
@@ -61,8 +60,7 @@ class FlyOptions:
             negative="",
             show_default=False,
             help="Inject a fault, with --sitl: NAME@SECONDS or NAME@SECONDS:VEHICLE, such as link-cut@120:2; may be "
-            "repeated. "
-            f"Names: {', '.join(OPTIONS)}.",
+            "repeated. Names: see `cordon drill --help`.",
         ),
     ] = ()
     only: Annotated[int | None, Parameter(help="Run the agent of this vehicle only; the others run elsewhere.")] = None
@@ -114,11 +112,8 @@ def fly(options: FlyOptions) -> int:
     The flight runs in a separate process. If a control loop hangs, a supervisor kills that process; the autopilots'
     failsafes then act.
 
-    cordon waits for vehicles that have no position yet or fail their arming checks; Ctrl-C ends the wait.
-
-    With --sitl, --speed is an upper limit: the stubs wait for a slow computer, which changes no result; --speed max
-    flies as fast as the computer can. With --sitl 2,3 these vehicles are stubs and the others are at their urls; all
-    fly at the wall clock's speed, or at --speed.
+    With --sitl, --speed is an upper limit: the stubs wait for a slow computer, which changes no result. With
+    --sitl 2,3 the others are at their urls; all fly at the wall clock's speed, or at --speed.
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 

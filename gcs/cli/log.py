@@ -66,7 +66,7 @@ def recover(options: RecoverOptions) -> Exit:
 def audit(path: Annotated[Path, Parameter(name="LOG", validator=only_file, help="The log of a flight.")], /) -> Exit:
     """List the operators' commands and the vehicles' responses, and verify that no entry was changed or removed.
 
-    Exit code 1 if the hash chain of the entries is broken. Note the last digest elsewhere: it identifies the log.
+    Exit code 1 if the hash chain of the entries is broken.
 
     Example: cordon log audit 2026-05-04_10-00-00-case2.mcap
     """

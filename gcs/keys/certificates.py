@@ -1,8 +1,10 @@
-"""Certificates of a team: X.509 with keys on the curve P-256, by `cryptography`.
+"""Certificates of a team, and other signatures: X.509 with keys on the curve P-256, by `cryptography`.
 
 Import it only where certificates are created or signatures verified: the import takes 0.1 s.
 """
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
@@ -15,6 +17,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 DAY_S = 86400.0
 CLOCKS_DIFFER_BY = timedelta(days=1)
 """Certificates are valid from this time before their creation: clocks of other computers may be behind."""
+_APPROVER = NameOID.ORGANIZATIONAL_UNIT_NAME
+"""The attribute of an authority's name that holds an approver's fingerprint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +39,17 @@ class CertificateAuthority:
         """
         self.keys = keys
         self._certificate = x509.load_pem_x509_certificate(keys.certificate_pem)
-        private_key = serialization.load_pem_private_key(keys.private_key_pem, passphrase)
-        if not isinstance(private_key, ec.EllipticCurvePrivateKey):
-            raise ValueError("its private key is not of an elliptic curve")
-        self._private_key = private_key
+        self._private_key = _loaded(keys.private_key_pem, passphrase)
 
     @classmethod
-    def made(cls, days: float) -> "CertificateAuthority":
-        """Return a new authority, valid for `days`."""
+    def made(cls, days: float, approvers: Sequence[str] = ()) -> "CertificateAuthority":
+        """Return a new authority, valid for `days`, with the fingerprints of those who approve grants of kill.
+
+        They are in its name, which every certificate that it issues repeats: no link opens between peers that trust
+        the same key under a name with approvers and under one without.
+        """
         private_key = ec.generate_private_key(ec.SECP256R1())
-        name = _name("cordon authority")
+        name = _name("cordon authority", approvers)
         builder = (
             _builder(name, name, private_key, _now() + timedelta(days=days))
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
@@ -75,14 +80,63 @@ class CertificateAuthority:
 
     def encrypted(self, passphrase: bytes) -> bytes:
         """Return its private key in PEM, encrypted with a passphrase."""
-        encryption = serialization.BestAvailableEncryption(passphrase)
-        return self._private_key.private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, encryption
-        )
+        return _private_pem(self._private_key, passphrase)
 
     def sign(self, content: bytes) -> bytes:
         """Return the authority's signature of a content that is no certificate."""
         return self._private_key.sign(content, _SIGNATURE)
+
+
+class SigningKey:
+    """A private key that signs contents other than certificates; its public key is DER (SubjectPublicKeyInfo)."""
+
+    def __init__(self, pem: bytes, passphrase: bytes | None = None) -> None:
+        """Take a private key in PEM, and the passphrase of an encrypted one; raises ValueError for anything else."""
+        self._private_key = _loaded(pem, passphrase)
+
+    @classmethod
+    def made(cls) -> "SigningKey":
+        """Return a new key."""
+        return cls(_private_pem(ec.generate_private_key(ec.SECP256R1())))
+
+    @property
+    def public_key(self) -> bytes:
+        """The public key."""
+        return _public_der(self._private_key.public_key())
+
+    @property
+    def public_pem(self) -> bytes:
+        """The public key in PEM."""
+        return self._private_key.public_key().public_bytes(
+            serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+        )
+
+    def pem(self, passphrase: bytes | None = None) -> bytes:
+        """Return the private key in PEM, encrypted if there is a passphrase."""
+        return _private_pem(self._private_key, passphrase)
+
+    def sign(self, content: bytes) -> bytes:
+        """Return the signature of a content."""
+        return self._private_key.sign(content, _SIGNATURE)
+
+
+def fingerprint(public_key: bytes) -> str:
+    """Return the SHA-256 of a public key in DER, in hex."""
+    return hashlib.sha256(public_key).hexdigest()
+
+
+def fingerprint_of_pem(pem: bytes) -> str:
+    """Return the fingerprint of a public key in PEM; raises ValueError for anything else."""
+    key = serialization.load_pem_public_key(pem)
+    if not isinstance(key, ec.EllipticCurvePublicKey):
+        raise ValueError("it is not a key of an elliptic curve")
+    return fingerprint(_public_der(key))
+
+
+def approvers(authority_pem: bytes) -> tuple[str, ...]:
+    """Return the fingerprints of the approvers that an authority names; raises ValueError if it cannot be read."""
+    subject = x509.load_pem_x509_certificate(authority_pem).subject
+    return tuple(str(each.value) for each in subject.get_attributes_for_oid(_APPROVER))
 
 
 def name_and_expiry(certificate_pem: bytes) -> tuple[str, float]:
@@ -98,6 +152,18 @@ _SIGNATURE = ec.ECDSA(hashes.SHA256())
 def is_signed(authority_pem: bytes, content: bytes, signature: bytes) -> bool:
     """Return whether an authority has signed a content; raises ValueError if its certificate cannot be read."""
     public_key = x509.load_pem_x509_certificate(authority_pem).public_key()
+    return _verifies(public_key, content, signature)
+
+
+def is_signed_by(public_key: bytes, content: bytes, signature: bytes) -> bool:
+    """Return whether the private key of a public key has signed a content; one that cannot be read has not."""
+    try:
+        return _verifies(serialization.load_der_public_key(public_key), content, signature)
+    except ValueError:
+        return False
+
+
+def _verifies(public_key: object, content: bytes, signature: bytes) -> bool:
     if not isinstance(public_key, ec.EllipticCurvePublicKey):
         raise ValueError("its key is not of an elliptic curve")
     try:
@@ -136,15 +202,30 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 
 def _key_pair(certificate: x509.Certificate, private_key: ec.EllipticCurvePrivateKey) -> KeyPair:
-    pem = serialization.Encoding.PEM
-    return KeyPair(
-        certificate.public_bytes(pem),
-        private_key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()),
+    return KeyPair(certificate.public_bytes(serialization.Encoding.PEM), _private_pem(private_key))
+
+
+def _loaded(pem: bytes, passphrase: bytes | None) -> ec.EllipticCurvePrivateKey:
+    private_key = serialization.load_pem_private_key(pem, passphrase)
+    if not isinstance(private_key, ec.EllipticCurvePrivateKey):
+        raise ValueError("its private key is not of an elliptic curve")
+    return private_key
+
+
+def _private_pem(private_key: ec.EllipticCurvePrivateKey, passphrase: bytes | None = None) -> bytes:
+    encryption = (
+        serialization.NoEncryption() if passphrase is None else serialization.BestAvailableEncryption(passphrase)
     )
+    return private_key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, encryption)
 
 
-def _name(common_name: str) -> x509.Name:
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+def _public_der(public_key: ec.EllipticCurvePublicKey) -> bytes:
+    return public_key.public_bytes(serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo)
+
+
+def _name(common_name: str, approvers: Sequence[str] = ()) -> x509.Name:
+    named = [x509.NameAttribute(_APPROVER, each) for each in approvers]
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name), *named])
 
 
 def _now() -> datetime:
