@@ -192,7 +192,7 @@ def _print_awaiting(folder: "AuthorityFolder", label: str | None = None) -> None
 
     for holder, request in folder.awaiting:
         if label in (None, holder.label):
-            step = f"an approver runs `cordon keys approve APPROVER {request}`, then here: cordon keys admit APPROVAL"
+            step = f"an approver runs `cordon keys approve {request} APPROVER`, then here: cordon keys admit APPROVAL"
             print_line(f"{holder.label}: its kill has to be approved; next: {step}", "yellow")
 
 
@@ -277,6 +277,10 @@ class InitOptions(KeysOptions):
             help="Public key of an approver, without whom nobody is granted kill; of several, any approves.",
         ),
     ] = ()
+    token: Annotated[
+        str | None,
+        Parameter(help="Create the private key on a token: pkcs11:token=LABEL;object=LABEL?module-path=FILE."),
+    ] = None
 
 
 _KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
@@ -284,16 +288,17 @@ _KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
 
 @keys.command
 def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
-    """Create the certificate authority of a team, which signs all its keys. Keep its folder on this computer.
+    """Create the certificate authority of a team, which signs all its keys.
 
     Example: cordon keys init --keys keys
     """
     from gcs.console.terminal import print_line
     from gcs.keys.authority_folder import AUTHORITY
 
-    authority_folder(options.keys).init(options.days, options.approver)
+    authority_folder(options.keys).init(options.days, options.approver, options.token)
     print_line(f"{options.keys / AUTHORITY}: created; keep it secret: it can issue keys")
-    print_line(f"next: cordon keys passphrase --keys {options.keys}; cordon keys issue vehicle 1 --keys {options.keys}")
+    encrypt = "" if options.token else f"cordon keys passphrase --keys {options.keys}; "
+    print_line(f"next: {encrypt}cordon keys issue vehicle 1 --keys {options.keys}")
     return Exit.HOLDS
 
 
@@ -326,15 +331,15 @@ def _approver(name: str, options: KeysOptions, *, is_new: bool = False) -> "Appr
 
 @keys.command
 def approve(
-    name: Annotated[str, Parameter(help="The approver.")],
     request: Annotated[Path, Parameter(validator=only_file, help="The request: kill-request.json of an operator.")],
+    name: Annotated[str, Parameter(help="The approver.")],
     /,
     *,
     options: KeysOptions = _KEYS_DEFAULTS,
 ) -> Exit:
     """Approve that an operator may kill, and create the key that signs this operator's kills.
 
-    Example: cordon keys approve carol kill-request.json
+    Example: cordon keys approve kill-request.json carol
     """
     from gcs.console.terminal import print_line
     from gcs.keys.approval import APPROVAL_FILE, KILL_KEY_FILE, KillGrant
@@ -350,12 +355,12 @@ def approve(
 
 @keys.command
 def admit(
-    approval: Annotated[Path, Parameter(validator=only_file, help="The approval: kill-approval.json.")],
+    approval: Annotated[Path, Parameter(validator=only_file, help="Its kill-approval.json.")],
     /,
     *,
     options: KeysOptions = _KEYS_DEFAULTS,
 ) -> Exit:
-    """Put an approval into the roster: its operator may kill.
+    """Put an approval into the roster.
 
     Example: cordon keys admit kill-approval.json
     """

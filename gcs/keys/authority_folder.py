@@ -74,24 +74,30 @@ class AuthorityFolder:
         """Sign a roster, and write it to this folder and the folders of its holders here; raises InputError."""
         self._put(roster, self._load_authority())
 
-    def init(self, days: float, approver_keys: Sequence[Path] = ()) -> None:
+    def init(self, days: float, approver_keys: Sequence[Path] = (), token: str | None = None) -> None:
         """Create the authority of a team, with its approvers' public keys in files; raises InputError.
 
-        There must not be one already.
+        There must not be one already. With the URI of a `token` its private key is there; the PIN is the passphrase.
         """
         named = tuple(map(_fingerprint, approver_keys))
         if self._authority.exists():
             raise InputError([f"{self.path}: there is an authority already; next: choose another folder by --keys"])
+        try:
+            authority = CertificateAuthority.made(days, named, None if token is None else (token, self.passphrase()))
+        except ValueError as error:
+            raise InputError([f"--token: {error}"]) from error
         make_folder(self.path)
         make_folder(self._authority)
-        keys = CertificateAuthority.made(days, named).keys
+        keys = authority.keys
         write(self._authority / PRIVATE_KEY_FILE, keys.private_key_pem)
         write(self._authority / CERTIFICATE_FILE, keys.certificate_pem)
-        self.sign(Roster(digest(keys.certificate_pem)).put())
+        self._put(Roster(digest(keys.certificate_pem)).put(), authority)
 
     def encrypt(self, new_passphrase: Callable[[], bytes]) -> None:
         """Encrypt the authority's private key with a passphrase, or with another one; raises InputError."""
         authority = self._load_authority()
+        if authority.keys.is_on_token:
+            raise InputError([f"{self._authority}: its private key is on a token, which has a PIN"])
         write(self._authority / PRIVATE_KEY_FILE, authority.encrypted(new_passphrase()))
 
     def issue(self, role: Role, name: str, days: float, may: tuple[Verb, ...] | None = None) -> Holder:
@@ -133,7 +139,7 @@ class AuthorityFolder:
         with self._changing() as (roster, authority):
             known = [each for each in roster.valid if each.common_name == approval.common_name and each.may_kill]
             if not approval.signature:
-                approve = f"cordon keys approve APPROVER {path}"
+                approve = f"cordon keys approve {path} APPROVER"
                 raise InputError([f"{path}: no approver has signed this request; next: the approver runs `{approve}`"])
             if not known or approval.authority != roster.authority:
                 wanted = f"{approval.common_name} of this authority is granted no kill"
@@ -141,7 +147,7 @@ class AuthorityFolder:
             if approval.is_expired or not approval.is_approved(approvers(authority.keys.certificate_pem)):
                 fault = "it has expired" if approval.is_expired else "it was altered, or is of no approver here"
                 request = self.path / known[0].label / REQUEST_FILE
-                raise InputError([f"{path}: {fault}; next: cordon keys approve APPROVER {request}"])
+                raise InputError([f"{path}: {fault}; next: cordon keys approve {request} APPROVER"])
             kept = [each for each in known[0].approvals if each != approval and not each.is_expired]
             holder = msgspec.structs.replace(known[0], approvals=(*kept, approval))
             self._put(roster.put(holder), authority)
@@ -188,7 +194,7 @@ class AuthorityFolder:
         keys = KeyPair(self._certificate_pem, read_private(self._authority / PRIVATE_KEY_FILE))
         is_encrypted = b"-----BEGIN ENCRYPTED PRIVATE KEY-----" in keys.private_key_pem
         try:
-            return CertificateAuthority(keys, self.passphrase() if is_encrypted else None)
+            return CertificateAuthority(keys, self.passphrase() if is_encrypted or keys.is_on_token else None)
         except ValueError as error:
             if is_encrypted:
                 raise InputError([f"{self._authority}: the passphrase is wrong"]) from error

@@ -14,6 +14,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from gcs.keys.token import SCHEME, TokenKey
+
 DAY_S = 86400.0
 CLOCKS_DIFFER_BY = timedelta(days=1)
 """Certificates are valid from this time before their creation: clocks of other computers may be behind."""
@@ -28,6 +30,11 @@ class KeyPair:
     certificate_pem: bytes
     private_key_pem: bytes = field(repr=False)
 
+    @property
+    def is_on_token(self) -> bool:
+        """Whether a token has the private key: its URI is in place of the key."""
+        return self.private_key_pem.startswith(SCHEME.encode())
+
 
 class CertificateAuthority:
     """Signs the certificates of one team."""
@@ -35,20 +42,26 @@ class CertificateAuthority:
     def __init__(self, keys: KeyPair, passphrase: bytes | None = None) -> None:
         """Take the authority's certificate and private key, and the passphrase of an encrypted one.
 
-        Raises ValueError for anything else.
+        In place of the private key it may be a token's URI, with the PIN. Raises ValueError for anything else.
         """
         self.keys = keys
         self._certificate = x509.load_pem_x509_certificate(keys.certificate_pem)
-        self._private_key = _loaded(keys.private_key_pem, passphrase)
+        if keys.is_on_token:
+            self._private_key: ec.EllipticCurvePrivateKey = TokenKey(keys.private_key_pem.decode(), passphrase or b"")
+        else:
+            self._private_key = _loaded(keys.private_key_pem, passphrase)
 
     @classmethod
-    def made(cls, days: float, approvers: Sequence[str] = ()) -> "CertificateAuthority":
+    def made(
+        cls, days: float, approvers: Sequence[str] = (), token: tuple[str, bytes] | None = None
+    ) -> "CertificateAuthority":
         """Return a new authority, valid for `days`, with the fingerprints of those who approve grants of kill.
 
         They are in its name, which every certificate that it issues repeats: no link opens between peers that trust
-        the same key under a name with approvers and under one without.
+        the same key under a name with approvers and under one without. With the URI and the PIN of a `token`, the
+        private key is created there; raises ValueError if it refuses.
         """
-        private_key = ec.generate_private_key(ec.SECP256R1())
+        private_key = ec.generate_private_key(ec.SECP256R1()) if token is None else TokenKey(*token, make=True)
         name = _name("cordon authority", approvers)
         builder = (
             _builder(name, name, private_key, _now() + timedelta(days=days))
@@ -56,7 +69,11 @@ class CertificateAuthority:
             .add_extension(_usage(signs_certificates=True), critical=True)
             .add_extension(x509.SubjectKeyIdentifier.from_public_key(private_key.public_key()), critical=False)
         )
-        return cls(_key_pair(builder.sign(private_key, hashes.SHA256()), private_key))
+        certificate = builder.sign(private_key, hashes.SHA256())
+        if token is None:
+            return cls(_key_pair(certificate, private_key))
+        uri, pin = token
+        return cls(KeyPair(certificate.public_bytes(serialization.Encoding.PEM), uri.encode()), pin)
 
     @property
     def expires_s(self) -> float:

@@ -310,8 +310,8 @@ def test_two_people_grant_kill_on_two_computers(
     request = str(office / "operator-bob" / "kill-request.json")
     for name, passphrase in (("carol", "last"), ("dora", "first"), ("../office", "first")):
         with subtests.test("refused", name=name):
-            assert ran(home, "approve", name, request, PASSPHRASE=passphrase).code == Exit.BAD_INPUT
-    approved = ran(home, "approve", "carol", request, PASSPHRASE="first")
+            assert ran(home, "approve", request, name, PASSPHRASE=passphrase).code == Exit.BAD_INPUT
+    approved = ran(home, "approve", request, "carol", PASSPHRASE="first")
     assert approved.code == Exit.HOLDS
     assert "operator-bob may kill until" in " ".join(approved.err.split())
     found = home / "approver-carol" / "operator-bob"
