@@ -99,11 +99,11 @@ class ApproverFolder:
 
     def make(self) -> Path:
         """Create the key pair; return the path of its public key. Raises InputError if there is one already."""
-        from gcs.keys.certificates import SigningKey  # noqa: PLC0415
+        from gcs.keys.certificates import ContentKey  # noqa: PLC0415
 
         if self.path.exists():
             raise InputError([f"{self.path}: it exists already; next: choose another name"])
-        passphrase, keys = self.passphrase(), SigningKey.made()
+        passphrase, keys = self.passphrase(), ContentKey.made()
         make_folder(self.path)
         write(self.path / _PRIVATE_KEY_FILE, keys.pem(passphrase))
         write(self.path / PUBLIC_KEY_FILE, keys.public_pem)
@@ -111,14 +111,14 @@ class ApproverFolder:
 
     def approve(self, request: KillGrant) -> Path:
         """Create a kill key and approve a request for it; return the folder of both files. Raises InputError."""
-        from gcs.keys.certificates import SigningKey  # noqa: PLC0415
+        from gcs.keys.certificates import ContentKey  # noqa: PLC0415
 
         private_key_pem = read_private(self.path / _PRIVATE_KEY_FILE)
         try:
-            own = SigningKey(private_key_pem, self.passphrase())
+            own = ContentKey(private_key_pem, self.passphrase())
         except (ValueError, TypeError) as error:
             raise InputError([f"{self.path}: the passphrase is wrong"]) from error
-        kill_key, folder = SigningKey.made(), self.path / request.common_name
+        kill_key, folder = ContentKey.made(), self.path / request.common_name
         grant = msgspec.structs.replace(request, approver=own.public_key, kill_key=kill_key.public_key)
         make_folder(folder)
         write(folder / KILL_KEY_FILE, kill_key.pem())
@@ -138,20 +138,20 @@ class KillSigner:
 
     def is_approved(self, common_name: str) -> bool:
         """Return whether its kill key is approved for a certificate."""
-        from gcs.keys.certificates import SigningKey  # noqa: PLC0415
+        from gcs.keys.certificates import ContentKey  # noqa: PLC0415
 
         with suppress(ValueError, TypeError):
-            public_key = SigningKey(self.kill_key_pem or b"").public_key
+            public_key = ContentKey(self.kill_key_pem or b"").public_key
             return any((each.common_name, each.kill_key) == (common_name, public_key) for each in self.approved)
         return False
 
     def signed(self, key: str, payload: bytes) -> bytes:
         """Return the payload of a kill with its signature; unchanged without a kill key."""
-        from gcs.keys.certificates import SigningKey  # noqa: PLC0415
+        from gcs.keys.certificates import ContentKey  # noqa: PLC0415
 
         if self.kill_key_pem is None:
             return payload
-        return msgspec.msgpack.encode((payload, SigningKey(self.kill_key_pem).sign(_content(key, payload))))
+        return msgspec.msgpack.encode((payload, ContentKey(self.kill_key_pem).sign(_content(key, payload))))
 
     def verified(self, key: str, payload: bytes) -> bytes | None:
         """Return the payload that was signed, None unless by the approved kill key of the operator in the key."""

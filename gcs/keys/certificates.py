@@ -104,7 +104,7 @@ class CertificateAuthority:
         return self._private_key.sign(content, _SIGNATURE)
 
 
-class SigningKey:
+class ContentKey:
     """A private key that signs contents other than certificates; its public key is DER (SubjectPublicKeyInfo)."""
 
     def __init__(self, pem: bytes, passphrase: bytes | None = None) -> None:
@@ -112,7 +112,7 @@ class SigningKey:
         self._private_key = _loaded(pem, passphrase)
 
     @classmethod
-    def made(cls) -> "SigningKey":
+    def made(cls) -> "ContentKey":
         """Return a new key."""
         return cls(_private_pem(ec.generate_private_key(ec.SECP256R1())))
 

@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from gcs.errors import Exit, InputError
 from gcs.keys.approval import APPROVAL_FILE, KILL_KEY_FILE, ApproverFolder, KillGrant
 from gcs.keys.authority_folder import AuthorityFolder
-from gcs.keys.certificates import CertificateAuthority, KeyPair, SigningKey
+from gcs.keys.certificates import CertificateAuthority, ContentKey, KeyPair
 from gcs.keys.identity import Identity
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE, Roster, digest, write_roster
@@ -159,7 +159,7 @@ def test_an_approval_that_is_not_of_this_grant_counts_nowhere(
     wrong: Mapping[str, tuple[KillGrant, str]] = {
         "a request": (asked(keys), "no approver has signed this request; next:"),
         "a later end": (replace(own, expires_s=own.expires_s + 1.0), "it was altered"),
-        "another kill key": (replace(own, kill_key=SigningKey.made().public_key), "it was altered"),
+        "another kill key": (replace(own, kill_key=ContentKey.made().public_key), "it was altered"),
         "no signature of it": (replace(own, signature=own.signature[:-1] + b"\0"), "it was altered"),
         "another approver": (of_mallory, "it was altered"),
         "in the approver's name": (replace(of_mallory, approver=own.approver), "it was altered"),
@@ -271,7 +271,7 @@ def test_only_the_approved_kill_key_signs_kills(
             "team",
             key,
             msgspec.msgpack.encode(
-                (payload, SigningKey(operator.private_key_pem).sign(b"team/command/kill/bob\0" + payload))
+                (payload, ContentKey(operator.private_key_pem).sign(b"team/command/kill/bob\0" + payload))
             ),
         ),
         "no pair": ("team", key, msgspec.msgpack.encode([b"", b"", b""])),
