@@ -29,6 +29,7 @@ from gcs.cli.options import (
     stub_ids,
 )
 from gcs.errors import Exit, InputError
+from gcs.flight.faults.names import OPTIONS
 from gcs.signals import hold_back
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ class FlyOptions:
             negative="",
             show_default=False,
             help="Inject a fault, with --sitl: NAME@SECONDS or NAME@SECONDS:VEHICLE, such as link-cut@120:2; may be "
-            "repeated. Names: see `cordon drill --help`.",
+            "repeated. "
+            f"Names: {', '.join(OPTIONS)}.",
         ),
     ] = ()
     only: Annotated[int | None, Parameter(help="Run the agent of this vehicle only; the others run elsewhere.")] = None
@@ -112,8 +114,7 @@ def fly(options: FlyOptions) -> int:
     The flight runs in a separate process. If a control loop hangs, a supervisor kills that process; the autopilots'
     failsafes then act.
 
-    With --sitl, --speed is an upper limit: the stubs wait for a slow computer, which changes no result. With
-    --sitl 2,3 the others are at their urls; all fly at the wall clock's speed, or at --speed.
+    With --sitl, --speed is an upper limit: the stubs wait for a slow computer, which changes no result.
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 
