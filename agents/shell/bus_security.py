@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from agents.team.messages import REPORT_TOPIC
+from agents.team.messages import OPERATOR_TOPIC, REPORT_TOPIC
+from agents.team.verbs import VERBS
 
 _TLS, _UNIX = "tls", "unixsock-stream"
 _UNIX_PATH_MAX = 100
@@ -21,6 +22,10 @@ _RECEIVES = {
     ),
 }
 """The rights of every listed certificate: to receive what this peer sends, and to subscribe to it."""
+
+
+_SIGNED = tuple(f"{OPERATOR_TOPIC}/{row.name}/" for row in VERBS.values() if row.is_dangerous)
+"""The keys of commands that are signed, where an approver has to grant them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +58,23 @@ class RosterKeeper(Protocol):
         """
 
 
+class CommandSigner(Protocol):
+    """Signs commands that an approver has to grant; the key is that on the bus, with the team."""
+
+    def signed(self, key: str, payload: bytes) -> bytes:
+        """Return a command's payload with the operator's signature."""
+
+    def verified(self, key: str, payload: bytes) -> bytes | None:
+        """Return a command's payload without its signature, None unless it is that of an approved operator."""
+
+
 @dataclass(frozen=True, slots=True)
 class BusSecurity:
     """A peer's certificate and private key, the authority that signs all peers' certificates, and the grants.
 
     All are PEM. Nothing is received from or sent to a peer whose certificate is in no grant. `serial` is that of the
-    roster with the grants, `keeper` takes later ones.
+    roster with the grants, `keeper` takes later ones. With a `signer`, kills count only if they are signed: the
+    authority alone, or a router, cannot send them in an operator's name.
 
     In the folder `sockets`, which only this user may enter, programs of this user reach each other without TLS: they
     can read each other's keys. Other users of the computer, who share its address, can keep new callers of a port out
@@ -72,6 +88,15 @@ class BusSecurity:
     serial: int = 0
     keeper: RosterKeeper | None = field(default=None, repr=False, compare=False)
     sockets: Path | None = None
+    signer: CommandSigner | None = None
+
+    def signed(self, team: str, key: str, payload: bytes) -> bytes:
+        """Return the payload to send on a key below the team's."""
+        return self.signer.signed(f"{team}/{key}", payload) if self.signer and key.startswith(_SIGNED) else payload
+
+    def verified(self, team: str, key: str, payload: bytes) -> bytes | None:
+        """Return the payload received on a key below the team's, None if its signature is missing or wrong."""
+        return self.signer.verified(f"{team}/{key}", payload) if self.signer and key.startswith(_SIGNED) else payload
 
     def not_in(self, admitted: Admitted) -> tuple[Grant, ...]:
         """Return the grants that a later roster does not admit any more.

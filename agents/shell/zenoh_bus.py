@@ -79,7 +79,7 @@ class ZenohBus:
             ZenohSession(team, station.listen, connect if i else ends, station.security)
             for i, station in enumerate(stations)
         ]
-        self._stations = stations
+        self._stations, self._team = stations, team.name
         self._names = {str(each): each for each in team.members}
         self._mailbox = Mailbox(stations[0].vehicle_ids, team.members, rate_hz)
         self._admission = Admission()
@@ -269,7 +269,12 @@ class ZenohBus:
 
     def _deliver(self, key: str, payload: bytes) -> None:
         """Decode a message and deliver it to all but its sender, unless it came on a wrong key."""
-        message = self._admission.admitted(key, payload)
+        security = self._stations[0].security
+        content = payload if security is None else security.verified(self._team, key, payload)
+        if content is None:
+            self.count(Reason.WRONG_SENDER)
+            return
+        message = self._admission.admitted(key, content)
         if message is None:
             return
         sender = None if isinstance(message, OperatorCommand) else message.sender

@@ -195,6 +195,8 @@ class ZenohSession:
         session = self._session
         if session is None:
             return True
+        if self._security is not None:
+            payload = self._security.signed(self._team.name, key, payload)
         try:
             publisher = self._publishers.get(key)
             if publisher is None:

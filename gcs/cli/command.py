@@ -86,9 +86,11 @@ def granted_operator(mission: "Mission", verb: Verb, name: str | None) -> "Ident
 
     operator = team_keys(mission).identity("operator", name)
     if verb not in operator.may:
+        approval = "an approved kill key in its folder, and its approval in the roster (`cordon keys admit`)"
         raise VehicleRefusedError(
             f"operator {operator.participant.name} may not command {verb} (granted: {', '.join(operator.may)})",
-            "use the keys of an operator who may; `cordon keys issue operator NAME --may` grants verbs",
+            "use the keys of an operator who may; `cordon keys issue operator NAME --may` grants verbs"
+            + (f"; kill also needs {approval}" if VERBS[verb].is_dangerous else ""),
         )
     return operator
 

@@ -13,12 +13,22 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import Changes, KeyName, MissionName, bus_mission, chosen_vehicle, file_or_folder, loaded_mission
+from gcs.cli.options import (
+    Changes,
+    KeyName,
+    MissionName,
+    bus_mission,
+    chosen_vehicle,
+    file_or_folder,
+    loaded_mission,
+    only_file,
+)
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
     from agents.team.participant import Role
     from agents.team.verbs import Verb
+    from gcs.keys.approval import ApproverFolder
     from gcs.keys.authority_folder import AuthorityFolder
     from gcs.keys.identity import Identity
     from gcs.keys.roster import Holder, Roster
@@ -172,7 +182,18 @@ def _issue(role: "Role", name: str, options: IssueOptions, may: "tuple[Verb, ...
     print_line(f"{options.keys / holder.label}: issued until {expiry(holder)}; {grants(holder)}")
     print_line(f"next: copy this folder into the keys folder on the computer of {holder.label}")
     print_roster_step([each for each in folder.roster.valid if each != holder], options.keys)
+    _print_awaiting(folder, holder.label)
     return Exit.HOLDS
+
+
+def _print_awaiting(folder: "AuthorityFolder", label: str | None = None) -> None:
+    """Print whose kill waits for an approval: all, or one holder."""
+    from gcs.console.terminal import print_line
+
+    for holder, request in folder.awaiting:
+        if label in (None, holder.label):
+            step = f"an approver runs `cordon keys approve {request} APPROVER`, then here: cordon keys admit APPROVAL"
+            print_line(f"{holder.label}: its kill has to be approved; next: {step}", "yellow")
 
 
 def _verbs(may: str | None) -> "tuple[Verb, ...] | None":
@@ -247,6 +268,19 @@ class InitOptions(KeysOptions):
     """Options of `cordon keys init`."""
 
     days: Days = 3650.0
+    approver: Annotated[
+        tuple[Path, ...],
+        Parameter(
+            negative="",
+            show_default=False,
+            validator=only_file,
+            help="Public key of an approver, without whom nobody is granted kill; of several, any approves.",
+        ),
+    ] = ()
+    token: Annotated[
+        str | None,
+        Parameter(help="Create the private key on a token: pkcs11:token=LABEL;object=LABEL?module-path=FILE."),
+    ] = None
 
 
 _KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
@@ -254,16 +288,87 @@ _KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
 
 @keys.command
 def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
-    """Create the certificate authority of a team, which signs all its keys. Keep its folder on this computer.
+    """Create the certificate authority of a team, which signs all its keys.
 
     Example: cordon keys init --keys keys
     """
     from gcs.console.terminal import print_line
     from gcs.keys.authority_folder import AUTHORITY
 
-    authority_folder(options.keys).init(options.days)
+    authority_folder(options.keys).init(options.days, options.approver, options.token)
     print_line(f"{options.keys / AUTHORITY}: created; keep it secret: it can issue keys")
-    print_line(f"next: cordon keys passphrase --keys {options.keys}; cordon keys issue vehicle 1 --keys {options.keys}")
+    encrypt = "" if options.token else f"cordon keys passphrase --keys {options.keys}; "
+    print_line(f"next: {encrypt}cordon keys issue vehicle 1 --keys {options.keys}")
+    return Exit.HOLDS
+
+
+@keys.command
+def approver(name: Name, /, *, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
+    """Create the encrypted key pair of an approver, who is not the person with the authority.
+
+    Example: cordon keys approver carol
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.certificates import fingerprint_of_pem
+    from gcs.keys.private_files import read
+
+    file = _approver(name, options, is_new=True).make()
+    print_line(f"{file}: created; its SHA-256: {fingerprint_of_pem(read(file))}")
+    print_line(f"next: copy this file to the computer of the authority; there: cordon keys init --approver {file.name}")
+    return Exit.HOLDS
+
+
+def _approver(name: str, options: KeysOptions, *, is_new: bool = False) -> "ApproverFolder":
+    from agents.team.participant import is_name
+    from gcs.keys.approval import ApproverFolder
+
+    if not is_name(name):
+        raise InputError([f"{name}: a name is at most 32 letters, digits, '_', '.' and '-'"])
+    path = options.keys / f"approver-{name}"
+    variable = "CORDON_KEYS_NEW_PASSPHRASE" if is_new else "CORDON_KEYS_PASSPHRASE"
+    return ApproverFolder(path, lambda: _secret(variable, f"Passphrase of {path}", is_new=is_new))
+
+
+@keys.command
+def approve(
+    request: Annotated[Path, Parameter(validator=only_file, help="The request: kill-request.json of an operator.")],
+    name: Annotated[str, Parameter(help="The approver.")],
+    /,
+    *,
+    options: KeysOptions = _KEYS_DEFAULTS,
+) -> Exit:
+    """Approve that an operator may kill, and create the key that signs this operator's kills.
+
+    Example: cordon keys approve kill-request.json carol
+    """
+    from gcs.console.terminal import print_line
+    from gcs.keys.approval import APPROVAL_FILE, KILL_KEY_FILE, KillGrant
+
+    asked = KillGrant.read(request)
+    print_line(f"{asked.common_name} may kill until {asked.until}, with keys of the authority {asked.authority}")
+    folder = _approver(name, options).approve(asked)
+    print_line(f"{folder}: approved")
+    print_line(f"next: {APPROVAL_FILE} to the computer of the authority; there: cordon keys admit {APPROVAL_FILE}")
+    print_line(f"next: {KILL_KEY_FILE} to {asked.operator} only, into the folder operator-{asked.operator}")
+    return Exit.HOLDS
+
+
+@keys.command
+def admit(
+    approval: Annotated[Path, Parameter(validator=only_file, help="Its kill-approval.json.")],
+    /,
+    *,
+    options: KeysOptions = _KEYS_DEFAULTS,
+) -> Exit:
+    """Put an approval into the roster.
+
+    Example: cordon keys admit kill-approval.json
+    """
+    from gcs.console.terminal import print_line
+
+    folder = authority_folder(options.keys)
+    print_line(f"{folder.admit(approval).label}: may kill with the approved kill key")
+    print_roster_step(folder.roster.valid, options.keys)
     return Exit.HOLDS
 
 
@@ -297,8 +402,10 @@ def renew(
     from gcs.console.terminal import print_line
     from gcs.keys.roster import expiry
 
-    for each in authority_folder(options.keys).renew(holder, options.days):
+    folder = authority_folder(options.keys)
+    for each in folder.renew(holder, options.days):
         print_line(f"{options.keys / each.label}: renewed until {expiry(each)}; next: copy this folder to its computer")
+        _print_awaiting(folder, each.label)
     return Exit.HOLDS
 
 
@@ -426,8 +533,12 @@ def show(*, options: KeysOptions = _KEYS_DEFAULTS) -> Exit:
     from gcs.console.terminal import print_line
     from gcs.keys.roster import expiring, expiry, roster_view
 
-    roster = authority_folder(options.keys).roster
+    folder = authority_folder(options.keys)
+    roster = folder.roster
     print_result(roster_view(roster))
+    if folder.approvers:
+        print_line(f"kill needs an approval by an approver with this public key: {' or '.join(folder.approvers)}")
+    _print_awaiting(folder)
     for holder in expiring(roster):
         renew = f"cordon keys renew {holder.label} --keys {options.keys}"
         print_line(f"{holder.label}: its keys expire at {expiry(holder, minutes=True)}; next: {renew}", "yellow")

@@ -11,10 +11,11 @@ import msgspec
 from agents.team.participant import Role, is_name
 from agents.team.verbs import VERBS, Verb
 from gcs.errors import InputError
-from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair
+from gcs.keys.approval import REQUEST_FILE, KillGrant
+from gcs.keys.certificates import DAY_S, CertificateAuthority, KeyPair, approvers, fingerprint_of_pem
 from gcs.keys.key_folder import CERTIFICATE_FILE, PRIVATE_KEY_FILE, KeyFolder
 from gcs.keys.private_files import locked, make_folder, read, read_private, write
-from gcs.keys.roster import ROSTER_FILE, Holder, Roster, digest, read_roster, unverified_roster, used_serial
+from gcs.keys.roster import ROSTER_FILE, Holder, Roster, approved, digest, read_roster, unverified_roster, used_serial
 
 AUTHORITY = "authority"
 
@@ -40,6 +41,24 @@ class AuthorityFolder:
         return read_roster(self.path / ROSTER_FILE, self._certificate_pem)
 
     @property
+    def approvers(self) -> Sequence[str]:
+        """The fingerprints of those who approve kill, empty if it needs no approval; raises InputError."""
+        return approvers(self._certificate_pem)
+
+    @property
+    def awaiting(self) -> Sequence[tuple[Holder, Path]]:
+        """The operators whose kill is not approved until their keys expire, and the files of their requests."""
+        roster = self.roster
+        if not self.approvers:
+            return []
+        until = {
+            each.label: max((grant.expires_s for grant in each.approvals), default=0.0)
+            for each in approved(roster, self._certificate_pem).valid
+        }
+        unapproved = (each for each in roster.valid if each.may_kill and until[each.label] < each.expires_s)
+        return [(each, self.path / each.label / REQUEST_FILE) for each in unapproved]
+
+    @property
     def roster_to_sign(self) -> Roster:
         """The roster if it is not signed, as those of earlier versions, newer than all before it here.
 
@@ -55,20 +74,30 @@ class AuthorityFolder:
         """Sign a roster, and write it to this folder and the folders of its holders here; raises InputError."""
         self._put(roster, self._load_authority())
 
-    def init(self, days: float) -> None:
-        """Create the authority of a team; raises InputError if there is one already."""
+    def init(self, days: float, approver_keys: Sequence[Path] = (), token: str | None = None) -> None:
+        """Create the authority of a team, with its approvers' public keys in files; raises InputError.
+
+        There must not be one already. With the URI of a `token` its private key is there; the PIN is the passphrase.
+        """
+        named = tuple(map(_fingerprint, approver_keys))
         if self._authority.exists():
             raise InputError([f"{self.path}: there is an authority already; next: choose another folder by --keys"])
+        try:
+            authority = CertificateAuthority.made(days, named, None if token is None else (token, self.passphrase()))
+        except ValueError as error:
+            raise InputError([f"--token: {error}"]) from error
         make_folder(self.path)
         make_folder(self._authority)
-        keys = CertificateAuthority.made(days).keys
+        keys = authority.keys
         write(self._authority / PRIVATE_KEY_FILE, keys.private_key_pem)
         write(self._authority / CERTIFICATE_FILE, keys.certificate_pem)
-        self.sign(Roster(digest(keys.certificate_pem)).put())
+        self._put(Roster(digest(keys.certificate_pem)).put(), authority)
 
     def encrypt(self, new_passphrase: Callable[[], bytes]) -> None:
         """Encrypt the authority's private key with a passphrase, or with another one; raises InputError."""
         authority = self._load_authority()
+        if authority.keys.is_on_token:
+            raise InputError([f"{self._authority}: its private key is on a token, which has a PIN"])
         write(self._authority / PRIVATE_KEY_FILE, authority.encrypted(new_passphrase()))
 
     def issue(self, role: Role, name: str, days: float, may: tuple[Verb, ...] | None = None) -> Holder:
@@ -104,6 +133,26 @@ class AuthorityFolder:
             self._put(roster.put(*renewed), authority)
         return renewed
 
+    def admit(self, path: Path) -> Holder:
+        """Put an approval from a file into the roster; return the operator who may kill with it. Raises InputError."""
+        approval = KillGrant.read(path)
+        with self._changing() as (roster, authority):
+            known = [each for each in roster.valid if each.common_name == approval.common_name and each.may_kill]
+            if not approval.signature:
+                approve = f"cordon keys approve {path} APPROVER"
+                raise InputError([f"{path}: no approver has signed this request; next: the approver runs `{approve}`"])
+            if not known or approval.authority != roster.authority:
+                wanted = f"{approval.common_name} of this authority is granted no kill"
+                raise InputError([f"{path}: {wanted}; next: cordon keys issue operator NAME --may VERBS"])
+            if approval.is_expired or not approval.is_approved(approvers(authority.keys.certificate_pem)):
+                fault = "it has expired" if approval.is_expired else "it was altered, or is of no approver here"
+                request = self.path / known[0].label / REQUEST_FILE
+                raise InputError([f"{path}: {fault}; next: cordon keys approve {request} APPROVER"])
+            kept = [each for each in known[0].approvals if each != approval and not each.is_expired]
+            holder = msgspec.structs.replace(known[0], approvals=(*kept, approval))
+            self._put(roster.put(holder), authority)
+        return holder
+
     def revoke(self, label: str) -> Holder:
         """Revoke the certificate of a holder such as `operator-anna`; raises InputError if there is none."""
         with self._changing() as (roster, authority):
@@ -123,7 +172,10 @@ class AuthorityFolder:
 
     def _certify(self, holder: Holder, authority: CertificateAuthority) -> None:
         keys = authority.issue(holder.common_name, holder.expires_s)
-        KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority.keys.certificate_pem)
+        authority_pem = authority.keys.certificate_pem
+        folder = KeyFolder(self.path).put(holder, keys.certificate_pem, keys.private_key_pem, authority_pem)
+        if holder.may_kill and approvers(authority_pem):
+            KillGrant(digest(authority_pem), holder.common_name, holder.expires_s).write(folder / REQUEST_FILE)
 
     def _put(self, roster: Roster, authority: CertificateAuthority) -> None:
         KeyFolder(self.path).put_roster(roster.signed(authority.sign))
@@ -142,11 +194,18 @@ class AuthorityFolder:
         keys = KeyPair(self._certificate_pem, read_private(self._authority / PRIVATE_KEY_FILE))
         is_encrypted = b"-----BEGIN ENCRYPTED PRIVATE KEY-----" in keys.private_key_pem
         try:
-            return CertificateAuthority(keys, self.passphrase() if is_encrypted else None)
+            return CertificateAuthority(keys, self.passphrase() if is_encrypted or keys.is_on_token else None)
         except ValueError as error:
             if is_encrypted:
                 raise InputError([f"{self._authority}: the passphrase is wrong"]) from error
             raise InputError([f"{self._authority}: the authority's keys cannot be read: {error}"]) from error
+
+
+def _fingerprint(path: Path) -> str:
+    try:
+        return fingerprint_of_pem(read(path))
+    except ValueError as error:
+        raise InputError([f"{path}: not an approver's public key: {error}"]) from error
 
 
 def _of(holders: Sequence[Holder], label: str) -> Holder:

@@ -11,9 +11,10 @@ import msgspec
 from agents.shell.bus_security import BusSecurity
 from agents.team.participant import Role
 from gcs.errors import InputError
+from gcs.keys.approval import KILL_KEY_FILE, KillSigner
 from gcs.keys.identity import FlyingIdentity, Identity
 from gcs.keys.private_files import check_folder, make_folder, read, read_private, runtime_folder, write
-from gcs.keys.roster import ROSTER_FILE, Holder, KeptRoster, Roster, read_roster, write_roster
+from gcs.keys.roster import ROSTER_FILE, Holder, KeptRoster, Roster, approved, read_roster, write_roster
 
 AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE = "authority.pem", "certificate.pem", "private-key.pem"
 
@@ -35,6 +36,9 @@ class KeyFolder:
             renew = f"cordon keys renew {holder.label}"
             raise InputError([f"{folder}: its certificate has expired; next: {renew}, and copy the folder again"])
         authority_pem = read(folder / AUTHORITY_FILE)
+        signer = _signer(roster, authority_pem, folder)
+        if signer is not None and not signer.is_approved(holder.common_name):
+            holder = holder.unapproved
         security = BusSecurity(
             authority_pem,
             read(folder / CERTIFICATE_FILE),
@@ -43,6 +47,7 @@ class KeyFolder:
             roster.serial,
             KeptRoster(folder / ROSTER_FILE, authority_pem),
             _sockets(),
+            signer,
         )
         return Identity(holder.participant, security, holder.may)
 
@@ -126,7 +131,19 @@ def _sockets() -> Path | None:
 
 
 def _roster(folder: Path) -> Roster:
-    return read_roster(folder / ROSTER_FILE, read(folder / AUTHORITY_FILE))
+    authority_pem = read(folder / AUTHORITY_FILE)
+    return approved(read_roster(folder / ROSTER_FILE, authority_pem), authority_pem)
+
+
+def _signer(roster: Roster, authority_pem: bytes, folder: Path) -> KillSigner | None:
+    """Return what signs and verifies kills by the approvals in a roster, None if they need none; raises InputError."""
+    from gcs.keys.certificates import approvers  # noqa: PLC0415
+
+    if not approvers(authority_pem):
+        return None
+    file = folder / KILL_KEY_FILE
+    grants = tuple(grant for each in roster.valid for grant in each.approvals)
+    return KillSigner(grants, read_private(file) if file.exists() else None)
 
 
 def _holder(roster: Roster, folder: Path) -> Holder:

@@ -21,8 +21,9 @@ from agents.team.messages import (
     ROSTER_TOPIC,
 )
 from agents.team.participant import SENSOR_TOPICS, Participant, Role
-from agents.team.verbs import Verb
+from agents.team.verbs import VERBS, Verb
 from gcs.errors import InputError
+from gcs.keys.approval import EXPIRES_MAX_S, KillGrant
 from gcs.keys.private_files import locked, read, write
 
 _OF_VEHICLES = tuple(sorted(PEER_TOPICS | {ROSTER_TOPIC, HEAD_TOPIC}))
@@ -30,15 +31,13 @@ _ALL_TOPICS = (*(f"{topic}/*" for topic in sorted({*_OF_VEHICLES} | SENSOR_TOPIC
 """What a router forwards: it checks each sender against its certificate."""
 
 
-_EXPIRES_MAX_S = 253_402_128_000.0
-
-
 class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The holder of a certificate: a vehicle's name is its id. `may` are the verbs that an operator may command.
 
     `expires_s` is Unix time. A holder's next certificate has the next `generation`, which is part of its common name:
     certificates issued before are no longer valid. `speaks_for` are further vehicles that a vehicle's keys may send
-    as, in the keys of a run on one computer. Raises ValueError for an invalid name.
+    as, in the keys of a run on one computer. `approvals` are those of an operator who may kill. Raises ValueError for
+    an invalid name.
     """
 
     role: Role
@@ -48,11 +47,12 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     generation: int = 1
     revoked: bool = False
     speaks_for: tuple[int, ...] = ()
+    approvals: tuple[KillGrant, ...] = ()
 
     def __post_init__(self) -> None:
         if self.generation < 1:
             raise ValueError(f"{self.label}: generation {self.generation}: they count from 1")
-        if not 0.0 <= self.expires_s < _EXPIRES_MAX_S:
+        if not 0.0 <= self.expires_s < EXPIRES_MAX_S:
             raise ValueError(f"{self.label}: expires_s {self.expires_s}: not a time before the year 10000")
         _ = self.participant
 
@@ -75,6 +75,17 @@ class Holder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     def common_name(self) -> str:
         """The common name of the valid certificate; names of holders have no tilde."""
         return self.label if self.generation == 1 else f"{self.label}~{self.generation}"
+
+    @property
+    def may_kill(self) -> bool:
+        """Whether it is granted a verb that needs an approval, where there are approvers."""
+        return any(VERBS[verb].is_dangerous for verb in self.may)
+
+    @property
+    def unapproved(self) -> "Holder":
+        """The holder without the verbs that need an approval."""
+        may = tuple(verb for verb in self.may if not VERBS[verb].is_dangerous)
+        return msgspec.structs.replace(self, may=may, approvals=())
 
     @property
     def grant(self) -> Grant:
@@ -164,6 +175,29 @@ def read_roster(path: Path, authority_pem: bytes) -> Roster:
         raise InputError([f"{path}: {older}, and may admit revoked keys; next: {_COPY}"])
     _remember(path, roster.serial)
     return roster
+
+
+def approved(roster: Roster, authority_pem: bytes) -> Roster:
+    """Return what a roster grants: kill only to operators with an approval, where the authority names approvers."""
+    from gcs.keys.certificates import approvers  # noqa: PLC0415
+
+    keys = approvers(authority_pem)
+    if not keys:
+        return roster
+
+    def granted(holder: Holder) -> Holder:
+        counts = tuple(
+            each
+            for each in holder.approvals
+            if (each.authority, each.common_name) == (roster.authority, holder.common_name)
+            and not each.is_expired
+            and each.is_approved(keys)
+        )
+        if holder.may_kill and counts:
+            return msgspec.structs.replace(holder, approvals=counts)
+        return holder.unapproved
+
+    return msgspec.structs.replace(roster, holders=tuple(map(granted, roster.holders)))
 
 
 _COPY = f"copy {ROSTER_FILE} again from the keys folder that has the authority"

@@ -94,6 +94,9 @@ ALONE = (
     VerbRun("keys revoke", "operator-anna"),
     VerbRun("keys sign"),
     VerbRun("keys passphrase", codes=(2,)),  # it asks on a terminal
+    VerbRun("keys approver", "carol", codes=(2,)),  # so does this
+    VerbRun("keys approve", "kill-request.json carol", codes=(2,)),  # there is no such file, as for the next
+    VerbRun("keys admit", "kill-approval.json", codes=(2,)),
     VerbRun("keys renew"),
     VerbRun("keys show"),
     VerbRun("router", "routed.toml", ready="Ctrl-C", lasts=True),

@@ -54,6 +54,7 @@ from gcs.flightlog.flight import Recording
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
+from gcs.keys.approval import APPROVAL_FILE, KILL_KEY_FILE, ApproverFolder, KillGrant
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.certificates import CertificateAuthority, KeyPair
 from gcs.keys.key_folder import KeyFolder
@@ -644,6 +645,44 @@ async def test_who_has_keys_is_heard_on_its_own_keys_only(keys: AuthorityFolder,
             with subtests.test(role=role):
                 assert team.present == [{2}, {1}]
                 await reaches(team, with_keys(security_of(keys, role, name)), *said)  # type: ignore[arg-type]
+
+
+async def test_a_kill_needs_an_approved_key(keys: AuthorityFolder, tmp_path: Path, subtests: pytest.Subtests) -> None:
+    """The authority certifies another operator of the name whose kill was approved, as no command does."""
+    carol = ApproverFolder(tmp_path / "approver-carol", lambda: b"secret")
+    public_key = carol.make()
+    shutil.rmtree(keys.path)
+    keys.init(10.0, [public_key])
+    for name in "12":
+        keys.issue("vehicle", name, 1.0)
+    keys.issue("operator", "anna", 1.0, ("hold", "kill"))
+    folder = keys.path / "operator-anna"
+    approved = carol.approve(KillGrant.read(folder / "kill-request.json"))
+    (folder / KILL_KEY_FILE).write_bytes((approved / KILL_KEY_FILE).read_bytes())
+    (folder / KILL_KEY_FILE).chmod(0o600)
+    keys.admit(approved / APPROVAL_FILE)
+    own = KeyFolder(keys.path).identity("operator", "anna")
+    assert own.security is not None
+    pair = authority_of(keys).issue("operator-anna", time.time() + 600.0)
+    forged = replace(own.security, certificate_pem=pair.certificate_pem, private_key_pem=pair.private_key_pem)
+    async with peers(keys) as team:
+        with subtests.test("by the authority alone"):
+            await reaches(team, with_keys(forged), "command/hold/anna")
+            assert team.buses[0].drops.wrong_sender > 0
+        with subtests.test("by the operator"):
+            ends = [f"tcp/{each}" for each in team.endpoints]
+            bus = single_bus(own.participant, BusTeam(TEAM, (1, 2, 3)), None, ends, own.security)
+            try:
+                await bus.open(lambda *_: None, lambda *_: None, lambda *_: None)
+                kill = encode(OperatorCommand(time.time(), "kill", None, "anna", 2))
+
+                def obeyed() -> bool:
+                    bus.publish("command/kill", kill)
+                    return all("command/kill/anna" in heard for heard in team.heard)
+
+                await until(obeyed)
+            finally:
+                await bus.close()
 
 
 async def test_a_session_that_vehicles_share_admits_no_more(
