@@ -11,10 +11,13 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from random import Random
 from time import process_time
 from types import FrameType
+
+import numpy as np
 
 from agents.team.codec import decode, encode
 from agents.team.messages import (
@@ -34,6 +37,7 @@ from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import mission_of
 from gcs.mission.file import MissionError, parse_mission
+from gcs.mission.sections import SECTIONS
 from gcs.vehicle_logs.foreign import read_vehicle_logs
 from tests.support.cut_logs import BIN_KEPT, ULOG_EVERY, cut_bin, cut_ulog
 from tests.support.flight_logs import engaging, record_simulation
@@ -104,8 +108,8 @@ def targets(folder: Path) -> list[Target]:
         Target("profile", [path.read_bytes() for path in sorted(PROFILES.glob("*.toml"))], _read_profile, 0.15, ()),
         Target("mission", [path.read_bytes() for path in sorted(MISSIONS.glob("*.toml"))], _read_mission, 0.06, ()),
         Target("mcap", [own], written(_read_own), 0.02, refusing),
-        Target("mcap as a vehicle's log", [own], written(read_vehicle_logs), 0.01, refusing),
-        *(Target(name, [log], written(read_vehicle_logs), 0.02, refusing) for name, log in logs.items()),
+        Target("mcap as a vehicle's log", [own], written(_read_vehicles), 0.01, refusing),
+        *(Target(name, [log], written(_read_vehicles), 0.02, refusing) for name, log in logs.items()),
     ]
 
 
@@ -283,9 +287,29 @@ def _read_profile(data: bytes) -> object:
 
 
 def _read_mission(data: bytes) -> object:
-    with suppress(MissionError):
-        return parse_mission(data.decode(errors="replace"), None)
-    return None
+    """Read a sound mission, or faults of which each is a line."""
+    try:
+        mission = parse_mission(data.decode(errors="replace"), None)
+    except MissionError as error:
+        if not error.faults or any(len(fault.splitlines()) != 1 for fault in error.faults):
+            raise AssertionError(error.faults) from error
+        return None
+    assert len(set(mission.ids)) == len({each.system_id for each in mission.vehicles}) == len(mission.vehicles) > 0
+    assert mission.formation.leader in mission.ids
+    for name in SECTIONS.keys() - {"decision"}:
+        assert all(map(isfinite, _numbers(getattr(mission, name).model_dump())))
+    for vehicle in mission.vehicles:
+        assert all(map(isfinite, _numbers(vehicle.section.model_dump(exclude_unset=True))))
+        assert all(map(isfinite, _numbers(vehicle.own_filter.model_dump())))
+        assert mission.agent_config(vehicle).vehicle_id == vehicle.id
+    return mission
+
+
+def _numbers(value: object) -> Iterator[float]:
+    for part in value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else ():
+        yield from _numbers(part)
+    if isinstance(value, float):
+        yield value
 
 
 def _read_own(path: Path) -> object:
@@ -294,6 +318,24 @@ def _read_own(path: Path) -> object:
         for record in records[::7]:
             record.read(record.kind)
     return mission_of(log)
+
+
+def _read_vehicles(path: Path) -> object:
+    """Read logs that keep their promises, or a fault that names the file."""
+    try:
+        logs = read_vehicle_logs(path)
+    except LogError as error:
+        if not all(path.name in fault for fault in error.faults):
+            raise AssertionError(error.faults) from error
+        raise
+    assert logs
+    for log in logs:
+        assert log.duration_s >= 0.0
+        for name, series in log.series().items():
+            assert (np.diff(series.time_s) > 0.0).all()
+            assert np.isfinite(series.values).all() or name in ("setpoint", "battery")
+            assert series.time_s[0] >= 0.0
+    return logs
 
 
 def _small_ulog() -> bytes:
