@@ -61,6 +61,11 @@ def test_public_names_are_described_and_typed(subtests: pytest.Subtests) -> None
                 assert not thing.__doc__.startswith(f"{name}("), "made by dataclass"
 
 
+def test_a_name_that_there_is_not_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="simulat'"):
+        cordon.simulat  # type: ignore[attr-defined]  # noqa: B018
+
+
 def test_examples_in_docstrings_run() -> None:
     tried = 0
     for name in MODULES:

@@ -19,7 +19,7 @@ from agents.tactics import Event
 from agents.team.messages import OperatorCommand
 from agents.team.verbs import Verb
 from gcs.flight import simulated
-from gcs.metrics.departures import NO_DATA, Departure, departures
+from gcs.metrics.departures import NO_DATA, Departure, departures, departures_line
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.metrics import evaluate, evaluated
 from gcs.metrics.record import FlightEvent, FlightRecord, LoopStatistics, VehicleTrack
@@ -160,6 +160,14 @@ def test_a_vehicle_that_its_dead_supervisor_or_an_error_landed_did_not_leave_by_
         track(1, (50.0, "land")), events=(FlightEvent(50.0, 1, "command", "", command=refused),), ended="error"
     )
     assert departures(flown)
+
+
+def test_those_that_left_alike_are_named_together() -> None:
+    found = [Departure(i, at_s, "ring", "target stale") for i, at_s in ((1, 30.0), (3, 31.5))]
+    assert departures_line(found) == "vehicles 1 and 3 left the ring from 30.0 to 31.5 s (target stale)"
+    back = [Departure(2, 50.0, "formation", "too close", 55.0)]
+    assert departures_line(back) == "vehicle 2 left the formation at 50.0 s (too close), back at 55.0 s"
+    assert (departures_line(()), departures_line(None)) == ("no vehicle left its place", "")
 
 
 # Real agents, with the reason to leave injected

@@ -104,6 +104,13 @@ def test_those_whom_the_whole_mission_would_bring_near_are_pending_when_it_is_cu
     assert (late.missing, late.pending, late.holds) == ((1,), (), False)
 
 
+def test_who_went_home_is_not_pending_and_who_was_not_heard_of_is() -> None:
+    reference = EngagementReference(dict.fromkeys((1, 2), DISTANCE_M), planned=(1, 2))
+    for tactic, pending in (("return and land", (2,)), ("standby", (1, 2)), ("hold", (1, 2))):
+        flown = passing({1: 5.0}, until_s=5.0, tactic=tactic)
+        assert engagement(flown, reference, engagement_times_s(flown)).pending == pending
+
+
 def test_the_plan_brings_a_team_near_as_soon_as_one_of_it(subtests: pytest.Subtests) -> None:
     """In case 2 the target drifts off at half the line's speed: straight ahead of vehicle 3, 35 m away, it takes 230 s.
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.plant.model import Plant, PlantAxis
-from estimation.plant.watch import effect_delay_s, watch
+from estimation.plant.watch import PlantComparison, effect_delay_s, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.mission.file import load_mission
@@ -44,9 +44,16 @@ def flown(
     return np.column_stack([time_s, setpoints]), np.column_stack([time_s + 0.013, noisy])
 
 
-def test_the_plant_that_flew_explains_its_flight() -> None:
+@pytest.fixture(scope="module")
+def explained() -> PlantComparison:
+    """A flight of the plant that is in the file."""
     watched = watch(FILE, *flown(1.7, 1.8, 0.2))
     assert watched is not None
+    return watched
+
+
+def test_the_plant_that_flew_explains_its_flight(explained: PlantComparison) -> None:
+    watched = explained
     # What lies between two samples, 13 ms after one of them, has less noise than either.
     left_m = 0.05 * hypot(0.013 / 0.05, 1.0 - 0.013 / 0.05)
     assert watched.unexplained_m == pytest.approx(left_m, rel=0.05), "only the noise is left"
@@ -137,20 +144,19 @@ def test_a_flight_that_asks_little_tells_nothing() -> None:
     assert watch(FILE, np.empty((0, 3)), np.empty((0, 3))) is None
 
 
-def test_where_the_vehicle_was_silent_nothing_is_compared() -> None:
+def test_where_the_vehicle_was_silent_nothing_is_compared(explained: PlantComparison) -> None:
     setpoints, samples = flown(1.7, 1.8, 0.2)
     silent = (samples[:, 0] > 42.0) & (samples[:, 0] < 48.0)
-    whole, cut = watch(FILE, setpoints, samples), watch(FILE, setpoints, samples[~silent])
-    assert whole is not None
+    cut = watch(FILE, setpoints, samples[~silent])
     assert cut is not None
-    assert cut.windows < whole.windows
-    assert cut.unexplained_m == pytest.approx(whole.unexplained_m, rel=0.1)
+    assert cut.windows < explained.windows
+    assert cut.unexplained_m == pytest.approx(explained.unexplained_m, rel=0.1)
 
 
-def test_setpoints_that_were_not_sent_do_no_harm() -> None:
+def test_setpoints_that_were_not_sent_do_no_harm(explained: PlantComparison) -> None:
     setpoints, samples = flown(1.7, 1.8, 0.2)
     unsent = np.column_stack([setpoints[-1, 0] + np.arange(1.0, 20.0), np.full((19, 2), np.nan)])
-    assert watch(FILE, np.vstack([setpoints, unsent]), samples) == watch(FILE, setpoints, samples)
+    assert watch(FILE, np.vstack([setpoints, unsent]), samples) == explained
 
 
 @pytest.mark.parametrize(("stiffer", "expected"), [(1.0, "valid for this flight"), (0.55, "(cordon excite)")])

@@ -176,24 +176,6 @@ def test_a_telemetry_log_is_read_as_far_as_it_goes(read: Read) -> None:
     assert any(note.startswith("ends in the middle of a record at byte") for note in log.notes)
 
 
-def test_damage_in_the_middle_costs_what_it_hit(read: Read) -> None:
-    """A hundred bytes of nonsense between two records: what follows is read, and the damage told.
-
-    Of the record before them it is not known whether it is whole.
-    """
-    nonsense = bytes(np.random.default_rng(1).integers(0, 256, 100, dtype=np.uint8))
-    at = [at for at, name in bin_records(BIN) if name == "XKF1"][300]
-    log = read(BIN[:at] + nonsense + BIN[at:])
-    before = max(begin for begin, _ in bin_records(BIN) if begin < at)
-    assert f"damaged: {at - before + 100} bytes were skipped" in log.notes
-    assert log.series()["position"].time_s.size > 300
-    whole = read(TLOG)
-    middle = TLOG.index(b"\xfd", len(TLOG) // 2) + 3
-    log = read(TLOG[:middle] + nonsense + TLOG[middle:])
-    assert any(note.startswith("damaged: ") for note in log.notes)
-    assert log.series()["position"].time_s.size >= whole.series()["position"].time_s.size - 2
-
-
 ZEROS, PACKETS, HEADS = bytes(2_000_000), b"\xfd" * 2_000_000, b"\xa3\x95" * 1_000_000
 
 
