@@ -8,7 +8,7 @@ import pytest
 
 from estimation.state import Vector
 from gcs.vehicle_logs.foreign import read_vehicle_logs
-from gcs.vehicle_logs.vehicle_log import Series, Span, VehicleLog
+from gcs.vehicle_logs.vehicle_log import Series, Span, VehicleLog, describe
 from tests.support.paths import DATA
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -142,3 +142,11 @@ def test_who_flew_what_and_when(px4: VehicleLog, copter: VehicleLog) -> None:
     assert "Arming motors" in [text.text for text in copter.texts]
     assert px4.parameters["COM_OBL_RC_ACT"] == 0
     assert copter.parameters["GUID_OPTIONS"] == 0.0
+
+
+def test_what_it_holds_is_told_in_plain_words(px4: VehicleLog, copter: VehicleLog) -> None:
+    told = "\n".join(map(": ".join, describe(px4)))
+    assert "PX4 log (.ulg) of vehicle 1: px4, firmware v1.17.0 (alpha) b52a9e7e, 42.8 s" in told
+    assert "samples from trajectory_setpoint, 5 Hz" in told
+    assert "take-off -> hold -> offboard; 18.9 s under external position control" in told
+    assert describe(copter)[0][0] == "ArduPilot log (.bin) of vehicle 1"
