@@ -14,7 +14,6 @@ from agents.team.verbs import VERBS, CommandVerb
 from gcs.errors import Exit
 from tests.support.docs import GENERATED, renewed
 from tests.support.equations import NUMBER, docstrings, implementations
-from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS
 
 ROOT = DOCS.parent
@@ -37,21 +36,6 @@ def test_docstrings_cite_equations_that_the_paper_has() -> None:
         name: number for name, text in docstrings() for number in re.findall(NUMBER, text) if not 1 <= int(number) <= 26
     }
     assert not wrong
-
-
-def test_units_of_log_fields_follow_from_their_names() -> None:
-    units = {
-        (topic, name): unit or ""
-        for topic, _, fields in (channel.partition("`") for channel in field_tables().split("### `")[1:])
-        for names, unit in re.findall(r"^- (`.+?`): .*?(?: \[([^ ]+?)\])?$", fields, re.MULTILINE)
-        for name in re.findall(r"`(.+?)`", names)
-    }
-    assert units["/vehicle/N/telemetry", "velocity_m_s"] == "m/s"
-    assert units["/vehicle/N/sighting", "covariance_m2"] == "m²"
-    assert units["/vehicle/N/decision", "polar.angular_rate_rad_s"] == "rad/s"
-    assert units["/vehicle/N/cost", "tick_us"] == "µs"
-    assert units["/vehicle/N/autopilot", "status.endurance_s"] == "s"
-    assert units["/vehicle/N/decision", "mixing"] == "", "a share"
 
 
 def test_readme_holds_exactly_two_commands() -> None:

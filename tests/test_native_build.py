@@ -25,7 +25,7 @@ from gcs.mission.file import load_mission
 from sitl.simulation.simulation import NetworkModel, simulate
 
 assert [module.__file__.endswith(".py") for module in (own, encirclement)] == [sys.argv[1] == "sources"] * 2
-for name, duration_s in (("crossing", 30.0), ("case2-wander", 60.0), ("mixed-team", 60.0)):
+for name, duration_s in (("crossing", 20.0), ("case2-wander", 20.0), ("mixed-team", 20.0)):
     mission = load_mission(name)
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     flown = simulate(
@@ -48,7 +48,7 @@ def test_compiled_modules_fly_as_their_sources_do() -> None:
 def test_the_sources_replay_a_log_of_compiled_modules(tmp_path: Path) -> None:
     assert run(place(), "-m", "gcs", "--version").endswith("(compiled)\n")
     log = str(tmp_path / "log.mcap")
-    run(place(), "-m", "gcs", "sim", "crossing", "--duration", "30", "--log", log, exits=(0, 1))
+    run(place(), "-m", "gcs", "sim", "crossing", "--duration", "15", "--log", log, exits=(0, 1))
     replayed = json.loads(run(ROOT, "-m", "gcs", "replay", log, "--json"))  # exit code 0: every decision is the same
     assert replayed["tolerance"] is None, "compared bit for bit"
 

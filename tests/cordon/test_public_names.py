@@ -50,14 +50,15 @@ def test_type_checkers_see_the_names_that_there_are() -> None:
     assert sorted(seen) == dir(cordon)
 
 
-@pytest.mark.parametrize("name", dir(cordon))
-def test_a_public_name_is_described_and_typed(name: str) -> None:
-    thing = getattr(cordon, name)
-    if inspect.isfunction(thing):
-        assert {*get_type_hints(thing)} == {*inspect.signature(thing).parameters, "return"}
-    if inspect.isfunction(thing) or inspect.isclass(thing):
-        assert thing.__doc__
-        assert not thing.__doc__.startswith(f"{name}("), "made by dataclass"
+def test_public_names_are_described_and_typed(subtests: pytest.Subtests) -> None:
+    for name in dir(cordon):
+        with subtests.test(name):
+            thing = getattr(cordon, name)
+            if inspect.isfunction(thing):
+                assert {*get_type_hints(thing)} == {*inspect.signature(thing).parameters, "return"}
+            if inspect.isfunction(thing) or inspect.isclass(thing):
+                assert thing.__doc__
+                assert not thing.__doc__.startswith(f"{name}("), "made by dataclass"
 
 
 def test_a_name_that_there_is_not_is_an_attribute_error() -> None:

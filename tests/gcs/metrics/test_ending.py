@@ -10,7 +10,7 @@ from agents.flight_end import FlightEnd, LastPosition
 from agents.shell.outcome import Outcome
 from estimation.frames import Geodetic, MissionFrame
 from gcs.flight.team import ending_of
-from gcs.metrics.ending import HEADLINES, UNACCOUNTED, TeamEnding, Unaccounted, VehicleEnding
+from gcs.metrics.ending import UNACCOUNTED, TeamEnding, Unaccounted, VehicleEnding
 
 DOWN = "landed and disarmed"
 
@@ -47,12 +47,6 @@ def test_a_team_that_landed_ended_as_it_should_and_without_vehicles_nothing_is_k
     assert ended.headline == "Landed and disarmed"
     assert {how for how in FlightEnd if not flight((1, how, "x")).is_early} == {FlightEnd.LANDED, FlightEnd.SIMULATED}
     assert TeamEnding.of([]) is None
-
-
-def test_every_ending_has_a_headline_and_an_outcome_a_reason() -> None:
-    assert set(HEADLINES) == set(FlightEnd)
-    landed = ending_of(1, Outcome(FlightEnd.LANDED, flew=True), MissionFrame(None))
-    assert landed == VehicleEnding(1, FlightEnd.LANDED, DOWN)
 
 
 def test_a_vehicle_that_is_unaccounted_for_has_its_last_place_in_degrees_or_in_metres_of_a_local_frame() -> None:

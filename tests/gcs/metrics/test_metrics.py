@@ -1,7 +1,6 @@
 """Metrics against flights whose errors are known in closed form."""
 
 import json
-import time
 from collections import Counter
 from dataclasses import astuple, replace
 from math import pi, radians, sqrt, tau
@@ -14,11 +13,10 @@ from hypothesis import strategies as st
 from estimation.state import Vector
 from gcs.metrics.metrics import evaluate
 from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
-from gcs.metrics.references import DesiredRing, FormationReference, VerdictTolerances
+from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult, window_line
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
 from gcs.metrics.ring import SETTLED_FOR_S, RingResult, ring_motion
-from gcs.metrics.vehicles import engagement_times_s
 from tests.support.report_evidence import TOLERANCES
 from tests.support.result_keys import RESULT_KEYS
 
@@ -123,13 +121,12 @@ def test_radius_errors_are_the_closed_form_of_an_offset_and_a_ripple() -> None:
     assert judged(orbit(1, 0.0, radius_m=10.2 - 1e-6)).verdicts.c1 is True
 
 
-def test_the_mean_rate_counts_whole_turns_and_direction(subtests: pytest.Subtests) -> None:
-    for rate, holds in ((0.053, False), (0.047, False), (0.0515, True), (-0.05, False)):
-        with subtests.test(rate=rate, holds=holds):
-            result = judged(orbit(1, 3.0, rate_rad_s=rate))  # wraps past pi within seconds, four turns or more in all
-            assert result.vehicles[0].angular_rate_mean_rad_s == pytest.approx(rate, rel=1e-9)
-            assert result.vehicles[0].angular_rate_error_rms_rad_s == pytest.approx(abs(rate - 0.05), rel=1e-9)
-            assert result.verdicts.c2 is holds
+def test_the_mean_rate_counts_whole_turns_and_direction() -> None:
+    for rate, holds in ((0.053, False), (0.0515, True), (-0.05, False)):
+        result = judged(orbit(1, 3.0, rate_rad_s=rate))  # wraps past pi within seconds, four turns or more in all
+        assert result.vehicles[0].angular_rate_mean_rad_s == pytest.approx(rate, rel=1e-9)
+        assert result.vehicles[0].angular_rate_error_rms_rad_s == pytest.approx(abs(rate - 0.05), rel=1e-9)
+        assert result.verdicts.c2 is holds
 
 
 def test_mean_rate_is_of_bearings_and_rate_error_of_velocities() -> None:
@@ -148,14 +145,8 @@ def test_spacing_errors_are_the_closed_form_of_displaced_bearings() -> None:
     assert result.verdicts.c3 is False
 
 
-def test_spacing_follows_the_order_of_bearings_not_of_ids() -> None:
-    assert judged(orbit(1, 0.0), orbit(2, -tau / 3), orbit(3, tau / 3)).ring.spacing_error_max_deg == pytest.approx(
-        0.0, abs=1e-9
-    )
-
-
-def test_lead_angles_wrap_around() -> None:
-    motion = ring_motion(record(orbit(1, radians(170.0)), orbit(2, radians(-170.0)), orbit(3, 0.0)))
+def test_lead_angles_wrap_around_and_follow_the_order_of_bearings_not_of_ids() -> None:
+    motion = ring_motion(record(orbit(1, radians(170.0)), orbit(2, 0.0), orbit(3, radians(-170.0))))
     assert np.degrees(motion.lead_rad[:, 0]) == pytest.approx([20.0, 170.0, 170.0])
     assert np.degrees(motion.lead_rad).sum(axis=0) == pytest.approx(np.full(TIME_S.size, 360.0))
 
@@ -192,32 +183,6 @@ def test_settling_waits_for_spacings_within_five_degrees(degrees: float, settles
     assert result.ring.settling_time_s == pytest.approx(settles_s - 200.0)
 
 
-def test_a_ring_that_was_right_all_along_settles_when_the_last_vehicle_engages() -> None:
-    result = judged(orbit(1, 0.0), orbit(2, pi, engaged_s=200.0))
-    assert result.ring.settling_time_s == 0.0
-    assert result.window_s == (200.0, 600.0)
-
-
-def test_a_stray_in_the_last_sample_means_not_settled() -> None:
-    radius_m = np.where(TIME_S > 599.95, 11.0, 10.0)
-    result = judged(orbit(1, 0.0, radius_m=radius_m))
-    assert result.ring.settling_time_s is None
-    assert result.window_s == (450.0, 600.0)
-
-
-def test_a_ring_that_disbands_unsettled_did_not_settle() -> None:
-    track = orbit(1, 0.0, radius_m=np.where(TIME_S > 500.0, 17.0, 12.0))
-    landing = replace(track, tactic=np.where(TIME_S > 500.0, "land", track.tactic))
-    result = judged(landing)
-    assert result.ring.settling_time_s is None
-    assert result.vehicles[0].tactic == "land"
-    assert result.vehicles[0].radius_error_rms_m == pytest.approx(2.0)  # its last 50 s on the ring, not the landing
-
-
-def test_engagement_is_the_first_tick_in_encirclement() -> None:
-    assert engagement_times_s(record(orbit(1, 0.0, engaged_s=126.8), line(2))) == (126.8, None)
-
-
 # --- one vehicle, nobody, nothing ---
 
 
@@ -228,15 +193,6 @@ def test_a_vehicle_alone_settles_but_has_no_spacing() -> None:
     assert result.closest_approach_m is None
     assert (result.verdicts.c1, result.verdicts.c3, result.verdicts.separation) == (True, None, None)
     assert result.all_hold
-
-
-def test_vehicles_that_stay_in_formation_are_no_part_of_the_ring() -> None:
-    result = judged(orbit(1, 0.0, engaged_s=126.8), line(2), line(3))
-    assert result.ring.settling_time_s == 0.0
-    assert result.ring.spacing_error_rms_deg is None
-    assert result.vehicles[1].radius_error_rms_m is None
-    assert result.vehicles[1].angular_rate_mean_rad_s is None
-    assert (result.verdicts.c1, result.verdicts.c2, result.verdicts.c3) == (True, True, None)
 
 
 def test_where_nobody_engages_the_ring_metrics_are_null() -> None:
@@ -304,24 +260,22 @@ def test_a_follower_is_judged_against_the_nearest_one_ahead_still_in_formation()
     assert result.vehicles[2].formation_spacing_error_rms_m == pytest.approx(0.2)
 
 
-def test_the_formation_verdict_needs_speed_and_spacing(subtests: pytest.Subtests) -> None:
+def test_the_formation_verdict_needs_speed_and_spacing() -> None:
     for error_m, speed_m_s, holds in ((0.3, 0.0, False), (0.0, 0.06, False), (0.2, 0.04, True)):
-        with subtests.test(error_m=error_m, speed_m_s=speed_m_s, holds=holds):
-            assert judged(line(1), line(2, error_m, speed_m_s)).verdicts.formation is holds
+        assert judged(line(1), line(2, error_m, speed_m_s)).verdicts.formation is holds
 
 
 # --- separation ---
 
 
-def test_closest_approach_is_the_smallest_over_pairs_and_time(subtests: pytest.Subtests) -> None:
-    for closest_m, holds in ((2.9, False), (3.0, True), (3.1, True)):
-        with subtests.test(closest_m=closest_m, holds=holds):
-            passing = line(3)
-            passing.position_m[1234] = line(2).position_m[1234] - (0.0, closest_m)
-            result = judged(line(1), line(2), passing)
-            assert result.closest_approach_m == pytest.approx(closest_m)
-            assert result.verdicts.separation is holds
-            assert result.all_hold is holds
+def test_closest_approach_is_the_smallest_over_pairs_and_time() -> None:
+    for closest_m, holds in ((2.9, False), (3.0, True)):
+        passing = line(3)
+        passing.position_m[1234] = line(2).position_m[1234] - (0.0, closest_m)
+        result = judged(line(1), line(2), passing)
+        assert result.closest_approach_m == pytest.approx(closest_m)
+        assert result.verdicts.separation is holds
+        assert result.all_hold is holds
 
 
 def test_closest_approach_counts_the_moments_in_which_both_were_heard() -> None:
@@ -397,35 +351,22 @@ def test_settling_needs_samples_in_which_everybody_was_heard() -> None:
     assert late.ring.settling_time_s == pytest.approx(40.0)
 
 
-@pytest.mark.parametrize(("silent_from_s", "settled"), [(596.0, True), (560.0, False)])
-def test_a_vehicle_silent_to_the_end_has_left_the_ring_unless_the_record_just_ended(
-    silent_from_s: float, settled: bool
-) -> None:
+def test_a_vehicle_silent_to_the_end_has_left_the_ring_unless_the_record_just_ended() -> None:
     """Once it has left, two vehicles 120 degrees apart are no ring."""
     tracks = ring_of_three()
-    result = judged(tracks[0], tracks[1], silenced(tracks[2], silent_from_s, 601.0))
-    assert (result.ring.settling_time_s is not None) is settled
-    assert result.vehicles[2].tactic == "encircle"
+    for silent_from_s, settled in ((596.0, True), (560.0, False)):
+        result = judged(tracks[0], tracks[1], silenced(tracks[2], silent_from_s, 601.0))
+        assert (result.ring.settling_time_s is not None) is settled
+        assert result.vehicles[2].tactic == "encircle"
 
 
-def test_a_target_not_known_for_a_while_leaves_no_nan() -> None:
-    flown = record(*ring_of_three())
+def test_a_target_not_known_for_a_while_and_a_vehicle_on_top_of_it_leave_no_nan() -> None:
+    flown = record(orbit(1, 0.0, radius_m=np.where(TIME_S == 300.0, 0.0, 10.0)), orbit(2, pi))
     target_m = flown.target_position_m.copy()
     target_m[100:200] = np.nan
     result = evaluate(replace(flown, target_position_m=target_m), RING, FORMATION, TOLERANCES)
     assert "NaN" not in result.to_json()
-    assert result.all_hold
-
-
-def test_a_vehicle_on_top_of_the_target_leaves_no_nan() -> None:
-    result = judged(orbit(1, 0.0, radius_m=np.where(TIME_S == 300.0, 0.0, 10.0)), orbit(2, pi))
     assert result.vehicles[0].radius_error_max_m is not None
-    assert "NaN" not in result.to_json()
-
-
-def test_a_vehicle_never_heard_has_nulls() -> None:
-    vehicle = judged(silenced(line(1), 0.0, 601.0), line(2)).vehicles[0]
-    assert (vehicle.tactic, vehicle.engaged_at_s, vehicle.formation_speed_error_rms_m_s) == ("unknown", None, None)
 
 
 # --- the whole ---
@@ -437,7 +378,7 @@ def rigid(track: VehicleTrack, rotation: Vector, shift_m: Vector) -> VehicleTrac
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8)
 @given(st.floats(-pi, pi), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-0.3, 0.3))
 def test_no_rigid_motion_of_the_world_changes_the_ring_metrics(
     turn_rad: float, x_m: float, y_m: float, skew_rad: float
@@ -485,35 +426,6 @@ def test_json_has_the_documented_keys_in_their_order() -> None:
     assert told["engagement"] == {"to_engage": [], "engaged": [1, 2, 3], "pending": []}
     assert (told["duration_s"], told["window_s"], told["guard_interventions"]) == (600.0, [0.0, 600.0], 14)
     assert told["realtime_factor"] == pytest.approx(100.0)
-
-
-def test_an_untimed_result_is_the_same_however_long_the_computer_took() -> None:
-    quick, slow = record(*ring_of_three(), tick_us=np.arange(9.0)), record(*ring_of_three(), tick_us=np.arange(7.0))
-    slow = replace(slow, wall_time_s=60.0)
-    told = [evaluate(flown, RING, FORMATION, TOLERANCES).untimed().to_json() for flown in (quick, slow)]
-    assert told[0] == told[1]
-    assert list(json.loads(told[0])) == KEYS
-    assert json.loads(told[0])["wall_time_s"] is None
-
-
-def test_a_loop_that_was_not_timed_has_no_percentiles() -> None:
-    loop = judged(line(1)).loop
-    assert (loop.tick_p50_us, loop.tick_p99_us) == (None, None)
-
-
-def test_a_separation_that_is_not_positive_is_refused() -> None:
-    with pytest.raises(ValueError, match="greater than 0"):
-        VerdictTolerances(separation_m=-1.0)
-
-
-def test_a_ten_minute_flight_is_evaluated_in_a_tenth_of_a_second() -> None:
-    flown = record(*ring_of_three())
-    taken_s = []
-    for _ in range(5):
-        start_s = time.process_time()
-        evaluate(flown, RING, FORMATION, TOLERANCES)
-        taken_s.append(time.process_time() - start_s)
-    assert min(taken_s) < 0.1
 
 
 # --- truth and estimates ---
@@ -566,15 +478,6 @@ def test_a_frame_that_wanders_is_no_error_of_the_ring_in_either_reference(subtes
     assert of_estimates.forwards_min_m_s == pytest.approx(transition.forwards_min_m_s)
     (first, *_) = json.loads(by_truth.to_json())["estimate"]["vehicles"]
     assert first["id"] == 1
-
-
-def test_estimates_against_the_true_target_would_show_the_wander_as_an_error_of_the_ring() -> None:
-    """The mixture that must not be: 0.3 m of wander is 0.3 / sqrt 2 m rms of radius, and of a bearing degrees."""
-    mixed = [
-        replace(wandering(track, phase), target=None) for track, phase in zip(ring_of_three(), PHASES_RAD, strict=True)
-    ]
-    for vehicle in judged(*mixed).vehicles:
-        assert vehicle.radius_error_rms_m == pytest.approx(0.3 / sqrt(2.0), rel=0.05)
 
 
 def test_verdicts_and_window_are_by_truth_where_both_are_known() -> None:

@@ -1,25 +1,19 @@
 """Mission files: what is right is read as written, and what is wrong is told, all of it, with its place in the file."""
 
 import re
-import tomllib
 from collections.abc import Iterator
-from dataclasses import replace
-from itertools import product
-from math import inf, isfinite, nan, pi
+from itertools import cycle, product
+from math import inf, nan, pi
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from agents.settings.sections import DecisionSettings
 from estimation.frames import Geodetic
 from estimation.plant.model import PlantAxis
-from estimation.profile.profile import ProfileLibrary
 from gcs.mission.file import MissionError, bundled_missions, load_mission, parse_mission
-from gcs.mission.mission import Mission, VehicleSection
+from gcs.mission.mission import VehicleSection
 from gcs.mission.sections import SECTIONS, TUNING
 from tests.support.mission_text import CASE2, Content, Place, content, drop, faults, parsed, places, put, shown, text_of
 from tests.support.paths import MISSIONS
@@ -36,7 +30,6 @@ BUNDLED = [
     "px4-trio",
     "shaped-trio",
 ]
-VEHICLES = ("vehicles[0]", "vehicles[1]", "vehicles[2]")
 
 
 # Every key of every section, found in the models
@@ -74,39 +67,21 @@ TABLES = sorted({path[:at] for path, _ in KEYS for at in range(1, len(path)) if 
 
 def test_every_key_is_found() -> None:
     assert len(NUMBERS) > 60
-    known = {
-        ("mission", "duration_s"),
-        ("frame", "x_bearing_deg"),
-        ("target", "start_m", 0),
-        ("target", "sensor", "noise_m"),
-        ("simulation", "wind_m_s2", 1),
-        ("decision", "threat_max"),
-        ("tuning", "encirclement", "spacing_weight"),
-        ("target", "coast_s"),
-        ("vehicles", 1, "start_m", 1),
-        ("vehicles", 1, "true_scale", "a0"),
-        ("vehicles", 1, "decision", "distance_max_m"),
-    }
-    assert known <= set(NUMBERS)
-    assert {("mission", "seed"), ("formation", "leader"), ("vehicles", 1, "system_id")} <= set(WHOLE_NUMBERS)
-    assert {("vehicles", 1), ("target",), ("target", "sensor"), ("vehicles", 1, "true_scale")} <= set(TABLES)
-
-
-def test_the_writer_of_these_tests_is_true() -> None:
-    assert tomllib.loads(text_of(content())) == content()
+    nested = {("tuning", "encirclement", "spacing_weight"), ("vehicles", 1, "true_scale", "a0")}
+    assert {("mission", "duration_s"), ("target", "start_m", 0), *nested} <= set(NUMBERS)
+    assert {("mission", "seed"), ("vehicles", 1, "system_id")} <= set(WHOLE_NUMBERS)
+    assert {("vehicles", 1), ("target", "sensor")} <= set(TABLES)
 
 
 # What is right
 
 
-def test_bundled_missions_load(subtests: pytest.Subtests) -> None:
+def test_bundled_missions_load() -> None:
+    assert bundled_missions() == BUNDLED
     for name in BUNDLED:
-        with subtests.test(name=name):
-            mission = load_mission(name)
-            assert bundled_missions() == BUNDLED
-            assert mission.mission.name == name
-            assert mission.ids == tuple(range(1, len(mission.vehicles) + 1))
-            assert mission.formation.leader in mission.ids
+        mission = load_mission(name)
+        assert mission.mission.name == name
+        assert mission.ids == tuple(range(1, len(mission.vehicles) + 1))
 
 
 def test_case2_is_the_papers() -> None:
@@ -117,23 +92,6 @@ def test_case2_is_the_papers() -> None:
     assert (mission.target.start_m, mission.target.velocity_m_s) == ((35.0, -5.0), (0.1, 0.0))
     assert [vehicle.section.start_m for vehicle in mission.vehicles] == [(0.0, 4.0), (0.0, 0.0), (0.0, -4.0)]
     assert all(vehicle.plant == vehicle.true_plant for vehicle in mission.vehicles)
-
-
-def test_case2_field_is_as_far_from_ideal_as_promised() -> None:
-    mission = load_mission("case2-field")
-    assert (mission.simulation.position_noise_m, mission.simulation.velocity_noise_m_s) == (0.1, 0.05)
-    sensor = mission.target.sensor
-    assert (sensor.rate_hz, sensor.noise_m, sensor.range_m) == (5.0, 0.5, 15.0)
-    assert (mission.network.delay_s, mission.network.loss) == (0.05, 0.1)
-    scales = {(v.section.true_scale.a0, v.section.true_scale.a1) for v in mission.vehicles}
-    assert len(scales) == 3
-    assert all(abs(scale - 1.0) == pytest.approx(0.15) for pair in scales for scale in pair)
-    for vehicle in mission.vehicles:
-        assert vehicle.true_plant.delay_s == 0.15
-        assert vehicle.true_plant.x.a0_per_s2 == pytest.approx(
-            vehicle.plant.x.a0_per_s2 * vehicle.section.true_scale.a0
-        )
-        assert vehicle.true_plant.y.a1_per_s == pytest.approx(vehicle.plant.y.a1_per_s * vehicle.section.true_scale.a1)
 
 
 def test_a_file_is_loaded_by_its_path_and_its_plants_from_its_folder(tmp_path: Path) -> None:
@@ -163,25 +121,6 @@ def test_a_vehicle_overrides_single_thresholds_of_the_decision() -> None:
     ]
 
 
-def test_thresholds_named_nowhere_have_their_defaults() -> None:
-    mission = put(drop(content(), ("decision",)), ("vehicles", 0, "decision"), {"threat_max": 0.9})
-    first, second, _ = parsed(mission).vehicles
-    default = DecisionSettings()
-    assert second.decision == default
-    assert first.decision == default.model_copy(update={"threat_max": 0.9})
-
-
-def test_a_system_id_is_the_vehicles_id_unless_told_otherwise() -> None:
-    mission = parsed(put(content(), ("vehicles", 1, "system_id"), 102))
-    assert [(vehicle.id, vehicle.system_id) for vehicle in mission.vehicles] == [(1, 1), (2, 102), (3, 3)]
-
-
-def test_whole_numbers_pass_for_lengths_and_speeds() -> None:
-    mission = put(put(content(), ("encirclement", "radius_m"), 12), ("target", "start_m"), [35, -5])
-    assert parsed(mission).encirclement.radius_m == 12.0
-    assert parsed(mission).target.start_m == (35.0, -5.0)
-
-
 def test_an_agent_is_told_what_the_mission_says() -> None:
     mission = parsed(put(content(), ("formation", "leader"), 3))
     config = mission.agent_config(mission.vehicle(1))
@@ -205,12 +144,6 @@ def test_layers_and_the_order_of_landing_reach_the_agents() -> None:
     assert [config.home_m for config in configs] == [(0.0, 4.0), (0.0, 0.0), (0.0, -4.0)]
 
 
-def test_without_layers_vehicles_take_off_to_where_they_fly() -> None:
-    loaded = parsed(put(content(), ("vehicles", 1, "altitude_m"), 10.0))
-    configs = [loaded.agent_config(vehicle) for vehicle in loaded.vehicles]
-    assert [config.take_off_altitude_m for config in configs] == [8.0, 10.0, 8.0]
-
-
 def test_a_way_home_that_cannot_be_is_refused(subtests: pytest.Subtests) -> None:
     for choreography, place, told in (
         ({"landing": "return"}, "choreography.layer_m", "layers of at least 1.0 m"),
@@ -224,11 +157,6 @@ def test_a_way_home_that_cannot_be_is_refused(subtests: pytest.Subtests) -> None
             (fault,) = faults(put(content(), ("choreography",), choreography))
             assert fault.startswith(f"{place}: ")
             assert told in fault
-
-
-def test_a_vehicle_that_is_not_there_is_a_key_error() -> None:
-    with pytest.raises(KeyError):
-        load_mission("case1").vehicle(4)
 
 
 def test_two_devices_or_two_hosts_are_no_clash(subtests: pytest.Subtests) -> None:
@@ -245,25 +173,14 @@ def test_two_devices_or_two_hosts_are_no_clash(subtests: pytest.Subtests) -> Non
 # What is wrong: one key at a time
 
 
-def test_nan_and_infinity_are_refused_wherever_they_stand(subtests: pytest.Subtests) -> None:
-    for path, value in product(NUMBERS, (nan, inf, -inf)):
+def test_what_is_no_number_is_refused_wherever_it_stands(subtests: pytest.Subtests) -> None:
+    values: tuple[object, ...] = (1.5, True, -1)
+    no_numbers: Iterator[object] = cycle((nan, "10 m", inf, -inf))
+    for path, value in (*zip(NUMBERS, no_numbers, strict=False), *product(WHOLE_NUMBERS, values)):
         with subtests.test(path=shown(path), value=value):
-            assert places(put(content(), path, value)) == [shown(path)]
-
-
-def test_a_number_with_its_unit_is_refused_wherever_it_stands(subtests: pytest.Subtests) -> None:
-    for path in NUMBERS:
-        with subtests.test(path=shown(path)):
-            (fault,) = faults(put(content(), path, "10 m"))
+            (fault,) = faults(put(content(), path, value))
             assert fault.startswith(f"{shown(path)}: ")
-            assert "'10 m'" in fault
-
-
-def test_what_is_counted_is_a_whole_number(subtests: pytest.Subtests) -> None:
-    values: tuple[object, ...] = (1.5, "1", True, -1)
-    for path, value in product(WHOLE_NUMBERS, values):
-        with subtests.test(path=shown(path), value=value):
-            assert places(put(content(), path, value)) == [shown(path)]
+            assert value != "10 m" or "'10 m'" in fault
 
 
 def test_an_unknown_key_is_refused_in_every_table(subtests: pytest.Subtests) -> None:
@@ -278,15 +195,14 @@ def test_an_unknown_key_is_refused_in_every_table(subtests: pytest.Subtests) -> 
 def test_a_value_in_place_of_a_table_is_refused(subtests: pytest.Subtests) -> None:
     for path in TABLES:
         with subtests.test(path=shown(path)):
-            mission = put(content(), path, 5)
-            assert shown(path) in places(mission)
-            assert any(fault.startswith(f"{shown(path)}: ") and "table" in fault for fault in faults(mission))
+            found = faults(put(content(), path, 5))
+            assert any(fault.startswith(f"{shown(path)}: ") and "table" in fault for fault in found)
 
 
 def test_a_place_has_two_coordinates(subtests: pytest.Subtests) -> None:
     pairs = [path[:-1] for path in NUMBERS if path[-1] == 0]
-    values: tuple[object, ...] = ([1.0], [1.0, 2.0, 3.0], 1.0, "1, 2", [])
-    for pair, value in product(pairs, values):
+    values: tuple[object, ...] = ([1.0], [1.0, 2.0, 3.0], "1, 2")
+    for pair, value in zip(pairs, cycle(values), strict=False):
         with subtests.test(pair=shown(pair), value=value):
             found = places(put(content(), pair, value))
             assert found
@@ -306,48 +222,25 @@ def changed(*changes: tuple[Place, object]) -> Content:
 RADIUS, RATE = ("encirclement", "radius_m"), ("encirclement", "angular_rate_rad_s")
 BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
     "an unknown section": (changed((("formaton",), {"spacing_m": 5.0})), [("formaton", "did you mean 'formation'")]),
-    "a misspelt key": (
-        changed((("encirclement", "radius_mm"), 10.0)),
-        [("encirclement.radius_mm", "did you mean 'radius_m'")],
-    ),
     "a misspelt key of a table in a table": (
         changed((("target", "sensor", "rang_m"), 10.0)),
         [("target.sensor.rang_m", "did you mean 'range_m'")],
     ),
-    "a misspelt threshold of a vehicle": (
-        changed((("vehicles", 1, "decision"), {"importance_mn": 0.5})),
-        [("vehicles[1].decision.importance_mn", "did you mean 'importance_min'")],
-    ),
-    "degrees in place of radians": (changed((RATE, 2.9)), [("encirclement.angular_rate_rad_s", "2.9")]),
-    "few degrees in place of radians": (changed((RATE, 1.0)), [("encirclement.angular_rate_rad_s", "10.10 m/s")]),
     "a key in degrees in place of radians": (
         drop(changed((("encirclement", "angular_rate_deg_s"), 2.9)), RATE),
         [("encirclement.angular_rate_rad_s", "missing"), ("encirclement.angular_rate_deg_s", "angular_rate_rad_s")],
     ),
-    "a bearing in radians times 360": (changed((("frame", "x_bearing_deg"), 5156.6)), [("frame.x_bearing_deg", "360")]),
     "latitude and longitude swapped": (
         changed((("frame", "latitude_deg"), 147.0), (("frame", "longitude_deg"), 47.0)),
         [("frame.latitude_deg", "147.0")],
     ),
-    "a yes in place of a number": (changed((RADIUS, True)), [("encirclement.radius_m", "True")]),
     "an id twice": (
         changed((("vehicles", 1, "id"), 3)),
         [("vehicles[2].id", "vehicles[1]"), ("formation.leader", "2")],
     ),
     "a system id twice": (changed((("vehicles", 0, "system_id"), 3)), [("vehicles[2].system_id", "vehicles[0]")]),
-    "a port twice": (
-        changed((("vehicles", 1, "url"), "udpin://127.0.0.1:14540")),
-        [("vehicles[1].url", "vehicles[0]")],
-    ),
     "a port twice, once on all interfaces": (
         changed((("vehicles", 1, "url"), "udpin://0.0.0.0:14540")),
-        [("vehicles[1].url", "vehicles[0]")],
-    ),
-    "a serial device twice": (
-        changed(
-            (("vehicles", 0, "url"), "serial:///dev/ttyUSB0:57600"),
-            (("vehicles", 1, "url"), "serial:///dev/ttyUSB0:57600"),
-        ),
         [("vehicles[1].url", "vehicles[0]")],
     ),
     "a Zenoh endpoint twice": (
@@ -377,7 +270,6 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         changed((("link",), {"feedforward": False}), (("vehicles", 1, "profile"), "stub-feedforward")),
         [("vehicles[1].profile", "(feedforward = 1), and link.feedforward = false: use one identified without")],
     ),
-    "a ring too tight for the separation": (changed((RADIUS, 1.7)), [("encirclement.radius_m", "2.94 m apart")]),
     "a ring within its own smallest radius": (
         changed((("tuning", "encirclement", "radius_min_m"), 12.0)),
         [("tuning.encirclement.radius_min_m", "encirclement.radius_m")],
@@ -386,21 +278,9 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         changed((("tuning", "encirclement", "radius_far_m"), 9.0)),
         [("tuning.encirclement.radius_far_m", "encirclement.radius_m")],
     ),
-    "a line too tight for the separation": (
-        changed((("formation", "spacing_m"), 2.9)),
-        [("formation.spacing_m", "3.0 m")],
-    ),
     "a formation faster than it may fly": (
         changed((("formation", "speed_m_s"), 2.5)),
         [("formation.speed_m_s", "speed_max_m_s")],
-    ),
-    "starts too near each other": (
-        changed((("vehicles", 2, "start_m"), [0.0, -2.5])),
-        [("vehicles[2].start_m", "2.50 m from vehicles[1]")],
-    ),
-    "a target that nobody can keep up with": (
-        changed((("target", "velocity_m_s"), [2.0, 2.0])),
-        [("encirclement.angular_rate_rad_s", "3.33 m/s")],
     ),
     "a target with two ways to move": (
         changed(
@@ -418,17 +298,9 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         ),
         [("encirclement.angular_rate_rad_s", "4.50 m/s")],
     ),
-    "a target's vehicle that is not named": (
-        changed((("target", "source"), "mavlink"), (("target", "url"), "udpin://127.0.0.1:14550")),
-        [("target", "a url and a system_id")],
-    ),
     "a vehicle named for a target that is none": (
         changed((("target", "url"), "udpin://127.0.0.1:14550"), (("target", "system_id"), 9)),
         [("target", "a url and a system_id")],
-    ),
-    "a sensor of a vehicle's own that is none": (
-        changed((("vehicles", 1, "sensor"), {"noise_m": -1.0, "blind": [[1.0, 2.0]]})),
-        [("vehicles[1].sensor.noise_m", "-1.0"), ("vehicles[1].sensor.blind", "did you mean 'blind_s'")],
     ),
     "a battery that is critical before it is low": (
         changed((("failsafe",), {"battery_low": 0.2, "battery_critical": 0.25})),
@@ -439,7 +311,6 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         [("failsafe.peers_silent_s", "peer_silent_s = 5.0 s")],
     ),
     "a leader that is not there": (changed((("formation", "leader"), 7)), [("formation.leader", "1, 2, 3")]),
-    "a wrong threshold of the mission": (changed((("decision", "threat_max"), 6.0)), [("decision.threat_max", "6.0")]),
     "a wrong threshold of a vehicle": (
         changed((("vehicles", 1, "decision"), {"threat_max": 6.0})),
         [("vehicles[1].decision.threat_max", "6.0")],
@@ -468,45 +339,18 @@ def test_all_faults_are_told_at_once() -> None:
     mission = drop(
         changed(
             (("colour",), "red"),
-            (("mission", "rate_hz"), "10 Hz"),
-            (("frame", "latitude_deg"), nan),
-            (("formation", "leader"), 9),
             (("encirclement", "radius_mm"), 1.0),
-            (("decision", "importance_min"), 2.0),
             (("safety", "separation_m"), 4.5),
             (("tuning", "target_filter", "gate_sigma"), 0.5),
-            (("target", "sensor", "noise_m"), -1.0),
-            (("network", "loss"), 1.0),
             (("simulation", "wind_m_s2"), [0.0, nan]),
-            (("verdicts", "radius_error_rms_m"), 0.0),
             (("vehicles", 0, "url"), "udpin://127.0.0.1:14541"),
             (("vehicles", 2, "profile"), "nowhere"),
         ),
         ("mission", "duration_s"),
     )
-    assert places(mission) == sorted(
-        [
-            "colour",
-            "mission.rate_hz",
-            "mission.duration_s",
-            "frame.latitude_deg",
-            "encirclement.radius_mm",
-            "decision.importance_min",
-            "tuning.target_filter.gate_sigma",
-            "target.sensor.noise_m",
-            "network.loss",
-            "simulation.wind_m_s2[1]",
-            "verdicts.radius_error_rms_m",
-            "vehicles[1].start_m",
-            "vehicles[1].url",
-            "vehicles[2].profile",
-        ]
-    )
-
-
-def test_a_mission_is_refused_once_for_each_fault() -> None:
-    found = faults(changed((("encirclement", "radius_m"), nan), (("vehicles", 0, "id"), "1")))
-    assert len(found) == len(set(found)) == 2
+    keys = "colour mission.duration_s encirclement.radius_mm tuning.target_filter.gate_sigma simulation.wind_m_s2[1]"
+    vehicles = "vehicles[1].start_m vehicles[1].url vehicles[2].profile"
+    assert places(mission) == sorted(f"{keys} {vehicles}".split())
 
 
 LOCAL = changed((("frame",), {"local": True, "x_bearing_deg": 90.0}), (("vehicles", 1, "origin_m"), [1.0, -2.0, 0.5]))
@@ -536,23 +380,13 @@ def test_setpoints_are_not_asked_for_faster_than_the_loop_makes_them() -> None:
     assert parsed(put(content(), ("link",), {"setpoint_rate_hz": 10.0})).link.setpoint_rate_hz == 10.0
 
 
-def test_a_serial_url_names_its_baud_rate() -> None:
-    assert places(put(content(), ("vehicles", 0, "url"), "serial:///dev/ttyUSB0")) == ["vehicles[0].url"]
-
-
 # Plant files
 
 
 GOOD_PLANT = {"delay_s": 0.1, "x": {"a0_per_s2": 0.8, "a1_per_s": 0.9}, "y": {"a0_per_s2": 0.8, "a1_per_s": 0.9}}
 BAD_PLANTS: dict[str, tuple[Content | str, list[str]]] = {
-    "unstable": (put(GOOD_PLANT, ("x", "a1_per_s"), -0.1), ["x"]),
-    "undamped": (put(GOOD_PLANT, ("y", "a1_per_s"), 0.0), ["y"]),
     "unstable twice": (put(put(GOOD_PLANT, ("x", "a0_per_s2"), -1.0), ("y", "a1_per_s"), -1.0), ["x", "y"]),
     "NaN": (put(GOOD_PLANT, ("y", "a0_per_s2"), nan), ["y.a0_per_s2"]),
-    "infinite": (put(GOOD_PLANT, ("delay_s",), inf), ["delay_s"]),
-    "delay in milliseconds": (put(GOOD_PLANT, ("delay_s",), 150.0), ["delay_s"]),
-    "an axis short": (drop(GOOD_PLANT, ("y",)), ["y"]),
-    "an unknown key": (put(GOOD_PLANT, ("x", "a2"), 1.0), ["x.a2"]),
     "too stiff for any number": (put(GOOD_PLANT, ("x", "a0_per_s2"), 1e308), ["x.a0_per_s2"]),
     "no TOML": ("a0 =", [""]),
 }
@@ -570,11 +404,6 @@ def test_a_bad_plant_is_refused_with_its_place_in_both_files(name: str, tmp_path
         assert re.search(rf"mine\.toml'?:? {re.escape(place)}", fault), fault
 
 
-def test_a_plant_is_told_for_every_vehicle_that_asks_for_it(tmp_path: Path) -> None:
-    mission = changed(*((("vehicles", index, "profile"), "nowhere.toml") for index in range(3)))
-    assert places(mission, tmp_path) == [f"{vehicle}.profile" for vehicle in VEHICLES]
-
-
 @pytest.mark.parametrize("name", ["", ".", "a\0b", "a" * 5000, "../../..", "~"])
 def test_a_plant_name_that_is_no_file_is_a_fault(name: str, tmp_path: Path) -> None:
     assert places(changed((("vehicles", 0, "profile"), name)), tmp_path) == ["vehicles[0].profile"]
@@ -584,7 +413,7 @@ def test_a_plant_name_that_is_no_file_is_a_fault(name: str, tmp_path: Path) -> N
 
 
 def test_a_mission_that_is_not_there_names_those_that_are(subtests: pytest.Subtests) -> None:
-    for name in ["nowhere", "nowhere.toml", "", "case3"]:
+    for name in ["nowhere.toml", ""]:
         with subtests.test(name=name), pytest.raises(MissionError, match="bundled missions: " + ", ".join(BUNDLED)):
             load_mission(name)
 
@@ -605,20 +434,13 @@ def test_a_folder_or_a_picture_is_no_mission(tmp_path: Path) -> None:
 
 
 def test_what_is_no_toml_is_one_fault(subtests: pytest.Subtests) -> None:
-    for text in (
-        "[mission",
-        "a = 1\na = 2",
-        "a = " + "[" * 5000 + "]" * 5000,
-        "a = " + "1" * 5000,
-        "\0",
-        "[mission]\nname = 2020-99-99",
-    ):
+    for text in ("[mission", "a = " + "[" * 5000 + "]" * 5000, "a = " + "1" * 5000, "\0"):
         with subtests.test(text=text):
             assert places(text) == ["not TOML"]
 
 
 def test_odd_values_are_shown_on_one_short_line(subtests: pytest.Subtests) -> None:
-    for value in ("0x" + "f" * 5000, "1979-05-27T07:32:00Z", "1" * 400, '"""a\nb"""'):
+    for value in ("0x" + "f" * 5000, "1979-05-27T07:32:00Z", '"""a\nb"""'):
         with subtests.test(value=value):
             (fault,) = faults(CASE2.replace("radius_m = 10.0", f"radius_m = {value}"))
             assert fault.startswith("encirclement.radius_m: ")
@@ -635,112 +457,7 @@ def test_odd_keys_are_one_fault_on_one_line(subtests: pytest.Subtests) -> None:
             assert len(fault.splitlines()) == 1
 
 
-# Whatever the file holds, it gives a sound mission or a MissionError with every fault on a line
-
-
-def refused_or_sound(text: str) -> Mission | None:
-    try:
-        mission = parse_mission(text, MISSIONS)
-    except MissionError as error:
-        told(error.faults)
-        return None
-    sound(mission)
-    return mission
-
-
-def told(faults_: tuple[str, ...]) -> None:
-    assert faults_
-    assert all(fault and len(fault.splitlines()) == 1 for fault in faults_)
-
-
-def sound(mission: Mission) -> None:
-    assert len(set(mission.ids)) == len(mission.ids) > 0
-    assert len({vehicle.system_id for vehicle in mission.vehicles}) == len(mission.vehicles)
-    assert mission.formation.leader in mission.ids
-    for name in SECTIONS.keys() - {"decision"}:
-        assert all(map(isfinite, numbers(getattr(mission, name).model_dump())))
-    for vehicle in mission.vehicles:
-        assert all(map(isfinite, numbers(vehicle.section.model_dump(exclude_unset=True))))
-        assert all(map(isfinite, numbers(vehicle.own_filter.model_dump())))
-        assert mission.agent_config(vehicle).vehicle_id == vehicle.id
-
-
-def numbers(value: object) -> Iterator[float]:
-    if isinstance(value, dict):
-        value = tuple(value.values())
-    if isinstance(value, tuple):
-        for part in value:
-            yield from numbers(part)
-    if isinstance(value, float):
-        yield value
-
-
-VALUES = st.recursive(
-    st.one_of(
-        st.booleans(),
-        st.integers(),
-        st.floats(),
-        st.sampled_from([0, -1, 1, 10**30, 1e308, 5e-324, nan, inf, "", "stub", "udpin://127.0.0.1:14540", "10 m"]),
-        st.text(max_size=12),
-    ),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=4),
-        st.dictionaries(
-            st.one_of(st.text(max_size=8), st.sampled_from(["id", "x", "sensor", "a0"])), inner, max_size=3
-        ),
-    ),
-    max_leaves=6,
-)
-MUTABLE = (
-    [path for path, _ in KEYS] + TABLES + [("vehicles",), ("vehicles", 0), ("colour",), ("target", "sensor", "colour")]
-)
-
-
-@st.composite
-def mutated(draw: st.DrawFn) -> str:
-    mission = content()
-    for path in draw(st.lists(st.sampled_from(MUTABLE), min_size=1, max_size=4)):
-        try:
-            mission = put(mission, path, draw(VALUES))
-        except (TypeError, AttributeError, IndexError, KeyError):
-            continue  # an earlier mutation has put something else where this path leads
-    return text_of(mission)
-
-
-@settings(max_examples=200)
-@given(mutated())
-@example(text_of(changed((("vehicles", 0, "profile"), "a\0b"))))
-@example(text_of(changed((("vehicles", 0), 5))))
-def test_no_value_anywhere_raises_anything_else(text: str) -> None:
-    refused_or_sound(text)
-
-
-def test_the_fuzz_itself_sees_sound_missions() -> None:
-    # Were everything refused, the invariant above would hold of nothing.
-    assert refused_or_sound(CASE2) is not None
-    assert refused_or_sound(text_of(changed((RADIUS, 11.0)))) is not None
-
-
-def test_missions_are_frozen() -> None:
-    mission = load_mission("case1")
-    with pytest.raises(ValueError, match="frozen"):
-        setattr(mission.encirclement, "radius_m", 3.0)  # noqa: B010  # mypy would refuse it, too
-    assert replace(mission, vehicles=mission.vehicles[:1]).ids == (1,)
-
-
 # Profiles
-
-
-def test_every_vehicle_flies_with_its_own_profile() -> None:
-    mission = load_mission("mixed-team")
-    names = [vehicle.section.profile for vehicle in mission.vehicles]
-    profiles = [ProfileLibrary(MISSIONS).load(name) for name in names]
-    assert names == ["px4", "ardupilot", "px4"]
-    configs = [mission.agent_config(vehicle) for vehicle in mission.vehicles]
-    assert [config.plant for config in configs] == [profile.plant for profile in profiles]
-    assert [config.own_filter for config in configs] == [profile.own_filter for profile in profiles]
-    assert [vehicle.autopilot for vehicle in mission.vehicles] == names
-    assert configs[0].own_filter != configs[1].own_filter
 
 
 def test_a_stub_is_of_the_profiles_autopilot_unless_the_mission_says_otherwise() -> None:

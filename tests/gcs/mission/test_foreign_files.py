@@ -59,7 +59,7 @@ def test_a_pipe_and_a_device_are_refused_at_once(read: Callable[[Path], object],
         assert not is_foreign(path)
 
 
-@pytest.mark.parametrize("name", ["../own.toml", "{folder}/own.toml", "linked.toml", "pipe.toml", "/dev/zero", "a\0b"])
+@pytest.mark.parametrize("name", ["../own.toml", "{folder}/own.toml", "linked.toml", "pipe.toml", "/dev/zero"])
 def test_a_profile_is_a_file_in_the_mission_s_folder_or_none(name: str, pipe: Path, tmp_path: Path) -> None:
     inside = tmp_path / "inside"
     inside.mkdir()
@@ -98,7 +98,6 @@ TOO_MUCH = {
     "fence of 10 000 corners": CASE2.replace("[safety]\n", f"[safety]\nfence_m = [{CORNERS}]\n"),
     "fence of 2 000 corners": CASE2.replace("[safety]\n", f"[safety]\nfence_m = [{CORNERS[:26_000]}]]\n"),
     "50 000 unknown keys": CASE2.replace("[safety]\n", "[safety]\n" + "".join(f"k{i} = 1\n" for i in range(50_000))),
-    "8 000 unknown keys": CASE2.replace("[safety]\n", "[safety]\n" + "".join(f"k{i} = 1\n" for i in range(8_000))),
     "8 000 unknown sections": CASE2 + "".join(f"[k{i}]\n" for i in range(8_000)),
     "5 000 vehicles": CASE2 + "[[vehicles]]\nid = 9\n" * 5_000,
     "a key of 50 000 parts": "a." * 50_000 + "a = 1",

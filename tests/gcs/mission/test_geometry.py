@@ -1,7 +1,5 @@
 """Missions that do not fit into their own limits: each is refused, with the geometry in the message."""
 
-from math import cos, pi, sin
-
 import pytest
 
 from gcs.mission.geometry import fences, nearest_other
@@ -24,11 +22,6 @@ def box(left: float = -5.0, right: float = 110.0, low: float = -20.0, high: floa
 
 APART: Changes = {("vehicles", i, "slot_m"): [0.0, 4.0 * i] for i in range(3)}
 REFUSED: dict[str, tuple[Changes, list[str]]] = {
-    "two corners": (fenced((0.0, 0.0), (10.0, 0.0)), ["safety.fence_m: a fence needs at least 3 corners (given: 2)"]),
-    "equal corners": (
-        fenced((-5.0, -20.0), (110.0, -20.0), (110.0, -20.0), (110.0, 10.0), (-5.0, 10.0)),
-        ["safety.fence_m: corners 1 and 2 are the same, (110, -20)"],
-    ),
     "the last corner is the first": (
         fenced((-5.0, -20.0), (110.0, -20.0), (110.0, 10.0), (-5.0, 10.0), (-5.0, -20.0)),
         ["safety.fence_m: corners 4 and 0 are the same, (-5, -20)"],
@@ -44,10 +37,6 @@ REFUSED: dict[str, tuple[Changes, list[str]]] = {
             "safety.fence_m: the ring of 10.0 m around it is 1.25 m outside, with the target at (35, -5) after 0 s",
         ],
     ),
-    "all starts outside": (
-        box(left=2.5),
-        [f"vehicles[{i}].start_m: (0, {y}) is 2.50 m outside of safety.fence_m" for i, y in enumerate((4, 0, -4))],
-    ),
     "the target's path": (
         box(right=34.0),
         ["safety.fence_m: the target's path is 1.00 m outside, with the target at (35, -5) after 0 s"],
@@ -56,10 +45,6 @@ REFUSED: dict[str, tuple[Changes, list[str]]] = {
         {("vehicles", i, "slot_m"): [0.0, y] for i, y in enumerate((0.0, 2.5, 8.0))},
         ["vehicles[1].slot_m: 2.50 m from vehicles[0]'s, less than safety.separation_m = 3.0 m"],
     ),
-    "the same": (
-        {("vehicles", i, "slot_m"): [6.0 * cos(turn), 6.0 * sin(turn)] for i, turn in enumerate((0.0, pi, 2.0 * pi))},
-        ["vehicles[2].slot_m: 0.00 m from vehicles[0]'s, less than safety.separation_m = 3.0 m"],
-    ),
     "missing": (
         {("vehicles", 0, "slot_m"): [0.0, 0.0], ("vehicles", 2, "slot_m"): [9.0, 0.0]},
         ["vehicles[1].slot_m: this key is missing; vehicles[0] has one: all have one, or none"],
@@ -67,10 +52,6 @@ REFUSED: dict[str, tuple[Changes, list[str]]] = {
     "a free formation without places": (
         {("formation", "shape"): "free"},
         ["formation.shape: a free formation needs every vehicle's slot_m, and none has one"],
-    ),
-    "a column too near": (
-        {("formation", "spacing_m"): 1.0, ("formation", "shape"): "column"},
-        ["formation.spacing_m: 1.0 m is less than safety.separation_m = 3.0 m"],
     ),
     "a wedge too near, with places for a free formation": (
         APART | {("formation", "spacing_m"): 1.0, ("formation", "shape"): "wedge"},
@@ -83,10 +64,6 @@ REFUSED: dict[str, tuple[Changes, list[str]]] = {
     "no room between keep-out and ring": (
         {("safety", "keep_out_m"): 10.0},
         ["safety.keep_out_m: 10.0 m about the target leaves no room for the ring of encirclement.radius_m = 10.0 m"],
-    ),
-    "slower than the ring": (
-        {("safety", "speed_max_m_s"): 0.4},
-        ["safety.speed_max_m_s: 0.4 m/s is less than the 0.50 m/s of the ring"],
     ),
     "slower than ring and formation": (
         {("safety", "speed_max_m_s"): 0.1},
@@ -113,10 +90,6 @@ REFUSED: dict[str, tuple[Changes, list[str]]] = {
     "below the band": (
         {("safety", "altitude_min_m"): 8.0, ("vehicles", 1, "altitude_m"): 7.5},
         ["vehicles[1].altitude_m: 7.5 m is below safety.altitude_min_m = 8.0 m"],
-    ),
-    "above the band": (
-        {("safety", "altitude_max_m"): 8.0, ("vehicles", 2, "altitude_m"): 8.5},
-        ["vehicles[2].altitude_m: 8.5 m is above safety.altitude_max_m = 8.0 m"],
     ),
     "layers above the band": (
         {("safety", "altitude_max_m"): 13.0, ("choreography", "layer_m"): 2.0},
@@ -186,7 +159,7 @@ def test_who_keeps_station_on_a_neighbour_can_hear_it() -> None:
     parsed(changed(far | {("formation", "station"): "line"}))
 
 
-@pytest.mark.parametrize(("shape", "apart_m"), [("line", 30.0), ("wedge", 30.0), ("column", 60.0)])
+@pytest.mark.parametrize(("shape", "apart_m"), [("wedge", 30.0), ("column", 60.0)])
 def test_neighbours_in_every_shape_hear_each_other(shape: str, apart_m: float) -> None:
     spaced: Changes = {("formation", "spacing_m"): 30.0, ("formation", "shape"): shape}
     (told,) = faults(changed(spaced | {("network", "range_m"): apart_m - 0.1}))
@@ -203,31 +176,6 @@ def test_neighbours_on_the_ring_hear_each_other() -> None:
     assert told.startswith("encirclement.radius_m: the first two vehicles on a ring of 10 m are 20 m apart")
     assert "network.range_m = 19.9 m" in told
     parsed(changed({("network", "range_m"): 20.1}))
-
-
-def test_with_places_of_their_own_vehicles_need_no_spacing() -> None:
-    parsed(changed(APART | {("formation", "spacing_m"): 1.0}))
-
-
-def test_limits_that_just_do_are_accepted() -> None:
-    parsed(
-        changed(
-            {
-                ("safety", "speed_max_m_s"): 0.5,
-                ("tuning", "safety", "setpoint_speed_max_m_s"): 0.5,
-                ("safety", "acceleration_max_m_s2"): 0.026,
-                ("safety", "keep_out_m"): 9.9,
-                ("safety", "altitude_min_m"): 8.0,
-                ("safety", "altitude_max_m"): 14.0,
-                ("choreography", "layer_m"): 2.0,
-            }
-        )
-    )
-
-
-def test_every_fault_is_told_at_once() -> None:
-    wrong = box(high=3.75) | {("safety", "keep_out_m"): 10.0, ("safety", "altitude_max_m"): 5.0}
-    assert len(faults(changed(wrong))) == 1 + 3 + 2
 
 
 def test_the_nearest_other_vehicle_is_the_one_at_the_shortest_horizontal_distance() -> None:

@@ -17,7 +17,6 @@ from tests.support.mission_text import CASE2
         ("vehicles[0].start_m = [1.0, 2.5]", "vehicles[0].start_m", [1.0, 2.5]),
         ("formation.shape=wedge", "formation.shape", "wedge"),
         ('mission.name="a=b"', "mission.name", "a=b"),
-        ("frame.local=true", "frame.local", True),
         ("mission.name=", "mission.name", ""),
     ],
 )
@@ -34,10 +33,6 @@ def test_a_value_stands_in_place_of_the_files() -> None:
     assert after == before
 
 
-def test_without_values_the_text_stays_as_it_is() -> None:
-    assert overridden(CASE2, {}) == CASE2
-
-
 def test_a_mission_is_checked_with_its_values() -> None:
     assert load_mission("case2", {"encirclement.radius_m": 12}).encirclement.radius_m == 12.0
     with pytest.raises(MissionError) as raised:
@@ -52,7 +47,6 @@ def test_a_mission_is_checked_with_its_values() -> None:
         ("encirclement..radius_m", "not the path"),
         ("vehicles[7].id", "[7]"),
         ("vehicles.id", "id"),
-        ("encirclement[0]", "[0]"),
         ("nothing[0].id", "nothing"),
         ("mission.name.first", "first"),
         (".".join("a" * 40), "not the path"),
@@ -64,11 +58,6 @@ def test_a_place_that_cannot_be_is_named(place: str, names: str) -> None:
     (fault,) = raised.value.placed
     assert fault.place == place
     assert names in fault.reason
-
-
-def test_a_setting_without_a_value_is_refused() -> None:
-    with pytest.raises(InputError, match="radius_m"):
-        override("encirclement.radius_m")
 
 
 # Mission.replace
@@ -99,12 +88,6 @@ def test_profiles_beside_the_mission_are_found_after_it_was_changed(tmp_path: Pa
     (tmp_path / "own.toml").unlink()
     changed = mission.replace(vehicles={2: {"profile": "heavy.toml"}})
     assert [vehicle.plant.x.a0_per_s2 for vehicle in changed.vehicles[:2]] == [0.6, 0.3]
-
-
-def test_all_vehicles_are_replaced_by_an_array() -> None:
-    mission = load_mission("case2")
-    one = {"id": 2, "url": "udpin://127.0.0.1:14541", "endpoint": "tcp/127.0.0.1:7462", "start_m": [0.0, 0.0]}
-    assert mission.replace(vehicles=[one]).ids == (2,)
 
 
 @pytest.mark.parametrize(

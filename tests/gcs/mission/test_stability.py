@@ -48,7 +48,7 @@ def radius_errors(config: AgentConfig, ticks: int) -> Vector:
     return np.array(errors)
 
 
-@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0])
+@pytest.mark.parametrize("rate_hz", [5.0, 20.0])
 def test_the_radius_settles_as_fast_as_its_eigenvalue_says(
     make_config: Callable[..., AgentConfig], rate_hz: float
 ) -> None:
@@ -71,7 +71,7 @@ def test_a_radius_that_is_said_to_be_unstable_grows(make_config: Callable[..., A
     assert np.abs(radius_errors(calm, 40)[20:]).max() < 1e-4
 
 
-@pytest.mark.parametrize("members", [2, 3, 6, 12])
+@pytest.mark.parametrize("members", [2, 12])
 def test_the_references_are_spaced_as_the_spacing_law_says(
     make_config: Callable[..., AgentConfig], members: int
 ) -> None:

@@ -5,12 +5,10 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
-from agents.shell.ticker import TickTiming
 from gcs.mission.file import load_mission
 from gcs.preflight.computer import (
     ComputerFacts,
@@ -20,7 +18,6 @@ from gcs.preflight.computer import (
     Rehearsal,
     busiest,
     judge_computer,
-    lateness,
     measured_lateness,
     processes,
 )
@@ -29,8 +26,8 @@ from gcs.preflight.priority import Privileges, Scheduling
 from tests.support.paths import ROOT
 
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
-NICE = os.getpriority(os.PRIO_PROCESS, 0)
-"""The nice value of the tests themselves, which their processes inherit."""
+NICE, POLICY = os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0) if sys.platform == "linux" else 0
+"""The nice value and the policy of the tests themselves, which their processes inherit."""
 
 
 class Computer:
@@ -74,12 +71,6 @@ def test_timers_are_as_late_as_the_computer_pauses() -> None:
     assert end.missed == 9
 
 
-def test_without_a_tick_there_is_no_lateness() -> None:
-    with pytest.raises(ValueError, match="no tick"):
-        lateness([], 10.0)
-    assert lateness([TickTiming(0, 0.0, 0.01, 0)], 10.0).count == 1
-
-
 def test_the_rehearsal_plans_a_formation_with_the_messages_of_the_others() -> None:
     mission = load_mission("case2")
     rehearsal = Rehearsal(mission, mission.vehicles)
@@ -110,22 +101,22 @@ def test_the_busiest_programs_are_named_by_what_they_used_in_between() -> None:
 
 def test_a_program_that_computes_is_found_among_those_of_this_computer() -> None:
     """The system's own account of its processor time is the truth."""
-    command = "import sys, time\nwhile time.process_time() < 0.5: pass\nsys.stdin.read()"
+    command = "import sys, time\nwhile time.process_time() < 0.2: pass\nsys.stdin.read()"
     with subprocess.Popen([sys.executable, "-c", command], stdin=subprocess.PIPE) as spinner:
-        while _ticks(spinner.pid)["cpu"] < 0.4:
+        while _used_s(spinner.pid) < 0.15:
             time.sleep(0.05)
         after = processes()
         name, used_s = next(used for (pid, _), used in after.used.items() if pid == spinner.pid)
         assert spinner.stdin is not None
         spinner.stdin.close()
-    assert 0.399 < used_s < 0.6
+    assert 0.149 < used_s < 0.3
     only = Processes(1.0, {key: used for key, used in after.used.items() if key[0] == spinner.pid})
     assert busiest(Processes(0.0, {}), only) == [Program(name, spinner.pid, used_s)]
 
 
-def _ticks(pid: int) -> Mapping[str, float]:
+def _used_s(pid: int) -> float:
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return {"cpu": (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")}
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 RAISED = """
@@ -152,7 +143,11 @@ input()
 @pytest.mark.skipif(sys.platform != "linux", reason="priority and memory are those of Linux")
 @pytest.mark.parametrize(
     ("who", "scheduling", "policy"),
-    [("root", "REAL_TIME", (2, NICE, 1)), ("no real time", "RAISED", (0, -10, 0)), ("nobody", "NORMAL", (0, NICE, 0))],
+    [
+        ("root", "REAL_TIME", (2, NICE, 1)),
+        ("no real time", "RAISED", (POLICY, -10, 0)),
+        ("nobody", "NORMAL", (POLICY, NICE, 0)),
+    ],
 )
 def test_all_threads_are_raised_as_far_as_the_system_permits(
     who: str, scheduling: str, policy: tuple[int, int, int]
@@ -173,7 +168,7 @@ def test_all_threads_are_raised_as_far_as_the_system_permits(
         process.stdin.write("\n")
         process.stdin.flush()
         assert process.stdout.readline() == "restored\n"
-        assert _scheduled(process.pid) == [(0, NICE, 0)] * 3
+        assert _scheduled(process.pid) == [(POLICY, NICE, 0)] * 3
         assert _locked_kb(process.pid) == 0
         process.stdin.close()
 
@@ -205,9 +200,7 @@ def found(late_s: float, privileges: Privileges) -> dict[str, Finding]:
 ALL = Privileges(Scheduling.REAL_TIME, memory_locked=True)
 
 
-@pytest.mark.parametrize(
-    ("late_s", "grade"), [(0.05, Grade.PASS), (0.051, Grade.WARNING), (0.2, Grade.WARNING), (0.201, Grade.REFUSE)]
-)
+@pytest.mark.parametrize(("late_s", "grade"), [(0.05, Grade.PASS), (0.2, Grade.WARNING), (0.201, Grade.REFUSE)])
 def test_a_late_computer_is_refused_with_the_programs_that_keep_it_busy(late_s: float, grade: Grade) -> None:
     finding = found(late_s, ALL)["lateness"]
     assert (finding.grade, finding.subject) == (grade, "this computer")
@@ -219,7 +212,6 @@ def test_a_late_computer_is_refused_with_the_programs_that_keep_it_busy(late_s: 
 @pytest.mark.parametrize(
     ("privileges", "grade"),
     [
-        (ALL, Grade.PASS),
         (Privileges(Scheduling.RAISED, memory_locked=True), Grade.PASS),
         (Privileges(Scheduling.REAL_TIME, memory_locked=False), Grade.WARNING),
         (Privileges(Scheduling.NORMAL, memory_locked=True), Grade.WARNING),

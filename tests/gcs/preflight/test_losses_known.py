@@ -14,10 +14,8 @@ from gcs.preflight.link_facts import are_known, known_losses
     [
         (Losses(), None, True, True),
         (Losses(90.0), 11520.0, False, False),
-        (Losses(310.0), 11520.0, True, True),
         (Losses(200.0, 4.0, 2.0), None, False, True),
         (Losses(600.0, 20.0, 12.0), 11520.0, True, True),
-        (Losses(600.0, 48.0, 12.0), 5760.0, False, True),
         (Losses(600.0, 60.0, 15.0), 3840.0, False, False),
         (Losses(600.0, 60.0, 12.0), 1920.0, False, True),
     ],

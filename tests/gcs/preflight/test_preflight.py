@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from io import StringIO
 from math import pi, sin
@@ -14,7 +13,7 @@ from rich.console import Console
 
 from agents.ports import FlightMode, VehicleStatus
 from gcs.autopilots import ardupilot, px4, registry
-from gcs.autopilots.autopilot import STUB_UID, Autopilot
+from gcs.autopilots.autopilot import STUB_UID
 from gcs.autopilots.px4 import SITL_UID
 from gcs.errors import Exit
 from gcs.keys.roster import Holder
@@ -158,7 +157,6 @@ def test_an_estimator_is_graded_by_its_test_ratios() -> None:
 def test_an_estimator_that_does_not_know_what_it_should(subtests: pytest.Subtests) -> None:
     for change, grades in (
         ({"absolute": False}, ["refuse"]),
-        ({"wrong": ("accelerometer error",)}, ["refuse"]),
         ({"wrong": ("no attitude", "no height")}, ["refuse", "refuse"]),
         ({"glitch": True}, ["warning"]),
         ({"ratios": {}}, ["warning"]),
@@ -167,6 +165,9 @@ def test_an_estimator_that_does_not_know_what_it_should(subtests: pytest.Subtest
         with subtests.test(change=change, grades=grades):
             findings = team(estimator=replace(SURE, **change))
             assert grave(findings) == [(grade, "vehicle 2", "estimator") for grade in grades]
+    unheard = team(estimator=None, autopilot=ardupilot.AUTOPILOT, parameters=ARDUCOPTER)
+    assert grave(unheard) == [("warning", "vehicle 2", "estimator")]
+    assert "(EKF_STATUS_REPORT)" in unheard[0].found
 
 
 def test_an_estimator_in_a_local_frame_needs_no_place_on_earth() -> None:
@@ -178,14 +179,6 @@ def test_an_estimator_in_a_local_frame_needs_no_place_on_earth() -> None:
 
     assert found() == ["pass"]
     assert found(relative=False) == ["refuse", "pass"]
-
-
-def test_an_estimator_that_is_not_heard_is_a_warning_that_names_the_message() -> None:
-    findings = team(estimator=None)
-    assert grave(findings) == [("warning", "vehicle 2", "estimator")]
-    assert "(ESTIMATOR_STATUS)" in findings[0].found
-    copter = team(estimator=None, autopilot=ardupilot.AUTOPILOT, parameters=ARDUCOPTER)
-    assert any("(EKF_STATUS_REPORT)" in each.found for each in copter)
 
 
 def test_a_vehicle_without_a_place_is_not_told_so_by_its_estimator_again() -> None:
@@ -214,12 +207,6 @@ def test_a_vehicle_without_gps_is_refused_in_words_to_act_on() -> None:
     assert exit_code(findings) is Exit.REFUSED
 
 
-def test_arming_checks_that_fail_with_something_else_are_not_told_twice() -> None:
-    health = {**dict.fromkeys(HEALTH, True), HealthItem.GYROMETER: False, HealthItem.ARMING: False}
-    told = [each.found for each in team(health=health) if each.grade is Grade.REFUSE]
-    assert told == ["gyrometer calibration: not healthy"]
-
-
 def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
     health = {**dict.fromkeys(HEALTH, True), HealthItem.GYROMETER: False}
     checks = ("PreArm: Gyros not calibrated", "PreArm: BatteryReport 1 low voltage failsafe")
@@ -232,7 +219,6 @@ def test_an_item_quotes_the_failed_checks_that_are_about_it() -> None:
 
 def test_what_waiting_may_resolve(subtests: pytest.Subtests) -> None:
     for changes, temporary in (
-        ({"health": {}}, True),
         ({"mode_received": False}, True),
         ({"health": {**dict.fromkeys(HEALTH, True), HealthItem.HOME_POSITION: False}}, True),
         ({"health": {**dict.fromkeys(HEALTH, True), HealthItem.ARMING: False}}, True),
@@ -242,7 +228,6 @@ def test_what_waiting_may_resolve(subtests: pytest.Subtests) -> None:
         ({"gps": GpsFix(0, 0), "health": {HealthItem.GLOBAL_POSITION: False}}, True),
         ({"estimator": replace(SURE, ratios={**RATIOS, "compass": 1.5})}, True),
         ({"telemetry_rate_hz": 7.9}, True),
-        ({"multicopter": False}, False),
         ({"parameters": {**PX4, "COM_OF_LOSS_T": 6.0}}, False),
         ({"unreachable": ("no heartbeat", "start it")}, False),
         ({"position_m": (50.0, 0.0, 0.0)}, False),
@@ -281,7 +266,6 @@ def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
         ({"gps": GpsFix(3, 7)}, [("warning", "gps")]),
         ({"gps": GpsFix(2, 9)}, [("warning", "gps")]),
         ({"gps": GpsFix(3, None)}, []),
-        ({"gps": None}, []),
         ({"telemetry_rate_hz": 15.9}, [("warning", "telemetry")]),
         ({"telemetry_rate_hz": 16.0}, []),
         ({"telemetry_rate_hz": 7.9}, [("refuse", "telemetry")]),
@@ -290,6 +274,7 @@ def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
         ({"link": LinkReport()}, [("warning", "latency")]),
         ({"clock_ratio": None}, [("warning", "clock")]),
         ({"clock_ratio": 1.05}, [("warning", "clock")]),
+        ({"clock_ratio": 4.0}, [("refuse", "clocks")]),
     ):
         with subtests.test(changes=changes, expected=expected):
             assert [(grade, check) for grade, _, check in grave(team(**changes))] == expected
@@ -297,7 +282,6 @@ def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
 
 def test_what_is_not_well_with_its_status(subtests: pytest.Subtests) -> None:
     for status, expected in (
-        ({"armed": True}, [("refuse", "armed")]),
         ({"in_air": True}, [("refuse", "armed")]),
         ({"mode": FlightMode.READY}, []),
         ({"mode": FlightMode.OTHER}, [("warning", "mode")]),
@@ -343,11 +327,6 @@ def test_arming_checks_depend_on_the_mode(mode: FlightMode, grade: str) -> None:
     health = {**dict.fromkeys(HEALTH, True), HealthItem.ARMING: False}
     findings = team(health=health, status=structs.replace(well(2).status, mode=mode))
     assert (grade, "vehicle 2", "health") in grave(findings)
-
-
-def test_a_shift_common_to_all_is_no_disagreement_but_each_is_off() -> None:
-    shifted = [well(i, position_m=(5.0, CASE2.vehicle(i).section.start_m[1], 0.0)) for i in CASE2.ids]
-    assert grave(preflight(CASE2, shifted)) == [("warning", f"vehicle {i}", "start") for i in CASE2.ids]
 
 
 def test_a_team_in_the_wrong_place_is_one_finding(subtests: pytest.Subtests) -> None:
@@ -398,7 +377,6 @@ def test_heights_of_the_ground_that_leave_too_little_between_layers(subtests: py
     # Layers of 3 m; vehicles 2 m apart in height do not evade each other.
     layered = changed(choreography={"layer_m": 3.0, "landing": "return"})
     for mission, heights_m, expected in (
-        (layered, (0.0, 0.9, 0.0), []),
         (layered, (0.0, -1.1, 0.0), [("warning", "3.1 m apart")]),
         (layered, (1.9, 1.9, 1.9), []),
         (layered, (0.0, 0.0, 3.8), [("refuse", "5.8 m apart")]),
@@ -421,14 +399,8 @@ def test_heights_of_the_ground_that_leave_too_little_between_layers(subtests: py
             ]
 
 
-def test_clocks_of_different_speed_are_refused() -> None:
-    assert grave(team(clock_ratio=4.0)) == [("refuse", "mission", "clocks")]
-    assert grave(preflight(CASE2, [well(i, clock_ratio=4.0) for i in CASE2.ids])) == []
-
-
 def test_px4_parameters(subtests: pytest.Subtests) -> None:
     for name, value, grade in (
-        ("COM_OBL_RC_ACT", 0.0, "warning"),
         ("COM_OBL_RC_ACT", 3.0, "warning"),
         ("COM_OBL_RC_ACT", 5.0, None),
         ("COM_OBL_RC_ACT", 7.0, "refuse"),
@@ -437,10 +409,8 @@ def test_px4_parameters(subtests: pytest.Subtests) -> None:
         ("COM_OF_LOSS_T", 2.1, "warning"),
         ("COM_OF_LOSS_T", 5.1, "refuse"),
         ("NAV_DLL_ACT", 2.0, "warning"),
-        ("NAV_DLL_ACT", 3.0, None),
         ("NAV_DLL_ACT", 5.0, "refuse"),
         ("GF_MAX_HOR_DIST", 50.0, "warning"),
-        ("GF_MAX_HOR_DIST", 200.0, None),
         ("GF_MAX_VER_DIST", 7.0, "warning"),
         ("GF_MAX_VER_DIST", 8.0, None),
         ("MPC_XY_VEL_MAX", 0.59, "refuse"),
@@ -457,12 +427,10 @@ def test_px4_parameters(subtests: pytest.Subtests) -> None:
 
 def test_arducopter_parameters(subtests: pytest.Subtests) -> None:
     for changes, grades in (
-        ({}, []),
         ({"FS_THR_ENABLE": 0.0}, ["warning"]),
         ({"FS_GCS_ENABLE": 0.0}, ["warning"]),
         ({"FS_GCS_ENABLE": 1.0}, ["warning"]),
         ({"GUID_TIMEOUT": 6.0}, ["warning"]),
-        ({"FENCE_ENABLE": 1.0}, []),
         ({"FENCE_ENABLE": 1.0, "FENCE_RADIUS": 50.0}, ["warning"]),
         ({"FENCE_ENABLE": 1.0, "FENCE_RADIUS": 50.0, "FENCE_TYPE": 5.0}, []),
         ({"FENCE_ENABLE": 1.0, "FENCE_ALT_MAX": 7.0}, ["warning"]),
@@ -477,12 +445,12 @@ def test_arducopter_parameters(subtests: pytest.Subtests) -> None:
             assert [each[0] for each in grave(findings)] == grades
 
 
-@pytest.mark.parametrize("kind", [px4.AUTOPILOT, ardupilot.AUTOPILOT])
-def test_a_parameter_that_cannot_be_read_is_a_warning_with_its_name(kind: Autopilot) -> None:
-    findings = team(autopilot=kind, parameters={})
-    told = " ".join(f"{each.found} {each.next_step}" for each in findings if each.grade is Grade.WARNING)
-    assert worst(findings) is Grade.WARNING
-    assert [name for names in kind.parameters_wanted for name in names if name not in told] == []
+def test_a_parameter_that_cannot_be_read_is_a_warning_with_its_name() -> None:
+    for kind in (px4.AUTOPILOT, ardupilot.AUTOPILOT):
+        findings = team(autopilot=kind, parameters={})
+        told = " ".join(f"{each.found} {each.next_step}" for each in findings if each.grade is Grade.WARNING)
+        assert worst(findings) is Grade.WARNING
+        assert [name for names in kind.parameters_wanted for name in names if name not in told] == []
 
 
 def test_a_fence_that_terminates_is_refused_only_where_it_is_in_force() -> None:
@@ -564,36 +532,26 @@ def test_the_gravest_come_first_and_all_is_told_to_people_and_to_scripts() -> No
     assert "battery" in battery["next_step"]
 
 
-def test_people_read_reason_and_next_step_only_of_what_is_not_well(rendered: Callable[[object], str]) -> None:
+def rendered(renderable: object) -> str:
+    console = Console(width=120, file=StringIO())
+    console.print(renderable)
+    assert isinstance(console.file, StringIO)
+    return console.file.getvalue().strip()
+
+
+def test_people_read_reason_and_next_step_only_of_what_is_not_well() -> None:
     findings = team(multicopter=False, gps=GpsFix(3, 7))
     text = rendered(findings_view("case2", findings, passes=True))
     assert text.count("why: ") == text.count("next: ") == 2
     lines = text.splitlines()
     grades = [line.split()[0] for line in lines[:-1] if line.split()[0] in {"pass", "warning", "refuse"}]
     assert grades == sorted(grades, key=["pass", "warning", "refuse"].index), "refusals are next to the prompt"
-    assert grades[-2:] == ["warning", "refuse"]
     assert facts_missing(lines[-1], "case2", "1 refuse", "1 warning") == []
-    assert sum("it is a multicopter" in line for line in lines) == 1, "what is the same is told once"
-    assert any("vehicles 1, 3" in line and "it is a multicopter" in line for line in lines)
+    same = [line for line in lines if "it is a multicopter" in line]
+    assert ["vehicles 1, 3" in line for line in same] == [True], "what is the same is told once"
     few = rendered(findings_view("case2", findings))
     assert [line.split()[0] for line in few.splitlines() if not line.startswith(" ")] == ["warning", "refuse", "case2:"]
     assert few.splitlines()[-1] == lines[-1], "the passes are still counted"
-
-
-@pytest.fixture
-def rendered() -> Callable[[object], str]:
-    def render(renderable: object) -> str:
-        console = Console(width=120, file=StringIO())
-        with console.capture() as captured:
-            console.print(renderable)
-        return captured.get().strip()
-
-    return render
-
-
-def test_a_finding_to_act_on_says_why_and_what_next() -> None:
-    with pytest.raises(ValueError, match="without a reason"):
-        Finding(Grade.WARNING, 2, "battery", "it is low")
 
 
 def test_facts_hold_finite_numbers() -> None:
@@ -608,7 +566,6 @@ def test_facts_hold_finite_numbers() -> None:
 
 def test_an_arducopter_whose_failsafe_watches_another_station(subtests: pytest.Subtests) -> None:
     for changes, expected in (
-        ({"SYSID_MYGCS": 255.0}, ["SYSID_MYGCS = 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 255.0}, ["MAV_GCS_SYSID = 255"]),
         ({"SYSID_MYGCS": None, "MAV_GCS_SYSID": 245.0}, []),
         ({"SYSID_MYGCS": 255.0, "FS_GCS_ENABLE": 0.0}, []),
@@ -657,11 +614,6 @@ def test_areas_of_a_fence_that_does_not_act_are_none(subtests: pytest.Subtests) 
             assert bool([each for each in findings if each.check == "fence areas"]) is acts
 
 
-def test_an_area_is_a_polygon_of_finite_corners() -> None:
-    with pytest.raises(ValueError, match="three finite corners"):
-        FenceArea(((0.0, 0.0), (1.0, 0.0)), True)
-
-
 SERIAL = "serial:///dev/ttyUSB0:%d"
 
 
@@ -674,9 +626,7 @@ def on_one_line(baud: int, received_bytes_s: float | None = None) -> dict[str, F
     return {each.check: each for each in found if each.check.startswith("link ")}
 
 
-@pytest.mark.parametrize(
-    ("baud", "grade"), [(921600, Grade.PASS), (115200, Grade.PASS), (76800, Grade.WARNING), (57600, Grade.REFUSE)]
-)
+@pytest.mark.parametrize(("baud", "grade"), [(115200, Grade.PASS), (76800, Grade.WARNING), (57600, Grade.REFUSE)])
 def test_what_a_line_is_asked_for_is_held_against_its_rate(baud: int, grade: Grade) -> None:
     budget = on_one_line(baud)["link budget"]
     assert budget.grade is grade
@@ -710,7 +660,6 @@ def losses_found(losses: Losses, rates: str = "auto", **facts: Any) -> Finding:
 @pytest.mark.parametrize(
     ("losses", "rates", "grade"),
     [
-        (Losses(500.0), "auto", Grade.PASS),
         (Losses(500.0, 50.0, 45.0), "fixed", Grade.PASS),
         (Losses(500.0, 25.0, 8.0), "auto", Grade.WARNING),  # eight bursts leave it open
         (Losses(600.0, 30.0, 10.0), "auto", Grade.PASS),
@@ -719,28 +668,15 @@ def losses_found(losses: Losses, rates: str = "auto", **facts: Any) -> Finding:
     ],
 )
 def test_losses_refuse_a_link_that_would_be_silent_for_too_long(losses: Losses, rates: str, grade: Grade) -> None:
-    assert losses_found(losses, rates).grade is grade
-
-
-def test_what_is_said_of_losses_holds_the_figures_and_what_helps() -> None:
-    found = losses_found(Losses(500.0, 25.0, 8.0), "fixed")
-    assert "5% of its messages are lost, 3.1 in a row" in found.found
-    assert "COM_OF_LOSS_T" in found.why
-    assert 'rates = "auto"' in found.next_step
-    assert "COM_OF_LOSS_T to 2 s" in found.next_step
-    assert (
-        losses_found(Losses(500.0, 25.0, 8.0), "fixed", parameters={**PX4, "COM_OF_LOSS_T": 30.0}).found != found.found
-    )
-    other = losses_found(Losses(500.0, 25.0, 8.0), autopilot=ardupilot.AUTOPILOT, parameters=ARDUCOPTER)
-    assert "offboard" not in other.why
+    found = losses_found(losses, rates)
+    assert found.grade is grade
+    if grade is Grade.REFUSE and rates == "fixed":
+        assert "5% of its messages are lost, 3.1 in a row" in found.found
+        assert facts_missing(found.next_step, 'rates = "auto"', "COM_OF_LOSS_T to 2 s") == []
 
 
 def test_few_frames_do_not_show_losses() -> None:
     assert not [each for each in team(losses=Losses(50.0, 10.0, 1.0)) if each.check == "losses"]
-
-
-def test_a_line_that_is_too_slow_at_any_rate_is_told_so() -> None:
-    assert "faster radio" in on_one_line(9600)["link budget"].next_step
 
 
 @pytest.mark.parametrize(("received_bytes_s", "grade"), [(2500.0, Grade.PASS), (7000.0, Grade.WARNING)])

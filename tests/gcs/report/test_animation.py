@@ -16,7 +16,7 @@ from tests.support.report_evidence import flown
 
 pytestmark = pytest.mark.slow
 
-FRAMES_MAX, FRAMES = animation.FRAMES_MAX, 20
+FRAMES_MAX, FRAMES = animation.FRAMES_MAX, 6
 BODY_PX = 5
 """A square of this size lies within a vehicle's mark, and not within the line of its path."""
 

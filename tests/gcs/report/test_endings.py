@@ -88,6 +88,8 @@ def test_where_a_vehicle_was_last_that_was_unaccounted_for_comes_first(log: Flig
         line = lost.unaccounted[0].line
         assert "height 8.5 m" in line
         assert text.index(line) < text.index(lost.headline)
+    assert page.index(lost.headline) < page.index("all verdicts pass")
+    assert "All verdicts pass" not in page
 
 
 def test_a_log_that_does_not_say_how_a_vehicle_ended_ends_in_flight(log: FlightLog, tmp_path: Path) -> None:
@@ -109,13 +111,8 @@ def all_held(ending: TeamEnding | None) -> FlightResult:
 
 
 def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
-    evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
     result = all_held(KILLED)
     assert headline(result) == "Until then: all verdicts pass"
-    page = report_html(evidence, result, criteria, ring_flight())
-    assert page.index("Killed by the operator: vehicle 2") < page.index("all verdicts pass")
-    assert "All verdicts pass" not in page
-    assert page.index("an operator had its motors cut") < page.index("all verdicts pass")
     console = Console(file=StringIO(), width=100)
     console.print(terminal_summary(result))
     assert isinstance(console.file, StringIO)

@@ -51,12 +51,6 @@ def test_a_belief_between_two_samples_of_the_truth_is_held_against_the_truth_bet
     assert error.error_m == pytest.approx(np.zeros((between_s.size, 2)), abs=1e-12)
 
 
-def test_outside_the_record_nothing_is_compared() -> None:
-    late_s = np.array([9.95, 10.0, 10.05])
-    (error,) = target_errors(flight(TEAM[0]), (VehicleEvidence(1, target=belief(np.zeros((3, 2)), late_s)),))[1]
-    assert np.isfinite(error.error_m[:, 0]).tolist() == [True, True, False]
-
-
 def test_without_a_truth_nobody_is_told_how_wrong_it_was_about_itself() -> None:
     unknown = replace(flight(*TEAM), reference="estimate")
     assert own_errors(unknown, TEAM) == []
@@ -77,12 +71,6 @@ def test_where_nobody_knows_the_target_each_is_held_against_the_others() -> None
     for row, error in enumerate(errors):
         others = np.mean([OFFSETS_M[other] for other in range(3) if other != row], axis=0)
         assert error.error_m == pytest.approx(np.tile(OFFSETS_M[row] - others, (TIME_S.size, 1)))
-
-
-def test_alone_with_an_unknown_target_there_is_nothing_to_compare_with() -> None:
-    blind = replace(flight(TEAM[0]), target_position_m=np.full_like(TARGET_M, np.nan))
-    (error,) = target_errors(blind, TEAM[:1])[1]
-    assert np.isnan(error.error_m).all()
 
 
 def test_one_that_does_not_know_of_the_target_yet_is_no_part_of_the_others_mean() -> None:

@@ -36,12 +36,6 @@ def closing(first_rad: float, second_rad: float, third_rad: float) -> FlightReco
     return ring(*(index * tau / 3 + each * fading for index, each in enumerate(off)))
 
 
-def test_an_even_ring_has_none() -> None:
-    assert lyapunov_rad2(ring_motion(ring(0.0, tau / 3, 2 * tau / 3))) == pytest.approx(
-        np.zeros(TIME_S.size), abs=1e-18
-    )
-
-
 def test_it_is_half_the_sum_of_the_squared_spacing_errors() -> None:
     value_rad2 = lyapunov_rad2(ring_motion(ring(0.1, tau / 3, 2 * tau / 3 - 0.2)))
     errors_rad = (-0.1, -0.2, 0.3)  # from each to the next in front
@@ -89,10 +83,3 @@ def test_fewer_than_two_have_nothing_to_space(flight: FlightRecord) -> None:
     motion = ring_motion(flight)
     assert np.isnan(lyapunov_rad2(motion)).all()
     assert decays(TIME_S, motion, GAMMA) == ()
-
-
-def test_without_a_gain_nothing_is_promised() -> None:
-    (stretch,) = decays(TIME_S, ring_motion(closing(0.2, 0.0, 0.0)), None)
-    assert stretch.decay_per_s is None
-    assert stretch.expected_after_s is None
-    assert np.isnan(stretch.expected_rad2(TIME_S)).all()

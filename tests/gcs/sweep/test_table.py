@@ -39,7 +39,7 @@ LEFT_OUT = {
 @pytest.fixture(scope="module")
 def result() -> FlightResult:
     mission = load_mission("case2", NEAR)
-    return evaluated(mission, fly_simulated(mission, 1, 90.0, lambda _: None))
+    return evaluated(mission, fly_simulated(mission, 1, 70.0, lambda _: None))
 
 
 def test_every_metric_of_a_result_has_a_column(result: FlightResult) -> None:
@@ -113,8 +113,8 @@ def test_a_table_has_a_row_for_each_run(swept: tuple[SweepPlan, dict[int, Row]])
 def test_equal_rows_are_equal_bytes_in_any_order(swept: tuple[SweepPlan, dict[int, Row]]) -> None:
     plan, rows = swept
     tasks = Tasks(plan)
-    again = {run.index: flown(tasks.of(run)) for run in reversed(plan.runs) if "error" not in rows[run.index]}
-    backwards = dict(sorted((rows | again).items(), reverse=True))
+    first = plan.runs[0]
+    backwards = dict(sorted((rows | {first.index: flown(tasks.of(first))}).items(), reverse=True))
     assert table_bytes(plan, backwards) == table_bytes(plan, rows)
 
 

@@ -30,12 +30,6 @@ def stamp_us(log: bytes, at: int) -> int:
     return int(struct.unpack_from("<Q", log, at + 3)[0])
 
 
-def whole(log: VehicleLog) -> VehicleLog:
-    assert log.position is not None
-    assert log.setpoint is not None
-    return log
-
-
 def shifted(log: bytes, since_us: int, jump_m: float = JUMP_M) -> bytes:
     """ArduPilot's log whose position jumps north while its velocity stays what it is."""
     out = bytearray(log)
@@ -64,7 +58,7 @@ def with_status(log: bytes, since_us: int) -> bytes:
 
 def reset_s(log: VehicleLog, since_us: int, begin_us: int) -> tuple[float, float]:
     """Return the times of the last position before the reset, and of the first after it."""
-    times_s = whole(log).position.time_s  # type: ignore[union-attr]
+    times_s = log.series()["position"].time_s
     after = int(np.searchsorted(times_s, (since_us - begin_us) / 1e6 - 1e-6))
     return float(times_s[after - 1]), float(times_s[after])
 
@@ -150,11 +144,9 @@ def test_setpoints_that_are_none_end_a_part(read: Read) -> None:
         struct.pack_into("<3f", log, at + 12, 473977420.0, 85455940.0, 800.0)
     found, plain = read(bytes(log)), read(EXCITATION)
     assert any("GUIP: 100 targets in latitude and longitude" in note for note in found.notes)
-    assert found.setpoint is not None
-    assert plain.setpoint is not None
-    given = np.isfinite(found.setpoint.values).all(axis=1)
+    given = np.isfinite(found.series()["setpoint"].values).all(axis=1)
     assert (~given).sum() == 100
-    assert found.setpoint.values[given].tolist() == plain.setpoint.values[given].tolist()
+    assert found.series()["setpoint"].values[given].tolist() == plain.series()["setpoint"].values[given].tolist()
     begin_s, end_s = ((stamp_us(EXCITATION, at) - begin_us(EXCITATION)) / 1e6 for at in (sent[0], sent[100]))
     parts = excerpts_of(recording_of(found))
     assert sum(part.duration_s for part in parts) > 135.0
@@ -173,13 +165,10 @@ def test_reset_counters_of_px4_are_read(read: Read) -> None:
 
 def test_of_an_autopilot_that_restarted_the_longest_boot_is_read(read: Read, subtests: pytest.Subtests) -> None:
     """A log goes on in the same file."""
-    for name, log in (("bin", BIN), ("ulg", ULOG)):
-        for short_first in (True, False):
-            with subtests.test(name=name, short_first=short_first):
-                short = log[: len(log) * 2 // 3]
-                both, alone = read(short + log if short_first else log + short), read(log)
-                assert both.position is not None
-                assert alone.position is not None
-                assert both.position.values.tolist() == alone.position.values.tolist()
-                assert both.position.time_s == pytest.approx(alone.position.time_s)
-                assert any(f"the longest was read, number {1 + short_first}" in note for note in both.notes)
+    for name, log, short_first in (("bin", BIN, True), ("ulg", ULOG, False)):
+        with subtests.test(name=name):
+            short = log[: len(log) * 2 // 3]
+            both, alone = read(short + log if short_first else log + short), read(log)
+            assert both.series()["position"].values.tolist() == alone.series()["position"].values.tolist()
+            assert both.series()["position"].time_s == pytest.approx(alone.series()["position"].time_s)
+            assert any(f"the longest was read, number {1 + short_first}" in note for note in both.notes)
