@@ -1,7 +1,6 @@
 """The command line of the experiments."""
 
-from argparse import ArgumentParser, ArgumentTypeError
-from math import isfinite
+from argparse import ArgumentParser
 
 
 def parser(name: str, description: str) -> ArgumentParser:
@@ -15,14 +14,3 @@ def seeded_parser(name: str, description: str, count: int) -> ArgumentParser:
     reader.add_argument("count", nargs="?", type=int, default=count, help="number of seeds (default: %(default)s)")
     reader.add_argument("first", nargs="?", type=int, default=0, help="first seed (default: %(default)s)")
     return reader
-
-
-def positive(text: str) -> float:
-    """Return a number above 0; raises ArgumentTypeError."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not (isfinite(number) and number > 0.0):
-        raise ArgumentTypeError(f"it must be a number above 0 (given: {text!r})")
-    return number

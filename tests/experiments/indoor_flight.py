@@ -28,7 +28,7 @@ from gcs.errors import InputError
 from gcs.keys.team_keys import team_keys
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from tests.experiments.arguments import parser, positive
+from tests.experiments.arguments import parser
 from tests.support.px4 import Px4Simulator
 from tests.support.wire import cordon
 
@@ -197,7 +197,7 @@ def cameras_for(mission: Mission, place: Triple) -> Iterator[Cameras]:
 def main(arguments: Sequence[str] = sys.argv[1:]) -> int:
     """Fly, and print the figures."""
     reader = parser("indoor_flight", __doc__ or "")
-    reader.add_argument("--duration", type=positive, default=120.0, help="seconds of the flight (default: %(default)s)")
+    reader.add_argument("--duration", type=float, default=120.0, help="seconds of the flight (default: %(default)s)")
     options = reader.parse_args(arguments)
     simulator = Px4Simulator(0, speed=1.0, parameters=INDOORS)
     with tempfile.TemporaryDirectory() as folder:

@@ -95,8 +95,6 @@ def ring_settled_s(
 def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the settling time of the spacings between neighbours after the loss, and the largest error."""
     config = scene.mission.agent_config(scene.mission.vehicles[0])
-    if scene.shape is not None:
-        config = config.reshaped(scene.shape)
     slots = np.array([config.slot_offset_m(each, scene.mission.ids[0]) for each in scene.mission.ids])
     off = (flight.motion[..., POSITION] - slots)[:, stay]
     error_m = np.linalg.norm(np.diff(off, axis=1), axis=-1).max(axis=1)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from agents.core import VehicleCore
 from agents.inputs import Message, ReceivedInput
 from agents.settings.config import AgentConfig
-from agents.settings.shapes import Shape
 from agents.team.messages import OperatorCommand
 from estimation.state import Vector
 from gcs.flight.simulated import simulated_vehicles
@@ -31,8 +30,7 @@ class Scene:
     """A scene: its mission, the absences, its duration, and the begin of settling.
 
     Spacings have to settle, and radii to within `radius_share` of the ring's; where a vehicle was lost the ring is
-    bent, and radii are not checked. `told` are the operators' commands to the team with their times. The radio of
-    `unheard_id` fails at `CHANGE_S` in both directions.
+    bent, and radii are not checked. The radio of `unheard_id` fails at `CHANGE_S` in both directions.
     """
 
     mission: Mission
@@ -40,19 +38,13 @@ class Scene:
     duration_s: float
     from_s: float
     radius_share: float = 0.05
-    told: tuple[OperatorCommand, ...] = ()
     unheard_id: int | None = None
-
-    @property
-    def shape(self) -> Shape | None:
-        """The final shape of the formation, None for the mission's."""
-        return next((command.shape for command in reversed(self.told) if command.shape is not None), None)
 
     @property
     def gone(self) -> set[int | None]:
         """The vehicles that are not members at the end."""
         lost = {absence.vehicle_id for absence in self.absences if absence.to_s == inf}
-        return lost | {self.unheard_id} | {command.vehicle for command in self.told}
+        return lost | {self.unheard_id}
 
     def there(self, time_s: Vector) -> NDArray[np.bool_]:
         """Return which agents are present (T, N)."""
@@ -72,8 +64,8 @@ class _CutOff(VehicleCore):
 
     def take(self, item: ReceivedInput) -> None:
         if isinstance(item, Message) and item.now_s >= CHANGE_S:
-            sender = None if isinstance(item.message, OperatorCommand) else item.message.sender
-            if not self._hears or sender == self._unheard_id:
+            assert not isinstance(item.message, OperatorCommand)
+            if not self._hears or item.message.sender == self._unheard_id:
                 return
         super().take(item)
 
@@ -82,18 +74,7 @@ def flown(scene: Scene, seed: int) -> SimulatedFlight:
     """Fly a scene."""
     core = VehicleCore if scene.unheard_id is None else partial(_CutOff, scene.unheard_id)
     vehicles = simulated_vehicles(scene.mission, seed, core, scene.absences)
-    told = list(scene.told)
-
-    def tell(now_s: float) -> None:
-        while told and now_s >= told[0].time_s:
-            command = told.pop(0)
-            for vehicle in vehicles:
-                if vehicle.present:
-                    vehicle.core.take(Message(now_s, command))
-                    if command.verb == "formation":
-                        break  # one vehicle receives it; it reaches the others in peers' states
-
-    return observed(scene.mission, seed, duration_s=scene.duration_s, vehicles=vehicles, progress=tell)
+    return observed(scene.mission, seed, duration_s=scene.duration_s, vehicles=vehicles)
 
 
 def field(
@@ -161,16 +142,6 @@ def cut_off_on_the_ring(seed: int) -> Scene:
     return Scene(parsed(mission), (), 130.0, CHANGE_S, radius_share=inf, unheard_id=unheard_id)
 
 
-def leave_the_ring(seed: int) -> Scene:
-    """Three to eight on the ring; one is commanded to hold there, or to land."""
-    scene, random = cut_off_on_the_ring(seed), np.random.default_rng([12, seed])
-    return replace(scene, unheard_id=None, told=(told_off(random, int(random.choice(scene.mission.ids))),))
-
-
-def told_off(random: np.random.Generator, vehicle_id: int) -> OperatorCommand:
-    return OperatorCommand(CHANGE_S, "hold" if random.random() < 0.5 else "land", vehicle_id, "tower", 0)
-
-
 def alone_on_the_ring(seed: int) -> Scene:
     """One vehicle on a ring, about its own sightings of the target with an error of half a metre."""
     random = np.random.default_rng([13, seed])
@@ -230,15 +201,6 @@ def leader_back(seed: int) -> Scene:
     return replace(scene, absences=(replace(lost, to_s=back_s, at_m=place_m),), duration_s=150.0, from_s=back_s)
 
 
-def reshaped(seed: int) -> Scene:
-    """Three to six in one shape are commanded to change to another."""
-    scene, random = leader_lost(seed), np.random.default_rng([7, seed])
-    before, after = random.permutation(["line", "column", "wedge"])[:2].tolist()
-    told = ((0.0, before), (CHANGE_S, after))
-    commands = (OperatorCommand(at_s, "formation", None, "tower", number, to) for number, (at_s, to) in enumerate(told))
-    return replace(scene, absences=(), told=tuple(commands), duration_s=120.0)
-
-
 def follower_joins(seed: int) -> Scene:
     """One alone in formation, or up to five; one more starts behind."""
     random = np.random.default_rng([10, seed])
@@ -252,13 +214,6 @@ def follower_joins(seed: int) -> Scene:
     return Scene(parsed(mission), (Absence(comer, 0.0, CHANGE_S, place_m),), 120.0, CHANGE_S)
 
 
-def follower_leaves(seed: int) -> Scene:
-    """Three to six in formation; one that does not lead is commanded to hold, or to land."""
-    scene, random = leader_lost(seed), np.random.default_rng([11, seed])
-    others = [vehicle_id for vehicle_id in scene.mission.ids if vehicle_id != scene.mission.formation.leader]
-    return replace(scene, absences=(), told=(told_off(random, int(random.choice(others))),))
-
-
 def sixteen(seed: int) -> Scene:
     """Sixteen in a line encircle one target."""
     random = np.random.default_rng([4, seed])
@@ -267,49 +222,16 @@ def sixteen(seed: int) -> Scene:
     return Scene(parsed(mission), (), 200.0, 0.0)
 
 
-def two_groups(seed: int) -> Scene:
-    """Two groups approach one target from two sides, at first out of each other's radio range."""
-    random = np.random.default_rng([8, seed])
-    here, there = (int(each) for each in random.integers(1, 5, 2))
-    away_m = float(random.uniform(30.0, 40.0))
-    starts = [(0.0, y) for _, y in abreast(here)] + [(away_m * 2.0, y) for _, y in abreast(there)]
-    rate = drawn_rate(random, 0.05, 0.12)
-    mission = field(random, starts, radius_m=12.0, rate_rad_s=rate, target_m=(away_m, 0.0))
-    mission["network"]["range_m"] = 40.0
-    return Scene(parsed(mission), (), 120.0, 0.0)
-
-
-def coming_and_going(seed: int) -> Scene:
-    """Up to ten at a ring with little spare room: some start late, some are lost, some of these return."""
-    random = np.random.default_rng([5, seed])
-    count = int(random.integers(4, 11))
-    mission, radius_m = tight(random, count, radius_least_m=8.0, rate_least_rad_s=0.04)
-    absences = []
-    for vehicle_id in random.permutation(count)[: count // 2] + 1:
-        bearing_rad, away_m = random.uniform(0.0, tau), radius_m + random.uniform(10.0, 25.0)
-        from_s = float(random.choice([0.0, 5.0 * random.integers(8, 14)]))
-        back_s = float(random.choice([CHANGE_S * 2.0 - random.integers(0, 40), inf])) if from_s else CHANGE_S
-        place_m = None if back_s == inf else beside_target(mission, back_s, bearing_rad, away_m)
-        absences.append(Absence(int(vehicle_id), from_s, back_s, place_m))
-    last_s = max(time_s for absence in absences for time_s in (absence.from_s, absence.to_s) if time_s < inf)
-    return Scene(parsed(mission), tuple(absences), 240.0, last_s, radius_share=inf)
-
-
 # Each with whether it is flown in formation, and its limit of the settling time [s].
 SCENES: dict[str, tuple[Callable[[int], Scene], bool, float]] = {
     "3 -> 2 on the ring": (loss_on_the_ring, False, 40.0),
-    "told to leave the ring": (leave_the_ring, False, 60.0),
     "cut off on the ring": (cut_off_on_the_ring, False, 60.0),
     "alone on the ring": (alone_on_the_ring, False, 60.0),
     "1 -> 2 on the ring": (second_on_the_ring, False, 60.0),
     "2 -> 3 on the ring": (join_on_the_ring, False, 60.0),
     "leader lost in formation": (leader_lost, True, 20.0),
     "leader cut off in formation": (leader_cut_off, True, 20.0),
-    "told to leave the formation": (follower_leaves, True, 20.0),
     "one more in formation": (follower_joins, True, 45.0),
     "leader back in formation": (leader_back, True, 45.0),
-    "another shape": (reshaped, True, 45.0),
     "16 on a ring of 40 m": (sixteen, False, 180.0),
-    "two groups at one target": (two_groups, False, 90.0),
-    "coming and going": (coming_and_going, False, 60.0),
 }
