@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from tests.support.page.browser import launched
+from tests.support.page.canned_station import CannedStation
+from tests.support.page.station_pictures import ring_mission, ring_team
 from tests.support.wire import PATIENCE_S
 
 expect.set_options(timeout=1000.0 * PATIENCE_S)
@@ -46,16 +48,16 @@ window.cancelAnimationFrame = (id) => { waiting.get(id)?.(); waiting.delete(id);
 """A script for all tests: ten pictures a second, as each takes much of a core without a graphics card."""
 
 SOCKET = """
-window.heard = 0;
 window.WebSocket = class extends WebSocket {
   constructor(...address) {
     super(...address);
     window.socket = this;
+    window.heard = 0;
     this.addEventListener("message", () => { window.heard += 1; });
   }
 };
 """
-"""A script for all tests: the newest connection, and how many messages have come; see `CannedStation`."""
+"""A script for all tests: the newest connection, and how many messages have come on it; see `CannedStation`."""
 
 OpenPage = Callable[..., Page]
 
@@ -95,12 +97,8 @@ def open_page(browser: Browser, context: BrowserContext, simulated_context: Brow
 
     def open_at(url: str, *, script: str = "", simulated: bool = False, **settings: Any) -> Page:
         own = browser.new_context(**{"viewport": VIEWPORT, **settings}) if settings else None
-        page = (own or (simulated_context if simulated else context)).new_page()
+        page = _new_page(own or (simulated_context if simulated else context), script, errors)
         opened.append(own or page)
-        page.set_default_timeout(1000.0 * PATIENCE_S)
-        page.on("pageerror", lambda error: _keep_error(str(error), "error", errors))
-        page.on("console", lambda message: _keep_error(message.text, message.type, errors))
-        page.add_init_script(FEW_FRAMES + SOCKET + script)
         page.goto(url)
         return page
 
@@ -108,6 +106,53 @@ def open_page(browser: Browser, context: BrowserContext, simulated_context: Brow
     for each in opened:
         each.close()
     assert not errors
+
+
+def _new_page(context: BrowserContext, script: str, errors: list[str]) -> Page:
+    page = context.new_page()
+    page.set_default_timeout(1000.0 * PATIENCE_S)
+    page.on("pageerror", lambda error: _keep_error(str(error), "error", errors))
+    page.on("console", lambda message: _keep_error(message.text, message.type, errors))
+    page.add_init_script(FEW_FRAMES + SOCKET + script)
+    return page
+
+
+class KeptPage(NamedTuple):
+    """A station and its page, for all tests of a module, and the errors of the page's scripts."""
+
+    station: CannedStation
+    page: Page
+    errors: list[str]
+
+
+@pytest.fixture(scope="module")
+def kept(request: pytest.FixtureRequest, simulated_context: BrowserContext) -> Iterator[KeptPage]:
+    """Return them, with the module's `SCRIPT`: to load a page again takes a quarter of what a new one takes."""
+    errors: list[str] = []
+    with CannedStation() as station:
+        page = _new_page(simulated_context, request.module.SCRIPT, errors)
+        page.goto(station.url)
+        yield KeptPage(station, page, errors)
+        page.close()
+
+
+@pytest.fixture
+def served(kept: KeptPage) -> CannedStation:
+    """Return the module's station, which begins anew with a team of three on its ring."""
+    mission = ring_mission()
+    kept.station.begin(mission, lambda time_s: ring_team(mission, 100.0 + time_s))
+    return kept.station
+
+
+@pytest.fixture
+def page(kept: KeptPage, served: CannedStation) -> Iterator[Page]:
+    """Return the module's page, loaded anew, without a map and with simulated time."""
+    kept.errors.clear()
+    kept.page.set_viewport_size(VIEWPORT)
+    kept.page.reload()
+    expect(kept.page.locator(".card .tactic").first).to_have_text("encircle")
+    yield kept.page
+    assert not kept.errors
 
 
 def pass_time(page: Page, time_ms: float) -> None:

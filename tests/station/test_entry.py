@@ -119,6 +119,7 @@ def has_entered(page: Page) -> None:
 def test_a_program_that_takes_the_port_learns_nothing_for_the_next_start(
     open_page: OpenPage, mission_file: Callable[..., str], subtests: pytest.Subtests
 ) -> None:
+    """A page without a secret says what to do, and takes it."""
     port, mission = free_port(), mission_file("case2")
     with Foreign(free_port()) as spy:
         spy_port = spy._server.socket.getsockname()[1]
@@ -127,6 +128,14 @@ def test_a_program_that_takes_the_port_learns_nothing_for_the_next_start(
             for page in (kept, reloaded):
                 has_entered(page)
                 assert "#" not in page.url
+            address, _, secret = first_url.partition("#")
+            with subtests.test("a page without a secret"):
+                page = open_page(address, script=NO_WEBGL)
+                expect(page.locator("#entry-text")).to_contain_text("it ends with #")
+                expect(page.locator("#entry-form")).to_be_hidden()
+                page.evaluate(f"location.hash = {secret!r}")
+                has_entered(page)
+                page.close()
             with subtests.test("a reload within a start"):
                 reloaded.reload()
                 has_entered(reloaded)
@@ -137,7 +146,6 @@ def test_a_program_that_takes_the_port_learns_nothing_for_the_next_start(
             expect(kept.locator("#entry-text")).to_contain_text("Open the address that cordon printed last")
             reloaded.reload()
             until_now(lambda: "installed" in "".join(foreign.heard), "the other program's script in the browser")
-        secret = first_url.partition("#")[2]
         assert secret in "".join(foreign.heard), "the script has read the secret of the start that has ended"
         with station(mission, port) as second_url:
             with subtests.test("a page of the earlier start says what to do"):
@@ -151,18 +159,6 @@ def test_a_program_that_takes_the_port_learns_nothing_for_the_next_start(
                 has_entered(page)
                 assert page.evaluate("navigator.serviceWorker.controller") is None
                 assert second_url.partition("#")[2] not in "".join((*foreign.heard, *spy.heard))
-
-
-def test_a_page_without_a_secret_says_what_to_do_and_takes_it(
-    open_page: OpenPage, mission_file: Callable[..., str]
-) -> None:
-    with station(mission_file("case2"), free_port()) as url:
-        address, _, secret = url.partition("#")
-        page = open_page(address, script=NO_WEBGL)
-        expect(page.locator("#entry-text")).to_contain_text("it ends with #")
-        expect(page.locator("#entry-form")).to_be_hidden()
-        page.evaluate(f"location.hash = {secret!r}")
-        has_entered(page)
 
 
 def test_a_token_opens_the_page_by_tls_also_after_the_next_start(

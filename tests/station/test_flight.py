@@ -193,7 +193,7 @@ def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file
         expect(page.locator(".card .tactic", has_text="encircle")).to_have_count(3)
         ports = url_ports(mission, mission.ids).values()
         with LockstepClient(*ports, speed=SPEED_WHILE_PRESSED) as clock:
-            for _ in range(5):
+            for _ in range(2):
                 check_all(page, bus, clock, (1, 2, 3))
             tactic = page.locator(".card[data-vehicle='2'] .tactic")
             command(page, "hold", 2)

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.browser
 @pytest.fixture
 def page(open_page: OpenPage) -> Iterator[Page]:
     with CannedStation(flight=ring_flight(60.0)) as station:
-        page = open_page(station.url, simulated=True)
+        page = open_page(station.url, script=NO_WEBGL, simulated=True)
         expect(page.locator("#seek-time")).to_have_text("0:00 of 1:00")
         yield page
         page.clock.resume()
@@ -36,72 +36,56 @@ def seek(page: Page, picture: int) -> None:
     page.locator("#seek").evaluate(slider % picture)
 
 
-def test_slider_shows_the_picture_of_that_time(page: Page) -> None:
-    expect(page.locator("#commands")).to_be_hidden()
-    expect(page.locator("#rights")).to_have_text("recorded")
-    expect(page.locator("#elapsed")).to_have_text("T+ 0:00")
-    expect(page.locator("#events li")).to_have_count(1)
-    seek(page, 5 * 42)
-    expect(page.locator("#elapsed")).to_have_text("T+ 0:42")
-    expect(page.locator("#seek")).to_have_attribute("aria-valuetext", "0:42 of 1:00")
-    expect(page.locator("#events li")).to_have_count(3)
-    expect(page.locator("#alarms")).to_contain_text("Vehicle 2: link lost")
-    expect(page.locator(".symbol[data-vehicle='2']")).to_have_attribute("data-current", "false")
-    expect(page.locator(".card").first).to_have_attribute("data-vehicle", "2")
-    # 42 s of 0.0003 a second from 82 %
-    expect(page.locator(".card[data-vehicle='1'] [data-quantity='battery']")).to_have_text("80\u00a0%")
-    seek(page, 5 * 20)
-    expect(page.locator("#alarm-bar")).to_be_hidden()
-    expect(page.locator("#events li")).to_have_count(2)
-    expect(page.locator(".symbol[data-vehicle='2']")).to_have_attribute("data-current", "true")
+def test_slider_shows_the_picture_of_that_time(open_page: OpenPage) -> None:
+    with CannedStation(flight=ring_flight(60.0)) as station:
+        page = open_page(station.url)
+        expect(page.locator("#seek-time")).to_have_text("0:00 of 1:00")
+        expect(page.locator("#commands")).to_be_hidden()
+        # The log is below the view and as wide as the cards' column leaves, down to the bottom: nothing is empty.
+        parts = [page.locator(name).bounding_box() for name in ("main", "#view", "#vehicles", "#log")]
+        whole_px2, *areas_px2 = (part["width"] * part["height"] for part in parts if part)
+        assert len(areas_px2) == 3
+        assert sum(areas_px2) > 0.93 * whole_px2
+        expect(page.locator("#rights")).to_have_text("recorded")
+        expect(page.locator("#elapsed")).to_have_text("T+ 0:00")
+        expect(page.locator("#events li")).to_have_count(1)
+        seek(page, 5 * 42)
+        expect(page.locator("#elapsed")).to_have_text("T+ 0:42")
+        expect(page.locator("#seek")).to_have_attribute("aria-valuetext", "0:42 of 1:00")
+        expect(page.locator("#events li")).to_have_count(3)
+        expect(page.locator("#alarms")).to_contain_text("Vehicle 2: link lost")
+        expect(page.locator(".symbol[data-vehicle='2']")).to_have_attribute("data-current", "false")
+        expect(page.locator(".card").first).to_have_attribute("data-vehicle", "2")
+        # 42 s of 0.0003 a second from 82 %
+        expect(page.locator(".card[data-vehicle='1'] [data-quantity='battery']")).to_have_text("80\u00a0%")
+        seek(page, 5 * 20)
+        expect(page.locator("#alarm-bar")).to_be_hidden()
+        expect(page.locator("#events li")).to_have_count(2)
+        expect(page.locator(".symbol[data-vehicle='2']")).to_have_attribute("data-current", "true")
 
 
-def test_jumps_to_events(page: Page) -> None:
+def test_jumps_to_events_and_alarms_by_button_and_key(page: Page) -> None:
+    def elapsed() -> str:
+        return page.locator("#elapsed").inner_text().removeprefix("T+ ")
+
     following, previous = (page.get_by_role("button", name=f"To the {which} event") for which in ("next", "previous"))
     shown = []
     for button in (following, following, following, previous, previous, previous, previous):
         button.click()
-        shown.append(page.locator("#elapsed").inner_text())
-    assert shown == [f"T+ {time}" for time in ("0:10", "0:30", "1:00", "0:30", "0:10", "0:00", "0:00")]
-
-
-def test_alarms_are_marked_on_the_slider_and_a_button_and_a_key_seek_them(page: Page) -> None:
-    def elapsed() -> str:
-        return page.locator("#elapsed").inner_text()
-
+        shown.append(elapsed())
+    assert shown == ["0:10", "0:30", "1:00", "0:30", "0:10", "0:00", "0:00"]
     slider, mark = page.locator("#seek").bounding_box(), page.locator("#seek-alarms span").bounding_box()
     assert page.locator("#seek-alarms span").count() == 1
     assert slider is not None
     assert mark is not None
     assert (mark["x"] + mark["width"] / 2.0 - slider["x"]) / slider["width"] == pytest.approx(0.5, abs=0.02)
-    page.locator("#next-alarm").click()
-    assert elapsed() == "T+ 0:30"
-    page.locator("#next-alarm").click()
-    assert elapsed() == "T+ 0:30", "there is no other one"
-    seek(page, 0)
-    page.keyboard.press("n")
-    assert elapsed() == "T+ 0:30"
-
-
-def test_no_part_of_the_screen_is_empty(page: Page) -> None:
-    """The log is below the view and as wide as the cards' column leaves, down to the bottom."""
-    view, log, main = (page.locator(name).bounding_box() for name in ("#view", "#vehicles", "main"))
-    below = page.locator("#log").bounding_box()
-    assert None not in (view, log, main, below)
-    areas = [box["width"] * box["height"] for box in (view, log, below) if box]
-    assert sum(areas) > 0.93 * (main or {"width": 0.0})["width"] * (main or {"height": 0.0})["height"]
-
-
-def test_no_event_is_passed_over_by_a_jump(open_page: OpenPage) -> None:
-    """Events a little before a picture and a little after it: the second one is seen in the picture after that."""
-    flight = ring_flight(60.0)
-    event = flight.events[0]
-    events = tuple(replace(event, number=number, time_s=time_s) for number, time_s in enumerate((29.97, 30.03)))
-    with CannedStation(flight=replace(flight, events=events)) as station:
-        page = open_page(station.url, script=NO_WEBGL)
-        for place in (5 * 30, 5 * 30 + 1, 5 * 60):
-            page.get_by_role("button", name="To the next event").click()
-            assert page.locator("#seek").input_value() == str(place)
+    for _ in range(2):  # there is no other one
+        page.locator("#next-alarm").click()
+        assert elapsed() == "0:30"
+    page.locator("#seek").focus()
+    for key, time in (("End", "1:00"), ("Home", "0:00"), ("n", "0:30")):
+        page.keyboard.press(key)
+        expect(page.locator("#elapsed")).to_have_text(f"T+ {time}")
 
 
 def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
@@ -123,35 +107,30 @@ def test_plays_at_its_speed_pauses_and_ends(page: Page) -> None:
 
 
 def test_the_page_says_at_what_rate_it_shows_the_flight_from_its_start(open_page: OpenPage) -> None:
-    """Pictures before the mission's start have no time."""
-    whole = ring_flight(60.0).teams
-    waiting = tuple(replace(team, time_s=None) for team in whole[:100])
-    shown = (
-        (waiting + whole, "5 pictures a second", "100"),
-        (whole[::12], "a picture every 2.4 s", "0"),
-        (waiting, "", "0"),
-    )
-    for teams, words, first in shown:
-        with CannedStation(flight=replace(ring_flight(60.0), teams=teams)) as station:
-            page = open_page(station.url, script=NO_WEBGL)
+    """Pictures before the mission's start have no time. A flight that did not arrive is requested again."""
+    flight = ring_flight(60.0)
+    waiting = tuple(replace(team, time_s=None) for team in flight.teams[:100])
+    with CannedStation(flight=flight) as station:
+        page = open_page(station.url, script=NO_WEBGL + FIRST_REQUEST_FAILS)
+        for teams, words, first in (
+            (waiting + flight.teams, "5 pictures a second", "100"),
+            (flight.teams[::12], "a picture every 2.4 s", "0"),
+            (waiting, "", "0"),
+        ):
+            station.flight = replace(flight, teams=teams)
+            page.reload()
             expect(page.locator("#rights")).to_have_text("recorded")
             expect(page.locator("#rate")).to_have_text(words)
             expect(page.locator("#seek")).to_have_value(first)
-
-
-def test_a_flight_that_did_not_arrive_is_requested_again(open_page: OpenPage) -> None:
-    with CannedStation(flight=ring_flight(60.0)) as station:
-        page = open_page(station.url, script=FIRST_REQUEST_FAILS)
-        expect(page.locator("#seek-time")).to_have_text("0:00 of 1:00")
-        assert page.evaluate("requests") == 2
-
-
-def test_slider_by_keyboard(page: Page) -> None:
-    page.locator("#seek").focus()
-    page.keyboard.press("End")
-    expect(page.locator("#elapsed")).to_have_text("T+ 1:00")
-    page.keyboard.press("Home")
-    expect(page.locator("#elapsed")).to_have_text("T+ 0:00")
+            assert page.evaluate("requests") == 2
+        # Of events a little before a picture and a little after it, the second is seen in the picture after that.
+        event = flight.events[0]
+        events = tuple(replace(event, number=number, time_s=time_s) for number, time_s in enumerate((29.97, 30.03)))
+        station.flight = replace(flight, events=events)
+        page.reload()
+        for place in (5 * 30, 5 * 30 + 1, 5 * 60):
+            page.get_by_role("button", name="To the next event").click()
+            expect(page.locator("#seek")).to_have_value(str(place))
 
 
 def test_the_map_follows_a_slider_that_moves_faster_than_the_map(open_page: OpenPage) -> None:

@@ -37,21 +37,26 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlightRecord, Path]
     return record, html
 
 
-@pytest.fixture
-def page(flown: tuple[FlightRecord, Path], open_page: OpenPage) -> Iterator[Page]:
-    """The report, from its file; it asks for nothing else."""
-    page = open_page("about:blank", viewport={"width": 1280, "height": 900}, reduced_motion="reduce")
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
-    page.on("websocket", lambda socket: asked.append(socket.url))
-    page.goto(flown[1].as_uri())
-    yield page
-    elsewhere = [url for url in asked if not url.startswith(("blob:", "data:", "about:"))]
-    assert elsewhere == [flown[1].as_uri()]
+OpenReport = Callable[[str], Page]
 
 
 @pytest.fixture
-def replay(page: Page) -> FrameLocator:
+def open_report(flown: tuple[FlightRecord, Path], open_page: OpenPage) -> Iterator[OpenReport]:
+    """Return what opens the report from its file, beside a script; it asks for nothing else."""
+    url, asked = flown[1].as_uri(), list[str]()
+
+    def open_it(script: str) -> Page:
+        page = open_page("about:blank", script=script, viewport={"width": 1280, "height": 900}, reduced_motion="reduce")
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("websocket", lambda socket: asked.append(socket.url))
+        page.goto(url)
+        return page
+
+    yield open_it
+    assert [each for each in asked if not each.startswith(("blob:", "data:", "about:"))] == [url]
+
+
+def replay_of(page: Page) -> FrameLocator:
     frame = page.frame_locator("#replay iframe")
     expect(frame.locator("#seek-time")).to_have_text("0:00 of 1:00")
     return frame
@@ -69,9 +74,13 @@ def shown(replay: FrameLocator) -> dict[int, tuple[str, float, float]]:
     return {int(cells[0]): (cells[1], x, y) for cells, (x, y) in zip(rows, metres, strict=True)}
 
 
-def test_the_slider_shows_where_the_vehicles_were(replay: FrameLocator, flown: tuple[FlightRecord, Path]) -> None:
+def test_without_webgl_the_table_shows_where_the_vehicles_were_and_the_charts_their_values(
+    open_report: OpenReport, flown: tuple[FlightRecord, Path]
+) -> None:
     record, _ = flown
-    replay.get_by_role("tab", name="Table").click()
+    page = open_report(NO_WEBGL)
+    replay = replay_of(page)
+    expect(replay.locator("#table")).to_be_visible()
     expect(replay.locator("#rate")).to_have_text("5 pictures a second")
     tactics = set()
     for time_s in (2.0, 15.0, 50.0):
@@ -84,20 +93,21 @@ def test_the_slider_shows_where_the_vehicles_were(replay: FrameLocator, flown: t
             assert np.hypot(*(np.array(place_m) - track.position_m[near]).T).min() < OFF_MAX_M
             tactics.add(tactic)
     assert tactics >= {"formation", "encircle"}
-
-
-def test_jumps_to_the_next_event(replay: FrameLocator, flown: tuple[FlightRecord, Path]) -> None:
-    events = [event for event in flown[0].events if event.time_s > 0.0]
+    seek(replay, 0.0)
+    events = [event for event in record.events if event.time_s > 0.0]
     assert len(events) >= 2
-    following = replay.get_by_role("button", name="To the next event")
     for event in events:
-        following.click()
+        replay.get_by_role("button", name="To the next event").click()
         after_s = float(replay.locator("#seek").input_value()) / RATE_HZ
         assert event.time_s - 0.01 <= after_s <= event.time_s + 1.0 / RATE_HZ + 0.01
         expect(replay.locator("#events li .text").first).to_have_text(f"Vehicle {event.vehicle}: {event.text}")
+    assert_charts_show_values(page, record)
 
 
-def test_it_plays_on_the_map(replay: FrameLocator) -> None:
+def test_it_plays_on_the_map_and_is_not_printed(open_report: OpenReport) -> None:
+    """The report is dark where the system is, but not on paper, and fits a phone."""
+    page = open_report("")
+    replay = replay_of(page)
     expect(replay.locator(".symbol[data-vehicle]")).to_have_count(3)
     seek(replay, 50.0)
     # The keep-out area, of the target alone: it is drawn by MapLibre's worker. 12 % of #a3160c on #f6f7f8.
@@ -107,27 +117,23 @@ def test_it_plays_on_the_map(replay: FrameLocator) -> None:
         drawn = imread(BytesIO(replay.locator("#map canvas").screenshot()))[:, :, :3]
         assert (np.abs(drawn - area).max(axis=2) < 3.0 / 255.0).sum() > 500
 
+    def ground() -> str:
+        return str(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+
     repeated_now(attempt)
     replay.locator("#speed").select_option("20")
     replay.get_by_role("button", name="Play").click()
     expect(replay.locator("#seek-time")).to_have_text("1:00 of 1:00")
     expect(replay.locator("#ending")).to_have_text("Flight over: Flown to the end of the simulation")
-
-
-def test_it_is_not_printed(page: Page, replay: FrameLocator) -> None:
-    expect(page.locator("#replay")).to_be_visible()
-    page.emulate_media(media="print")
+    page.emulate_media(color_scheme="dark")
+    assert ground() == "rgb(20, 24, 29)"
+    page.emulate_media(color_scheme="dark", media="print")
+    assert ground() == "rgb(255, 255, 255)"
     expect(page.locator("#replay")).to_be_hidden()
     expect(page.locator("#verdicts")).to_be_visible()
-
-
-def test_without_webgl_it_shows_the_table_and_says_so(flown: tuple[FlightRecord, Path], open_page: OpenPage) -> None:
-    page = open_page(flown[1].as_uri(), script=NO_WEBGL)
-    replay = page.frame_locator("#replay iframe")
-    expect(replay.locator("#table tbody tr")).to_have_count(3)
-    expect(replay.locator("#table")).to_be_visible()
-    replay.get_by_role("tab", name="Map").click()
-    expect(replay.locator("#no-webgl")).to_contain_text("WebGL is missing")
+    page.emulate_media(media="screen")
+    page.set_viewport_size({"width": 390, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
 def test_without_scripts_the_report_is_whole_and_says_so(flown: tuple[FlightRecord, Path], open_page: OpenPage) -> None:
@@ -145,14 +151,6 @@ def test_a_browser_that_cannot_unpack_it_says_so(flown: tuple[FlightRecord, Path
 
 
 RADII = "Radius about the target (figure 3, 5)"
-
-
-@pytest.fixture
-def radii(page: Page) -> Locator:
-    """The chart of the radii."""
-    figure = page.locator("figure", has=page.get_by_role("heading", name=RADII, exact=True))
-    figure.scroll_into_view_if_needed()
-    return figure
 
 
 def pointing(figure: Locator) -> Callable[[float], tuple[float, float]]:
@@ -189,10 +187,10 @@ def ticks_s(figure: Locator) -> list[float]:
     return [float(text) for text in figure.locator(".xtick:visible text").all_text_contents()]
 
 
-def test_a_chart_shows_the_values_under_the_pointer_also_when_zoomed(
-    page: Page, radii: Locator, flown: tuple[FlightRecord, Path]
-) -> None:
-    record, _ = flown
+def assert_charts_show_values(page: Page, record: FlightRecord) -> None:
+    """Fail unless the chart of the radii shows the values under the pointer, also when zoomed."""
+    radii = page.locator("figure", has=page.get_by_role("heading", name=RADII, exact=True))
+    radii.scroll_into_view_if_needed()
     at, whole_s = pointing(radii), ticks_s(radii)
     for time_s in (45.0, 55.0):
         page.mouse.move(*at(time_s))
@@ -209,18 +207,3 @@ def test_a_chart_shows_the_values_under_the_pointer_also_when_zoomed(
     assert_true_radii(radii, record, 52.0)
     radii.get_by_role("button", name="Whole time").click()
     assert ticks_s(radii) == whole_s
-
-
-def test_the_report_is_dark_where_the_system_is_but_not_on_paper(page: Page) -> None:
-    def ground() -> str:
-        return str(page.evaluate("getComputedStyle(document.body).backgroundColor"))
-
-    page.emulate_media(color_scheme="dark")
-    assert ground() == "rgb(20, 24, 29)"
-    page.emulate_media(color_scheme="dark", media="print")
-    assert ground() == "rgb(255, 255, 255)"
-
-
-def test_the_report_fits_a_phone(page: Page) -> None:
-    page.set_viewport_size({"width": 390, "height": 800})
-    assert page.evaluate("document.documentElement.scrollWidth") <= 390

@@ -22,13 +22,12 @@ from gcs.station.tiles import opened_tiles
 from gcs.style import COLOURS
 from gcs.viewer.origin_gate import Address
 from tests.station.conftest import OpenPage
-from tests.support.page.canned_station import CannedStation
-from tests.support.page.map_tiles import Colour, corner_deg, east_north_m, mbtiles, png
+from tests.support.page.map_tiles import corner_deg, east_north_m, mbtiles, png
 from tests.support.page.station_pictures import changed, ring_flight
 from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, repeated_now
 
 pytestmark = pytest.mark.browser
-BLACK, WHITE, RED, CYAN = (0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 255)
+BLACK, WHITE = (0, 0, 0), (255, 255, 255)
 ORIGIN = (47.397742, 8.545594)
 LEVEL, COLUMN, ROW = 18, 137299, 91775
 """Where a corner of four tiles lies some hundred metres east and north of the origin."""
@@ -55,9 +54,9 @@ def served(flight: FlightPicture, tiles: Path) -> Iterator[Access]:
         loop.close()
 
 
-def chessboard(path: Path, colours: tuple[Colour, Colour] = (BLACK, WHITE), **metadata: str) -> Path:
-    """Write tiles of one level in two colours, ten by ten about the corner."""
-    images = [png(colour) for colour in colours]
+def chessboard(path: Path, **metadata: str) -> Path:
+    """Write black and white tiles of one level, ten by ten about the corner."""
+    images = [png(colour) for colour in (BLACK, WHITE)]
     around = [(COLUMN + i, ROW + j) for i in range(-5, 5) for j in range(-5, 5)]
     rows = [(LEVEL, x, 2**LEVEL - 1 - y, images[(x + y) % 2]) for x, y in around]
     return mbtiles(path, rows, **metadata)
@@ -114,23 +113,6 @@ def settle(page: Page) -> None:
         page.wait_for_timeout(700)
 
 
-def test_a_corner_of_tiles_lies_at_its_metres(open_page: OpenPage, tmp_path: Path) -> None:
-    """The first vehicle hovers over the corner, by the ellipsoid's plane: symbol and corner are less than 1 m apart."""
-    assert 400.0 < np.hypot(*CORNER_M) < 500.0
-    with served(flight_about(*CORNER_M), chessboard(tmp_path / "t.mbtiles")) as station:
-        page = open_settled(open_page, station)
-
-        def attempt() -> None:
-            first, second = middle(page, 1), middle(page, 2)
-            px_m = float(np.hypot(*(second - first))) / 15.0
-            corner = nearest_corner(picture(page), first, round(4.0 * px_m))
-            off_m = (corner - first) / px_m
-            print(f"{CORNER_M} m east and north, {px_m:.1f} px/m: off by {off_m} m")
-            assert np.hypot(*off_m) < 1.0
-
-        repeated_now(attempt)
-
-
 def luminance(colour: NDArray[np.float64]) -> float:
     """Return the relative luminance of an sRGB colour, as WCAG 2 defines it."""
     linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
@@ -159,36 +141,51 @@ def colour_of(text: str) -> NDArray[np.float64]:
     return np.array([int(text[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
 
 
-@pytest.mark.parametrize("colours", [(BLACK, WHITE), (RED, CYAN)], ids=["grey", "bright"])
-def test_ink_is_readable_on_tiles_of_any_colour(
-    open_page: OpenPage, tmp_path: Path, colours: tuple[Colour, Colour]
+def test_tiles_lie_at_their_metres_under_readable_ink_and_marks_until_they_are_hidden(
+    open_page: OpenPage, tmp_path: Path
 ) -> None:
-    with served(flight_about(*CORNER_M), chessboard(tmp_path / "t.mbtiles", colours)) as station:
+    """The first vehicle hovers over a corner, by the ellipsoid's plane: symbol and corner are less than 1 m apart.
+
+    The circle about it has the vehicle's own colour on a white tile and on a black one.
+    """
+    assert 400.0 < np.hypot(*CORNER_M) < 500.0
+    tiles = chessboard(tmp_path / "t.mbtiles", name="A &lt;b&gt;bold&lt;/b&gt; field")
+    with served(flight_about(*CORNER_M), tiles) as station:
         page = open_settled(open_page, station, color_scheme="light")
+        expect(page.locator(".tiles-source")).to_have_text("A <b>bold</b> field")
+        expect(page.locator(".tiles-source b")).to_have_count(0)
 
-        def attempt() -> None:
-            settle(page)
-            tones = quarters(page)
-            assert np.ptp(tones, axis=0).max() > 0.2, "the tiles are to be seen"
-            assert min(contrast(css_colour(page, "--ink"), tone) for tone in tones) > 4.5
+        def lies_there() -> None:
+            first, second = middle(page, 1), middle(page, 2)
+            px_m = float(np.hypot(*(second - first))) / 15.0
+            corner = nearest_corner(picture(page), first, round(4.0 * px_m))
+            off_m = (corner - first) / px_m
+            print(f"{CORNER_M} m east and north, {px_m:.1f} px/m: off by {off_m} m")
+            assert np.hypot(*off_m) < 1.0
 
-        repeated_now(attempt)
-        page.emulate_media(color_scheme="dark")
-        repeated_now(attempt)
-
-
-def test_marks_are_drawn_over_tiles(open_page: OpenPage, tmp_path: Path) -> None:
-    """The circle about the first vehicle has the vehicle's own colour on a white tile and on a black one."""
-    with served(flight_about(*CORNER_M), chessboard(tmp_path / "t.mbtiles")) as station:
-        page = open_settled(open_page, station)
-
-        def attempt() -> None:
+        def is_marked() -> None:
             x, y = middle(page, 1).round().astype(int)
             shown, colour = picture(page), colour_of(COLOURS[0])
             for part in (shown[y - 20 : y, x - 20 : x], shown[y - 20 : y, x : x + 20]):
                 assert np.abs(part - colour).max(axis=2).min() < 0.1
 
-        repeated_now(attempt)
+        def is_readable() -> None:
+            tones = quarters(page)
+            assert np.ptp(tones, axis=0).max() > 0.2, "the tiles are to be seen"
+            assert min(contrast(css_colour(page, "--ink"), tone) for tone in tones) > 4.5
+
+        def is_hidden() -> None:
+            assert np.ptp(quarters(page), axis=0).max() < 0.01
+
+        for attempt in (lies_there, is_marked, is_readable):
+            repeated_now(attempt)
+        page.emulate_media(color_scheme="dark")
+        settle(page)
+        repeated_now(is_readable)
+        page.locator("#layers summary").click()
+        page.get_by_label("Map tiles").uncheck()
+        page.locator("#layers summary").click()
+        repeated_now(is_hidden)
 
 
 def test_missing_tiles_show_the_ground(open_page: OpenPage, tmp_path: Path) -> None:
@@ -202,29 +199,3 @@ def test_missing_tiles_show_the_ground(open_page: OpenPage, tmp_path: Path) -> N
             assert drawn == [False, False, False, True], "the south-eastern quarter alone"
 
         repeated_now(attempt)
-
-
-def test_source_of_tiles_is_text_and_a_switch_hides_them(open_page: OpenPage, tmp_path: Path) -> None:
-    tiles = chessboard(tmp_path / "t.mbtiles", name="A &lt;b&gt;bold&lt;/b&gt; field")
-    with served(flight_about(*CORNER_M), tiles) as station:
-        page = open_settled(open_page, station)
-        expect(page.locator(".tiles-source")).to_have_text("A <b>bold</b> field")
-        expect(page.locator(".tiles-source b")).to_have_count(0)
-        page.locator("#layers summary").click()
-        page.get_by_label("Map tiles").uncheck()
-        page.locator("#layers summary").click()
-
-        def attempt() -> None:
-            assert np.ptp(quarters(page), axis=0).max() < 0.01
-
-        repeated_now(attempt)
-
-
-def test_page_without_tiles_has_no_switch_for_them(open_page: OpenPage) -> None:
-    with CannedStation(flight=ring_flight(1.0)) as station:
-        page = open_page(station.url)
-        expect(page.locator(".symbol[data-vehicle='1']")).to_be_visible()
-        page.locator("#layers summary").click()
-        expect(page.get_by_label("Trails")).to_be_visible()
-        expect(page.get_by_label("Map tiles")).to_have_count(0)
-        expect(page.locator(".tiles-source")).to_have_count(0)

@@ -79,20 +79,16 @@ async def test_a_page_is_shown_the_mission_then_what_comes_and_a_late_one_the_la
         assert (await following())["text"] == "the next"
 
 
-@pytest.mark.parametrize(
-    ("headers", "why"),
-    [
-        ({"Origin": "https://evil.example"}, "another page"),
-        ({"Origin": "null"}, "a page in a frame without an origin"),
-        ({"Origin": "http://localhost:1"}, "another server of this computer"),
-        ({"Host": "evil.example:{port}", "Origin": "http://evil.example:{port}"}, "a name that was bound to here"),
-    ],
-)
-async def test_a_stranger_gets_no_stream(served: Station, headers: dict[str, str], why: str) -> None:
-    filled = {key: value.format(port=served.port) for key, value in headers.items()}
-    with pytest.raises(RefusedPageError, match="403"):
-        async with served.connected(**filled):
-            pass
+async def test_a_stranger_gets_no_stream(served: Station) -> None:
+    for origin, host, why in (
+        ("https://evil.example", "", "another page"),
+        ("null", "", "a page in a frame without an origin"),
+        ("http://localhost:1", "", "another server of this computer"),
+        (f"http://evil.example:{served.port}", f"evil.example:{served.port}", "a name that was bound to here"),
+    ):
+        with pytest.raises(RefusedPageError, match="403"):
+            async with served.connected(Origin=origin, **({"Host": host} if host else {})):
+                pytest.fail(why)
 
 
 async def test_a_page_that_does_not_know_the_secret_gets_nothing_and_who_knows_it_does_not_wait(
@@ -128,7 +124,7 @@ async def test_a_page_that_does_not_know_the_secret_gets_nothing_and_who_knows_i
         await asyncio.gather(*attack, return_exceptions=True)
 
 
-@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+@pytest.mark.parametrize("sent", [b"GET / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
 async def test_connections_of_strangers_do_not_keep_pages_out(served: Station, sent: bytes) -> None:
     """Also those that begin a request, or send one and stay: more than a computer opens for a page."""
     async with served.connected() as first, AsyncExitStack() as opened:
@@ -212,27 +208,23 @@ async def test_files_are_served_with_headers_that_keep_others_out(served: Statio
         assert (await served.get("/%2e%2e/mission.toml"))[0] == 404
 
 
-@pytest.mark.parametrize(
-    ("said", "code"),
-    [
-        ("{", 1007),
-        ("[]", 1007),
-        ('{"":' + "[" * 1200, 1007),
-        (b"\x00\x01", 1007),
-        (asked("1", "dance"), 1007),
-        (asked("1", "hold", more=1), 1007),
-        (asked("x" * REQUEST_MAX_BYTES, "hold"), 1009),
-    ],
-)
-async def test_a_page_that_says_what_it_should_not_is_closed_alone(
-    served: Station, said: str | bytes, code: int
-) -> None:
-    async with served.connected() as other, served.connected() as page:
-        await page.send(said)
-        await asyncio.wait_for(page.wait_closed(), PATIENCE_S)
-        assert page.close_code == code
-        served.source.team(7.0)
-        assert (await received(other, "team"))["time_s"] == 7.0
+async def test_a_page_that_says_what_it_should_not_is_closed_alone(served: Station) -> None:
+    said: dict[str | bytes, int] = {
+        "{": 1007,
+        '{"":' + "[" * 1200: 1007,
+        b"\x00\x01": 1007,
+        asked("1", "dance"): 1007,
+        asked("1", "hold", more=1): 1007,
+        asked("x" * REQUEST_MAX_BYTES, "hold"): 1009,
+    }
+    async with served.connected() as other:
+        for number, (text, code) in enumerate(said.items()):
+            async with served.connected() as page:
+                await page.send(text)
+                await asyncio.wait_for(page.wait_closed(), PATIENCE_S)
+                assert page.close_code == code
+            served.source.team(float(number))
+            assert (await received(other, "team"))["time_s"] == number
 
 
 async def test_without_keys_a_page_is_read_only_and_is_told_why(served: Station) -> None:
@@ -241,16 +233,13 @@ async def test_without_keys_a_page_is_read_only_and_is_told_why(served: Station)
         assert (operator["name"], operator["may"]) == ("", [])
         assert "no flight" in operator["read_only"]
         await page.send(asked("1", "hold"))
+        assert await received(page, "receipt") == {"kind": "receipt", "request": "1"}
         answer = await received(page, "answer")
         assert (answer["request"], answer["vehicle_id"], answer["is_obeyed"]) == ("1", None, False)
         assert answer["is_final"]
         assert "read-only" in answer["did"]
         assert "no flight" in answer["did"]
-
-
-async def test_a_recovery_is_confirmed_on_a_page_without_keys(served: Station) -> None:
-    """A flight that is over has none: who stands beside the vehicle has to be able to say so."""
-    async with served.connected() as page:
+        # A flight that is over has none: who stands beside the vehicle has to be able to confirm its recovery.
         await page.send('{"kind": "recovered", "vehicle_id": 3}')
         await until(lambda: served.source.recovered == [3])
 
@@ -279,12 +268,6 @@ async def test_files_are_compressed_for_a_slow_link(served: Station, page_folder
     assert (status, headers["Content-Encoding"]) == (200, "gzip")
     assert len(body) < 10_000
     assert gzip.decompress(body) == (page_folder / "library.mjs").read_bytes()
-
-
-async def test_a_request_is_received_before_it_is_carried_out(served: Station) -> None:
-    async with served.connected() as page:
-        await page.send(asked("a", "hold"))
-        assert await received(page, "receipt") == {"kind": "receipt", "request": "a"}
 
 
 async def test_pages_that_are_killed_are_gone_and_cost_the_others_nothing(served: Station) -> None:

@@ -202,10 +202,8 @@ def test_a_file_that_is_damaged_or_gone_meanwhile_has_no_tile(tmp_path: Path) ->
     assert tiles.tile(0, 0, 0) is None
 
 
-@pytest.fixture(params=["folder", "mbtiles"])
-def tiles(request: pytest.FixtureRequest, tmp_path: Path) -> MapTiles:
-    if request.param == "folder":
-        return opened_tiles(tile_folder(tmp_path / "tiles", {(2, 1, 0): RED, (2, 3, 3): BLUE}), ZURICH)
+@pytest.fixture
+def tiles(tmp_path: Path) -> MapTiles:
     return opened_tiles(mbtiles(tmp_path / "t.mbtiles", [(2, 1, 3, RED), (2, 3, 0, BLUE)], name="two"), ZURICH)
 
 
@@ -228,6 +226,9 @@ async def test_tiles_are_served_as_the_rest_of_the_page_is(
             assert headers["Cache-Control"] == "no-cache", "another set may be served at this address tomorrow"
             assert headers["X-Content-Type-Options"] == "nosniff"
             assert "img-src 'self'" in headers["Content-Security-Policy"]
+    with subtests.test("many at once"):
+        answers = await asyncio.gather(*(served.get_as_page("/tiles/2/1/0") for _ in range(40)))
+        assert {(status, body) for status, _, body in answers} == {(200, RED)}
     with subtests.test("the page has their levels and source"):
         async with served.connected() as page:
             shown = (await received(page, "mission"))["tiles"]
@@ -256,9 +257,3 @@ async def test_tiles_are_served_as_the_rest_of_the_page_is(
         for place in ("../../../secret", "2/1/../../../secret", "%2e%2e/%2e%2e/%2e%2e/secret", "2/1/%2e%2e%2fsecret"):
             assert (await served.get_as_page(f"/tiles/{place}"))[0] == 404, place
             assert (await served.get_as_page(f"/tiles/{place}.png"))[0] == 404, place
-
-
-@pytest.mark.wire
-async def test_many_tiles_at_once(served: Station) -> None:
-    answers = await asyncio.gather(*(served.get_as_page("/tiles/2/1/0") for _ in range(40)))
-    assert {(status, body) for status, _, body in answers} == {(200, RED)}

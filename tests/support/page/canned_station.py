@@ -58,14 +58,9 @@ class CannedStation:
         flight: FlightPicture | None = None,
     ) -> None:
         """Prepare to serve on a free port of loopback."""
-        self.mission, self.team, self.flight = mission, team, flight
-        self.is_silent = False
-        self.is_refusing = False
-        self.is_slow = False
-        self.requests: list[CommandRequest] = []
-        self.recovered: list[int] = []
-        self.events: list[EventPicture] = []
+        self.begin(mission, team, flight)
         self._connections: set[ServerConnection] = set()
+        self._newest: ServerConnection | None = None
         self._sent = 0
         self._sending = threading.Lock()
         self._marks = threading.Semaphore(0)
@@ -76,6 +71,19 @@ class CannedStation:
         )
         self._access = Access(Address("127.0.0.1", self._server.socket.getsockname()[1]), 32 * "a")
         self._threads = [threading.Thread(target=work) for work in (self._server.serve_forever, self._publish)]
+
+    def begin(
+        self,
+        mission: MissionPicture | None = None,
+        team: Callable[[float], TeamPicture] | None = None,
+        flight: FlightPicture | None = None,
+    ) -> None:
+        """Serve this from now on, as at the start."""
+        self.mission, self.team, self.flight = mission, team, flight
+        self.is_silent = self.is_refusing = self.is_slow = False
+        self.requests: list[CommandRequest] = []
+        self.recovered: list[int] = []
+        self.events: list[EventPicture] = []
 
     @property
     def url(self) -> str:
@@ -111,7 +119,7 @@ class CannedStation:
         assert self._marks.acquire(timeout=PATIENCE_S)
 
     def await_pictures(self, page: Page) -> None:
-        """Wait until all that was sent has arrived on the page, the only one and loaded once."""
+        """Wait until all that was sent on the newest connection, that of the page, has arrived."""
         sent = self._sent
         until_now(lambda: page.evaluate("heard") >= sent, "the pictures")
 
@@ -121,6 +129,8 @@ class CannedStation:
             connection.close()
 
     def _serve(self, connection: ServerConnection) -> None:
+        with self._sending:
+            self._newest, self._sent = connection, 0
         if not self._admits(connection):
             return
         if self.flight is not None:
@@ -129,20 +139,22 @@ class CannedStation:
             if picture is not None:
                 self._send(connection, picture)
         self._connections.add(connection)
-        try:
+        with suppress(ConnectionClosed):  # of a page that is reloaded
             for message in connection:
-                if message == MARK:
-                    self._marks.release()
-                    continue
-                request = msgspec.json.decode(message, type=CommandRequest | RecoveredRequest)
-                if isinstance(request, RecoveredRequest):
-                    self.recovered.append(request.vehicle_id)
-                    continue
-                self.requests.append(request)
-                if not self.is_slow:
-                    self._send(connection, ReceiptPicture(request.request))
-        finally:
-            self._connections.discard(connection)
+                self._take(connection, message)
+        self._connections.discard(connection)
+
+    def _take(self, connection: ServerConnection, message: str | bytes) -> None:
+        if message == MARK:
+            self._marks.release()
+            return
+        request = msgspec.json.decode(message, type=CommandRequest | RecoveredRequest)
+        if isinstance(request, RecoveredRequest):
+            self.recovered.append(request.vehicle_id)
+            return
+        self.requests.append(request)
+        if not self.is_slow:
+            self._send(connection, ReceiptPicture(request.request))
 
     def _publish(self) -> None:
         began_s = time.monotonic()
@@ -166,7 +178,7 @@ class CannedStation:
     def _send_text(self, connection: ServerConnection, text: str) -> None:
         with self._sending, suppress(ConnectionClosed):
             connection.send(text)
-            self._sent += 1
+            self._sent += connection is self._newest
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         path = request.path.partition("?")[0]
@@ -182,4 +194,6 @@ class CannedStation:
 
 def _response(status: int, kind: str, body: bytes) -> Response:
     headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Content-Security-Policy": POLICY})
+    if status == 200 and kind not in ("text/html", "application/json"):
+        headers["Cache-Control"] = "max-age=3600"  # a page that is reloaded takes its scripts from the cache
     return Response(status, "", headers, body)
