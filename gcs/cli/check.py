@@ -35,7 +35,7 @@ class CheckOptions:
 def check(options: CheckOptions) -> Exit:
     """Run the preflight checks of a mission, its vehicles and this computer, without arming.
 
-    Parameters are read, never written.
+    Parameters are read, never written. Refusals are listed last, above the totals.
 
     Example: cordon check px4-trio --all
     """

@@ -114,7 +114,11 @@ def fly(options: FlyOptions) -> int:
     The flight runs in a separate process. If a control loop hangs, a supervisor kills that process; the autopilots'
     failsafes then act.
 
-    With --sitl, --speed is an upper limit: the stubs wait for a slow computer, which changes no result.
+    cordon waits for vehicles that have no position yet or fail their arming checks; Ctrl-C ends the wait.
+
+    With --sitl, --speed is an upper limit: the stubs wait for a slow computer, which changes no result; --speed max
+    flies as fast as the computer can. With --sitl 2,3 these vehicles are stubs and the others are at their urls; all
+    fly at the wall clock's speed, or at --speed.
 
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 

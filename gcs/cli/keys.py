@@ -288,7 +288,7 @@ _KEYS_DEFAULTS, _INIT_DEFAULTS = KeysOptions(), InitOptions()
 
 @keys.command
 def init(*, options: InitOptions = _INIT_DEFAULTS) -> Exit:
-    """Create the certificate authority of a team, which signs all its keys.
+    """Create the certificate authority of a team, which signs all its keys. Keep its folder on this computer.
 
     Example: cordon keys init --keys keys
     """

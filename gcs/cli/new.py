@@ -165,7 +165,9 @@ class NewOptions:
     ] = None
     shape: Annotated[SpacedShape | None, Parameter(help="Shape of the formation.")] = None
     radius: Annotated[float | None, Parameter(help="Radius of the ring in metres.")] = None
-    rate: Annotated[float | None, Parameter(help="Angular rate on the ring in rad/s.")] = None
+    rate: Annotated[
+        float | None, Parameter(help="Angular rate on the ring in rad/s; the speed is radius times rate.")
+    ] = None
     target: Annotated[
         str | None, Parameter(help="The target: rest, moving (at 0.1 m/s along x), or its speed in m/s.")
     ] = None

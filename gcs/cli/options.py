@@ -51,7 +51,7 @@ Changes = Annotated[
         negative="",
         show_default=False,
         help="KEY=VALUE: replace a value of the mission, such as encirclement.radius_m=12 or "
-        "vehicles[0].profile=px4; may be repeated.",
+        "vehicles[0].profile=px4; may be repeated. Use the same for all that fly, watch or command one team.",
     ),
 ]
 KeyName = Annotated[

@@ -25,7 +25,7 @@ class RelayOptions:
 
     station: Annotated[
         str,
-        Parameter(help="The station's end: udpout://127.0.0.1:14540, or pty:PATH."),
+        Parameter(help="The station's end: udpout://127.0.0.1:14540, or pty:PATH, a serial device that cordon opens."),
     ] = field(kw_only=False)
     vehicles: Annotated[
         tuple[str, ...],

@@ -23,7 +23,7 @@ class RouterOptions:
 def router(options: RouterOptions) -> Exit:
     """Route the messages of a team's vehicles and operators, which all connect to the mission's network.router.
 
-    The router needs its own keys (`cordon keys issue router NAME`). Ctrl-C ends it.
+    The router needs its own keys (`cordon keys issue router NAME`). It drops forged messages. Ctrl-C ends it.
 
     Example: cordon router my-mission.toml
     """

@@ -60,8 +60,8 @@ def station(
 ) -> Exit:
     """Serve the operator's page: the team's state, alarms and commands. Open the printed address in a browser.
 
-    The page receives the team's messages before, during and after flights. Commands need an operator's keys. Ctrl-C
-    ends the page, not the flight.
+    The page receives the team's messages as `cordon watch` does: before, during and after flights. Commands need an
+    operator's keys. Ctrl-C ends the page, not the flight.
 
     Example: cordon station --mission case2-field
     """
