@@ -108,7 +108,7 @@ def audit(
         else:
             print_line(f"{path}: {len(entries)} entries, none changed or removed; last digest {entries[-1].digest}")
         if unsigned := len(heads) - len(signed):
-            print_problem(f"{path}: {unsigned} heads of other logs are not signed by their vehicles")
+            print_problem(f"{path}: heads of other logs that their vehicles have not signed: {unsigned}")
             is_whole = False
     for fault in rewritten(audited):
         print_problem(fault)

@@ -16,6 +16,7 @@ import pytest
 import tomli_w
 
 from gcs.errors import Exit
+from gcs.flightlog.audit import AuditEntry
 from gcs.flightlog.reader import read_log
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.replay.cores import replay
@@ -136,3 +137,9 @@ def test_a_team_starts_by_its_operator_when_all_are_there_and_holds_when_the_ope
             assert "land by anna" in said
             replayed = replay(read_log(tmp_path / f"vehicle-{vehicle}" / "flight.mcap"))
             assert (replayed.same, replayed.other_versions) == (True, ())
+        logs = [str(tmp_path / f"vehicle-{vehicle}" / "flight.mcap") for vehicle in (1, 2)]
+        for log, other in zip(logs, (2, 1), strict=True):
+            entries = (each.read(AuditEntry) for each in read_log(Path(log)).run_records if each.kind is AuditEntry)
+            assert {each.vehicle for each in entries if each.event == "head"} == {other}
+        code, _, err = site.ended("operator-anna", "log", "audit", *logs, "--keys", "keys")
+        assert code == Exit.HOLDS, err

@@ -576,7 +576,7 @@ async def test_a_log_rewritten_after_the_flight_contradicts_the_heads_in_the_log
         )
         recording.note_run(msgspec.structs.replace(head, did="ab" * 32))
     assert audit([first, accusing], keys=keys.path) == Exit.VERDICT_FAILED
-    assert "1 heads of other logs are not signed by their vehicles" in capsys.readouterr().err
+    assert "heads of other logs that their vehicles have not signed: 1" in capsys.readouterr().err
 
 
 def test_a_revocation_that_reaches_nobody_is_told(
