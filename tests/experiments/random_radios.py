@@ -14,9 +14,11 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from math import hypot, isnan, nan
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -280,6 +282,13 @@ def simulated(seed: int, spec: RadioSpec, duration_s: float) -> Flown:
     return Flown(seed, spec, outcome, detail, warnings=warnings)
 
 
+def of_seed(seed: int, duration_s: float, cordon: Path, logs: Path | None, *, px4: bool, only_links: bool) -> Flown:
+    """Draw a radio, and fly a team over it or simulate its links."""
+    if only_links:
+        return simulated(seed, drawn(seed), duration_s)
+    return asyncio.run(flown(seed, drawn(seed), duration_s, cordon, logs, px4=px4))
+
+
 def _stops(event: dict[str, Any]) -> bool:
     _, _, after = event["text"].partition(" -> ")
     return any(after.startswith(tactic) for tactic in STOPPED)
@@ -297,7 +306,7 @@ def _refusals(said: str) -> str:
     return "; ".join(dict.fromkeys(rows or lines[-1:]))[:160]
 
 
-async def main(
+def main(
     count: int,
     first: int,
     duration_s: float,
@@ -308,22 +317,19 @@ async def main(
     px4: bool,
     only_links: bool,
 ) -> int:
-    """Fly a number of teams, some at a time, and print the table."""
+    """Fly a number of teams, each in a process of its own, some at a time, and print the table."""
     print("| seed | baud | line | delay, ms | lost | in a row | outcome | radius rms, m | warnings | |")
     print(f"{'|---' * 10}|", flush=True)
-    at_once, teams = asyncio.Semaphore(jobs), list[Flown]()
-
-    async def fly_one(seed: int) -> None:
-        async with at_once:
-            spec = drawn(seed)
-            if only_links:
-                team = simulated(seed, spec, duration_s)
-            else:
-                team = await flown(seed, spec, duration_s, cordon, logs, px4=px4)
-            teams.append(team)
-            print(team, flush=True)
-
-    await asyncio.gather(*map(fly_one, range(first, first + count)))
+    teams = list[Flown]()
+    # One that is judged computes for a second, in which stubs and radios of the same process would be silent.
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        flying = [
+            pool.submit(of_seed, seed, duration_s, cordon, logs, px4=px4, only_links=only_links)
+            for seed in range(first, first + count)
+        ]
+        for each in as_completed(flying):
+            teams.append(each.result())
+            print(teams[-1], flush=True)
     for outcome, number in Counter(team.outcome for team in teams).most_common():
         print(f"{number} of {count}: {outcome}")
     return 0 if all(team.outcome in (FLEW, REFUSED) for team in teams) else 1
@@ -343,16 +349,17 @@ if __name__ == "__main__":
     try:
         if given.px4:
             px4_build()
-        running = main(
-            given.count,
-            given.seed,
-            given.duration,
-            1 if given.px4 else given.jobs,
-            given.cordon.absolute(),
-            given.logs and given.logs.absolute(),
-            px4=given.px4,
-            only_links=given.links,
+        sys.exit(
+            main(
+                given.count,
+                given.seed,
+                given.duration,
+                1 if given.px4 else given.jobs,
+                given.cordon.absolute(),
+                given.logs and given.logs.absolute(),
+                px4=given.px4,
+                only_links=given.links,
+            )
         )
-        sys.exit(asyncio.run(running))
     except Px4Missing as reason:
         sys.exit(str(reason))

@@ -124,7 +124,7 @@ async def test_a_page_that_does_not_know_the_secret_gets_nothing_and_who_knows_i
         await asyncio.gather(*attack, return_exceptions=True)
 
 
-@pytest.mark.parametrize("sent", [b"GET / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
 async def test_connections_of_strangers_do_not_keep_pages_out(served: Station, sent: bytes) -> None:
     """Also those that begin a request, or send one and stay: more than a computer opens for a page."""
     async with served.connected() as first, AsyncExitStack() as opened:
