@@ -274,7 +274,7 @@ class InitOptions(KeysOptions):
             negative="",
             show_default=False,
             validator=only_file,
-            help="Public key of an approver, without whom nobody is granted kill; of several, any approves.",
+            help="Public key of an approver, who has to approve each grant of kill; of several, any one.",
         ),
     ] = ()
     token: Annotated[

@@ -32,7 +32,7 @@ _LINGER_S = 1.5
 class AuditExchange:
     """Sends the heads of this process's audit log, and notes in it those of others and what the bus has refused.
 
-    A process that flies the whole team has nobody to exchange heads with, and one without a log no head.
+    A process that flies the whole team, or has no log, exchanges no heads.
     """
 
     def __init__(self, team: FlightTeam) -> None:
@@ -103,7 +103,7 @@ class AuditExchange:
                 self._note("head", head.vehicle, signer, head.entries, head.digest, b64encode(payload).decode())
 
     def note_refusals(self, *, is_end: bool = False) -> None:
-        """Note the refusals of a sender when they begin, at each tenfold, and at the end: nobody can fill the disk."""
+        """Note a sender's refusals when they begin, at each tenfold, and at the end: a flood does not fill the disk."""
         refusals: Mapping[tuple[str, str], int] = Counter(self._bus.refusals) + self._refused
         for (sender, why), count in refusals.items():
             noted = self._refusals_noted.get((sender, why), 0)
