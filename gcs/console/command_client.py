@@ -46,6 +46,8 @@ _ALL_RECEIVED_TIMEOUT_S = 0.5
 _ANSWER_TIMEOUT_S = 4.0
 _DONE_TIMEOUT_S = 12.0
 """For a second answer: a heartbeat (1 Hz) confirms that a vehicle is disarmed, and an agent repeats a failed kill."""
+_LAST_ANSWER_TIMEOUT_S = 1.0
+"""Wait for the second answer of a vehicle whose flight has ended: the report of the end may arrive before it."""
 _POLL_S = 0.005
 _REPEAT_S = 0.1
 _SIGHTING_PERIOD_S = 0.5
@@ -83,7 +85,7 @@ class _Sent:
     def receive(self, message: CommandAnswer) -> None:
         """Store an answer; answers are repeated on the bus."""
         before = self.answers.get(message.sender)
-        if before is None or before.did != message.did:
+        if before is None or (before.did != message.did and message.is_final >= before.is_final):
             answer = CommandResult(message.did, monotonic() - self.first_s, message.is_obeyed, message.is_final)
             self.answers[message.sender] = answer
             self.on_answer(message.sender, answer)
@@ -123,6 +125,8 @@ class CommandClient:
         """The latest tactic received from each vehicle."""
         self.ended: dict[int, str] = {}
         """How the flights of vehicles have ended: they answer no more."""
+        self._ended_s: dict[int, float] = {}
+        """When each of these ends was received [wall s]."""
         self.joined_after_s = 0.0
         """Time to join the bus and to receive the vehicles, before the first transmission [wall s]."""
 
@@ -173,7 +177,7 @@ class CommandClient:
         """Send a command until every vehicle has answered it or its time is over."""
         began_s = latest_s = monotonic() - _REPEAT_S
         timeout_s = _DONE_TIMEOUT_S if VERBS[command.verb].done else _ANSWER_TIMEOUT_S
-        while not all(sent.is_done(each) or each in self.ended for each in vehicles):
+        while not all(sent.is_done(each) or self._answers_no_more(each, sent) for each in vehicles):
             now_s = monotonic()
             if self._first_message_s is None:
                 sent.first_s = now_s
@@ -184,6 +188,12 @@ class CommandClient:
                 times_s = self._clocks.times_s(now_s)
                 send_command(self._bus, msgspec.structs.replace(command, time_s=self._team_s, times_s=times_s))
             await asyncio.sleep(_POLL_S)
+
+    def _answers_no_more(self, vehicle: int, sent: _Sent) -> bool:
+        """Return whether no answer of a vehicle is waited for: its flight has ended, and it has not begun the command."""
+        if vehicle not in self.ended:
+            return False
+        return vehicle not in sent.answers or monotonic() - self._ended_s[vehicle] > _LAST_ANSWER_TIMEOUT_S
 
     async def send_sighting(self, sighting: ExternalSighting, lasting_s: float) -> Collection[int]:
         """Send a sighting of the target to the team repeatedly for `lasting_s`; return the vehicles on the bus.
@@ -261,7 +271,10 @@ class CommandClient:
         if isinstance(message, VehicleReport):
             self.ended.pop(message.sender, None)
             if message.ended:
+                self._ended_s.setdefault(message.sender, monotonic())
                 self.ended[message.sender] = message.ended
+            else:
+                self._ended_s.pop(message.sender, None)
         if isinstance(message, CommandAnswer) and message.key in self._sent:
             self._note_first_message()
             self._sent[message.key].receive(message)

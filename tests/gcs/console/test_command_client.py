@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from agents.team.codec import decode, encode
-from agents.team.messages import TIME_MAX_S, CommandAnswer, CommandKey, MemberState, OperatorCommand
+from agents.team.messages import TIME_MAX_S, BusMessage, CommandAnswer, CommandKey, MemberState, OperatorCommand, VehicleReport
 from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock, _Sent
 from gcs.keys.identity import Identity
@@ -59,3 +59,35 @@ def test_answers_to_its_own_commands_count_and_clocks(mission_file: Callable[...
     assert told == [(3, "motors cut")]
     assert client._clocks.members == {3}
     assert client.tactics == {3: "hold"}
+
+
+class ScriptedBus:
+    """Answers each transmission of a command with the next messages of a script."""
+
+    def __init__(self, *script: tuple[BusMessage, ...]) -> None:
+        self._script = iter(script)
+
+    async def open(self, on_message: Callable[[BusMessage], None], *_: object) -> None:
+        self._on_message = on_message
+
+    async def close(self) -> None:
+        """Leave the bus."""
+
+    def publish(self, *_: object) -> None:
+        for message in next(self._script, ()):
+            self._on_message(message)
+
+
+@pytest.mark.parametrize(("repeated", "did"), [(True, "motors cut"), (False, "cuts the motors")])
+async def test_the_end_of_a_flight_that_arrives_before_the_answer_to_the_kill_does_not_hide_it(
+    mission_file: Callable[..., str], repeated: bool, did: str
+) -> None:
+    """The two are sent on topics of their own, between which there is no order."""
+    client = CommandClient(load_mission(mission_file("case2", INSECURE)), Identity(Participant("operator", "pat")))
+    begun = CommandAnswer(3, 100.0, 7, "cuts the motors", "kill", "pat", "begun")
+    cut = CommandAnswer(3, 100.1, 7, "motors cut", "kill", "pat", "obeyed")
+    ended = VehicleReport(3, 100.1, "hold", ended="killed")
+    client._bus = ScriptedBus((begun, ended), (cut, begun) if repeated else ())  # type: ignore[assignment]
+    answers = await client.command("kill", (3,), 3, number=7)
+    assert answers[3] is not None
+    assert answers[3].did == did
