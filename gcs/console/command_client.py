@@ -190,7 +190,7 @@ class CommandClient:
             await asyncio.sleep(_POLL_S)
 
     def _answers_no_more(self, vehicle: int, sent: _Sent) -> bool:
-        """Return whether no answer of a vehicle is waited for: its flight has ended, and it has not begun the command."""
+        """Return whether a vehicle's flight has ended and no last answer of it can be on its way."""
         if vehicle not in self.ended:
             return False
         return vehicle not in sent.answers or monotonic() - self._ended_s[vehicle] > _LAST_ANSWER_TIMEOUT_S

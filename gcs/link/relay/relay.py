@@ -86,10 +86,10 @@ class TransmitQueue:
             self._free_s += (len(outgoing[0]) + self.extra_bytes) / self.bytes_s
         return sent
 
-    def due_s(self, now_s: float) -> float:
-        """Return when the next frame is due [s], infinity without one."""
+    def due_s(self) -> float:
+        """Return when the next frame is due [s], which may be past; infinity without one."""
         if self._commands or self._others:
-            return max(self._free_s, now_s)
+            return self._free_s
         waiting = (slot.due_s(1.0 / self.setpoint_hz) for slot in self._setpoints.values())
         return max(self._free_s, min(waiting, default=inf))
 
@@ -341,7 +341,7 @@ class Relay:
     def due_s(self) -> float:
         """Return when the next waiting frame is due [s, monotonic]; infinity without one."""
         queue = self._queue
-        return inf if queue is None else queue.due_s(time.monotonic())
+        return inf if queue is None else queue.due_s()
 
     def turn(self, readable: Container[int]) -> None:
         """Pass on what has arrived."""

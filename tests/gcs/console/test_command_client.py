@@ -5,7 +5,15 @@ from collections.abc import Callable
 import pytest
 
 from agents.team.codec import decode, encode
-from agents.team.messages import TIME_MAX_S, BusMessage, CommandAnswer, CommandKey, MemberState, OperatorCommand, VehicleReport
+from agents.team.messages import (
+    TIME_MAX_S,
+    BusMessage,
+    CommandAnswer,
+    CommandKey,
+    MemberState,
+    OperatorCommand,
+    VehicleReport,
+)
 from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock, _Sent
 from gcs.keys.identity import Identity

@@ -1,6 +1,7 @@
 """The relay of a connection between two sockets: which of MAVSDK's frames reach the vehicles there."""
 
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -10,11 +11,13 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from gcs.link.relay import carriers
+from gcs.link.relay.frames import header
 from gcs.link.relay.relay import Relay
 from gcs.link.relay.relay_thread import RelayThread
 from tests.support.wire import LOOPBACK, PATIENCE_S, free_port, until_now
 
 VEHICLES = (7, 8)
+PARAMETER_REQUEST = 20
 
 
 @dataclass
@@ -100,6 +103,23 @@ def test_a_muted_vehicle_is_sent_no_setpoint_and_the_others_and_all_else_are(end
         ends.relay.release(7)
         ends.find(7)
     assert both[0] in ends.hears(1, setpoint(7))
+
+
+def test_what_waits_for_room_leaves_when_it_is_due_and_costs_no_processor_until_then(ends: Ends) -> None:
+    """A due time that was never over made the thread spin, and frames leave a quarter of a second late."""
+    bytes_s, requests = 800.0, 32
+    ends.relay.pace(bytes_s, 1.0)
+    sender = mavlink.MAVLink(None, 245, 190)
+    frames = [bytes(sender.param_request_read_encode(7, 1, b"", index).pack(sender)) for index in range(requests)]
+    began_s, used_s = time.monotonic(), time.process_time()
+    ends.mavsdk.sendall(b"".join(frames))
+    at_s = list[float]()
+    while len(at_s) < requests:
+        if header(ends.vehicles.recv(4096)).message == PARAMETER_REQUEST:
+            at_s.append(time.monotonic())
+    lasts_s = sum(map(len, frames)) / bytes_s
+    assert 0.8 * lasts_s < at_s[-1] - began_s < 3.0 * lasts_s, "no sooner than there is room, and hardly later"
+    assert time.process_time() - used_s < 0.25 * lasts_s
 
 
 IDLE = 50

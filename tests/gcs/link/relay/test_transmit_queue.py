@@ -81,7 +81,7 @@ def test_copies_of_a_setpoint_leave_apart_in_time_and_only_until_they_are_used_u
     assert all(later - earlier >= 0.7 / setpoint_hz for (earlier, _), (later, _) in pairwise(sent))
     assert all(now_s - value < 0.1 for now_s, value in sent[: -copies + 1])
     assert [value for _, value in sent].count(1.0) == copies
-    assert queue.due_s(2.0) == inf
+    assert queue.due_s() == inf
 
 
 def test_a_tick_that_is_a_little_early_is_not_skipped() -> None:
@@ -120,12 +120,12 @@ def test_parameters_that_nobody_takes_are_dropped_and_counted() -> None:
 
 def test_the_next_time_is_that_of_what_waits() -> None:
     queue = TransmitQueue(bytes_s=100.0, setpoint_hz=10.0)
-    assert queue.due_s(0.0) == inf
+    assert queue.due_s() == inf
     queue.put(setpoint(1, 0.0), PLACE)
-    assert queue.due_s(5.0) <= 5.0
+    assert queue.due_s() <= 5.0
     assert queue.due(5.0)
     queue.put(setpoint(1, 0.0), PLACE)  # a repetition: a whole period later, and after 65 bytes at 100 a second
-    assert queue.due_s(5.0) == pytest.approx(5.0 - 0.03 + 0.65)
+    assert queue.due_s() == pytest.approx(5.0 - 0.03 + 0.65)
 
 
 def test_addressed_systems_and_a_radios_buffer_are_read_from_the_bytes() -> None:
