@@ -39,7 +39,8 @@ class StateBroadcast:
             return ()
         angle = None
         if ring is not None and ring.joined and situation.polar is not None:
-            angle = neighbour_angle(self._vehicle_id, situation, situation.polar, ring)
+            references = self._team.ring.references(self._vehicle_id)
+            angle = neighbour_angle(self._vehicle_id, situation, situation.polar, ring, references)
         state = self._state(task, sent, alert, reshaping, drops, angle)
         # While it approaches its place on the ring, the others make room from its published states.
         joins = ring is not None and (ring.mixing < 1.0 or not ring.joined)
@@ -88,8 +89,13 @@ class StateBroadcast:
         return (target_package(self._vehicle_id, sighting, recipients),)
 
 
-def neighbour_angle(vehicle_id: int, situation: Situation, polar: Polar, ring: RingReport) -> NeighbourAngle:
-    """Return the vehicle's place on the ring, that of its reference, and the ring that it can fly."""
+def neighbour_angle(
+    vehicle_id: int, situation: Situation, polar: Polar, ring: RingReport, references: int
+) -> NeighbourAngle:
+    """Return the vehicle's place on the ring, that of its reference, and the ring that it can fly.
+
+    `references` is the digest of those that its law takes into account.
+    """
     reference, needed, now_s = ring.reference, ring.needed, situation.now_s
     ahead_s = situation.acting_s - now_s
     return NeighbourAngle(
@@ -102,6 +108,7 @@ def neighbour_angle(vehicle_id: int, situation: Situation, polar: Polar, ring: R
         needed.radius,
         None if reference is None else wrap_signed_rad(reference.value - reference.rate * ahead_s),
         0.0 if reference is None else reference.rate,
+        0 if reference is None else references,
     )
 
 

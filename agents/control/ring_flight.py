@@ -9,7 +9,7 @@ from agents.notes import RingChange
 from agents.ring.detour import Obstacle, bend_m, headway_rate_rad_s, leads
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import ring_place, spacing_errors_rad
+from agents.ring.place import place_errors_rad, ring_place
 from agents.ring.reference import RingReference, RingWay
 from agents.safety.barriers import unsure_m
 from agents.safety.fence import Fence
@@ -41,6 +41,7 @@ class RingFlight:
     """Plans one vehicle's flight about the target; its state is the ring flown, and whether it has joined."""
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
+        self._vehicle_id = config.vehicle_id
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._radius_min_m = config.encirclement.radius_min_m
@@ -125,7 +126,7 @@ class RingFlight:
         way = RingWay(
             orbit,
             radius_m,
-            self._spacing_errors_rad(situation, polar, mixing) if ahead_rad is None else (ahead_rad, -ahead_rad),
+            self._errors_rad(situation, polar, mixing) if ahead_rad is None else (ahead_rad, -ahead_rad),
             self._headway_rate_rad_s(situation, centre, polar, orbit),
             mixing,
             bend_m(radius_m, polar, obstacles),
@@ -151,8 +152,11 @@ class RingFlight:
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
-    def _spacing_errors_rad(self, situation: Situation, polar: Polar, mixing: float) -> Sequence[float]:
-        """Return the spacing errors of the references on the ring, the vehicle's own first.
+    def _errors_rad(self, situation: Situation, polar: Polar, mixing: float) -> Sequence[float]:
+        """Return how far the references on the ring are from their places, the vehicle's own first.
+
+        While the vehicles on the ring do not all know the same references, a place among those that it knows is none
+        among all: the vehicle then corrects towards the middle between its neighbours, as (22) states.
 
         While the vehicle is in transition from the formation, its own error is 0: it does not fly its reference yet,
         and the others must not correct for it.
@@ -160,7 +164,11 @@ class RingFlight:
         if mixing < 1.0:
             return (0.0,)
         own_rad = self._reference.bearing_rad(polar, situation.acting_s)
-        return spacing_errors_rad([own_rad, *self._team.ring.reference_bearings_rad(situation.acting_s)])
+        others_rad = self._team.ring.reference_bearings_rad(situation.acting_s)
+        if self._team.ring.is_known_to_all(self._vehicle_id):
+            return place_errors_rad([own_rad, *others_rad])
+        error_rad = ring_place(own_rad, others_rad).error_rad
+        return error_rad, -error_rad
 
     def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
         """Return the largest angular rate that keeps the headway to the vehicle ahead."""

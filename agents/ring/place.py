@@ -1,14 +1,8 @@
-"""The place on the ring: the neighbours ahead and behind, the spacing errors, and the gain that corrects them."""
+"""The place on the ring: the neighbours ahead and behind, and how far a vehicle is from its place."""
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
-from math import cos, sin, tau
+from math import sin, tau
 from typing import Final
-
-_FASTEST_MODE_PER_S = 3.0
-"""With references that are received late and extrapolated, the spacing is stable only while half of this times their
-age is less than 1. This leaves 0.6 s for late or lost messages.
-"""
 
 
 class RingPlace:
@@ -28,6 +22,11 @@ class RingPlace:
         """The even spacing of the members - (15)."""
         return tau / self.members
 
+    @property
+    def error_rad(self) -> float:
+        """The angle ahead `(phi_lead - phi_lag) / 3` by which the law corrects the rate - (22); 0 alone on the ring."""
+        return 0.0 if self.lead_rad is None or self.lag_rad is None else (self.lead_rad - self.lag_rad) / 3.0
+
 
 def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingPlace:
     """Find the neighbours of a vehicle on the ring from the bearings of all about the target - (16)."""
@@ -41,38 +40,20 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
 
 
-def spacing_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
-    """Return `(phi_lead - phi_lag) / 2` of every vehicle on the ring from the bearings of all, in their order.
+def place_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
+    """Return `mean_j psi_j - psi_i` of every vehicle on the ring from the bearings of all - (19), (21).
 
-    It is the angle from a vehicle ahead to the middle between its neighbours; 0 alone on the ring.
+    `psi_i = phi_i - 2 pi k_i / n` for the k-th of n vehicles counter-clockwise. It is the angle from a vehicle ahead to
+    its place among n even places that are turned to the vehicles' mean, and 0 in sum. On a ring of three it is
+    `(phi_lead - phi_lag) / 3`.
     """
-    members = len(bearings_rad)
-    turned = [bearing % tau or tau for bearing in bearings_rad]
-    order = sorted(range(members), key=turned.__getitem__)
-    placed = [turned[each] for each in order]
-    ahead = [after - here for here, after in pairwise(placed)]
-    ahead.append(placed[0] - placed[-1] + tau)
-    errors, behind = [0.0] * members, ahead[-1]
-    for each, gap in zip(order, ahead, strict=True):
-        errors[each] = (gap - behind) / 2.0
-        behind = gap
-    return errors
-
-
-def spacing_decay_per_s(members: int, gain_per_s: float) -> float:
-    """Return the decay rate of the slowest spacing error on a ring of at least two [1/s] - (20).
-
-    It equals the gain, except on a ring so large that the bound on the fastest mode reduces it.
-    """
-    return 2.0 / 3.0 * scaled_gain_per_s(members, gain_per_s) * (1.0 - cos(tau / members))
-
-
-def scaled_gain_per_s(members: int, gain_per_s: float) -> float:
-    """Return gamma such that the slowest ring mode, of `(2 gamma / 3) (1 - cos(2 pi k / n))`, decays at the gain.
-
-    It is bounded: the fastest mode of a large ring, up to `4 gamma / 3`, would otherwise be faster than the messages.
-    """
-    return min(gain_per_s * 1.5 / (1.0 - cos(tau / members)), max(gain_per_s, 0.75 * _FASTEST_MODE_PER_S))
+    even_rad = tau / len(bearings_rad)
+    turned = [bearing % tau for bearing in bearings_rad]
+    turns = [0.0] * len(turned)
+    for rank, index in enumerate(sorted(range(len(turned)), key=turned.__getitem__)):
+        turns[index] = turned[index] - rank * even_rad
+    mean_rad = sum(turns) / len(turns)
+    return [mean_rad - turn for turn in turns]
 
 
 def chord_m(radius_m: float, members: int) -> float:

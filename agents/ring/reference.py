@@ -1,6 +1,6 @@
-"""The reference that a vehicle follows on the ring: a place that moves by the law (22), within bounds.
+"""The reference that a vehicle follows on the ring: a place that moves by the spacing law, within bounds.
 
-The law (22) gives an angular rate. Applied directly, it would saturate the acceleration whenever a vehicle joins or
+The law gives an angular rate. Applied directly, it would saturate the acceleration whenever a vehicle joins or
 leaves. Instead it moves a reference within the bounds of a transition, and the LMPC keeps the vehicle on the reference.
 The spacing errors are those of the references, which vehicles publish. The spacing loop therefore contains neither
 noise nor the vehicles' dynamics, and its errors decay as in (20) while no bound is active.
@@ -41,7 +41,7 @@ class RingPoint:
 
 
 class RingWay:
-    """The input of a reference: the orbit at `radius_m`, and the spacing errors (n,) of the references, its own first.
+    """The input of a reference: the orbit at `radius_m`, and how far all n are from their places, its own first.
 
     `fastest_rad_s` bounds its angular rate. `share` is that of the encirclement in the vehicle's aim. At the vehicle's
     bearing the ring is `bend_m` farther out than the reference. The vehicle `waits` while the guard changes its aims.

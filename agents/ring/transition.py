@@ -1,14 +1,12 @@
 """How vehicles change places on the ring: by the law (22), within the bounds of a transition."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 from math import ceil, copysign, sqrt
 from typing import Final
 
 import msgspec
 
 from agents.ring.feasibility import Orbit
-from agents.ring.place import scaled_gain_per_s
 from agents.settings.sections import EncirclementSettings
 from estimation.vectors import limited
 
@@ -65,15 +63,15 @@ def transition_of(settings: EncirclementSettings) -> Transition:
 
 
 def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, transition: Transition) -> float:
-    """Return the rate of the first vehicle on a ring of spacing errors `errors_rad` (n,) - (19), (21), (22).
+    """Return the rate of the first vehicle on a ring whose vehicles are `errors_rad` (n,) off places - (21), (22).
 
-    It is `w_i = w_D + 2 gamma / 3 e_i` [rad/s] as long as no bound is active. The corrections then sum to zero, so that
-    the mean rate is the ring's, and on a ring of three the rates of neighbours differ as (19) states. A bound on one
-    vehicle scales the corrections of all by the same share, so that the errors decay in proportion and no spacing
-    overshoots. If the ring is too slow for a vehicle to wait, all fly faster by the same amount. Every vehicle computes
-    the share from the same bearings, so no message is needed.
+    It is `w_i = w_D + gamma e_i` [rad/s] as long as no bound is active. With `place_errors_rad` this is the one
+    solution of (19) and (21) for n vehicles: every spacing error decays at gamma, and the mean rate is the ring's. For
+    n = 3 it is (22). A bound on one vehicle scales the corrections of all by the same share, so that the errors decay
+    in proportion and no spacing overshoots. If the ring is too slow for a vehicle to wait, all fly faster by the same
+    amount. Every vehicle computes the share from the same bearings, so no message is needed.
     """
-    ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, correction_gain_per_s(len(errors_rad), transition.gain_per_s)
+    ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, transition.gain_per_s
     furthest_rad = max(map(abs, errors_rad))
     if furthest_rad * gain_per_s == 0.0:
         return ring_rad_s
@@ -89,12 +87,6 @@ def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, transition:
     )
     common = max(0.0, -slowest_rad_s - share * least) - max(0.0, share * most - fastest_rad_s)
     return ring_rad_s + copysign(1.0, ring_rad_s) * (share * forwards[0] + common)
-
-
-@lru_cache(maxsize=256)
-def correction_gain_per_s(members: int, gain_per_s: float) -> float:
-    """Return `2 gamma / 3` of (22): the correction of the rate for each radian of the spacing error."""
-    return 2.0 / 3.0 * scaled_gain_per_s(members, gain_per_s) if members > 1 else 0.0
 
 
 def braked_rate(missing: float, acceleration_max: float) -> float:

@@ -78,8 +78,7 @@ class EncirclementTuning(Settings):
     spacing_gain_per_s: float = tuned(
         0.3,
         "decay rate of spacing errors",
-        "Scaled with the number of vehicles, so that spacing errors decay equally fast on any ring. Vehicles can "
-        "follow up to 1.4 1/s.",
+        "The same for any number of vehicles. Vehicles can follow up to 1.4 1/s.",
         "γ of (22)",
         ge=0.0,
         le=2.0,

@@ -53,7 +53,8 @@ Outcome = Literal["begun", "obeyed", "refused", "misdated"]
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
-    It is a part of its sender's state. The shares are the ring that the sender can fly (`agents/ring/feasibility.py`).
+    It is a part of its sender's state. The shares are the ring that the sender can fly (`agents/ring/feasibility.py`),
+    `references` a digest of the vehicles whose references its law takes into account, 0 if that is not known.
     """
 
     sender: Annotated[VehicleId, SHARED]
@@ -65,6 +66,7 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
     radius_share: Annotated[float, msgspec.Meta(ge=1.0, le=10.0), Unit(1e4)] = 1.0
     reference_rad: _Angle | None = None
     reference_rate_rad_s: _AngularRate = 0.0
+    references: Annotated[int, msgspec.Meta(ge=0, le=0xFFFF), Added(1)] = 0
 
 
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from math import inf
+from zlib import crc32
 
 import msgspec
 
@@ -31,6 +32,7 @@ class RingMembers:
         self._angles: dict[int, NeighbourAngle] = {}
         self._engaged: dict[int, NeighbourAngle] | None = None
         self._shares = FULL_RING
+        self._references: int | None = None
         self.oldest_s = inf
         """A lower bound of the times of all places."""
 
@@ -41,6 +43,8 @@ class RingMembers:
             return
         self._angles[angle.sender] = angle
         self.oldest_s = min(self.oldest_s, angle.time_s)
+        if known is None or (known.reference_rad is None) != (angle.reference_rad is None):
+            self._references = None
         if self._engaged is None:
             return
         if known is None or angle.rate_share != known.rate_share or angle.radius_share != known.radius_share:
@@ -80,6 +84,19 @@ class RingMembers:
             if angle.reference_rad is not None
         ]
 
+    def references(self, own_id: int) -> int:
+        """Return a digest of the vehicles whose references the law takes into account, the own included; never 0."""
+        members = self._on_ring()
+        if self._references is None:
+            ids = [angle.sender for angle in members if angle.reference_rad is not None]
+            self._references = 1 + crc32(bytes(sorted([own_id, *ids]))) % 0xFFFF
+        return self._references
+
+    def is_known_to_all(self, own_id: int) -> bool:
+        """Return whether all engaged peers with a reference take the same references into account as this vehicle."""
+        same = (0, self.references(own_id))
+        return all(angle.references in same for angle in self._on_ring() if angle.reference_rad is not None)
+
     def shares(self) -> RingScale:
         """Return the ring that all engaged peers can fly."""
         self._on_ring()
@@ -89,7 +106,7 @@ class RingMembers:
         # Used several times a tick, and constant until a peer engages or leaves, or the ring changes its size.
         if self._engaged is None:
             self._engaged = {sender: angle for sender, angle in self._angles.items() if self._is_engaged(sender)}
-            self._shares = FULL_RING
+            self._shares, self._references = FULL_RING, None
             for angle in self._engaged.values():
                 if angle.rate_share < self._shares.rate or angle.radius_share > self._shares.radius:
                     self._shares = self._shares.with_(RingScale(angle.rate_share, angle.radius_share))

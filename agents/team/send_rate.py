@@ -90,6 +90,8 @@ def place_goes_on(before: NeighbourAngle | None, place: NeighbourAngle | None) -
     """Return whether a place on the ring (None: off it) agrees with its prediction from an earlier one."""
     if place is None or before is None:
         return place is before
+    if place.references != before.references:
+        return False
     if abs(place.rate_share - before.rate_share) > _SHARE or abs(place.radius_share - before.radius_share) > _SHARE:
         return False
     if place.reference_rad is None or before.reference_rad is None:

@@ -1,19 +1,17 @@
 """Stability of a configuration's control loops on its own plant, by their eigenvalues.
 
 Near the reference no constraint is active: the LMPC is a linear feedback, and the delay is predicted exactly. This
-leaves one sampled linear loop for each axis of the formation, for the radius and for the bearing, and one for each mode
-of the references on an evenly spaced ring. In the k-th of n modes, neighbouring references deviate with a phase
-difference of 2 pi k / n.
+leaves one sampled linear loop for each axis of the formation, for the radius and for the bearing, and one for the
+references on the ring, whose deviations from their places all follow the same law.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import cos, floor, inf, log, tau
+from math import floor, inf, log
 
 import numpy as np
 
 from agents.control.lmpc_cost import formation_programme, ring_programme
-from agents.ring.place import scaled_gain_per_s
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import Vector
@@ -59,14 +57,17 @@ def loops(config: AgentConfig) -> Iterator[ClosedLoop]:
         yield ClosedLoop("encirclement", f"keeping the radius along {'xy'[index]}", _modulus(radius))
         bearing = motion.linearised(polar.state[1, [1, 3]], polar.previous[1, 1])
         yield ClosedLoop("encirclement", f"keeping the bearing along {'xy'[index]}", _modulus(bearing), of_bearing=True)
-    for mode in range(1, members // 2 + 1):  # the other modes mirror these
-        yield ClosedLoop("encirclement", f"mode {mode} of the spacing", _modulus(_spacing(config, members, mode)))
+    if members > 1:
+        yield ClosedLoop("encirclement", "the spacing", _modulus(_spacing(config, members)))
 
 
-def _spacing(config: AgentConfig, members: int, mode: int) -> Vector:
-    """Return the transition (2, 2) of a mode of the references; each uses the others' of the previous tick."""
-    gain = 2.0 / 3.0 * scaled_gain_per_s(members, config.encirclement.spacing_gain_per_s) / config.rate_hz
-    return np.array([[1.0 - gain, gain * cos(tau * mode / members)], [1.0, 0.0]])
+def _spacing(config: AgentConfig, members: int) -> Vector:
+    """Return the transition (2, 2) of a reference's deviation; it uses the others' of the previous tick.
+
+    The deviations of all sum to zero: those of the others are its own with the opposite sign.
+    """
+    gain = config.encirclement.spacing_gain_per_s / config.rate_hz
+    return np.array([[1.0 - gain * (1.0 - 1.0 / members), -gain / members], [1.0, 0.0]])
 
 
 def _modulus(transition: Vector) -> float:

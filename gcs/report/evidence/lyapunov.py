@@ -10,7 +10,6 @@ from math import log
 
 import numpy as np
 
-from agents.ring.place import spacing_decay_per_s
 from estimation.state import Vector
 from gcs.metrics.ring import RingMotion
 
@@ -88,6 +87,6 @@ def _decay(time_s: Vector, value_rad2: Vector, members: int, gain_per_s: float |
         float(time_s[start]),
         float(time_s[-1]),
         float(value_rad2[start]),
-        None if gain_per_s is None else 2.0 * spacing_decay_per_s(members, gain_per_s),
+        None if gain_per_s is None else 2.0 * gain_per_s,
         float(time_s[after[0]] - time_s[start]) if after.size else None,
     )

@@ -1,5 +1,6 @@
-"""The spacing law against the modes of a ring Laplacian, in closed form."""
+"""The spacing law against the paper's two conditions and its decay, in closed form."""
 
+from collections.abc import Callable
 from math import cos, tau
 
 import numpy as np
@@ -7,54 +8,54 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.ring.place import ring_place, scaled_gain_per_s, spacing_decay_per_s, spacing_errors_rad
+from agents.ring.place import place_errors_rad, ring_place
 from estimation.state import Vector
 
-RATE_RAD_S = 0.05
 # Angles from each vehicle to the next, then scaled to a whole turn: no two share a bearing.
 gaps = st.lists(st.floats(0.01, 1.0), min_size=1, max_size=8)
 
 
-def rates(bearings: Vector, gain_per_s: float) -> Vector:
-    """The angular rate that (22) asks of each vehicle."""
-    if len(bearings) == 1:
-        return np.array([RATE_RAD_S])
-    gain = 2.0 / 3.0 * scaled_gain_per_s(len(bearings), gain_per_s)
-    return RATE_RAD_S + gain * np.array(spacing_errors_rad(bearings.tolist()))
+@given(gaps, st.floats(-20.0, 20.0))
+def test_the_law_is_the_one_solution_of_the_papers_two_conditions(gaps: list[float], turn: float) -> None:
+    """(19): neighbours' rates differ by -gamma times the error of their spacing; (21): the mean rate is the ring's."""
+    count, gain_per_s, ring_rad_s = len(gaps), 0.3, 0.05
+    ahead = np.array(gaps) / np.sum(gaps) * tau
+    bearings = np.cumsum(ahead) - ahead[0] + turn
+    differences = np.roll(np.eye(count), 1, axis=1) - np.eye(count)  # the rate of the next minus one's own
+    wanted = -gain_per_s * (np.roll(ahead, -1) - tau / count)
+    conditions = np.vstack([differences, np.full((1, count), 1.0 / count)])
+    rates, *_ = np.linalg.lstsq(conditions, np.append(wanted, ring_rad_s), rcond=None)
+    errors = np.array(place_errors_rad(bearings.tolist()))
+    assert ring_rad_s + gain_per_s * errors == pytest.approx(rates, abs=1e-9)
+    if count == 3:  # (22)
+        assert errors == pytest.approx((np.roll(ahead, -1) - ahead) / 3.0, abs=1e-9)
 
 
-def modes_per_s(members: int, gain_per_s: float) -> list[float]:
-    """The decay rates of the evenly spaced ring, slowest first: eigenvalues of a numerical Jacobian."""
+@pytest.mark.parametrize("members", [2, 3, 6, 12, 24, 32])
+def test_every_deviation_of_any_number_of_vehicles_decays_alike(members: int) -> None:
+    assert modes(place_errors_rad, members) == pytest.approx([0.0, *[1.0] * (members - 1)], abs=1e-7)
+
+
+@pytest.mark.parametrize("members", [3, 8])
+def test_the_law_between_neighbours_decays_as_a_ring_laplacian(members: int) -> None:
+    closed_form = [2.0 / 3.0 * (1.0 - cos(tau * k / members)) for k in range(members)]
+    assert modes(neighbour_errors_rad, members) == pytest.approx(sorted(closed_form), abs=1e-7)
+
+
+def neighbour_errors_rad(bearings_rad: list[float]) -> list[float]:
+    others = [bearings_rad[:own] + bearings_rad[own + 1 :] for own in range(len(bearings_rad))]
+    return [ring_place(own, rest).error_rad for own, rest in zip(bearings_rad, others, strict=True)]
+
+
+def modes(law: Callable[[list[float]], list[float]], members: int) -> list[float]:
+    """The decay rates about the evenly spaced ring for a gain of 1, slowest first, by a numerical Jacobian."""
     even, step = np.arange(members) * tau / members + 0.1, 1e-6
-    columns = [
-        (rates(even + step * e, gain_per_s) - rates(even - step * e, gain_per_s)) / (2.0 * step)
-        for e in np.eye(members)
-    ]
+
+    def errors(bearings: Vector) -> Vector:
+        return np.array(law(bearings.tolist()))
+
+    columns = [(errors(even + step * e) - errors(even - step * e)) / (2.0 * step) for e in np.eye(members)]
     return sorted((-np.linalg.eigvals(np.column_stack(columns)).real).tolist())
-
-
-@pytest.mark.parametrize("members", [2, 3, 7])
-def test_the_slowest_mode_decays_at_the_gain_and_all_of_them_as_a_ring_laplacian(members: int) -> None:
-    gain = 0.15
-    scaled = 1.5 * gain / (1.0 - cos(tau / members))
-    closed_form = [2.0 * scaled / 3.0 * (1.0 - cos(tau * k / members)) for k in range(members)]
-    modes = modes_per_s(members, gain)
-    assert modes == pytest.approx(sorted(closed_form), abs=1e-7)
-    assert modes[1] == pytest.approx(gain)
-
-
-@pytest.mark.parametrize("members", [11, 20])
-def test_the_fastest_mode_of_a_large_ring_is_bounded(members: int) -> None:
-    fastest = modes_per_s(members, 0.3)[-1]
-    assert fastest == pytest.approx(1.5 * (1.0 - cos(tau * (members // 2) / members)), abs=1e-7)
-    assert fastest <= 3.0 + 1e-9
-
-
-def test_the_stated_decay_of_a_ring_is_that_of_its_slowest_mode(subtests: pytest.Subtests) -> None:
-    for members in [2, 3, 12, 24]:
-        for gain in [0.05, 1.5]:
-            with subtests.test(members=members, gain=gain):
-                assert spacing_decay_per_s(members, gain) == pytest.approx(modes_per_s(members, gain)[1], rel=1e-4)
 
 
 @given(gaps, st.floats(-20.0, 20.0))
@@ -67,11 +68,10 @@ def test_neighbours_are_the_adjacent_gaps_wherever_the_ring_is_turned_to(gaps: l
         if len(gaps) > 1:
             assert place.lag_rad == pytest.approx(scaled[own], abs=1e-9)
             assert place.lead_rad == pytest.approx(scaled[(own + 1) % len(gaps)], abs=1e-9)
-            error_rad = spacing_errors_rad(bearings.tolist())[own]
-            assert error_rad == pytest.approx((scaled[(own + 1) % len(gaps)] - scaled[own]) / 2.0, abs=1e-9)
 
 
 def test_alone_on_the_ring_there_is_no_spacing_to_keep() -> None:
     place = ring_place(1.0, [])
     assert (place.members, place.lead_rad, place.lag_rad) == (1, None, None)
-    assert spacing_errors_rad([1.0]) == [0.0]
+    assert place.error_rad == 0.0
+    assert place_errors_rad([1.0]) == [0.0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.ring.feasibility import Orbit
-from agents.ring.place import spacing_errors_rad
+from agents.ring.place import place_errors_rad
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import transition_of, transition_rate_rad_s
 from agents.settings.config import AgentConfig
@@ -35,7 +35,7 @@ def turned(config: AgentConfig, bearings_rad: Sequence[float], duration_s: float
         for own, (reference, last) in enumerate(zip(references, before, strict=True)):
             others = [each.bearing_rad(now_s) for each in (*before[:own], *before[own + 1 :])]
             polar = Polar(last.radius.value, last.bearing_rad(now_s), 0.0, last.bearing.rate)
-            errors = spacing_errors_rad([reference.bearing_rad(polar, now_s), *others])
+            errors = place_errors_rad([reference.bearing_rad(polar, now_s), *others])
             points.append(reference.advance(polar, RingWay(orbit, orbit.radius_m, errors), now_s))
         track.append([[each.bearing.value, each.bearing.rate] for each in points])
     return np.array(track)
@@ -73,8 +73,8 @@ def test_a_transition_keeps_its_bounds_and_no_spacing_overshoots(
 
 def test_without_a_bound_the_rate_is_that_of_the_paper(make_config: Maker) -> None:
     settings = make_config(encirclement={"spacing_gain_per_s": 0.3}).encirclement
-    # (22) by hand: 0.05 + 0.3 / 3 (lead - lag), with lead - lag twice the error.
-    assert transition_rate_rad_s([0.1, -0.06, -0.04], ORBIT, transition_of(settings)) == pytest.approx(0.05 + 0.1 * 0.2)
+    # (22) by hand: 0.05 + 0.3 / 3 (lead - lag), with lead - lag three times the error.
+    assert transition_rate_rad_s([0.1, -0.06, -0.04], ORBIT, transition_of(settings)) == pytest.approx(0.05 + 0.1 * 0.3)
     assert transition_rate_rad_s([0.0, 0.0], ORBIT, transition_of(settings)) == 0.05
 
 
@@ -86,7 +86,7 @@ def test_a_bound_on_one_vehicle_scales_the_corrections_of_all(make_config: Maker
     )
     shares = np.diff(wanted) / np.diff(errors)
     assert shares == pytest.approx(shares[0])
-    assert shares[0] < 0.2  # 2 gamma / 3 without the bound
+    assert shares[0] < 0.2  # gamma without the bound
     assert wanted.max() <= 0.05 + 0.05 + 1e-12
     assert wanted.min() >= 0.05 * 0.2 - 1e-12
 

@@ -53,6 +53,24 @@ def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
     assert len(team.ring.bearings_rad(10.0, 0.0)) == counted
 
 
+def test_vehicles_know_whether_they_all_take_the_same_references_into_account() -> None:
+    """A chain of radios: 1 and 3 hear 2 only."""
+    chain = {1: (2,), 2: (1, 3), 3: (2,)}
+
+    def known(hears: dict[int, tuple[int, ...]]) -> list[bool]:
+        teams = {each: a_team() for each in hears}
+        for time_s in (1.0, 2.0):  # what is sent first is computed before anything is received
+            digests = {each: team.ring.references(each) for each, team in teams.items()}
+            for own, others in hears.items():
+                for other in others:
+                    place = replace(angle(other, time_s), reference_rad=0.5, references=digests[other])
+                    teams[own].ring.receive(place)
+        return [teams[each].ring.is_known_to_all(each) for each in hears]
+
+    assert known(chain) == [False, False, False]
+    assert known(chain | {1: (2, 3), 3: (1, 2)}) == [True, True, True]
+
+
 def test_who_flies_in_formation_and_who_is_near() -> None:
     team = a_team()
     for sender, tactic, x in ((1, "formation", 3.0), (3, "encircle", 5.0), (4, "formation", 5.01)):

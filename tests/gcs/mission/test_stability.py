@@ -77,20 +77,17 @@ def test_the_references_are_spaced_as_the_spacing_law_says(
 ) -> None:
     config = make_config(rate_hz=50.0, encirclement={"spacing_gain_per_s": 0.2})
     config = replace(config, slots=tuple(range(1, members + 1)))
-    slowest = max(loop.modulus for loop in loops(config) if "mode" in loop.name)
-    gain = 0.2 * 1.5 / (1.0 - np.cos(2.0 * np.pi / members))
-    decay_per_s = 2.0 / 3.0 * gain * (1.0 - np.cos(2.0 * np.pi / members))
-    assert -np.log(slowest) * 50.0 == pytest.approx(decay_per_s, rel=0.05)
+    assert -np.log(named(config, "the spacing").modulus) * 50.0 == pytest.approx(0.2, rel=0.01)
 
 
 def test_a_ring_that_is_not_spaced_is_neutral_and_one_vehicle_has_no_spacing(
     make_config: Callable[..., AgentConfig],
 ) -> None:
     config = make_config(encirclement={"spacing_weight": 0.0, "spacing_gain_per_s": 0.0})
-    assert named(config, "mode 1 of the spacing").margin == pytest.approx(0.0, abs=1e-9)
+    assert named(config, "the spacing").margin == pytest.approx(0.0, abs=1e-9)
     assert named(config, "keeping the bearing along y").margin == pytest.approx(0.0, abs=1e-9)
     alone = replace(make_config(), slots=(2,))
-    assert not [loop.name for loop in loops(alone) if "mode" in loop.name]
+    assert not [loop.name for loop in loops(alone) if "spacing" in loop.name]
     assert all(loop.margin > 0.01 for loop in loops(alone))
 
 
