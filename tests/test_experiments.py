@@ -5,12 +5,16 @@ import runpy
 import shlex
 import sys
 
+import numpy as np
 import pytest
 
 from gcs.flight.faults.schedule import scheduled_faults
+from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
 from gcs.mission.file import load_mission
 from tests.experiments import station_tour
+from tests.experiments.random_joins import Ring
 from tests.support.loop_stages import STAGES, methods
+from tests.support.mission_text import content, parsed
 from tests.support.page.walk_through import lines_of
 from tests.support.paths import ROOT
 
@@ -51,3 +55,29 @@ def test_the_walk_through_of_the_page_can_be_carried_out() -> None:
     assert len(scheduled_faults(faults, mission, mission.mission.duration_s, mission.ids)) == 3
     log = fly[fly.index("--log") + 1]
     assert [words[1:] for words in others] == [["station", log], ["report", log]]
+
+
+def test_a_join_and_a_departure_of_a_known_path_are_measured() -> None:
+    """The second vehicle joins at 20 s with a spacing that swings by e^-x cos x, and holds from 60 s on."""
+    time_s = np.arange(0.0, 100.0, 0.1)
+    swing = 0.3 * np.maximum(time_s - 20.0, 0.0)
+    error_rad = np.radians(40.0) * np.exp(-swing) * np.cos(swing)
+    tracks = []
+    for vehicle_id, bearing in ((1, 0.05 * time_s), (2, 0.05 * time_s + np.pi + error_rad)):
+        about_m = 10.0 * np.column_stack([np.cos(bearing), np.sin(bearing)])
+        tactic = np.full(time_s.shape, "encircle", "<U16")
+        if vehicle_id == 2:
+            tactic[time_s < 20.0], tactic[time_s >= 60.0] = "formation", "hold"
+        tracks.append(VehicleTrack(vehicle_id, about_m, np.gradient(about_m, time_s, axis=0), tactic))
+    still, loop = np.zeros((time_s.size, 2)), LoopStatistics(10.0, 0, 0)
+    record = FlightRecord("ring", 0, "simulation", "truth", time_s, still, still, tuple(tracks), loop, 1.0)
+    ring = Ring(record, parsed(content()))
+    alone, joined, left = ring.spans()
+    # By hand: e^-x cos x is least at x = 3 pi / 4, and an eighth, which is 5 degrees, at x = 1.16.
+    lowest_deg = 40.0 * np.exp(-0.75 * np.pi) * np.cos(0.25 * np.pi)
+    assert ring.beyond_deg(joined) == pytest.approx((lowest_deg, lowest_deg), abs=0.02)
+    assert ring.settling(joined).took_s == pytest.approx(1.1605 / 0.3, abs=0.11)
+    assert [ring.beyond_deg(span) for span in (alone, left)] == [(0.0, 0.0)] * 2
+    assert [ring.settling(span).took_s for span in (alone, left)] == [0.0, 0.0]
+    # The spacing changes fastest at x = 0, by -0.3 * 40 degrees per second, which is before the mixing ends.
+    assert ring.speed_share() == pytest.approx(10.0 * (0.3 * np.radians(40.0) - 0.05) / 3.0, rel=0.05)

@@ -12,7 +12,7 @@ from gcs.metrics.ring import RingMotion, off_ring
 
 _TOGETHER_S = 3.0
 """Vehicles that engage within this time of each other begin one transition."""
-_ACCELERATION_SPAN_S = 0.4
+ACCELERATION_SPAN_S = 0.4
 """The interval of the velocity differences that give the acceleration."""
 _MONOTONIC_AFTER_S = 5.0
 _STILL_RAD = np.radians(0.25)
@@ -39,7 +39,7 @@ class TransitionResult:
 
 
 @dataclass(frozen=True, slots=True)
-class _Motion:
+class RelativeMotion:
     """Motion relative to the target, (V, T) each: speed, speed along the ring in its direction, and acceleration."""
 
     speed_m_s: Vector
@@ -52,24 +52,25 @@ def transitions(
 ) -> tuple[TransitionResult, ...]:
     """Return a result for each engagement, from it until the ring has settled or the next one."""
     begins_s = [at for at, after in pairwise([*sorted(engaged_s), np.inf]) if after - at > _TOGETHER_S]
-    relative = _relative(record, motion, ring)
+    relative = relative_motion(record, motion, ring)
     return tuple(
         _transition(record.time_s, motion, ring, relative, begin_s, end_s)
         for begin_s, end_s in pairwise([*begins_s, np.inf])
     )
 
 
-def _relative(record: FlightRecord, motion: RingMotion, ring: DesiredRing) -> _Motion:
+def relative_motion(record: FlightRecord, motion: RingMotion, ring: DesiredRing) -> RelativeMotion:
+    """Return the motion of all vehicles relative to the target; the acceleration is NaN near the record's ends."""
     velocity_m_s = np.empty((len(record.vehicles), record.time_s.size, 2))
     for index, track in enumerate(record.vehicles):
         _, velocity_m_s[index] = record.relative(track)
     step_s = float(record.time_s[1] - record.time_s[0]) if record.time_s.size > 1 else 1.0
-    half = max(1, round(_ACCELERATION_SPAN_S / 2.0 / step_s))
+    half = max(1, round(ACCELERATION_SPAN_S / 2.0 / step_s))
     change_m_s = np.full(velocity_m_s.shape, np.nan)
     if record.time_s.size > 2 * half:
         change_m_s[:, half:-half] = velocity_m_s[:, 2 * half :] - velocity_m_s[:, : -2 * half]
     direction = -1.0 if ring.angular_rate_rad_s < 0.0 else 1.0
-    return _Motion(
+    return RelativeMotion(
         np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1]),
         direction * motion.rate_rad_s * motion.radius_m,
         np.hypot(change_m_s[..., 0], change_m_s[..., 1]) / (2.0 * half * step_s),
@@ -77,7 +78,7 @@ def _relative(record: FlightRecord, motion: RingMotion, ring: DesiredRing) -> _M
 
 
 def _transition(
-    time_s: Vector, motion: RingMotion, ring: DesiredRing, relative: _Motion, begin_s: float, end_s: float
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, relative: RelativeMotion, begin_s: float, end_s: float
 ) -> TransitionResult:
     inside = (time_s >= begin_s) & (time_s < end_s)
     outside = np.flatnonzero(inside & off_ring(motion, ring))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agents.core import VehicleCore
 from agents.inputs import Message, ReceivedInput
+from agents.outputs import TickOutput
 from agents.settings.config import AgentConfig
 from agents.settings.shapes import Shape
 from agents.team.messages import OperatorCommand
@@ -78,8 +79,10 @@ class _CutOff(VehicleCore):
         super().take(item)
 
 
-def flown(scene: Scene, seed: int) -> SimulatedFlight:
-    """Fly a scene."""
+def flown(
+    scene: Scene, seed: int, observe: Callable[[int, int, TickOutput], None] = lambda *_: None
+) -> SimulatedFlight:
+    """Fly a scene; `observe` takes tick, vehicle and output."""
     core = VehicleCore if scene.unheard_id is None else partial(_CutOff, scene.unheard_id)
     vehicles = simulated_vehicles(scene.mission, seed, core, scene.absences)
     told = list(scene.told)
@@ -93,7 +96,7 @@ def flown(scene: Scene, seed: int) -> SimulatedFlight:
                     if command.verb == "formation":
                         break  # one vehicle receives it; it reaches the others in peers' states
 
-    return observed(scene.mission, seed, duration_s=scene.duration_s, vehicles=vehicles, progress=tell)
+    return observed(scene.mission, seed, observe, duration_s=scene.duration_s, vehicles=vehicles, progress=tell)
 
 
 def field(
