@@ -84,16 +84,17 @@ class VehicleCalls:
     async def command_until(
         self, verb: str, function: Callable[..., object], condition: Callable[[], bool], *, attempts: int, each_s: float
     ) -> None:
-        """Repeat a call on the urgent thread until it is accepted and its effect is received.
+        """Repeat a call on the urgent thread until its effect is received; one that was there before needs an answer.
 
         Each attempt waits `each_s` [s of the link] for the effect. Raises VehicleRefusedError when all attempts fail.
         """
-        accepted, began_s = False, time.monotonic()
+        accepted, began_s, is_there = False, time.monotonic(), condition()
         for _ in range(attempts):
             with suppress(MavsdkError, RuntimeError), self._clock.held():
                 await asyncio.get_running_loop().run_in_executor(self._urgent, function)
                 accepted = True
-            if await self.reached(lambda: accepted and condition(), each_s * self._clock.time_scale):  # noqa: B023
+            counts = accepted or not is_there
+            if await self.reached(lambda: counts and condition(), each_s * self._clock.time_scale):  # noqa: B023
                 return
         failure = "did not carry it out" if accepted else "did not acknowledge it"
         raise self.refusal(

@@ -508,6 +508,11 @@ async def test_an_effect_that_is_received_counts_more_than_an_answer(
 
     await calls.command("fly", fly, done=lambda: bool(made))
     assert len(made) == 1
+    made.clear()
+    await calls.command_until("fly", fly, lambda: bool(made), attempts=2, each_s=0.01)
+    assert len(made) == 1
+    with pytest.raises(VehicleRefusedError, match="sent 2 times"):
+        await calls.command_until("fly", fly, lambda: True, attempts=2, each_s=0.01)
     await calls.close()
 
 
