@@ -107,14 +107,15 @@ class VehicleCalls:
         function: Callable[..., object],
         *arguments: object,
         refusals: int = 1,
+        unanswered: int = CALLS_UNANSWERED,
         done: Callable[[], bool] | None = None,
     ) -> None:
         """Run a call that the autopilot may refuse, again while it is not answered: it, or its answer, may be lost.
 
         `done` returns whether its effect has been received. It counts more than a refusal: an autopilot may refuse to
-        begin what it has begun. Raises VehicleRefusedError after `refusals` refusals, or CALLS_UNANSWERED.
+        begin what it has begun. Raises VehicleRefusedError after `refusals` refusals, or `unanswered` calls.
         """
-        began_s, unanswered = time.monotonic(), 0
+        began_s = time.monotonic()
         while True:
             try:
                 with self._clock.held():
@@ -124,8 +125,8 @@ class VehicleCalls:
             else:
                 return
             answered = result not in UNANSWERED
-            refusals, unanswered = refusals - answered, unanswered + (not answered)
-            is_last = refusals <= 0 or unanswered >= CALLS_UNANSWERED
+            refusals, unanswered = refusals - answered, unanswered - (not answered)
+            is_last = not (refusals and unanswered)
             delay_s = TEXT_DELAY_S if done is None else EFFECT_DELAY_S
             delay_s = delay_s * self._clock.time_scale if answered or is_last else 0.0
             if await self.reached(done or (lambda: False), delay_s):
@@ -183,7 +184,7 @@ class VehicleCalls:
         motion is refused; a refused status message does not prevent a flight.
         """
         motion = partial(self._set_interval, LOCAL_POSITION_NED, rates.telemetry_hz)
-        await self.command("send its local position", motion, refusals=RATE_ATTEMPTS)
+        await self.command("send its local position", motion, refusals=RATE_ATTEMPTS, unanswered=RATE_ATTEMPTS)
         # Without motion the autopilot may have restarted, with another origin: the link requests everything again.
         self._streams.expect(LOCAL_POSITION_NED, rates.telemetry_hz, attempts=0)
         for message in STATUS_BYTES:
