@@ -155,6 +155,9 @@ class VehicleLink(Protocol):
     async def stop_offboard(self) -> None:
         """Leave offboard for hold; returns when the flight mode confirms it."""
 
+    async def catch_up(self) -> None:
+        """Wait until the status shows what the calls so far have done, also those that failed or were cancelled."""
+
     async def land(self) -> None:
         """Land where the vehicle is; returns when it is disarmed."""
 

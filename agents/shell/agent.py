@@ -142,8 +142,6 @@ class OutsideSensors:
             parts.core.take(seen)
 
 
-ARMED_RECEIVED_AFTER_S = 2.5
-"""Heartbeats arrive once a second: within this time an arming in progress is reported."""
 HOLD_BEFORE_LANDING_S = 3.0
 _AFTER_TICK_S = 1e-3
 """The end of the mission comes after a tick at the same time, which belongs to the mission."""
@@ -392,7 +390,7 @@ class Agent:
         return LifeEvent.TAKE_OFF_DONE
 
     async def _wait_for_arming(self) -> LifeEvent:
-        await self._clock.sleep(ARMED_RECEIVED_AFTER_S)
+        await self._link.catch_up()
         return self._armed()
 
     async def _call_offboard(self) -> LifeEvent:

@@ -4,7 +4,7 @@ import asyncio
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import partial
 from math import dist
@@ -28,6 +28,12 @@ POLL_PERIOD_S = 0.02
 """How often a condition is looked at [s of the link]."""
 TEXT_DELAY_S = 0.3
 """Wait for the status text that explains a refusal: PX4 sends it beside the acknowledgement."""
+EFFECT_DELAY_S = 2.0
+"""Wait for the effect of a call that is refused after it may have begun: heartbeats come once a second."""
+CALLS_UNANSWERED = 4
+"""How often a call is made without an answer. MAVSDK sends a command four times in 2 s and waits for each answer for
+0.5 s: together that is 8 s, in which an armed autopilot does not yet disarm for want of a take-off (10 s).
+"""
 SPEED_SNAP = 0.1
 DELAY_CHANGE_MAX_S = 1.0
 """By how much a link's delay may change while a clock is measured: as long as a full buffer of 2 kB takes to empty at
@@ -40,6 +46,8 @@ RATE_ATTEMPTS = 5
 """Until the rates are set, the autopilot's default streams may fill a slow link, and acknowledgements are late."""
 TIMEOUT = "TIMEOUT"
 """The name of the result, in each plugin of MAVSDK, of a request that was not answered."""
+UNANSWERED = (TIMEOUT, "PARAMETER_ERROR")
+"""The results of calls that may not have been answered: MAVSDK's actions tell no unanswered parameter from others."""
 DO_SET_MODE, CUSTOM_MODE_ENABLED, AUTOPILOT_COMPONENT = 176, 1, 1
 
 
@@ -63,51 +71,76 @@ class VehicleCalls:
         self._feed = feed
         self._streams = Streams(received, clock.now_s)
         self._executor = ThreadPoolExecutor(2, thread_name_prefix=f"vehicle-{system_id}")
+        self._running = set[Future[Any]]()
         self._urgent = ThreadPoolExecutor(1, thread_name_prefix=f"vehicle-{system_id}-urgent")
 
     async def run(self, function: Callable[..., Result], *arguments: object) -> Result:
         """Run a blocking call and return its result."""
-        return await asyncio.get_running_loop().run_in_executor(self._executor, function, *arguments)
+        running = self._executor.submit(function, *arguments)
+        self._running.add(running)
+        running.add_done_callback(self._running.discard)
+        return await asyncio.wrap_future(running)
 
     async def command_until(
         self, verb: str, function: Callable[..., object], condition: Callable[[], bool], *, attempts: int, each_s: float
     ) -> None:
-        """Repeat a call on the urgent thread until it is accepted and its effect is received.
+        """Repeat a call on the urgent thread until its effect is received; one that was there before needs an answer.
 
         Each attempt waits `each_s` [s of the link] for the effect. Raises VehicleRefusedError when all attempts fail.
         """
-        accepted, began_s = False, time.monotonic()
+        accepted, began_s, is_there = False, time.monotonic(), condition()
         for _ in range(attempts):
             with suppress(MavsdkError, RuntimeError), self._clock.held():
                 await asyncio.get_running_loop().run_in_executor(self._urgent, function)
                 accepted = True
-            if await self.reached(lambda: accepted and condition(), each_s * self._clock.time_scale):  # noqa: B023
+            counts = accepted or not is_there
+            if await self.reached(lambda: counts and condition(), each_s * self._clock.time_scale):  # noqa: B023
                 return
         failure = "did not carry it out" if accepted else "did not acknowledge it"
         raise self.refusal(
             f"{failure}: command to {verb}, sent {attempts} times", "take over by remote control", began_s
         )
 
-    async def command(self, verb: str, function: Callable[..., object], *arguments: object, attempts: int = 1) -> None:
-        """Run a call that the autopilot may refuse; raises VehicleRefusedError when all attempts are refused."""
+    async def command(
+        self,
+        verb: str,
+        function: Callable[..., object],
+        *arguments: object,
+        refusals: int = 1,
+        unanswered: int = CALLS_UNANSWERED,
+        done: Callable[[], bool] | None = None,
+    ) -> None:
+        """Run a call that the autopilot may refuse, again while it is not answered: it, or its answer, may be lost.
+
+        `done` returns whether its effect has been received. It counts more than a refusal: an autopilot may refuse to
+        begin what it has begun. Raises VehicleRefusedError after `refusals` refusals, or `unanswered` calls.
+        """
         began_s = time.monotonic()
-        for attempt in range(1, attempts + 1):
+        while True:
             try:
                 with self._clock.held():
                     await self.run(function, *arguments)
             except (MavsdkError, RuntimeError) as error:
-                if attempt == attempts:
-                    await self._clock.sleep(TEXT_DELAY_S * self._clock.time_scale)
-                    result = getattr(getattr(error, "result", None), "name", str(error))
-                    if result == TIMEOUT:
-                        raise self.refusal(
-                            f"did not answer the command to {verb}", "check its link", began_s
-                        ) from error
-                    raise self.refusal(
-                        f"refused to {verb} ({result})", "resolve the cause that the autopilot reports", began_s
-                    ) from error
+                failure, result = error, getattr(getattr(error, "result", None), "name", str(error))
             else:
                 return
+            answered = result not in UNANSWERED
+            refusals, unanswered = refusals - answered, unanswered - (not answered)
+            is_last = not (refusals and unanswered)
+            delay_s = TEXT_DELAY_S if done is None else EFFECT_DELAY_S
+            delay_s = delay_s * self._clock.time_scale if answered or is_last else 0.0
+            if await self.reached(done or (lambda: False), delay_s):
+                return
+            if is_last:
+                said, next_step = f"did not answer the command to {verb}", "check its link"
+                if answered:
+                    said, next_step = f"refused to {verb} ({result})", "resolve the cause that the autopilot reports"
+                raise self.refusal(said, next_step, began_s) from failure
+
+    async def idle(self) -> None:
+        """Wait until no call is under way, also of those whose caller was cancelled: MAVSDK repeats their commands."""
+        with self._clock.held():
+            await asyncio.to_thread(wait, tuple(self._running))
 
     async def until(
         self, condition: Callable[[], bool], timeout_s: float, failure: Callable[[], str], next_step: str
@@ -151,7 +184,7 @@ class VehicleCalls:
         motion is refused; a refused status message does not prevent a flight.
         """
         motion = partial(self._set_interval, LOCAL_POSITION_NED, rates.telemetry_hz)
-        await self.command("send its local position", motion, attempts=RATE_ATTEMPTS)
+        await self.command("send its local position", motion, refusals=RATE_ATTEMPTS, unanswered=RATE_ATTEMPTS)
         # Without motion the autopilot may have restarted, with another origin: the link requests everything again.
         self._streams.expect(LOCAL_POSITION_NED, rates.telemetry_hz, attempts=0)
         for message in STATUS_BYTES:

@@ -29,6 +29,7 @@ from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates import RateController, Rates
+from gcs.link.relay.frames import HEARTBEAT
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import is_explained
 
@@ -107,8 +108,14 @@ SINK_SLOWEST_M_S = 0.3
 MANOEUVRE_EXTRA_S = 60.0
 """PX4 has needed 45 s to detect a landing from 8 m."""
 ALTITUDE_TOLERANCE_M = 0.5
-LAND_ATTEMPTS, KILL_ATTEMPTS, KILL_ANSWER_S = 3, 5, 2.0
+REFUSALS = 3
+"""How often a mode or a landing has to be refused: the autopilot may carry it out a moment later."""
+KILL_ATTEMPTS, KILL_ANSWER_S = 5, 2.0
 """Heartbeats, which confirm disarming, come once a second."""
+HEARTBEATS, HEARTBEATS_WITHIN_S = 3, 10.0
+"""The status shows what a command has done once so many heartbeats have come since: the last of them was sent after its
+arrival, also where a message and its answer take 2.5 s.
+"""
 WATCH_PERIOD_S = 1.0
 SILENCE_MAX_S = 3.0
 """Without motion for this long on a live link, the autopilot has lost the rates: they are requested again."""
@@ -246,8 +253,11 @@ class MavsdkLink:
         await self._until_ready(lambda: feed.status.armable)
         climb_m = await self._plan_climb(altitude_m)
         began_s = time.monotonic()
-        await calls.command("arm", action.arm)
-        await calls.command("take off", action.takeoff)
+        await calls.command("arm", action.arm, done=lambda: feed.status.armed)
+        # PX4 climbs by the take-off altitude from where it receives the command: one that climbs receives none.
+        await calls.command(
+            "take off", action.takeoff, done=lambda: feed.status.in_air or feed.status.mode is FlightMode.TAKE_OFF
+        )
         await calls.until(lambda: feed.status.armed, MODE_TIMEOUT_S, lambda: "did not arm", "see its messages")
         await calls.until(
             lambda: self._hovers(altitude_m) or not feed.status.armed,
@@ -270,11 +280,23 @@ class MavsdkLink:
     async def stop_offboard(self) -> None:
         """Switch from offboard to hold; returns when the flight mode confirms it. MAVSDK stops repeating setpoints.
 
-        A vehicle that cannot hold by itself stays in offboard, at its last setpoint, until it lands.
+        Until then it repeats the last one: without setpoints the autopilot's failsafe acts where the command is lost. A
+        vehicle that cannot hold by itself stays in offboard, at its last setpoint, until it lands.
         """
         if not self._can_hold:
             return
-        await self._enter(FlightMode.HOLD, self._connected().offboard.stop)
+        try:
+            await self._enter(FlightMode.HOLD, self._connected().action.hold)
+        finally:
+            self._mute()
+
+    async def catch_up(self) -> None:
+        """Wait until the status shows what the calls so far have done, also those that failed or were cancelled."""
+        calls, received = self._connected().calls, partial(self._hub.messages, self._config.system_id)
+        await calls.idle()
+        end = received().get(HEARTBEAT, 0) + HEARTBEATS
+        within_s = self._clock.allowed_s(HEARTBEATS_WITHIN_S)
+        await calls.reached(lambda: received().get(HEARTBEAT, 0) >= end, within_s)
 
     async def land(self) -> None:
         """Land where the vehicle is; returns when it is disarmed. Setpoints are ignored until the next take-off."""
@@ -286,7 +308,12 @@ class MavsdkLink:
             with suppress(VehicleRefusedError):  # it lands nevertheless
                 await self.stop_offboard()
         height_m = feed.position_m[2] - self._ground_z_m if feed.position_m is not None else 0.0
-        await calls.command("land", action.land, attempts=LAND_ATTEMPTS)
+        await calls.command(
+            "land",
+            action.land,
+            refusals=REFUSALS,
+            done=lambda: feed.status.mode is FlightMode.LAND or not feed.status.armed,
+        )
         self._mute()
         await calls.until(
             lambda: not feed.status.armed,
@@ -409,22 +436,29 @@ class MavsdkLink:
             raise calls.unready(failure, "resolve the cause that the autopilot reports")
 
     async def _enter(self, mode: FlightMode, function: Callable[[], object]) -> None:
-        """Request a mode repeatedly: autopilots accept the command even if they cannot enter the mode yet."""
+        """Request a mode repeatedly: autopilots accept the command even if they cannot enter the mode yet.
+
+        PX4 then refuses it in a second answer, which is MAVSDK's result where the first is lost.
+        """
         _, feed, calls, *_ = self._connected()
-        began_s, entered = time.monotonic(), False
+        began_s = time.monotonic()
+
+        def entered() -> bool:
+            return feed.status.mode is mode
+
+        await self._request(mode, function, entered)
         end_s = self._clock.now_s() + self._clock.allowed_s(MODE_TIMEOUT_S)
-        while not entered:
+        while not await calls.reached(entered, REQUEST_PERIOD_S * self._clock.time_scale):
             if self._clock.now_s() > end_s:
                 failure = f"is in {feed.status.mode.value} and did not enter {mode.value} within {MODE_TIMEOUT_S:g} s"
                 raise calls.refusal(failure, "resolve the cause that the autopilot reports", began_s)
-            await self._request(mode, function)
-            entered = await calls.reached(lambda: feed.status.mode is mode, REQUEST_PERIOD_S * self._clock.time_scale)
+            await self._request(mode, function, entered)
 
-    async def _request(self, mode: FlightMode, function: Callable[[], object]) -> None:
+    async def _request(self, mode: FlightMode, function: Callable[[], object], entered: Callable[[], bool]) -> None:
         _, feed, calls, *_ = self._connected()
         self._asking += 1
         try:
-            await calls.command(f"enter {mode.value}", function)
+            await calls.command(f"enter {mode.value}", function, refusals=REFUSALS, done=entered)
         finally:
             self._asking -= 1
             if self._silent or (feed.origin_m is None and not feed.is_doubted):

@@ -36,6 +36,8 @@ ALONE = replace(CONFIG, vehicle_id=1, slots=(1,), formation=FormationSettings(sp
 PAIR = replace(ALONE, slots=(1, 2))
 EPOCH_S = 1_000.0
 TELEMETRY_PERIOD_S = 0.05
+CATCHES_UP_AFTER_S = 2.5
+"""Longer than an arming takes to be reported."""
 LOSS_SHOWS_AFTER_S = 3.0
 """The time after the last heartbeat at which a link is lost."""
 
@@ -113,6 +115,9 @@ class FakeLink:
     async def stop_offboard(self) -> None:
         await self._carry_out("stop_offboard")
         self.change(mode=FlightMode.HOLD)
+
+    async def catch_up(self) -> None:
+        await asyncio.sleep(CATCHES_UP_AFTER_S)
 
     async def land(self) -> None:
         self.change(mode=FlightMode.LAND)

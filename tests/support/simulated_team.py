@@ -113,6 +113,9 @@ class AutopilotLink:
     async def stop_offboard(self) -> None:
         self._carry_out(self.autopilot.select(NavMode.HOLD))
 
+    async def catch_up(self) -> None:
+        pass
+
     async def land(self) -> None:
         self._carry_out(self.autopilot.land())
         await self._until(lambda: not self.autopilot.armed)

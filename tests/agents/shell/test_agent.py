@@ -15,7 +15,7 @@ from agents.tactics import Event, Tactic
 from agents.team.codec import decode
 from agents.team.messages import REPORT_TOPIC, CommandAnswer, OperatorCommand, StartProposal, VehicleReport
 from agents.team.verbs import Verb
-from tests.support.fake_flight import ALONE, PAIR, FakeFlight
+from tests.support.fake_flight import ALONE, PAIR, FakeFlight, FakeLink
 from tests.support.simulated_loop import run_simulated
 
 P, X = Phase, FlightEnd
@@ -369,6 +369,20 @@ def test_a_refused_arming_ends_the_flight_on_the_ground() -> None:
         assert flight.link.calls == ["take_off"]
         assert flight.heartbeat.signs == ["rising", "ended"]
         assert flight.events() == []
+
+    run_simulated(main())
+
+
+def test_a_take_off_that_is_refused_before_its_arming_is_reported_lands(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        monkeypatch.setitem(FakeLink.takes_s, "take_off", 0.5)
+        flight = FakeFlight()
+        flight.link.refused.add("take_off")
+        await flight.begin()
+        outcome = await flight.outcome()
+        assert (outcome.how, outcome.reason) == (X.REFUSED, "refused to take_off")
+        assert flight.link.calls == ["take_off", *LAND]
+        assert not flight.link.status.armed
 
     run_simulated(main())
 

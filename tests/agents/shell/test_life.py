@@ -26,7 +26,7 @@ EVENTS = (
 TABLE = {
     Phase.GROUND: "c.. ... .. ... ... ... .. .. .. K.. ...",
     Phase.COMPARING_CLOCKS: ".tX ... .. ... q.. ... .. .. .. k.. xx.",
-    Phase.TAKE_OFF: "... vX. .. ... w.. h.. .. .. .. k.. WW.",
+    Phase.TAKE_OFF: "... vV. .. ... w.. h.. .. .. .. k.. WW.",
     Phase.HOVERING: "... ..o .. ... .q. d.. .. .. .. k.. xx.",
     Phase.ENTERING_OFFBOARD: "... ... aX ... .q. d.. .. .. .. k.. xx.",
     Phase.AGREEING_START: "... ... .. mX. s.. dp. .. .. .. k.. xxO",
@@ -66,6 +66,7 @@ LETTERS: dict[str, tuple[Phase | None, tuple[Action, ...]]] = {
     "h": (Phase.CHECKING_ARMED, (A.REPORT_LAND_DECISION, A.ABANDON_TAKE_OFF)),
     "q": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.CHECK_ARMED)),
     "Q": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.END_MISSION, A.CHECK_ARMED)),
+    "V": (Phase.CHECKING_ARMED, (A.REPORT_REFUSAL, A.ABANDON_TAKE_OFF)),
     "w": (Phase.CHECKING_ARMED, (A.REPORT_STOPPED, A.ABANDON_TAKE_OFF)),
     "W": (Phase.CHECKING_ARMED, (A.ABANDON_TAKE_OFF,)),
     "l": (Phase.LEAVING_OFFBOARD, (A.PREPARE_LANDING, A.STOP_OFFBOARD)),

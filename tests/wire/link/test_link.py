@@ -1,13 +1,14 @@
 """The vehicle link against stub vehicles over UDP and MAVSDK, at ten times real time."""
 
 import asyncio
+import re
 import subprocess
 import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from math import dist, hypot, radians
 from types import SimpleNamespace
 from typing import Any, cast
@@ -452,7 +453,7 @@ async def test_a_refused_command_says_why_in_the_autopilots_words(
 
     feed.status = VehicleStatus(connected=False)
     with pytest.raises(VehicleRefusedError) as refusal:
-        await calls.command("arm", arm, attempts=3)
+        await calls.command("arm", arm, refusals=3)
     for fact in (
         "vehicle 4 refused to arm (COMMAND_DENIED)",
         "link is lost",
@@ -461,6 +462,57 @@ async def test_a_refused_command_says_why_in_the_autopilots_words(
         assert fact in refusal.value.reason
     assert "no GPS" not in refusal.value.reason, "it came before the command"
     assert len(attempts) == 3
+    await calls.close()
+
+
+@pytest.mark.parametrize(
+    ("results", "refusals", "fault"),
+    [
+        ([ActionResult.TIMEOUT] * 3, 1, ""),
+        ([ActionResult.PARAMETER_ERROR] * 3, 1, ""),
+        ([ActionResult.TIMEOUT] * 4, 1, "did not answer the command to fly"),
+        ([ActionResult.COMMAND_DENIED], 1, "refused to fly (COMMAND_DENIED)"),
+        ([ActionResult.TIMEOUT, ActionResult.COMMAND_DENIED], 1, "refused to fly (COMMAND_DENIED)"),
+        ([ActionResult.COMMAND_DENIED, ActionResult.TIMEOUT, ActionResult.COMMAND_DENIED], 3, ""),
+        ([ActionResult.COMMAND_DENIED] * 3, 3, "refused to fly (COMMAND_DENIED)"),
+    ],
+)
+async def test_a_command_is_repeated_while_it_is_not_answered(
+    calls_and_feed: tuple[VehicleCalls, FakeFeed], results: list[ActionResult], refusals: int, fault: str
+) -> None:
+    calls, _ = calls_and_feed
+    left = list(results)
+
+    def fly() -> None:
+        if left:
+            raise ActionError(left.pop(0), "fly()")
+        made.append(1)
+
+    made: list[int] = []
+    with pytest.raises(VehicleRefusedError, match=re.escape(fault)) if fault else nullcontext():
+        await calls.command("fly", fly, refusals=refusals)
+    assert (left, len(made)) == ([], 0 if fault else 1)
+    await calls.close()
+
+
+@pytest.mark.parametrize("result", [ActionResult.TIMEOUT, ActionResult.FAILED])
+async def test_an_effect_that_is_received_counts_more_than_an_answer(
+    calls_and_feed: tuple[VehicleCalls, FakeFeed], result: ActionResult
+) -> None:
+    calls, _ = calls_and_feed
+    made: list[int] = []
+
+    def fly() -> None:
+        made.append(1)
+        raise ActionError(result, "fly()")
+
+    await calls.command("fly", fly, done=lambda: bool(made))
+    assert len(made) == 1
+    made.clear()
+    await calls.command_until("fly", fly, lambda: bool(made), attempts=2, each_s=0.01)
+    assert len(made) == 1
+    with pytest.raises(VehicleRefusedError, match="sent 2 times"):
+        await calls.command_until("fly", fly, lambda: True, attempts=2, each_s=0.01)
     await calls.close()
 
 
