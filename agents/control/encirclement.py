@@ -197,8 +197,9 @@ class EncirclementPlanner:
             self._bearings_min.fill(-_FREE)
             self._bearings_max.fill(_FREE)
         else:
-            np.add(self._drift_m, self._along_m * (self._clearance_rad - place.lag_rad), out=self._bearings_min)
-            np.add(self._drift_m, self._along_m * (place.lead_rad - self._clearance_rad), out=self._bearings_max)
+            clear_rad = self._clearance_rad * self._along_m / polar.radius_m  # the same distance at any radius
+            np.add(self._drift_m, self._along_m * (clear_rad - place.lag_rad), out=self._bearings_min)
+            np.add(self._drift_m, self._along_m * (place.lead_rad - clear_rad), out=self._bearings_max)
         return Bounds(self._pushes, self._limits)
 
 

@@ -9,7 +9,7 @@ from agents.notes import RingChange
 from agents.ring.detour import Obstacle, bend_m, headway_rate_rad_s, leads
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import place_errors_rad, ring_place
+from agents.ring.place import RingPlace, place_errors_rad, ring_place
 from agents.ring.reference import RingReference, RingWay
 from agents.safety.barriers import unsure_m
 from agents.safety.fence import Fence
@@ -73,7 +73,7 @@ class RingFlight:
         """Plan about the centre's motion (4,) at the acting time; `mixing` is the share of this plan in the aim."""
         polar = polar_from_motion(situation.acting_motion, centre)
         orbit, news = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
-        task, waits = self._task(situation, centre, polar, orbit, mixing)
+        task, place = self._task(situation, centre, polar, orbit, mixing)
         plan = self._encirclement.plan(task)
         report = RingReport(
             mixing,
@@ -81,7 +81,7 @@ class RingFlight:
             self._feasibility.words,
             self._feasibility.needed,
             self._joining.joined,
-            None if waits else task.place,
+            place,
             plan.approach,
             news,
             task.reference.bearing if mixing >= 1.0 else None,
@@ -114,8 +114,8 @@ class RingFlight:
 
     def _task(
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float
-    ) -> tuple[RingTask, bool]:
-        """Return the task, and whether it is to wait outside the ring in front of a gap."""
+    ) -> tuple[RingTask, RingPlace | None]:
+        """Return the task, and the vehicle's place on the ring, None while it waits outside in front of a gap."""
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
         ahead_rad = self._joining.look(polar, bearings_rad)
         place = ring_place(polar.bearing_rad, bearings_rad if ahead_rad is None else ())
@@ -137,20 +137,28 @@ class RingFlight:
             target=centre,
             polar=polar,
             compensation_m_s2=situation.compensation,
-            place=place,
+            place=ring_place(polar.bearing_rad, self._abreast_rad(situation, polar, orbit)),
             orbit=orbit,
             radius_m=radius_m,
             reference=self._reference.advance(polar, way, situation.acting_s),
             authority=situation.authority,
             obstacles=obstacles,
         )
-        return task, ahead_rad is not None
+        return task, None if ahead_rad is not None else place
 
     def _fence_m(self, fence: Fence, centre: Vector, polar: Polar, orbit: Orbit) -> float:
         """Return the largest radius to wait on: inside the fence at the present bearing and ahead of it."""
         x, y = centre[POSITION].tolist()
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
+
+    def _abreast_rad(self, situation: Situation, polar: Polar, orbit: Orbit) -> Sequence[float]:
+        """Return the bearings of the vehicles that this one has to keep clear of on its way around the target.
+
+        Farther outside or inside a vehicle may pass: a clearance to it would make both turn back.
+        """
+        rate_rad_s, within_m = orbit.angular_rate_rad_s, self._safety.separation_m
+        return self._team.ring.abreast_rad(situation.acting_s, rate_rad_s, polar.radius_m, within_m)
 
     def _errors_rad(self, situation: Situation, polar: Polar, mixing: float) -> Sequence[float]:
         """Return how far the references on the ring are from their places, the vehicle's own first.

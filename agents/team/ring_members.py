@@ -76,6 +76,14 @@ class RingMembers:
         """Return the bearings of all engaged peers at a time, extrapolated at the ring's rate - (25), (26)."""
         return [angle.bearing_rad + rate_rad_s * (at_s - angle.time_s) for angle in self._on_ring()]
 
+    def abreast_rad(self, at_s: float, rate_rad_s: float, radius_m: float, within_m: float) -> list[float]:
+        """Return the bearings of the engaged peers whose radius differs by less than `within_m`."""
+        return [
+            each.bearing_rad + rate_rad_s * (at_s - each.time_s)
+            for each in self._on_ring()
+            if abs(each.radius_m - radius_m) < within_m
+        ]
+
     def reference_bearings_rad(self, at_s: float) -> list[float]:
         """Return the bearings of all engaged peers' references at a time, extrapolated at their published rates."""
         return [

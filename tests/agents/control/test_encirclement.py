@@ -135,7 +135,8 @@ class PaperProblem:
         slacks = [limit - radial_speed, limit + radial_speed, angular - rate, angular + rate]
         if self.place.members > 1:
             lead, lag = self.neighbours()
-            slacks += [lead - angle - self.config.clearance_rad, angle - lag - self.config.clearance_rad]
+            clear_rad = self.config.clearance_rad * self.config.encirclement.radius_m / self.polar.radius_m
+            slacks += [lead - angle - clear_rad, angle - lag - clear_rad]
         return np.concatenate(slacks)
 
     def optimum(self) -> Vector:
@@ -296,6 +297,17 @@ def test_the_speed_limit_is_kept_on_the_way_and_on_the_ring(make_config: Maker) 
     # 0.3 rad/s would need 3 m/s: the vehicle turns as fast as it may.
     assert flown[-50:, 3] == pytest.approx(0.1, abs=0.003)
     assert flown[-50:, 0] == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize("ahead_rad", [0.2, -0.2])
+def test_far_outside_a_neighbour_that_is_far_enough_away_changes_nothing(ahead_rad: float, make_config: Maker) -> None:
+    """The clearance is a distance: at the bearing that it is on the ring, vehicles 8 m apart would turn back."""
+    config, motion = make_config(safety={"separation_m": 3.0}), motion_from_polar(Polar(40.0, 1.0, 0.0, 0.0), TARGET)
+    alone, beside = (
+        EncirclementPlanner(config).plan(ring_task(config, motion, TARGET, STILL, ring_place(1.0, others)))
+        for others in ([], [1.0 + ahead_rad, 1.0 + pi])
+    )
+    assert beside.aim_m == pytest.approx(alone.aim_m, abs=1e-6)
 
 
 @pytest.mark.parametrize(("lead", "lag"), [(0.6, 0.8), (0.8, 0.6)])

@@ -53,6 +53,14 @@ def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
     assert len(team.ring.bearings_rad(10.0, 0.0)) == counted
 
 
+def test_only_vehicles_about_as_far_out_are_abreast() -> None:
+    team = a_team()
+    for sender, radius_m in ((1, 10.5), (3, 12.6), (4, 8.4)):
+        team.ring.receive(replace(angle(sender, 1.0, bearing=0.1 * sender), radius_m=radius_m))
+    assert team.ring.abreast_rad(2.0, 0.05, 10.5, 2.0) == pytest.approx([0.15])
+    assert len(team.ring.abreast_rad(2.0, 0.05, 10.5, 2.2)) == 3
+
+
 def test_vehicles_know_whether_they_all_take_the_same_references_into_account() -> None:
     """A chain of radios: 1 and 3 hear 2 only."""
     chain = {1: (2,), 2: (1, 3), 3: (2,)}
