@@ -76,6 +76,7 @@ class VehicleCore:
         self._own_sensor = OwnSensor(config)
         self._broadcast = StateBroadcast(config, self._team, self._own_sensor)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensor, self._team, clocks)
+        self._vehicle = self._fault_detector.vehicle
         self._failsafe = FailsafeMonitor(config)
         self._planner = planner_of(config, self._team, planner)
         self._slew_limit = SlewLimit(config)
@@ -111,7 +112,7 @@ class VehicleCore:
             Drops: self._take_drops,
             Computer: self._take_computer,
             Ground: self._take_ground,
-            Telemetry: self._estimator.measure,
+            Telemetry: self._take_telemetry,
             Sighting: self._take_sighting,
             Message: self._take_message,
             Command: self._take_command,
@@ -156,6 +157,7 @@ class VehicleCore:
     def _leave_old_place(self) -> None:
         """Send no aim that leads from the place before a jump to the one after it: a vehicle that holds stays."""
         self._slew_limit.restart()
+        self._vehicle.plant.restart()
         if self._tactic in STAYS:
             self._planner.begin(self._tactic, to_home=False)
 
@@ -207,12 +209,22 @@ class VehicleCore:
         """Make the setpoint from the guarded aim; record and publish what is sent."""
         now_s, aim_m = task.situation.now_s, guarded.aim_m
         setpoint = None if task.tactic is Tactic.PILOT_OVERRIDE else self._setpoint(task, plan, guarded)
+        self._watch_plant(now_s, task.tactic, setpoint)
         self._slew_limit.sent(aim_m)
         self._planner.sent(guarded=guarded.status is not GuardStatus.PASSED)
         self._estimator.sent(now_s, aim_m)
         sent = shifted(plan, aim_m)
         messages = self._broadcast.messages(task, sent, self.alert, self._reshaping, self._drops)
         return self._output(now_s, setpoint, messages, task.situation, sent, guarded)
+
+    def _watch_plant(self, now_s: float, tactic: Tactic, setpoint: Setpoint | None) -> None:
+        """Compare the vehicle's motion under its setpoints with its profile's plant."""
+        watch = self._vehicle.plant
+        if setpoint is None or tactic is Tactic.LAND:
+            watch.restart()
+        else:
+            watch.link_s = self._estimator.link_delay_s
+            watch.sent(now_s, *setpoint.position_m[:2], *setpoint.velocity_m_s[:2])
 
     def _output(
         self,
@@ -321,7 +333,7 @@ class VehicleCore:
     def _name_override(self) -> None:
         """Record what caused a pilot override, and what the autopilot reports about it later."""
         if self._tactic is Tactic.PILOT_OVERRIDE:
-            self._failsafe.latch_override(*override(self._fault_detector.vehicle.status))
+            self._failsafe.latch_override(*override(self._vehicle.status))
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
         (x, y), velocity = self._feedforward.split(task.situation, plan, guarded)
@@ -376,7 +388,7 @@ class VehicleCore:
         self._change(item.event)
 
     def _take_autopilot(self, item: AutopilotStatus) -> None:
-        self._fault_detector.vehicle.status = item.status
+        self._vehicle.status = item.status
         self._follow_reference(item.status.reference)
         self._estimator.follow_link(item.status.round_trip_s)
         self._was_armed = self._was_armed or item.status.armed
@@ -410,6 +422,11 @@ class VehicleCore:
 
     def _take_ground(self, item: Ground) -> None:
         self.commands.start_blockers = item.start_blockers
+
+    def _take_telemetry(self, telemetry: Telemetry) -> None:
+        x, y, _ = telemetry.position_m
+        self._vehicle.plant.measured(telemetry.time_s, x, y)
+        self._estimator.measure(telemetry)
 
     def _take_sighting(self, sighting: Sighting) -> None:
         """Take a sighting. The newest one of the vehicle's own sensor is sent to the peers with its state, when due."""
@@ -461,7 +478,7 @@ class VehicleCore:
             self._reshape(self.commands.reshaping)
 
     def _circumstances(self, now_s: float) -> Circumstances:
-        status = self._fault_detector.vehicle.status
+        status = self._vehicle.status
         refused, change = self._resume_refused or "", self._next_change(now_s)
         if refused and change is not None:
             refused = f"{refused}; {change.text(now_s)}"

@@ -61,6 +61,8 @@ class Condition(Enum):
     PEER_DOUBTFUL = "peer doubtful"
     SIGHTINGS_CONTRADICT = "sightings contradict"
     TARGET_FROM_OUTSIDE = "target from outside only"
+    STIFFER = "stiffer than its profile"
+    SOFTER = "softer than its profile"
     NO_OPERATOR = "no operator on the bus"
     OPERATOR_LOST = "operator lost"
 
@@ -538,6 +540,22 @@ TABLE = (
         (Reaction.DEGRADE,),
         BY_ITSELF,
         "look for the target: no vehicle sees it",
+    ),
+    Row(
+        Condition.STIFFER,
+        "another plant explains the vehicle's motion much better than its profile's, with a shorter lag",
+        "",
+        (Reaction.DEGRADE,),
+        NOT_IN_THE_AIR,
+        "identify it after the flight: `cordon excite`, then `cordon identify`",
+    ),
+    Row(
+        Condition.SOFTER,
+        "the same, with a longer lag",
+        "",
+        (Reaction.DEGRADE,),
+        NOT_IN_THE_AIR,
+        "identify it after the flight: `cordon excite`, then `cordon identify`",
     ),
     Row(
         Condition.NO_OPERATOR,

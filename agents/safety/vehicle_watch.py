@@ -11,6 +11,7 @@ from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from estimation.filters.own import OwnFilter
 from estimation.plant.model import Plant, exact_step
+from estimation.plant.watch import PlantWatch
 from estimation.state import DISTURBANCE, POSITION
 
 STEP_S = 0.5
@@ -82,6 +83,8 @@ _STEERED = (
     Tactic.RETURN_AND_LAND,
 )
 _NOTHING: Mapping[Condition, str] = {}
+_STAGGERED, _STAGGER_S = 8, 0.35
+"""The vehicles of a process take turns in comparing plants, which takes a millisecond every ten seconds."""
 
 
 class VehicleWatch:
@@ -91,6 +94,8 @@ class VehicleWatch:
         self._config = config
         self._following = Following(config.plant, own)
         self._endurance = Endurance(config.failsafe.battery_critical)
+        self.plant = PlantWatch(config.plant, config.slots.index(config.vehicle_id) % _STAGGERED * _STAGGER_S)
+        """Compares the vehicle's motion with its profile's plant."""
         self.status = VehicleStatus()
         """The autopilot's latest status."""
         self._seen = self.status

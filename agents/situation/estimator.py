@@ -106,7 +106,7 @@ LINK_DELAY_MAX_S = 0.5
 class Estimator:
     """Estimates one vehicle's motion, the target's, and the centre of the ring.
 
-    `own` and `target` are its filters, which fault detection monitors.
+    `own` and `target` are its filters, which fault detection monitors, `link_delay_s` is the delay of the link.
     """
 
     def __init__(self, config: AgentConfig) -> None:
@@ -121,7 +121,7 @@ class Estimator:
         # A setpoint is held for one period: on average it acts half a period late, in addition to the plant's delay.
         self._held_s = 0.5 / config.rate_hz
         self._plant_delay_s = config.plant.delay_s
-        self._link_delay_s = 0.0
+        self.link_delay_s = 0.0
 
     @property
     def ring_frequency_rad_s(self) -> float:
@@ -149,8 +149,8 @@ class Estimator:
     def follow_link(self, round_trip_s: float | None) -> None:
         """Add the link's round trip, up to `LINK_DELAY_MAX_S`, to the delay from setpoints to telemetry."""
         delay_s = min(round_trip_s or 0.0, LINK_DELAY_MAX_S)
-        if delay_s != self._link_delay_s:
-            self._link_delay_s = delay_s
+        if delay_s != self.link_delay_s:
+            self.link_delay_s = delay_s
             self.own.delay_by(delay_s)
 
     def follow_ring(self, ring_rad_s: float, polar: Polar | None = None) -> None:
@@ -165,7 +165,7 @@ class Estimator:
         if own is None:
             return None
         target = self._seen = self.target.estimate(now_s)
-        acting_s = now_s + self._plant_delay_s + self._link_delay_s + self._held_s
+        acting_s = now_s + self._plant_delay_s + self.link_delay_s + self._held_s
         acting = self.own.predicted(acting_s, self._held_s)
         acting_target = None if target is None else moved(target.mean, acting_s - target.time_s)
         centre = self._target_blend.centre(target, now_s)

@@ -1,18 +1,25 @@
-"""Validation of a plant in flight: predictions from the setpoints, compared with the positions.
+"""Validation of a plant: predictions from the setpoints, compared with the positions, in flight and from a log.
 
 The filter's innovations hardly show a wrong plant, because its disturbance absorbs the model error. Here the flight is
 cut into windows, and in each the plant is simulated from the setpoints sent, with free initial position, initial
 velocity and one steady disturbance. The remaining error is compared with that of other plants.
+
+Another plant explains a flight if it leaves much less in all windows together, and in several of them each: a jump of
+the autopilot's estimator, or a limit of speed or acceleration that acts for a while, is in one window or two.
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
+from math import inf
+from typing import Literal
 
 import numpy as np
 
-from estimation.plant.model import Plant, PlantAxis, exact_step
-from estimation.state import POSITION, Vector
+from estimation.plant.model import Plant, PlantAxis, PlantStep, exact_step
+from estimation.state import Vector
 
 STEP_S = 0.1
 WINDOW_S = 10.0
@@ -20,20 +27,43 @@ SHARES = (0.6, 0.75, 1.0, 1.33, 1.67)
 """The factors of stiffness and damping of the other plants."""
 DELAYS_S = (-0.2, -0.1, 0.0, 0.1, 0.2)
 DELAY_MAX_S, DELAY_STEP_S = 1.0, 0.02
-WINDOWS_LEAST = 6
+WINDOWS_LEAST, WINDOWS_IN_FLIGHT = 4, 6
+"""The fewest windows that are compared, in which another plant has to be better; and the newest that are, in flight."""
 MOVED_LEAST_M = 0.3
 """The smallest motion of the setpoint (rms, about a straight line) in a window that is used."""
+AGAIN_SHARE = 0.7
+"""Another plant is better where it leaves less than this share of the residual of the profile's plant (rms): half of
+the variance. In closed loop, noise alone favours a softer plant: the drift of PX4's estimate gives 0.9."""
+_COUNT = round(WINDOW_S / STEP_S)
+_NEAR_S = 1.0
 _FREE = 3
+_AXES = ((0, 2), (1, 3))
+"""Position and velocity along x and y in a state [x y x' y']."""
+Difference = Literal["stiffer", "softer"]
 
 
 @dataclass(frozen=True, slots=True)
 class PlantComparison:
-    """The prediction error of a plant (rms), that of the best other plant, and which plant that is."""
+    """The prediction error of a plant (rms), that of the best other plant, which that is, and how the vehicle differs.
+
+    `difference` is None where no other plant is better, and otherwise whether the vehicle is sooner or later where its
+    setpoints are. `is_unfed` is whether the other plant alone has no feed-forward.
+    """
 
     windows: int
     unexplained_m: float
     best_m: float
     best: Plant
+    difference: Difference | None
+    is_unfed: bool
+
+    @property
+    def text(self) -> str:
+        """The errors of both, and the other plant."""
+        best = self.best
+        numbers = f"a0 {best.x.a0_per_s2:.2f} 1/s², a1 {best.x.a1_per_s:.2f} 1/s, delay {best.delay_s:.2f} s"
+        feeds = ", without velocity feed-forward" if self.is_unfed else ""
+        return f"residual {self.unexplained_m:.2f} m rms, of another plant {self.best_m:.2f} m ({numbers}{feeds})"
 
 
 def watch(plant: Plant, setpoints: Vector, samples: Vector) -> PlantComparison | None:
@@ -41,12 +71,67 @@ def watch(plant: Plant, setpoints: Vector, samples: Vector) -> PlantComparison |
 
     Setpoints with velocities are (S, 5). None without enough excitation to distinguish plants.
     """
-    windows = list(_windows(setpoints, samples))
-    if len(windows) < WINDOWS_LEAST:
-        return None
-    left = {each: _unexplained_m(each, windows) for each in (plant, *others(plant))}
-    best = min(left, key=left.__getitem__)
-    return PlantComparison(len(windows), left[plant], left[best], best)
+    bank = _compared(plant)
+    return bank.comparison([bank.squared_m2(each) for each in _windows(setpoints, samples)])
+
+
+class PlantWatch:
+    """The same in flight: takes what is sent and measured; `found` is the first comparison with a difference.
+
+    A vehicle's setpoints take `link_s` to arrive. Windows begin `after_s` after the first setpoint: computing one takes
+    a millisecond, and the vehicles of a process need not do so at the same time.
+    """
+
+    def __init__(self, plant: Plant, after_s: float = 0.0) -> None:
+        self.link_s = 0.0
+        self.found: PlantComparison | None = None
+        self._bank = _compared(plant)
+        self._after_s = after_s
+        self._squared_m2: deque[Vector] = deque(maxlen=WINDOWS_IN_FLIGHT)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin another window: the vehicle has flown without setpoints, or its estimate has jumped."""
+        self._setpoints: list[tuple[float, ...]] = []
+        self._samples: list[tuple[float, ...]] = []
+        self._from_s = inf
+
+    def measured(self, time_s: float, x_m: float, y_m: float) -> None:
+        """Take a position."""
+        if self._setpoints and (not self._samples or time_s > self._samples[-1][0]):
+            self._samples.append((time_s, x_m, y_m))
+
+    def sent(self, time_s: float, *setpoint: float) -> None:
+        """Take a setpoint (x, y), and its velocity where one is sent."""
+        arrives_s = time_s + self.link_s
+        if self._setpoints and abs(arrives_s - self._setpoints[-1][0]) > _NEAR_S:
+            self.restart()
+        if self._setpoints:
+            arrives_s = max(arrives_s, self._setpoints[-1][0])
+        else:
+            self._from_s = arrives_s + DELAY_MAX_S + self._after_s
+        self._setpoints.append((arrives_s, *setpoint))
+        if time_s > self._from_s + WINDOW_S + _NEAR_S:
+            self._close()
+
+    def _close(self) -> None:
+        setpoints, samples = np.array(self._setpoints), np.array(self._samples).reshape(-1, 3)
+        window = _window(self._from_s, setpoints, samples)
+        self._from_s += WINDOW_S
+        oldest_s = self._from_s - DELAY_MAX_S - _NEAR_S
+        self._setpoints = [each for each in self._setpoints if each[0] > oldest_s]
+        self._samples = [each for each in self._samples if each[0] > oldest_s]
+        if window is None or self.found is not None:
+            return
+        self._squared_m2.append(self._bank.squared_m2(window))
+        found = self._bank.comparison(self._squared_m2)
+        if found is not None and found.difference is not None:
+            self.found = found
+
+
+@lru_cache(maxsize=64)
+def _compared(plant: Plant) -> "_Bank":
+    return _Bank((plant, *others(plant)))
 
 
 def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | None:
@@ -54,12 +139,10 @@ def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | 
 
     Arguments and None as in `watch`.
     """
-    windows = list(_windows(setpoints, samples))
-    if len(windows) < WINDOWS_LEAST:
-        return None
-    tried_s = np.arange(0.0, DELAY_MAX_S + DELAY_STEP_S / 2.0, DELAY_STEP_S)
-    left = [_unexplained_m(replace(plant, delay_s=float(delay_s)), windows) for delay_s in tried_s]
-    return float(tried_s[np.argmin(left)])
+    tried_s = np.arange(0.0, DELAY_MAX_S + DELAY_STEP_S / 2.0, DELAY_STEP_S).tolist()
+    bank = _Bank([replace(plant, delay_s=delay_s) for delay_s in tried_s])
+    found = bank.comparison([bank.squared_m2(each) for each in _windows(setpoints, samples)])
+    return None if found is None else found.best.delay_s
 
 
 def others(plant: Plant) -> list[Plant]:
@@ -88,18 +171,24 @@ def _windows(setpoints: Vector, samples: Vector) -> Iterator[_Window]:
     setpoints = setpoints[np.isfinite(setpoints).all(axis=1)]
     if len(setpoints) < 2 or len(samples) < 2:
         return
-    count = round(WINDOW_S / STEP_S)
     first_s, last_s = max(setpoints[0, 0] + 1.0, samples[0, 0]), min(setpoints[-1, 0], samples[-1, 0])
-    for from_s in np.arange(first_s, last_s - WINDOW_S, WINDOW_S):
-        time_s = from_s + STEP_S * np.arange(count + 1)
-        near = samples[(samples[:, 0] >= from_s - 1.0) & (samples[:, 0] <= from_s + WINDOW_S + 1.0)]
-        if len(near) < count / 2.0 or np.diff(near[:, 0]).max() > 1.0:
-            continue
-        asked = _held(setpoints[:, 0], setpoints[:, 1:3], time_s)
-        if np.sqrt(np.mean(_without_line(asked) ** 2)) < MOVED_LEAST_M:
-            continue
-        place = np.column_stack([np.interp(time_s, near[:, 0], near[:, k]) for k in (1, 2)])
-        yield _Window(float(from_s), place, setpoints[:, 0], setpoints[:, 1:3], setpoints[:, 3:])
+    for from_s in np.arange(first_s, last_s - WINDOW_S, WINDOW_S).tolist():
+        window = _window(from_s, setpoints, samples)
+        if window is not None:
+            yield window
+
+
+def _window(from_s: float, setpoints: Vector, samples: Vector) -> _Window | None:
+    """Return the window that begins at a time, None without enough samples or motion of the setpoint."""
+    time_s = from_s + STEP_S * np.arange(_COUNT + 1)
+    near = samples[(samples[:, 0] >= from_s - _NEAR_S) & (samples[:, 0] <= from_s + WINDOW_S + _NEAR_S)]
+    if len(near) < _COUNT / 2.0 or np.diff(near[:, 0]).max() > _NEAR_S:
+        return None
+    asked = _held(setpoints[:, 0], setpoints[:, 1:3], time_s)
+    if np.sqrt(np.mean(_without_line(asked) ** 2)) < MOVED_LEAST_M:
+        return None
+    place = np.column_stack([np.interp(time_s, near[:, 0], near[:, k]) for k in (1, 2)])
+    return _Window(from_s, place, setpoints[:, 0], setpoints[:, 1:3], setpoints[:, 3:])
 
 
 def _held(at_s: Vector, value: Vector, time_s: Vector) -> Vector:
@@ -118,34 +207,73 @@ def _without_line(values: Vector) -> Vector:
     return values - base @ np.linalg.lstsq(base, values, rcond=None)[0]
 
 
-def _aims(plant: Plant, window: _Window) -> Vector:
-    return window.setpoint_m + plant.lead_s * window.velocity_m_s if window.velocity_m_s.size else window.setpoint_m
+class _Bank:
+    """Plants that are simulated together; what does not depend on a flight is computed once."""
+
+    def __init__(self, plants: Sequence[Plant]) -> None:
+        self.plants = tuple(plants)
+        self._delays_s, self._delayed = np.unique([plant.delay_s for plant in plants], return_inverse=True)
+        self._lead_s = np.array([plant.lead_s for plant in plants])
+        steps = [exact_step(plant, STEP_S) for plant in plants]
+        # The gains from position, velocity and aim to the next position and velocity, each (plants, axes).
+        gains = np.array(
+            [
+                [[*step.transition[to, [p, v]], step.input_gain[to, p]] for p, v in _AXES for to in (p, v)]
+                for step in steps
+            ]
+        )
+        self._gains = np.moveaxis(gains.reshape(len(steps), 2, 2, 3), (2, 3), (0, 1))
+        self._free = np.linalg.qr(self._free_motions(steps))[0]
+
+    def _free_motions(self, steps: Sequence[PlantStep]) -> Vector:
+        """Return the motions from a position, from a velocity and under a disturbance: (plants, axes, N, 3)."""
+        push = np.array([[[step.disturbance_gain[to, p] for to in (p, v)] for p, v in _AXES] for step in steps])
+        (pp, pv, _), (vp, vv, _) = self._gains[..., None]
+        place, rate = np.zeros((2, len(steps), 2, _FREE))
+        place[..., 0] = rate[..., 1] = 1.0
+        motions = [place]
+        for _ in range(_COUNT):
+            place, rate = pp * place + pv * rate, vp * place + vv * rate
+            place[..., 2] += push[..., 0]
+            rate[..., 2] += push[..., 1]
+            motions.append(place)
+        return np.stack(motions, axis=2)
+
+    def squared_m2(self, window: _Window) -> Vector:
+        """Return the sum of the squared errors of each plant in a window, over both axes."""
+        edges_s = window.from_s + STEP_S * np.arange(_COUNT + 1)
+        aims_m = [_means(window.setpoint_s, window.setpoint_m, edges_s - delay_s) for delay_s in self._delays_s]
+        aims = np.array(aims_m)[self._delayed]
+        if window.velocity_m_s.size:
+            rates = [_means(window.setpoint_s, window.velocity_m_s, edges_s - delay_s) for delay_s in self._delays_s]
+            aims = aims + self._lead_s[:, None] * np.array(rates)[self._delayed]
+        off = np.repeat(window.position_m[None], len(self.plants), axis=0)
+        (pp, pv, pu), (vp, vv, vu) = self._gains
+        place, rate = np.zeros((2, len(self.plants), 2))
+        for k in range(_COUNT):
+            aim = aims[:, k]
+            place, rate = pp * place + pv * rate + pu * aim, vp * place + vv * rate + vu * aim
+            off[:, k + 1] -= place
+        along = np.einsum("pka,pakf->paf", off, self._free)
+        return np.asarray((off**2).sum(axis=(1, 2)) - (along**2).sum(axis=(1, 2)))
+
+    def comparison(self, squared_m2: Sequence[Vector]) -> PlantComparison | None:
+        """Compare the first plant with the others by their squared errors in windows; None if these are too few."""
+        if len(squared_m2) < WINDOWS_LEAST:
+            return None
+        squared, share = np.array(squared_m2), AGAIN_SHARE**2
+        left_m2 = squared.sum(axis=0)
+        better = left_m2 < share * left_m2[0]
+        better &= (squared < share * squared[:, :1]).sum(axis=0) >= WINDOWS_LEAST
+        best = int(np.argmin(np.where(better, left_m2, inf) if better.any() else left_m2))
+        own_m, best_m = np.sqrt(left_m2[[0, best]] / (2 * len(squared) * (_COUNT + 1 - _FREE))).tolist()
+        found, plant = self.plants[best], self.plants[0]
+        difference: Difference = "stiffer" if _lag_s(found) < _lag_s(plant) else "softer"
+        is_unfed = found.feedforward < plant.feedforward
+        return PlantComparison(len(squared), own_m, best_m, found, difference if better.any() else None, is_unfed)
 
 
-def _unexplained_m(plant: Plant, windows: Sequence[_Window]) -> float:
-    """Return the error of a plant (rms over all windows and both axes)."""
-    step = exact_step(plant, STEP_S)
-    count = len(windows[0].position_m)
-    begins_s = np.array([window.from_s for window in windows])
-    pushes = np.array(
-        [
-            _means(window.setpoint_s, _aims(plant, window), begins_s[k] - plant.delay_s + STEP_S * np.arange(count + 1))
-            for k, window in enumerate(windows)
-        ]
-    )
-    states, free = np.zeros((len(windows), 4)), np.hstack([np.eye(4), np.zeros((4, 2))])
-    answers, bases = [], []
-    for k in range(count):
-        answers.append(states[:, POSITION])
-        bases.append(free[POSITION])
-        states = states @ step.transition.T + pushes[:, k] @ step.input_gain.T
-        free = step.transition @ free
-        free[:, 4:] += step.disturbance_gain
-    answered, basis = np.array(answers).transpose(1, 0, 2), np.array(bases)
-    squared = 0.0
-    for axis in range(2):
-        orthonormal, _ = np.linalg.qr(basis[:, axis, axis::2])
-        off = np.array([window.position_m[:, axis] for window in windows]) - answered[:, :, axis]
-        left = off - off @ orthonormal @ orthonormal.T
-        squared += float(np.sum(left**2))
-    return float(np.sqrt(squared / (2 * len(windows) * (count - _FREE))))
+def _lag_s(plant: Plant) -> float:
+    """Return how long a plant is behind setpoints that move steadily."""
+    lags_s = (plant.a1_per_s / plant.a0_per_s2 - plant.lead_s).mean()
+    return float(lags_s) + plant.delay_s

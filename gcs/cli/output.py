@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 from types import TracebackType
@@ -21,6 +22,7 @@ from gcs.mission.mission import Mission
 
 if TYPE_CHECKING:
     from gcs.flightlog.reader import FlightLog
+    from gcs.metrics.result import PlantResult
     from gcs.preflight.findings import Finding
     from gcs.vehicle_logs.vehicle_log import VehicleLog
 
@@ -209,9 +211,10 @@ def present(
     plot: Path | None,
     figure: int | None = None,
     timed: bool = True,
+    plants: "tuple[PlantResult, ...] | None" = None,
 ) -> Exit:
     """Evaluate a flight, show it, and return its verdict; `figure` selects one of the paper's figures to plot."""
-    result = show_result(mission, record)
+    result = replace(show_result(mission, record), plants=plants)
     if plot is not None:
         from gcs.report.figure import save_figure
 

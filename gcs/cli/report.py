@@ -76,12 +76,12 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     """Show a flight from the logs of its processes; raises InputError."""
     from gcs.cli.output import present
     from gcs.console.terminal import print_line
-    from gcs.report.evidence.criteria import criteria_of, plant_notes
+    from gcs.report.evidence.criteria import criteria_of, plant_results
     from gcs.report.evidence.reading import read_flight
 
     read = _logs(logs)
     flight = read_flight(read)
-    plants = plant_notes(flight.mission, flight.evidence)
+    plants = plant_results(flight.mission, flight.evidence)
     if options.html is not None:
         from gcs.report.flight_page import replay_flight, write_report
 
@@ -91,11 +91,16 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
     if options.animate is not None:
         _animate(flight, options.animate)
     verdict = present(
-        flight.mission, flight.evidence.record, json=options.json, plot=options.plot, figure=options.figure
+        flight.mission,
+        flight.evidence.record,
+        json=options.json,
+        plot=options.plot,
+        figure=options.figure,
+        plants=plants,
     )
-    for note in plants:
-        print_line(f"plant of vehicle {note.vehicle_id}: {note.validation}", "dim")
-        print_line(f"latency of vehicle {note.vehicle_id}: {note.latency}", "dim")
+    for plant in plants:
+        print_line(f"plant of vehicle {plant.id}: {plant.text}", "yellow" if plant.differs else "dim")
+        print_line(f"latency of vehicle {plant.id}: {plant.latency}", "dim")
     return Exit.VERDICT_FAILED if flight.is_damaged and verdict is Exit.HOLDS else verdict
 
 

@@ -11,6 +11,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from estimation.plant.watch import Difference
 from gcs.metrics.catalogue import Verdicts, VerdictState
 from gcs.metrics.departures import Departure
 from gcs.metrics.ending import TeamEnding
@@ -53,13 +54,32 @@ class LoopResult:
 
 
 @dataclass(frozen=True, slots=True)
+class PlantResult:
+    """Whether the plant of a vehicle's profile is valid for a flight, and the vehicle's latency as text.
+
+    `verdict` is how the vehicle differs if another plant explains the flight better, None without enough excitation.
+    """
+
+    id: int
+    profile: str
+    verdict: Literal["valid"] | Difference | None
+    text: str
+    latency: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether another plant explains the flight better."""
+        return self.verdict not in (None, "valid")
+
+
+@dataclass(frozen=True, slots=True)
 class FlightResult:
     """The result of a flight, in the order of its JSON form.
 
     `estimate` holds the metrics by estimate beside those by truth. `truth_missing` is why there are none by truth
     although simulators sent it. `ended` is None in logs of versions that did not record it. `faults` are those injected
     into stub vehicles. `kinds` are by id. `departures` are those not by order. `not_judged` are verdicts that the
-    mission asks for.
+    mission asks for. `plants` are of a report, None elsewhere.
     """
 
     mission: str
@@ -88,6 +108,7 @@ class FlightResult:
     kinds: Mapping[int, str] = field(default_factory=dict)
     departures: tuple[Departure, ...] | None = None
     not_judged: tuple[str, ...] = ()
+    plants: tuple[PlantResult, ...] | None = None
 
     @property
     def kinds_line(self) -> str:

@@ -445,4 +445,5 @@ class Mission:
             lowest_between_m=lowest_between_m([each.section for each in self.vehicles], self.safety),
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
             excitation=self.excitation if self.excites else None,
+            profile=vehicle.section.profile,
         )

@@ -119,9 +119,9 @@ def _keep(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]:
 
 
 def _identify(result: FlightResult, evidence: FlightEvidence) -> Iterator[NextStep]:
-    invalid = [note.vehicle_id for note in evidence.plants if note.is_invalid]
-    if invalid:
-        text = f"Identify {named(invalid)} again, as another plant explains this flight better than the profile's:"
+    differing = [plant.id for plant in evidence.plants if plant.differs]
+    if differing:
+        text = f"Identify {named(differing)}, as another plant explains this flight better than the profile's:"
         yield NextStep(text, f"cordon excite {quote(result.mission)}")
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimation.plant.model import Plant
-from estimation.plant.watch import DELAY_MAX_S, effect_delay_s, others, watch
+from estimation.plant.watch import DELAY_MAX_S, effect_delay_s, watch
 from estimation.state import POSITION, Vector
 from gcs.metrics.references import (
     DesiredRing,
@@ -17,38 +17,28 @@ from gcs.metrics.references import (
     ring_reference,
     verdict_tolerances,
 )
+from gcs.metrics.result import PlantResult
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.report.evidence.flight import FlightEvidence, PlantNote, VehicleEvidence
-
-AGAIN_SHARE = 0.7
-"""Identify again where another plant leaves less than this share of the residual of the profile's plant (rms):
-half of the variance. In closed loop, noise alone favours a softer plant: the drift of PX4's estimate gives 0.9."""
+from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
 
 
-def plant_notes(mission: Mission, evidence: FlightEvidence) -> tuple[PlantNote, ...]:
+def plant_results(mission: Mission, evidence: FlightEvidence) -> tuple[PlantResult, ...]:
     """Return the validation of the plant of each recorded vehicle's profile, and its latency."""
     recorded = [each for each in evidence.vehicles if each.loop.time_s.size and each.samples.size]
-    return tuple(_note(mission.vehicle(each.vehicle_id), each) for each in recorded)
+    return tuple(_result(mission.vehicle(each.vehicle_id), each) for each in recorded)
 
 
-def _note(vehicle: MissionVehicle, evidence: VehicleEvidence) -> PlantNote:
-    validation, is_invalid = _validation(vehicle, evidence)
-    return PlantNote(vehicle.id, validation, _latency(vehicle, evidence), is_invalid)
-
-
-def _validation(vehicle: MissionVehicle, evidence: VehicleEvidence) -> tuple[str, bool]:
-    """Return the validation of a plant as text, and whether another plant is better."""
-    plant = _over_the_link(vehicle.plant, evidence)
+def _result(vehicle: MissionVehicle, evidence: VehicleEvidence) -> PlantResult:
+    plant, profile = _over_the_link(vehicle.plant, evidence), vehicle.section.profile
     watched = watch(plant, _setpoints(plant, evidence), evidence.samples)
-    name = f"'{vehicle.section.profile}'"
     if watched is None:
-        return f"{name}: not enough excitation to validate the plant", False
-    left = f"{name}: residual {watched.unexplained_m:.2f} m rms over {watched.windows} windows"
-    if watched.best_m >= AGAIN_SHARE * watched.unexplained_m:
-        best = f"best of {len(others(plant))} other plants {watched.best_m:.2f} m"
-        return f"{left}, {best}: valid for this flight", False
-    other = f"other plant {watched.best_m:.2f} m ({_numbers(watched.best, plant)})"
-    return f"{left}, {other}: identify again (cordon excite)", True
+        verdict, text = None, f"'{profile}': not enough excitation to validate the plant"
+    elif watched.difference is None:
+        verdict, text = "valid", f"'{profile}' is valid for this flight: {watched.text}"
+    else:
+        verdict = watched.difference
+        text = f"{verdict} than its profile '{profile}': identify it (cordon excite, cordon identify): {watched.text}"
+    return PlantResult(vehicle.id, profile, verdict, text, _latency(vehicle, evidence))
 
 
 def _latency(vehicle: MissionVehicle, evidence: VehicleEvidence) -> str:
@@ -74,11 +64,6 @@ def _setpoints(plant: Plant, evidence: VehicleEvidence) -> Vector:
     loop = evidence.loop
     sent = [loop.time_s, loop.setpoint_m[:, POSITION]] + [loop.velocity_m_s[:, POSITION]] * (plant.feedforward > 0.0)
     return np.column_stack(sent)
-
-
-def _numbers(best: Plant, plant: Plant) -> str:
-    text = f"a0 {best.x.a0_per_s2:.2f} 1/s², a1 {best.x.a1_per_s:.2f} 1/s, delay {best.delay_s:.2f} s"
-    return text if best.feedforward == plant.feedforward else f"{text}, without velocity feed-forward"
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord
+from gcs.metrics.result import PlantResult
 
 Names = np.ndarray[tuple[int], np.dtype[np.str_]]
 
@@ -84,19 +85,6 @@ class VehicleEvidence:
 
 
 @dataclass(frozen=True, slots=True)
-class PlantNote:
-    """Whether the plant of a vehicle's profile is valid for the flight, and its latency, as text.
-
-    `is_invalid` is whether another plant explains the flight better.
-    """
-
-    vehicle_id: int
-    validation: str
-    latency: str
-    is_invalid: bool
-
-
-@dataclass(frozen=True, slots=True)
 class FlightEvidence:
     """The record behind the metrics, and each vehicle's evidence in the record's order.
 
@@ -108,5 +96,5 @@ class FlightEvidence:
     vehicles: tuple[VehicleEvidence, ...]
     facts: dict[str, str] = field(default_factory=dict)
     logs: tuple[str, ...] = ()
-    plants: tuple[PlantNote, ...] = ()
+    plants: tuple[PlantResult, ...] = ()
     speed: float = 1.0

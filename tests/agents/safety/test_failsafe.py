@@ -31,6 +31,7 @@ from agents.team.messages import MemberState, NextChange, OperatorCommand, Outlo
 from agents.team.team import GONE_S
 from agents.team.verbs import Verb
 from estimation.plant.model import exact_step
+from estimation.plant.watch import Difference, PlantComparison
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 from tests.support.solver import UNSOLVED
 
@@ -238,6 +239,14 @@ def taken_over(**reports: Any) -> Case:
     return Case(take_over, nothing, 0.0, (override, override), grave=override)
 
 
+def unlike_its_profile(difference: Difference | None) -> Callable[[Flight], None]:
+    def change(flight: Flight) -> None:
+        found = None if difference is None else PlantComparison(6, 0.3, 0.1, flight.plant, difference, is_unfed=False)
+        flight.core._vehicle.plant.found = found
+
+    return change
+
+
 AS_BEFORE: tuple[Tactic, ...] = (Tactic.FORMATION,)
 HOLDS = (Tactic.HOLD, Tactic.LAND)
 LEAVES = (Tactic.ASIDE, Tactic.HOLD, Tactic.LAND)
@@ -308,6 +317,8 @@ CASES = {
     Condition.TARGET_FROM_OUTSIDE: Case(
         set_to(outside_m=(40.0, -5.0)), set_to(target_m=(40.0, -5.0)), 0.0, AS_BEFORE * 3
     ),
+    Condition.STIFFER: Case(unlike_its_profile("stiffer"), unlike_its_profile(None), 0.0, AS_BEFORE * 3),
+    Condition.SOFTER: Case(unlike_its_profile("softer"), unlike_its_profile(None), 0.0, AS_BEFORE * 3),
     Condition.NO_OPERATOR: Case(
         set_to(operated=False), set_to(operated=True), 3.2, (Tactic.HOLD, Tactic.HOLD), wall=True
     ),

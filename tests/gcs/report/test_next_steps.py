@@ -12,8 +12,8 @@ from gcs.metrics.departures import Departure
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.record import FlightEvent
 from gcs.metrics.references import EngagementResult
-from gcs.metrics.result import FlightResult
-from gcs.report.evidence.flight import FlightEvidence, PlantNote
+from gcs.metrics.result import FlightResult, PlantResult
+from gcs.report.evidence.flight import FlightEvidence
 from gcs.report.flight_page import alert_table, next_steps
 from tests.support.report_evidence import flown
 
@@ -87,7 +87,9 @@ def test_vehicles_that_left_alike_are_one_step_and_what_was_not_judged_is_flown_
 
 def test_a_plant_that_is_invalid_is_to_be_identified_again(flight: tuple[FlightEvidence, FlightResult]) -> None:
     evidence, result = flight
-    plants = tuple(PlantNote(each, "residual", "latency", each != 2) for each in (1, 2, 3))
+    plants = tuple(
+        PlantResult(each, "px4", "valid" if each == 2 else "stiffer", "residual", "latency") for each in (1, 2, 3)
+    )
     (step,) = next_steps(replace(result, mission="my team.toml"), replace(evidence, plants=plants))
     assert "vehicles 1 and 3" in step.text
     assert step.command == "cordon excite 'my team.toml'"

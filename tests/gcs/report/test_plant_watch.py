@@ -12,9 +12,10 @@ from estimation.plant.model import Plant, PlantAxis
 from estimation.plant.watch import PlantComparison, effect_delay_s, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
+from gcs.metrics.result import PlantResult
 from gcs.mission.file import load_mission
-from gcs.report.evidence.criteria import plant_notes
-from gcs.report.evidence.flight import FlightEvidence, LoopTiming, PlantNote, VehicleEvidence
+from gcs.report.evidence.criteria import plant_results
+from gcs.report.evidence.flight import FlightEvidence, LoopTiming, VehicleEvidence
 
 pytestmark = pytest.mark.slow
 
@@ -87,7 +88,7 @@ def noted(
     *,
     plant: Plant = FILE,
     velocity_m_s: Vector | None = None,
-) -> PlantNote:
+) -> PlantResult:
     """Return the note about a vehicle whose profile is a plant, over a link with these round trips."""
     mission = load_mission("px4-trio")
     mission = replace(mission, vehicles=(replace(mission.vehicles[0], plant=plant), *mission.vehicles[1:]))
@@ -98,7 +99,7 @@ def noted(
     vehicle = VehicleEvidence(1, loop=loop, samples=samples, round_trip_s=np.array(trips_s))
     empty = np.empty((0, 2))
     record = FlightRecord("x", 0, "sitl", "truth", np.empty(0), empty, empty, (), LoopStatistics(20.0, 0, 0), 1.0)
-    (note,) = plant_notes(mission, FlightEvidence(record, (vehicle, VehicleEvidence(2))))
+    (note,) = plant_results(mission, FlightEvidence(record, (vehicle, VehicleEvidence(2))))
     return note
 
 
@@ -106,8 +107,8 @@ def noted(
 def test_a_link_is_no_fault_of_the_plant(link_s: float) -> None:
     """A flight over a link whose round trip is known, and one whose is not measured."""
     note = noted(flown(1.7, 1.8, 0.2 + link_s), (0.14, 0.15, 0.16) if link_s else ())
-    assert (note.vehicle_id, note.is_invalid) == (1, False)
-    assert "valid for this flight" in note.validation
+    assert (note.id, note.profile, note.verdict) == (1, "px4", "valid")
+    assert note.text.startswith("'px4' is valid for this flight: ")
     measured = "link's round trip 0.15 s (0.14 to 0.16)" if link_s else "link's round trip not measured"
     assert measured in note.latency
     found = re.search(r"setpoint to effect (\d\.\d\d) s", note.latency)
@@ -121,7 +122,7 @@ def test_an_effect_before_the_setpoint_can_arrive_is_not_reported() -> None:
     assert "setpoint to effect not measured, because the profile's plant is slower than the vehicle" in note.latency
 
 
-@pytest.mark.parametrize(("gain", "told"), [(1.0, ": valid "), (0.0, "without velocity feed-forward): ")])
+@pytest.mark.parametrize(("gain", "told"), [(1.0, "is valid "), (0.0, "without velocity feed-forward)")])
 def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> None:
     """A circle of 4 m at 0.2 rad/s: where a plant with feed-forward is, and one that leaves the velocities aside."""
     fed, time_s = Plant(FILE.x, FILE.y, 0.2, 1.0), np.arange(0.0, 120.0, 0.05)
@@ -134,8 +135,8 @@ def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> N
     noise = 0.05 * np.random.default_rng(5).normal(size=(time_s.size, 2))
     samples = np.column_stack([time_s, np.column_stack([flown.real, flown.imag]) + noise])
     note = noted((np.column_stack([time_s, setpoints]), samples), plant=fed, velocity_m_s=velocities)
-    assert told in note.validation
-    assert note.is_invalid == (gain == 0.0)
+    assert told in note.text
+    assert note.verdict == ("softer" if gain == 0.0 else "valid")
 
 
 def test_a_flight_that_asks_little_tells_nothing() -> None:
@@ -159,10 +160,11 @@ def test_setpoints_that_were_not_sent_do_no_harm(explained: PlantComparison) -> 
     assert watch(FILE, np.vstack([setpoints, unsent]), samples) == explained
 
 
-@pytest.mark.parametrize(("stiffer", "expected"), [(1.0, "valid for this flight"), (0.55, "(cordon excite)")])
-def test_the_report_says_when_to_identify_again(stiffer: float, expected: str) -> None:
+@pytest.mark.parametrize(("stiffer", "verdict"), [(1.0, "valid"), (0.55, "softer"), (2.0, "stiffer")])
+def test_the_report_says_when_to_identify_the_vehicle(stiffer: float, verdict: str) -> None:
     plant = load_mission("px4-trio").vehicles[0].plant
     note = noted(flown(stiffer * plant.x.a0_per_s2, plant.x.a1_per_s, plant.delay_s), plant=plant)
-    assert note.vehicle_id == 1
-    assert note.validation.startswith("'px4': residual 0.")
-    assert note.validation.endswith(expected)
+    assert (note.id, note.verdict) == (1, verdict)
+    if verdict != "valid":
+        told = f"{verdict} than its profile 'px4': identify it (cordon excite, cordon identify): residual 0."
+        assert note.text.startswith(told)
