@@ -5,7 +5,8 @@ cut into windows, and in each the plant is simulated from the setpoints sent, wi
 velocity and one steady disturbance. The remaining error is compared with that of other plants.
 
 Another plant explains a flight if it leaves much less in all windows together, and in several of them each: a jump of
-the autopilot's estimator, or a limit of speed or acceleration that acts for a while, is in one window or two.
+the autopilot's estimator, or a limit of speed or acceleration that acts for a while, is in one window or two. A
+difference that is a small share of the motion is none.
 """
 
 from collections import deque
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from math import inf
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,9 @@ MOVED_LEAST_M = 0.3
 AGAIN_SHARE = 0.7
 """Another plant is better where it leaves less than this share of the residual of the profile's plant (rms): half of
 the variance. In closed loop, noise alone favours a softer plant: the drift of PX4's estimate gives 0.9."""
+MATTERS_SHARE = 0.17
+"""Another plant is better where it explains more than this share of the setpoint's motion besides (rms, about a
+straight line). On a ring that is a lag that is off by a quarter: what is less, the disturbance's estimate covers."""
 _COUNT = round(WINDOW_S / STEP_S)
 _NEAR_S = 1.0
 _FREE = 3
@@ -72,7 +76,7 @@ def watch(plant: Plant, setpoints: Vector, samples: Vector) -> PlantComparison |
     Setpoints with velocities are (S, 5). None without enough excitation to distinguish plants.
     """
     bank = _compared(plant)
-    return bank.comparison([bank.squared_m2(each) for each in _windows(setpoints, samples)])
+    return bank.comparison([bank.residual(each) for each in _windows(setpoints, samples)])
 
 
 class PlantWatch:
@@ -87,7 +91,7 @@ class PlantWatch:
         self.found: PlantComparison | None = None
         self._bank = _compared(plant)
         self._after_s = after_s
-        self._squared_m2: deque[Vector] = deque(maxlen=WINDOWS_IN_FLIGHT)
+        self._residuals: deque[_Residual] = deque(maxlen=WINDOWS_IN_FLIGHT)
         self.restart()
 
     def restart(self) -> None:
@@ -123,8 +127,8 @@ class PlantWatch:
         self._samples = [each for each in self._samples if each[0] > oldest_s]
         if window is None or self.found is not None:
             return
-        self._squared_m2.append(self._bank.squared_m2(window))
-        found = self._bank.comparison(self._squared_m2)
+        self._residuals.append(self._bank.residual(window))
+        found = self._bank.comparison(self._residuals)
         if found is not None and found.difference is not None:
             self.found = found
 
@@ -141,7 +145,7 @@ def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | 
     """
     tried_s = np.arange(0.0, DELAY_MAX_S + DELAY_STEP_S / 2.0, DELAY_STEP_S).tolist()
     bank = _Bank([replace(plant, delay_s=delay_s) for delay_s in tried_s])
-    found = bank.comparison([bank.squared_m2(each) for each in _windows(setpoints, samples)])
+    found = bank.comparison([bank.residual(each) for each in _windows(setpoints, samples)])
     return None if found is None else found.best.delay_s
 
 
@@ -158,9 +162,13 @@ def others(plant: Plant) -> list[Plant]:
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A window: its begin, its positions (N, 2), and all setpoints by time, with their velocities (S, 2)."""
+    """A window: its begin, its positions (N, 2), and all setpoints by time, with their velocities (S, 2).
+
+    `moved_m2` is the sum of the squares of the setpoint's motion.
+    """
 
     from_s: float
+    moved_m2: float
     position_m: Vector
     setpoint_s: Vector
     setpoint_m: Vector
@@ -180,15 +188,16 @@ def _windows(setpoints: Vector, samples: Vector) -> Iterator[_Window]:
 
 def _window(from_s: float, setpoints: Vector, samples: Vector) -> _Window | None:
     """Return the window that begins at a time, None without enough samples or motion of the setpoint."""
-    time_s = from_s + STEP_S * np.arange(_COUNT + 1)
+    time_s = np.asarray(from_s + STEP_S * np.arange(_COUNT + 1), dtype=np.float64)
     near = samples[(samples[:, 0] >= from_s - _NEAR_S) & (samples[:, 0] <= from_s + WINDOW_S + _NEAR_S)]
     if len(near) < _COUNT / 2.0 or np.diff(near[:, 0]).max() > _NEAR_S:
         return None
     asked = _held(setpoints[:, 0], setpoints[:, 1:3], time_s)
-    if np.sqrt(np.mean(_without_line(asked) ** 2)) < MOVED_LEAST_M:
+    moved_m2 = float((_without_line(asked) ** 2).sum())
+    if moved_m2 < MOVED_LEAST_M**2 * asked.size:
         return None
     place = np.column_stack([np.interp(time_s, near[:, 0], near[:, k]) for k in (1, 2)])
-    return _Window(from_s, place, setpoints[:, 0], setpoints[:, 1:3], setpoints[:, 3:])
+    return _Window(from_s, moved_m2, place, setpoints[:, 0], setpoints[:, 1:3], setpoints[:, 3:])
 
 
 def _held(at_s: Vector, value: Vector, time_s: Vector) -> Vector:
@@ -205,6 +214,13 @@ def _means(at_s: Vector, value: Vector, edges_s: Vector) -> Vector:
 def _without_line(values: Vector) -> Vector:
     base = np.column_stack([np.ones(len(values)), np.arange(len(values))])
     return values - base @ np.linalg.lstsq(base, values, rcond=None)[0]
+
+
+class _Residual(NamedTuple):
+    """The sums of the squared errors of plants in a window over both axes, and that of the setpoint's motion."""
+
+    squared_m2: Vector
+    moved_m2: float
 
 
 class _Bank:
@@ -239,8 +255,8 @@ class _Bank:
             motions.append(place)
         return np.stack(motions, axis=2)
 
-    def squared_m2(self, window: _Window) -> Vector:
-        """Return the sum of the squared errors of each plant in a window, over both axes."""
+    def residual(self, window: _Window) -> _Residual:
+        """Return the errors of the plants in a window."""
         edges_s = window.from_s + STEP_S * np.arange(_COUNT + 1)
         aims_m = [_means(window.setpoint_s, window.setpoint_m, edges_s - delay_s) for delay_s in self._delays_s]
         aims = np.array(aims_m)[self._delayed]
@@ -255,15 +271,16 @@ class _Bank:
             place, rate = pp * place + pv * rate + pu * aim, vp * place + vv * rate + vu * aim
             off[:, k + 1] -= place
         along = np.einsum("pka,pakf->paf", off, self._free)
-        return np.asarray((off**2).sum(axis=(1, 2)) - (along**2).sum(axis=(1, 2)))
+        return _Residual(np.asarray((off**2).sum(axis=(1, 2)) - (along**2).sum(axis=(1, 2))), window.moved_m2)
 
-    def comparison(self, squared_m2: Sequence[Vector]) -> PlantComparison | None:
-        """Compare the first plant with the others by their squared errors in windows; None if these are too few."""
-        if len(squared_m2) < WINDOWS_LEAST:
+    def comparison(self, residuals: Sequence[_Residual]) -> PlantComparison | None:
+        """Compare the first plant with the others by their errors in windows; None if these are too few."""
+        if len(residuals) < WINDOWS_LEAST:
             return None
-        squared, share = np.array(squared_m2), AGAIN_SHARE**2
+        squared, share = np.array([each.squared_m2 for each in residuals]), AGAIN_SHARE**2
         left_m2 = squared.sum(axis=0)
         better = left_m2 < share * left_m2[0]
+        better &= left_m2[0] - left_m2 > MATTERS_SHARE**2 * sum(each.moved_m2 for each in residuals)
         better &= (squared < share * squared[:, :1]).sum(axis=0) >= WINDOWS_LEAST
         best = int(np.argmin(np.where(better, left_m2, inf) if better.any() else left_m2))
         own_m, best_m = np.sqrt(left_m2[[0, best]] / (2 * len(squared) * (_COUNT + 1 - _FREE))).tolist()

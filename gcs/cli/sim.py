@@ -86,11 +86,11 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     from gcs.cli.output import SimulationProgress, check_plot, present, print_warning
     from gcs.flight.simulated import fly_simulated
     from gcs.preflight.findings import Grade
-    from gcs.preflight.mission import sensor_range
+    from gcs.preflight.mission import encounter
 
     check_plot(options.plot, options.figure)
     mission = loaded_mission(options.mission, options.changes)
-    for finding in sensor_range(mission):
+    for finding in encounter(mission):
         if finding.grade is not Grade.PASS:
             print_warning(finding)
     if options.station_tiles is not None:

@@ -131,7 +131,7 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     from gcs.cli.output import print_warning
     from gcs.mission.overrides import override
     from gcs.preflight.findings import Finding, Grade
-    from gcs.preflight.mission import sensor_range
+    from gcs.preflight.mission import encounter
     from gcs.sweep.plan import counted, planned
     from gcs.sweep.variation import seed_range, variation
 
@@ -142,7 +142,7 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     found: list[Finding] = []
     fixed = dict(map(override, options.changes))
     result = planned(
-        options.mission, variations, seeds, fixed, options.duration, lambda m: found.extend(sensor_range(m)), pending
+        options.mission, variations, seeds, fixed, options.duration, lambda m: found.extend(encounter(m)), pending
     )
     blind = [each for each in found if each.grade is not Grade.PASS]
     if blind:

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from agents.tactics import NO_TACTIC, Tactic
+from estimation.state import Vector
 from gcs.metrics.ending import named
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.mission.mission import Mission, VerdictSection
@@ -157,23 +158,32 @@ def engagement_reference(mission: Mission) -> EngagementReference:
         if target.importance > vehicle.decision.importance_min and target.threat < vehicle.decision.threat_max
     }
     # Where an external target will be is not known: the mission is about it.
-    near = {each: target.source != "simulated" or _nearest_m(mission, each) < allowed_m[each] for each in allowed_m}
+    _, away_m = (
+        formation_path(mission) if target.source == "simulated" else (None, dict.fromkeys(allowed_m, np.zeros(1)))
+    )
+    near = {each: bool(away_m[each].min() < allowed_m[each]) for each in allowed_m}
     return EngagementReference(allowed_m, _chosen(allowed_m, near))
 
 
 _PLAN_POINTS = 2000
 
 
-def _nearest_m(mission: Mission, vehicle_id: int) -> float:
-    """Return how near the mission brings a vehicle to the simulated target: at its start, and in line until the end."""
-    config, target = mission.agent_config(mission.vehicle(vehicle_id)), mission.target.motion
+def formation_path(mission: Mission) -> tuple[Vector, Mapping[int, Vector]]:
+    """Return the times of a mission, and how far each vehicle is from the simulated target at each, by id.
+
+    That is at its start, and then in formation until the end.
+    """
+    target, speed_m_s = mission.target.motion, mission.formation.speed_m_s
     time_s = np.linspace(0.0, mission.mission.duration_s, _PLAN_POINTS)
-    line_m = np.add(config.line_start_m, config.slot_offset_m(vehicle_id, mission.formation.leader))
-    place_m = line_m + np.outer(time_s, (mission.formation.speed_m_s, 0.0))
     target_m = np.array([target.position_m(at_s) for at_s in time_s.tolist()])
-    in_line_m = float(np.hypot(*(place_m - target_m).T).min())
-    start_m = mission.vehicle(vehicle_id).section.start_m
-    return min(in_line_m, float(np.hypot(*np.subtract(start_m, target_m[0]))))
+    away_m = {}
+    for vehicle in mission.vehicles:
+        config = mission.agent_config(vehicle)
+        slot_m = np.add(config.line_start_m, config.slot_offset_m(vehicle.id, mission.formation.leader))
+        place_m = slot_m + np.outer(time_s, (speed_m_s, 0.0))
+        place_m[0] = vehicle.section.start_m
+        away_m[vehicle.id] = np.hypot(*(place_m - target_m).T)
+    return time_s, away_m
 
 
 def verdict_tolerances(mission: Mission) -> VerdictTolerances:

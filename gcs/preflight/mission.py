@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import hypot, sqrt
 
+import numpy as np
+
 from agents.control.excitation import preview
 from agents.ring.place import chord_m
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
@@ -19,6 +21,7 @@ from gcs.link.rates import (
     load,
     rate_levels,
 )
+from gcs.metrics.references import engagement_reference, formation_path
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
@@ -137,7 +140,7 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
         yield _line_gap(mission)
     if not stubs:
         yield _mission_fence(mission)
-    yield from sensor_range(mission)
+    yield from encounter(mission)
     yield _target_speed(mission)
     yield _ring_acceleration(mission)
     yield _formation_speed(mission)
@@ -236,15 +239,23 @@ def _distance_error_m(mission: Mission) -> float:
     return SIGMAS * hypot(*errors_m[-2:])
 
 
-def sensor_range(mission: Mission) -> Iterator[Finding]:
-    """Check that every vehicle sees a simulated target from the ring; a flight for identification has no ring."""
+def encounter(mission: Mission) -> Iterator[Finding]:
+    """Check that every vehicle comes near enough to a simulated target to engage it, and sees it from the ring.
+
+    A flight for identification has no ring.
+    """
     if mission.excites or mission.target.source != "simulated":
         return
+    yield _sensor_range(mission)
+    yield from _reach(mission)
+
+
+def _sensor_range(mission: Mission) -> Finding:
     ranges_m = {vehicle_id: mission.sensor(vehicle_id).range_m for vehicle_id in mission.ids}
     radius_m = mission.encirclement.radius_m
     blind = [str(vehicle_id) for vehicle_id, range_m in ranges_m.items() if range_m < radius_m]
     who = f"vehicles with a shorter range: {', '.join(blind)}" if blind else "every vehicle's range is sufficient"
-    yield Finding.graded(
+    return Finding.graded(
         Grade.WARNING if blind else Grade.PASS,
         MISSION,
         "sensor range",
@@ -252,6 +263,43 @@ def sensor_range(mission: Mission) -> Iterator[Finding]:
         "on the ring such a vehicle does not see the target: it depends on others' sightings, or holds",
         f"increase target.sensor.range_m to {GAP_RESERVE * radius_m:g} m, or lower encirclement.radius_m",
     )
+
+
+def _reach(mission: Mission) -> Iterator[Finding]:
+    """Compare each vehicle's least distance to the target, once one of the team has seen it, with its own limit."""
+    limits_m = engagement_reference(mission).distance_max_m
+    time_s, away_m = formation_path(mission)
+    seen = np.any([away_m[each] <= mission.sensor(each).range_m for each in mission.ids], axis=0)
+    if limits_m and not seen.any():
+        yield Finding(
+            Grade.WARNING,
+            MISSION,
+            "reach",
+            f"no sensor sees the target: no vehicle comes nearer than {min(map(np.min, away_m.values())):.2f} m; the "
+            f"longest target.sensor.range_m is {max(mission.sensor(each).range_m for each in mission.ids):g} m",
+            "from its place in formation no vehicle will engage",
+            _NEARER,
+        )
+        return
+    first = int(np.argmax(seen))
+    for vehicle_id, limit_m in limits_m.items():
+        nearest = first + int(np.argmin(away_m[vehicle_id][first:]))
+        least_m = float(away_m[vehicle_id][nearest])
+        since = f", the target being seen from {time_s[first]:.0f} s on" if first else ""
+        yield Finding.graded(
+            Grade.PASS if least_m < limit_m else Grade.WARNING,
+            vehicle_id,
+            "reach",
+            f"its least distance from the target in formation is {least_m:.2f} m, at {time_s[nearest]:.0f} s{since}; "
+            f"its decision.distance_max_m is {limit_m:g} m",
+            "from its place in formation it will not engage",
+            f"raise its decision.distance_max_m above {least_m + 0.05:.1f} m, or {_NEARER}",
+        )
+
+
+_NEARER = (
+    "bring the formation nearer: formation.start_m, the vehicles' start_m, formation.speed_m_s, mission.duration_s"
+)
 
 
 def _target_speed(mission: Mission) -> Finding:

@@ -1,11 +1,15 @@
 """Fly random missions, and report each that breaks separation, fence, setpoint or speed limits.
 
+It reports also each in which a vehicle does not engage, and the preflight did not warn that the target is out of its
+reach; or engages despite such a warning, while the guard left all vehicles in their places in formation.
+
 A seed determines the number of vehicles and their starts, their true plants, target, ring, thresholds, and a fence as
 close to starts and ring as the mission check allows. Telemetry and network are as in case2-field. Exit code 1 if a
 mission breaks the invariant.
 """
 
 import sys
+from collections.abc import Collection
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,8 +19,12 @@ import numpy as np
 
 from agents.outputs import TickOutput
 from agents.safety.fence import Corner, Fence
+from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY, Vector
+from gcs.metrics.ending import named
 from gcs.mission.mission import Mission
+from gcs.preflight.findings import MISSION, Grade
+from gcs.preflight.mission import encounter
 from tests.experiments.arguments import seeded_parser
 from tests.support.mission_text import Content, content, drawn_vehicle, parsed
 from tests.support.observed_flight import observed
@@ -133,6 +141,7 @@ class Flown:
     lead_left_m: float
     speed_left_m_s: float
     interventions: int
+    misjudged: tuple[int, ...]
 
     @property
     def holds(self) -> bool:
@@ -142,6 +151,7 @@ class Flown:
             and self.fence_left_m >= 0.0
             and self.lead_left_m >= -LEAD_SLACK_M
             and self.speed_left_m_s >= -SPEED_SLACK_M_S
+            and not self.misjudged
         )
 
     def __str__(self) -> str:
@@ -149,6 +159,7 @@ class Flown:
             f"seed {self.seed}, {self.vehicles} vehicles: separation {self.separation_left_m:+.2f} m, "
             f"fence {self.fence_left_m:+.2f} m, lead {self.lead_left_m:+.2f} m, speed {self.speed_left_m_s:+.2f} m/s, "
             f"{self.interventions} interventions"
+            f"{f', misjudged the reach of {named(self.misjudged)}' if self.misjudged else ''}"
         )
 
 
@@ -172,7 +183,20 @@ def flown(mission: Mission, seed: int) -> Flown:
         float((safety.setpoint_lead_max_m + speeds * acts_after_s - lead_m).min()),
         safety.speed_max_m_s - float(speeds.max()),
         sum(output.status.guarded is not None and bool(output.status.guarded.causes) for output in outputs.values()),
+        tuple(sorted(_misjudged(mission, outputs.values()))),
     )
+
+
+def _misjudged(mission: Mission, outputs: Collection[TickOutput]) -> set[int]:
+    """Return the vehicles that engage, or do not, against what the preflight check says of their reach."""
+    found = [each.about for each in encounter(mission) if each.check == "reach" and each.grade is Grade.WARNING]
+    warned = {*mission.ids} if MISSION in found else {about for about in found if isinstance(about, int)}
+    engaged = {output.status.vehicle_id for output in outputs if output.status.tactic is Tactic.ENCIRCLE}
+    moved = any(
+        output.status.tactic is Tactic.FORMATION and output.status.guarded is not None and output.status.guarded.causes
+        for output in outputs
+    )
+    return {*mission.ids} - engaged - warned if moved else {*mission.ids} - (engaged ^ warned)
 
 
 def _closest_m(places: Vector) -> float:

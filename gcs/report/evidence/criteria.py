@@ -31,13 +31,12 @@ def plant_results(mission: Mission, evidence: FlightEvidence) -> tuple[PlantResu
 def _result(vehicle: MissionVehicle, evidence: VehicleEvidence) -> PlantResult:
     plant, profile = _over_the_link(vehicle.plant, evidence), vehicle.section.profile
     watched = watch(plant, _setpoints(plant, evidence), evidence.samples)
-    if watched is None:
-        verdict, text = None, f"'{profile}': not enough excitation to validate the plant"
-    elif watched.difference is None:
-        verdict, text = "valid", f"'{profile}' is valid for this flight: {watched.text}"
-    else:
-        verdict = watched.difference
-        text = f"{verdict} than its profile '{profile}': identify it (cordon excite, cordon identify): {watched.text}"
+    verdict = None if watched is None else watched.difference or "valid"
+    text = f"'{profile}': not enough excitation to validate the plant"
+    if watched is not None:
+        differs = f"{verdict} than its profile '{profile}': identify it (cordon excite, cordon identify)"
+        valid = f"'{profile}' is valid for this flight"
+        text = f"{differs if watched.difference else valid}: {watched.text}"
     return PlantResult(vehicle.id, profile, verdict, text, _latency(vehicle, evidence))
 
 

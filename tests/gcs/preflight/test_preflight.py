@@ -4,7 +4,7 @@ import json
 import re
 from dataclasses import replace
 from io import StringIO
-from math import pi, sin
+from math import hypot, pi, sin
 from typing import Any
 
 import pytest
@@ -24,7 +24,7 @@ from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from gcs.preflight.findings import FenceArea, Finding, GpsFix, Grade, VehicleFacts
+from gcs.preflight.findings import MISSION, FenceArea, Finding, GpsFix, Grade, VehicleFacts
 from gcs.preflight.keys import KeyFacts
 from gcs.preflight.mission import extent_m
 from gcs.preflight.preflight import exit_code, findings_json, findings_view, preflight, worst
@@ -253,7 +253,7 @@ def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
     findings = team(unreachable=("udpin://127.0.0.1:14541 carries system id 1, not 2", "correct the vehicle's id"))
     assert grave(findings) == [("refuse", "vehicle 2", "link")]
     assert findings[0].found == "udpin://127.0.0.1:14541 carries system id 1, not 2"
-    assert [each.check for each in findings if each.subject == "vehicle 2"] == ["link", "setpoint lead"]
+    assert [each.check for each in findings if each.subject == "vehicle 2"] == ["link", "reach", "setpoint lead"]
 
 
 def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
@@ -494,6 +494,36 @@ def test_a_sensor_that_does_not_see_as_far_as_the_ring_is_a_warning_that_names_i
     assert "target.sensor.range_m" in found.next_step
     external = changed(target={"source": "external", "sensor": sensor.model_copy(update={"range_m": 1.0})})
     assert all(each.check != "sensor range" for each in preflight(external, []))
+
+
+def reached(**sections: dict[str, Any]) -> list[Finding]:
+    return [each for each in preflight(changed(**sections), ()) if each.check == "reach"]
+
+
+def test_a_vehicle_that_the_mission_never_brings_near_enough_is_warned_of() -> None:
+    """Case 2's line gains 0.1 m/s on the target, which is 35 m ahead on the lane of vehicle 3."""
+    assert [(each.about, each.grade) for each in reached()] == [(i, Grade.PASS) for i in (1, 2, 3)]
+    # After 60 s they are still 6 m nearer only; abreast of the third, vehicles 1 and 2 are 10 and 5 m to its side.
+    late = {each.about: each for each in reached(mission={"duration_s": 60.0}, target={"start_m": (13.0, -5.0)})}
+    assert [(i, each.grade) for i, each in late.items()] == [(1, Grade.WARNING), (2, Grade.PASS), (3, Grade.PASS)]
+    assert f"{hypot(7.0, 10.0):.2f} m, at 60 s; its decision.distance_max_m is 12 m" in late[1].found
+    assert late[1].next_step.startswith("raise its decision.distance_max_m above 12.3 m, or bring")
+
+
+def test_a_target_counts_from_when_a_sensor_first_sees_it() -> None:
+    sensor = CASE2.target.sensor.model_copy(update={"range_m": 4.0})
+    # It comes the other way, and is 4 m before vehicle 3 after 27.5 s, and farther from the others than before.
+    meets = {"start_m": (15.0, -5.0), "velocity_m_s": (-0.2, 0.0), "sensor": sensor}
+    found = reached(target=meets, mission={"duration_s": 28.0})
+    assert all("the target being seen from 28 s on" in each.found for each in found)
+    (unseen,) = reached(target=meets, mission={"duration_s": 27.0})
+    assert (unseen.about, unseen.grade) == (MISSION, Grade.WARNING)
+    assert "no vehicle comes nearer than 4.20 m; the longest target.sensor.range_m is 4 m" in unseen.found
+
+
+def test_reach_is_judged_only_of_vehicles_that_would_engage_a_simulated_target() -> None:
+    assert reached(target={"importance": 0.1, "start_m": (500.0, 0.0)}) == []
+    assert reached(target={"source": "external", "start_m": (500.0, 0.0)}) == []
 
 
 def test_missions_beyond_their_own_limits(subtests: pytest.Subtests) -> None:

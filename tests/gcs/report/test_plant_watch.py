@@ -8,8 +8,8 @@ from math import hypot
 import numpy as np
 import pytest
 
-from estimation.plant.model import Plant, PlantAxis
-from estimation.plant.watch import PlantComparison, effect_delay_s, watch
+from estimation.plant.model import Plant, PlantAxis, exact_step
+from estimation.plant.watch import PlantComparison, PlantWatch, effect_delay_s, watch
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.metrics.result import PlantResult
@@ -137,6 +137,70 @@ def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> N
     note = noted((np.column_stack([time_s, setpoints]), samples), plant=fed, velocity_m_s=velocities)
     assert told in note.text
     assert note.verdict == ("softer" if gain == 0.0 else "valid")
+
+
+CIRCLE_M, TURN_RAD_S = 10.0, 0.15
+
+
+def told(plant: Plant, *, profile: Plant = FILE, link_s: float = 0.0, jump_m: float = 0.0) -> tuple[float, str] | None:
+    """Return when a watch in flight finds a difference on a ring in a gusty wind, and which; None if it does not."""
+    random, step = np.random.default_rng(7), exact_step(plant, 0.05)
+    watched = PlantWatch(profile)
+    watched.link_s = link_s
+    state, gust, queue = np.array([CIRCLE_M, 0.0, 0.0, CIRCLE_M * TURN_RAD_S]), np.zeros(2), list[Vector]()
+    for tick in range(2400):
+        time_s = tick * 0.05
+        queue.append(CIRCLE_M * np.array([np.cos(TURN_RAD_S * time_s), np.sin(TURN_RAD_S * time_s)]))
+        watched.sent(time_s, *queue[-1].tolist())
+        if watched.found is not None and watched.found.difference is not None:
+            return time_s, watched.found.difference
+        gust = 0.98 * gust + 0.04 * random.normal(size=2)
+        late = round((plant.delay_s + link_s) / 0.05)
+        state = step.advance(state, queue[max(len(queue) - 1 - late, 0)], gust)
+        seen = state[:2] + 0.05 * random.normal(size=2) + jump_m * (40.0 < time_s < 41.0)
+        watched.measured(time_s + 0.05, *seen.tolist())
+    return None
+
+
+def scaled(a0: float, a1: float, delay_s: float = FILE.delay_s) -> Plant:
+    axis = PlantAxis(a0 * FILE.x.a0_per_s2, a1 * FILE.x.a1_per_s)
+    return Plant(axis, axis, delay_s)
+
+
+@pytest.mark.parametrize(
+    ("plant", "difference"),
+    [(scaled(2.5, 1.3), "stiffer"), (scaled(0.4, 0.7), "softer"), (scaled(1.0, 1.0, 0.8), "softer")],
+)
+def test_a_vehicle_that_is_not_its_profile_is_noticed_within_a_minute_on_a_ring(plant: Plant, difference: str) -> None:
+    found = told(plant)
+    assert found is not None
+    assert found[0] < 60.0
+    assert found[1] == difference
+
+
+@pytest.mark.parametrize("near", [scaled(1.0, 1.0), scaled(0.9, 1.1), scaled(1.1, 0.9, 0.25), scaled(0.8, 0.9)])
+def test_a_vehicle_that_is_its_profile_is_not(near: Plant) -> None:
+    assert told(near) is None
+    assert told(near, link_s=0.3) is None, "the link's delay is not the vehicle's"
+    assert told(near, jump_m=1.5) is None, "a jump of the estimate is in one window"
+
+
+def test_a_link_that_is_not_known_of_is_part_of_the_vehicle() -> None:
+    found = told(scaled(1.0, 1.0, 0.7))
+    assert found is not None
+    assert found[1] == "softer"
+
+
+def test_a_watch_begins_again_where_no_setpoints_were_sent() -> None:
+    watched = PlantWatch(FILE)
+    for tick in range(2400):
+        watched.measured(tick * 0.05, 0.0, 0.0)
+        # Steps of metres that no vehicle follows, but only for 9 s at a time: no window is complete.
+        if tick % 200 < 180:
+            watched.sent(tick * 0.05, 3.0 * (tick // 40 % 2), 0.0)
+        else:
+            watched.restart()
+    assert watched.found is None
 
 
 def test_a_flight_that_asks_little_tells_nothing() -> None:
