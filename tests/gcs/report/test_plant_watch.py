@@ -11,11 +11,18 @@ import pytest
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.plant.watch import PlantComparison, PlantWatch, effect_delay_s, watch
 from estimation.state import Vector
+from gcs.console.advice import event_severity
+from gcs.flightlog.reader import FlightLog, read_log
 from gcs.metrics.record import FlightRecord, LoopStatistics
 from gcs.metrics.result import PlantResult
 from gcs.mission.file import load_mission
+from gcs.replay.cores import replay
 from gcs.report.evidence.criteria import plant_results
 from gcs.report.evidence.flight import FlightEvidence, LoopTiming, VehicleEvidence
+from gcs.report.evidence.reading import read_flight
+from tests.support.flight_logs import record_simulation
+from tests.support.mission_text import content, parsed
+from tests.support.paths import MISSIONS
 
 pytestmark = pytest.mark.slow
 
@@ -232,3 +239,40 @@ def test_the_report_says_when_to_identify_the_vehicle(stiffer: float, verdict: s
     if verdict != "valid":
         told = f"{verdict} than its profile 'px4': identify it (cordon excite, cordon identify): residual 0."
         assert note.text.startswith(told)
+
+
+SCALES = {1: {"a0": 2.8, "a1": 1.31}, 3: {"a0": 0.4, "a1": 0.9}}
+
+
+@pytest.fixture(scope="module")
+def unlike(tmp_path_factory: pytest.TempPathFactory) -> tuple[FlightRecord, FlightLog]:
+    """A ring of three vehicles with the profile px4: a stiff hexarotor, a PX4 as in the profile, and a soft one."""
+    mission = content((MISSIONS / "px4-trio.toml").read_text(encoding="utf-8"))
+    for vehicle in mission["vehicles"]:
+        vehicle["true_scale"] = SCALES.get(vehicle["id"], {})
+    path = tmp_path_factory.mktemp("logs") / "unlike.mcap"
+    return record_simulation(parsed(mission), path, seed=1, duration_s=80.0), read_log(path)
+
+
+def test_vehicles_unlike_their_profile_are_told_in_flight_within_a_minute_of_engaging(
+    unlike: tuple[FlightRecord, FlightLog],
+) -> None:
+    record, _ = unlike
+    engaged_s = {each.vehicle: each.time_s for each in record.events if each.tactic and each.tactic.event == "engage"}
+    alerts = {each.vehicle: each for each in record.events if each.alert is not None}
+    assert {i: each.alert and each.alert.condition for i, each in alerts.items()} == {
+        1: "stiffer than its profile",
+        3: "softer than its profile",
+    }
+    assert all(each.time_s - engaged_s[i] < 60.0 for i, each in alerts.items())
+    assert {event_severity(each) for each in alerts.values()} == {"warning"}
+    assert {str(track.tactic[-1]) for track in record.vehicles} == {"encircle"}, "no vehicle leaves its mission for it"
+
+
+def test_the_report_says_the_same_and_a_replay_decides_the_same(unlike: tuple[FlightRecord, FlightLog]) -> None:
+    _, log = unlike
+    flight = read_flight([log])
+    found = plant_results(flight.mission, flight.evidence)
+    assert {each.id: each.verdict for each in found} == {1: "stiffer", 2: "valid", 3: "softer"}
+    again = replay(log)
+    assert all(each.compared == each.identical > 0 for each in again.vehicles)
