@@ -24,13 +24,12 @@ SETTLE_S = 3.0
 class AgentConfig:
     """The complete configuration of one agent.
 
-    `slots` are the vehicles of the formation in line order, with this one; `line_start_m` is the start of the
-    leader's line, `altitude_m` the flying height above the mission's origin, `communication_radius_m` the radio
-    range of its messages. `profile` is the name of its profile. `home_m` is where it takes off (None: it lands in
-    place), `layers_from_m` the lowest layer's height and `altitude_lowest_m` the lowest flying height (None: its
-    own). If the ring follows the target's altitude, its lowest vehicle stays between the two of `lowest_between_m`,
-    which keeps every vehicle inside its limits. `slots_m` are the vehicles' positions in a free formation, empty
-    without one. With `excitation` there is no mission: the vehicle flies for identification.
+    `slots` are the vehicles of the formation in line order, with this one; `line_start_m` is the start of the leader's
+    line, `altitude_m` the flying height above the mission's origin, `communication_radius_m` the radio range of its
+    messages. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest layer's height and
+    `altitude_lowest_m` the lowest flying height (None: its own). If the ring follows the target's altitude, its lowest
+    vehicle stays between the two of `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the
+    positions in a free formation. With `excitation` it flies for identification.
     """
 
     vehicle_id: int

@@ -79,7 +79,7 @@ class FlightResult:
     `estimate` holds the metrics by estimate beside those by truth. `truth_missing` is why there are none by truth
     although simulators sent it. `ended` is None in logs of versions that did not record it. `faults` are those injected
     into stub vehicles. `kinds` are by id. `departures` are those not by order. `not_judged` are verdicts that the
-    mission asks for. `plants` are of a report, None elsewhere.
+    mission asks for. `plants` are a report's.
     """
 
     mission: str

@@ -27,6 +27,8 @@ FLIES_ON = {
     "status stale",
     "sightings contradict",
     "target from outside only",
+    "stiffer than its profile",
+    "softer than its profile",
 }
 """Those of docs/safety.md about which a vehicle flies on and reports, and does nothing more."""
 
