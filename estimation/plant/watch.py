@@ -271,7 +271,8 @@ class _Bank:
             place, rate = pp * place + pv * rate + pu * aim, vp * place + vv * rate + vu * aim
             off[:, k + 1] -= place
         along = np.einsum("pka,pakf->paf", off, self._free)
-        return _Residual(np.asarray((off**2).sum(axis=(1, 2)) - (along**2).sum(axis=(1, 2))), window.moved_m2)
+        left_m2 = (off**2).sum(axis=(1, 2)) - (along**2).sum(axis=(1, 2))
+        return _Residual(np.maximum(left_m2, 0.0), window.moved_m2)  # no error at all may be rounded below 0
 
     def comparison(self, residuals: Sequence[_Residual]) -> PlantComparison | None:
         """Compare the first plant with the others by their errors in windows; None if these are too few."""

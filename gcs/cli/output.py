@@ -164,7 +164,8 @@ def confirmed(question: str) -> bool:
 
 def print_warning(finding: "Finding", whose: str = "") -> None:
     """Print a finding of a mission that flies nevertheless."""
-    print_line(f"warning: {whose}{finding.found}: {finding.why}; next: {finding.next_step}", "yellow")
+    about = f"{finding.subject}: " if isinstance(finding.about, int) else ""
+    print_line(f"warning: {whose}{about}{finding.found}: {finding.why}; next: {finding.next_step}", "yellow")
 
 
 def print_log_faults(log: "FlightLog") -> None:

@@ -19,6 +19,7 @@ from gcs.metrics.json_output import json_output
 from gcs.signals import hold_back, pending
 
 if TYPE_CHECKING:
+    from gcs.mission.mission import Mission
     from gcs.sweep.columns import Column, Row
     from gcs.sweep.folder import SweepJournal
     from gcs.sweep.plan import SweepPlan
@@ -139,15 +140,18 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
     seeds = seed_range(options.seeds) if options.seeds is not None else ()
     if options.workers is not None and options.scheduler is not None:
         raise InputError(["--workers: not with --scheduler, whose cluster has its own workers: leave one of them out"])
-    found: list[Finding] = []
+    found: list[dict[str, Finding]] = []
+
+    def check(mission: "Mission") -> None:
+        warnings = [each for each in encounter(mission) if each.grade is not Grade.PASS]
+        found.append({each.check: each for each in reversed(warnings)})
+
     fixed = dict(map(override, options.changes))
-    result = planned(
-        options.mission, variations, seeds, fixed, options.duration, lambda m: found.extend(encounter(m)), pending
-    )
-    blind = [each for each in found if each.grade is not Grade.PASS]
-    if blind:
-        whole = f"{len(blind)} of {counted(len(found), 'mission')}, the first: " if len(found) > 1 else ""
-        print_warning(blind[0], whole)
+    result = planned(options.mission, variations, seeds, fixed, options.duration, check, pending)
+    for name in dict.fromkeys(name for warned in found for name in warned):
+        warned = [each[name] for each in found if name in each]
+        whole = f"{len(warned)} of {counted(len(found), 'mission')}, the first: " if len(found) > 1 else ""
+        print_warning(warned[0], whole)
     return result
 
 

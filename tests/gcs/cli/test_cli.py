@@ -214,6 +214,18 @@ def test_a_ring_from_which_no_sensor_sees_the_target_is_warned_of_before_it_flie
     assert warned.replace("warning: ", "warning: 2 of 3 missions, the first: ") in swept.err
 
 
+def test_a_vehicle_that_never_comes_near_enough_is_warned_of_before_it_flies(run_here: RunHere) -> None:
+    near = ("--set", "vehicles[0].decision.distance_max_m=7.5")
+    warned = "warning: vehicle 1: its least distance from the target in formation is "
+    told = run_here("sim", "case2", "--duration", "1", *near).err
+    assert warned in told
+    assert "its decision.distance_max_m is 7.5 m: from its place in formation it will not engage; next: raise" in told
+    assert warned not in run_here("sim", "case2", "--duration", "1").err
+    varied = ("--vary", "vehicles[0].decision.distance_max_m=7.5,12")
+    swept = run_here("sweep", "case2", *varied, "--duration", "1", "--workers", "1", "--out", "out")
+    assert warned.replace("warning: ", "warning: 1 of 2 missions, the first: ") in swept.err
+
+
 def test_wall_times_are_told_or_left_out_as_asked(run_here: RunHere) -> None:
     for option, timed in (("--timing", True), ("--no-timing", False)):
         result = json.loads(run_here("sim", "case1", "--duration", "1", "--seed", "1", option, "--json").out)
