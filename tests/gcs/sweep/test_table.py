@@ -24,7 +24,8 @@ from tests.support.result_keys import RESULT_KEYS
 
 NEAR = {"target.start_m": [9.0, -3.0]}
 LEFT_OUT = {
-    "": "format mission seed source reference wall_time_s realtime_factor events estimate truth_missing faults kinds plants",
+    "": "format mission seed source reference wall_time_s realtime_factor events estimate truth_missing faults kinds "
+    "plants",
     "ended": "vehicles unaccounted",
     "ring": "judged_from_s",
     "engagement": "pending",
