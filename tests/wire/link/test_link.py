@@ -31,7 +31,9 @@ from gcs.link.config import LinkConfig
 from gcs.link.feed import VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import SILENCE_MAX_S, WATCH_PERIOD_S, MavsdkLink
+from gcs.link.ports import require_usable
 from gcs.link.rates import RateController, Rates
+from gcs.link.relay.relay import Relay
 from gcs.link.status_texts import StatusTexts
 from gcs.link.streams import Streams
 from sitl.autopilot.autopilot import StubAutopilot
@@ -315,6 +317,29 @@ async def test_silence_is_refused() -> None:
     with pytest.raises(VehicleRefusedError, match="not connected"):
         await link.land()
     await link.close()
+    await hub.close()
+
+
+async def test_a_search_that_is_cancelled_while_its_connection_opens_leaves_nothing_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opens, goes_on, start = threading.Event(), threading.Event(), Relay.start
+
+    def held(relay: Relay) -> None:
+        opens.set()
+        goes_on.wait(PATIENCE_S)
+        start(relay)
+
+    monkeypatch.setattr(Relay, "start", held)
+    hub, url = MavsdkHub(), f"udpin://127.0.0.1:{free_port()}"
+    finding = asyncio.create_task(hub.find(url, 1, PATIENCE_S))
+    await until(opens.is_set)
+    finding.cancel()
+    await asyncio.sleep(0.0)
+    goes_on.set()
+    with pytest.raises(asyncio.CancelledError):
+        await finding
+    require_usable(url)
     await hub.close()
 
 
