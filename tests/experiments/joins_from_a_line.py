@@ -1,7 +1,7 @@
 """Let teams engage all at once from a line 60 m off the target, and measure when their rings have settled.
 
-They fly the stub's plant, at up to 4 m/s, on the rings of `tests/support/ring_mission.py` at 1 m/s. Measured is the true
-motion. Exit code 1 if a team needs longer than 45 s or comes nearer than the separation.
+They fly the stub's plant, at up to 4 m/s, on the rings of `tests/support/ring_mission.py` at 1 m/s. Measured is the
+true motion. Exit code 1 if a team needs longer than 45 s or comes nearer than the separation.
 """
 
 import sys
