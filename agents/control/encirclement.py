@@ -116,12 +116,12 @@ class EncirclementPlanner:
         self._times_s: Vector = self._settings.prediction_step_s * samples
         self._reference_gain = _reference_gain(self._settings, self._times_s)
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
-        # The bounds of a plan: constant entries are set here, the others before each plan.
-        self._pushes = self._settings.acceleration_max_m_s2 * np.array([[-1.0, -1.0], [1.0, 1.0]])
-        self._limits = np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
-        self._limits[0], self._limits[1] = -self._settings.speed_max_m_s, self._settings.speed_max_m_s
+        # The bounds of a plan, which are set before each.
+        self._pushes, self._limits = np.empty((2, 2)), np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
         self._bearings_min, self._bearings_max = self._limits[..., 0]
-        self._speeds_min, self._speeds_max = self._limits[..., 1:]
+        # Of acceleration and speed, each radial and along the ring.
+        accelerations, speeds = np.split(self._pushes, 2, axis=1), np.moveaxis(self._limits[..., 1:], -1, 0)
+        self._symmetric = [(bounds[0], bounds[1]) for bounds in (*accelerations, *speeds)]
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
@@ -176,11 +176,11 @@ class EncirclementPlanner:
 
         Bearings are relative to the vehicle's present one, so the optimiser sees no wrap.
         """
-        radius, bearing = task.reference.radius, task.reference.bearing
+        radius, bearing, size_m = task.reference.radius, task.reference.bearing, polar.radius_m
         ahead_rad = wrap_signed_rad(bearing.value - polar.bearing_rad)
-        points = (radius.value, radius.rate, radius.acceleration, ahead_rad, bearing.rate, bearing.acceleration)
-        reference: Vector = self._reference_gain.dot(np.array(points)).reshape(-1, 4)
-        reference[:, 1::2] *= polar.radius_m
+        across = (radius.value, radius.rate, radius.acceleration)
+        along = (size_m * ahead_rad, size_m * bearing.rate, size_m * bearing.acceleration)
+        reference: Vector = self._reference_gain.dot(np.array(across + along)).reshape(-1, 4)
         if task.obstacles:
             bearings_rad = polar.bearing_rad + self._drift_rad
             bent_m = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, polar.radius_m)
@@ -189,14 +189,17 @@ class EncirclementPlanner:
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
         """Bound the inputs by the acceleration, the states by the speed and the clearance to both neighbours."""
-        acceleration_m_s2 = self._settings.acceleration_max_m_s2
+        acceleration_m_s2, speed_m_s = self._settings.acceleration_max_m_s2, self._settings.speed_max_m_s
         radial_m_s2, along_m_s2 = self._acceleration.tolist()
-        self._pushes[1] = across_m_s(acceleration_m_s2, along_m_s2), across_m_s(acceleration_m_s2, radial_m_s2)
-        np.negative(self._pushes[1], out=self._pushes[0])
-        speed_m_s, along_m_s = self._settings.speed_max_m_s, polar.radius_m * polar.angular_rate_rad_s
-        self._speeds_max[:, 0] = across_m_s(speed_m_s, along_m_s)
-        self._speeds_max[:, 1] = across_m_s(speed_m_s, polar.radial_speed_m_s)
-        np.negative(self._speeds_max, out=self._speeds_min)
+        most = (
+            across_m_s(acceleration_m_s2, along_m_s2),
+            across_m_s(acceleration_m_s2, radial_m_s2),
+            across_m_s(speed_m_s, polar.radius_m * polar.angular_rate_rad_s),
+            across_m_s(speed_m_s, polar.radial_speed_m_s),
+        )
+        for (lower, upper), value in zip(self._symmetric, most, strict=True):
+            lower.fill(-value)
+            upper.fill(value)
         if place.lead_rad is None or place.lag_rad is None:
             self._bearings_min.fill(-_FREE)
             self._bearings_max.fill(_FREE)
@@ -208,10 +211,10 @@ class EncirclementPlanner:
 
 
 def _reference_gain(settings: EncirclementSettings, times_s: Vector) -> Vector:
-    """Return the matrix from radius and bearing, each with rate and acceleration (6,), to the reference at all samples.
+    """Return the matrix from two coordinates, each with rate and acceleration (6,), to the reference at all samples.
 
-    Shape (horizon * 4, 6), a sample in [r phi r' phi']. The acceleration of a transition decays as under the spacing
-    law.
+    Shape (horizon * 4, 6), a sample in [r, r phi, r', r phi']. The acceleration of a transition decays as under the
+    spacing law.
     """
     decay_per_s = max(settings.spacing_gain_per_s, 1e-3)
     eased_s = -np.expm1(-decay_per_s * times_s) / decay_per_s

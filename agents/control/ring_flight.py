@@ -6,7 +6,7 @@ from math import atan2, copysign, cos, hypot, sin, tau
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
-from agents.ring.detour import Obstacle, bend_m, headway_rate_rad_s, leads
+from agents.ring.detour import Motion, Obstacle, bend_m, headway_rates_rad_s
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, place_errors_rad, ring_place
@@ -20,7 +20,7 @@ from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
 from agents.team.team import Team
-from estimation.polar import Polar, polar_from_motion, polar_of
+from estimation.polar import Polar, polar_from_motion
 from estimation.state import POSITION, VELOCITY, Vector
 from estimation.vectors import Pair
 
@@ -187,19 +187,13 @@ class RingFlight:
 
     def _headway_rates_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> Pair:
         """Return the least and the largest angular rate that keep the headway to the vehicles on either side."""
-        about, unit = centre.tolist(), (cos(polar.bearing_rad), sin(polar.bearing_rad))
+        about = centre.tolist()
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
-        clockwise, counter_clockwise = (
-            [polar_of(*motion) for motion in motions if leads(unit, motion[:2], direction)] for direction in (-1.0, 1.0)
-        )
-        return (
-            -headway_rate_rad_s(polar, clockwise, -1.0, headway_m),
-            headway_rate_rad_s(polar, counter_clockwise, 1.0, headway_m),
-        )
+        return headway_rates_rad_s(polar, motions, headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
         """Return the obstacles on the ring: peers that fell silent there, and those that stay in place."""
@@ -216,7 +210,7 @@ class RingFlight:
         ]
 
 
-def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> tuple[float, float, float, float]:
+def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> Motion:
     """Return a peer's motion relative to the centre's (4,) at a time, extrapolated at its published velocity."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s

@@ -6,6 +6,7 @@ for which the ring has no room waits outside, and does not publish its bearing.
 """
 
 from math import sqrt
+from typing import Final
 
 from agents.ring.detour import MARGIN_M
 from agents.ring.feasibility import RESERVE, Orbit
@@ -44,6 +45,10 @@ class Joining:
         self._transition = transition_of(ring)
         self._speed_m_s = RESERVE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
         self._acceleration_m_s2 = _TURNING_SHARE * min(ring.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
+        self.acceleration: Final = AccelerationBound(
+            self._separation_m, self._transition.acceleration_m_s2, self._acceleration_m_s2
+        )
+        """The bound on the acceleration: a vehicle that comes in can brake for the smaller one at the ring."""
         self.joined = False
         self._inside = False
         self._aside_m = self._waiting_m
@@ -101,12 +106,6 @@ class Joining:
         """Return how far a vehicle at a radius is still outside: 0 on the ring, 1 from the waiting circle on."""
         return min(1.0, max(0.0, ((radius_m - self.ring_m) / self._separation_m - 1.0) / (WAITING - 1.0)))
 
-    @property
-    def acceleration(self) -> AccelerationBound:
-        """The bound on the acceleration: a vehicle that comes in can brake for the smaller one at the ring."""
-        gentle_m_s2 = self._transition.acceleration_m_s2
-        return AccelerationBound(self.ring_m, self._separation_m, gentle_m_s2, self._acceleration_m_s2)
-
     def mover(self, error_rad: float, radius_m: float, orbit: Orbit) -> Mover:
         """Return the bounds of a vehicle at a radius: of a transition on the ring, its own on its way in.
 
@@ -121,5 +120,5 @@ class Joining:
             (gentle_m_s + coming * max(0.0, most_m_s - ring_m_s - gentle_m_s)) / size_m,
             (waiting_m_s + coming * max(0.0, most_m_s + ring_m_s - waiting_m_s)) / size_m,
             # It brakes for its place while it comes in and the bound falls.
-            (self._transition.acceleration_m_s2 + self.acceleration.at_m_s2(radius_m)) / 2.0 / size_m,
+            (self._transition.acceleration_m_s2 + self.acceleration.at_m_s2(radius_m - self.ring_m)) / 2.0 / size_m,
         )

@@ -119,15 +119,16 @@ class RingReference:
         if step_s <= 0.0:
             return radius, bearing
         size_m = max(radius.value, settings.radius_min_m)
-        ring_rad_s, gentle_m_s2 = way.orbit.angular_rate_rad_s, way.acceleration.at_m_s2(radius.value)
-        missing_m = way.radius_m - radius.value
+        ring_rad_s, ring_m = way.orbit.angular_rate_rad_s, way.orbit.radius_m
+        gentle_m_s2, missing_m = way.acceleration.at_m_s2(radius.value - ring_m), way.radius_m - radius.value
         # On its way to the ring a vehicle accelerates in two directions, and is briefly faster than its reference.
         fastest_m_s = settings.speed_max_m_s * (1.0 - (1.0 - RESERVE) * min(1.0, abs(missing_m)))
         rate_rad_s = transition_rate_rad_s(way.movers, ring_rad_s, transition.gain_per_s)
         # Both may rise together: the one leaves the other the room for what it is to be, not only for what it is.
         around_m_s = max(abs(bearing.rate), min(abs(rate_rad_s), _ACROSS_SHARE * fastest_m_s / size_m)) * size_m
         fastest_in_m_s = min(
-            across_m_s(fastest_m_s, around_m_s), way.acceleration.braked_m_s(radius.value, way.radius_m)
+            across_m_s(fastest_m_s, around_m_s),
+            way.acceleration.braked_m_s(radius.value - ring_m, way.radius_m - ring_m),
         )
         speed_m_s = limited(_RADIAL_GAIN_PER_S * missing_m, fastest_in_m_s)
         across_max_m_s = across_m_s(fastest_m_s, max(abs(radius.rate), abs(speed_m_s)))

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from math import ceil, copysign, sqrt
 from typing import Final
 
-import msgspec
-
 from agents.settings.sections import EncirclementSettings
 from estimation.vectors import limited
 
@@ -51,13 +49,14 @@ _BRAKING_SHARE = 0.5
 """The share of the acceleration that the braking distance is computed with; the rest is a margin for disturbances."""
 
 
-class Transition(msgspec.Struct, frozen=True):
+class Transition:
     """The bounds of a transition - speed relative to the ring, acceleration, jerk - and the spacing gain gamma."""
 
-    speed_m_s: float
-    acceleration_m_s2: float
-    jerk_m_s3: float
-    gain_per_s: float
+    def __init__(self, speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float, gain_per_s: float) -> None:
+        self.speed_m_s: Final = speed_m_s
+        self.acceleration_m_s2: Final = acceleration_m_s2
+        self.jerk_m_s3: Final = jerk_m_s3
+        self.gain_per_s: Final = gain_per_s
 
 
 def transition_of(settings: EncirclementSettings) -> Transition:
@@ -69,42 +68,46 @@ def transition_of(settings: EncirclementSettings) -> Transition:
     )
 
 
-class AccelerationBound(msgspec.Struct, frozen=True):
+class AccelerationBound:
     """The bound on a vehicle's acceleration, in any direction: a transition's at the ring, its own far outside.
 
-    From `near_m` off the ring on it grows with the distance, up to `most_m_s2` and not below `gentle_m_s2`.
+    From `near_m` outside the ring on it grows with the distance, up to `most_m_s2` and not below `gentle_m_s2`.
     """
 
-    ring_m: float
-    near_m: float
-    gentle_m_s2: float
-    most_m_s2: float
+    def __init__(self, near_m: float, gentle_m_s2: float, most_m_s2: float) -> None:
+        self.near_m: Final = near_m
+        self.gentle_m_s2: Final = gentle_m_s2
+        self.most_m_s2: Final = max(gentle_m_s2, most_m_s2)
+        self.far_m: Final = near_m * self.most_m_s2 / gentle_m_s2
 
-    def at_m_s2(self, radius_m: float) -> float:
-        """Return the bound at a radius."""
-        return max(self.gentle_m_s2, min(self.gentle_m_s2 * (radius_m - self.ring_m) / self.near_m, self.most_m_s2))
+    def at_m_s2(self, outside_m: float) -> float:
+        """Return the bound at a distance outside the ring."""
+        return max(self.gentle_m_s2, min(self.gentle_m_s2 * outside_m / self.near_m, self.most_m_s2))
 
     def braked_m_s(self, from_m: float, to_m: float) -> float:
-        """Return the largest radial speed that a share of the bound can brake between two radii."""
+        """Return the largest radial speed that a share of the bound can brake between two distances outside."""
         return sqrt(2.0 * _BRAKING_SHARE * abs(self._integral(from_m) - self._integral(to_m)))
 
-    def _integral(self, radius_m: float) -> float:
-        """Return the integral of the bound from the ring to a radius, negative inside it [m²/s²]."""
-        off_m, near_m = radius_m - self.ring_m, self.near_m
-        far_m = near_m * max(1.0, self.most_m_s2 / self.gentle_m_s2)
-        growing_m = min(max(off_m, near_m), far_m)
-        return self.gentle_m_s2 * (min(off_m, near_m) + (growing_m**2 - near_m**2) / (2.0 * near_m)) + max(
-            self.gentle_m_s2, self.most_m_s2
-        ) * max(off_m - far_m, 0.0)
+    def _integral(self, outside_m: float) -> float:
+        """Return the integral of the bound from the ring to a distance outside it, negative inside it [m²/s²]."""
+        near_m, far_m = self.near_m, self.far_m
+        if outside_m <= near_m:
+            return self.gentle_m_s2 * outside_m
+        growing_m = min(outside_m, far_m)
+        grown = self.gentle_m_s2 * (near_m + (growing_m * growing_m - near_m * near_m) / (2.0 * near_m))
+        return grown + self.most_m_s2 * (outside_m - growing_m)
 
 
-class Mover(msgspec.Struct, frozen=True):
+class Mover:
     """A vehicle that changes its place: how far it is from it, and the bounds of its motion relative to the ring."""
 
-    error_rad: float
-    ahead_max_rad_s: float
-    back_max_rad_s: float
-    acceleration_max_rad_s2: float
+    def __init__(
+        self, error_rad: float, ahead_max_rad_s: float, back_max_rad_s: float, acceleration_max_rad_s2: float
+    ) -> None:
+        self.error_rad: Final = error_rad
+        self.ahead_max_rad_s: Final = ahead_max_rad_s
+        self.back_max_rad_s: Final = back_max_rad_s
+        self.acceleration_max_rad_s2: Final = acceleration_max_rad_s2
 
 
 def transition_rate_rad_s(movers: Sequence[Mover], ring_rad_s: float, gain_per_s: float) -> float:

@@ -22,7 +22,7 @@ Maker = Callable[..., AgentConfig]
 STEP_S = 0.1
 ORBIT = Orbit(10.0, 0.05)
 IN_PLACE = [Mover(0.0, 0.1, 0.04, 0.03)]
-GENTLE = AccelerationBound(10.0, 3.0, 0.3, 0.3)
+GENTLE = AccelerationBound(3.0, 0.3, 0.3)
 
 
 def turned(config: AgentConfig, bearings_rad: Sequence[float], duration_s: float, orbit: Orbit = ORBIT) -> Vector:
