@@ -26,12 +26,6 @@ def wrap_signed_rad(angle_rad: float) -> float:
     return remainder(angle_rad, tau)
 
 
-def wrap_turn_rad(angle_rad: float) -> float:
-    """Wrap an angle to (0, 2 pi], a counter-clockwise turn; 0 becomes a whole turn."""
-    turned = angle_rad % tau
-    return turned if turned > 0.0 else tau
-
-
 def up_from_ned(ned: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convert rows in a vehicle's local NED, (..., 3), to x north, y west, z up about the same origin; its own inverse.
 

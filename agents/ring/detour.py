@@ -5,37 +5,40 @@ across the ring. The bend is outwards and early, and the vehicles keep their ord
 """
 
 from collections.abc import Iterable, Sequence
-from math import asin, inf, pi
+from math import asin, atan2, cos, hypot, inf, pi, sin
 from typing import Final
 
 import numpy as np
 
-from estimation.frames import wrap_turn_rad
-from estimation.polar import Polar
+from estimation.polar import Polar, polar_of
 from estimation.state import Vector
 from estimation.vectors import Pair
 
 _GAIN_PER_S = 0.5
 _ABREAST = 2.0
 """In headways: vehicles whose radii differ by more may pass each other."""
-_QUARTER_RAD = 1.5708
+
+Motion = tuple[float, float, float, float]
 
 
-def leads(unit: Pair, place_m: Pair, direction: float) -> bool:
-    """Return whether a place about the target is up to a quarter turn ahead of a bearing, given as a unit vector."""
-    (x, y), (place_x, place_y) = unit, place_m
-    return direction * (x * place_y - y * place_x) > 0.0 and x * place_x + y * place_y > 0.0
+def headway_rates_rad_s(polar: Polar, others: Iterable[Motion], headway_m: float) -> Pair:
+    """Return the least and the largest angular rate that keep `headway_m` to the next vehicle on either side.
 
-
-def headway_rate_rad_s(polar: Polar, others: Iterable[Polar], direction: float, headway_m: float) -> float:
-    """Return the largest angular rate in a direction (+1, -1) that keeps `headway_m` to the next vehicle ahead."""
-    bound_rad_s = inf
-    for other in others:
-        ahead_rad = wrap_turn_rad(direction * (other.bearing_rad - polar.bearing_rad))
-        if ahead_rad < _QUARTER_RAD and abs(other.radius_m - polar.radius_m) < _ABREAST * headway_m:
-            spare_rad = ahead_rad - headway_m / polar.radius_m
-            bound_rad_s = min(bound_rad_s, direction * other.angular_rate_rad_s + _GAIN_PER_S * spare_rad)
-    return max(bound_rad_s, 0.0)
+    `others` are motions [x y x' y'] relative to the target. Those up to a quarter turn away and about as far out count.
+    """
+    least_rad_s, most_rad_s = -inf, inf
+    x, y = cos(polar.bearing_rad), sin(polar.bearing_rad)
+    for motion in others:
+        across, along = x * motion[1] - y * motion[0], x * motion[0] + y * motion[1]
+        if along <= 0.0 or abs(hypot(across, along) - polar.radius_m) >= _ABREAST * headway_m:
+            continue
+        spare_rad_s = _GAIN_PER_S * (abs(atan2(across, along)) - headway_m / polar.radius_m)
+        other_rad_s = polar_of(*motion).angular_rate_rad_s
+        if across > 0.0:
+            most_rad_s = min(most_rad_s, max(other_rad_s + spare_rad_s, 0.0))
+        elif across < 0.0:
+            least_rad_s = max(least_rad_s, min(other_rad_s - spare_rad_s, 0.0))
+    return least_rad_s, most_rad_s
 
 
 MARGIN_M = 0.5

@@ -29,7 +29,7 @@ ROSTER_LIMIT_BYTES = 15 * PAYLOAD_LIMIT_BYTES
 KEY_LENGTH = 128
 KEY_RATE_HZ = 1000.0
 """Zenoh drops messages that follow the one before on their key in less time, the newest of a burst as well. The limit
-is therefore far above the rate of any vehicle, and set only on topics where only the newest message matters.
+is therefore far above the rate of any vehicle, and set only on topics whose messages are repeated.
 """
 _KEPT = {TOPICS[MemberState].name: 4, TOPICS[CommandAnswer].name: 16}
 """The number of messages kept per peer on topics where older ones matter as well, for their sightings; else one."""

@@ -12,7 +12,6 @@ from agents.ports import GpsThreat, VehicleStatus
 from agents.safety.failsafe import RATIO_MAX, RATIO_RESERVE
 from agents.shell.clock import link_s
 from agents.shell.control_loop import AgentParts
-from agents.shell.mailbox import KEY_RATE_HZ
 from agents.shell.outcome import Outcome
 from agents.tactics import Tactic
 from agents.team.codec import encode
@@ -33,8 +32,6 @@ from estimation.state import POSITION, VELOCITY
 PERIOD_S = 1.0
 """The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
-_LAST_AFTER_S = 2.0 / KEY_RATE_HZ
-"""The last report follows the one before after this [wall s]: sooner, the bus would drop it."""
 _CLIMB_SENT_M = 0.5
 _WORDS_LIMIT = 32
 ANNOUNCED_S = 60.0
@@ -127,7 +124,6 @@ class Reporter:
         if self._running is not None:
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
-            await asyncio.sleep(_LAST_AFTER_S)
             self._send(link_s(self._parts.clock))
 
     async def _run(self) -> None:

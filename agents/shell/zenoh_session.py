@@ -26,7 +26,6 @@ from agents.team.messages import (
     TOPICS,
     MemberState,
     StartProposal,
-    VehicleReport,
 )
 from agents.team.participant import is_name
 
@@ -49,7 +48,10 @@ of operators as well; the default of 100 is a few strangers'.
 """
 _GUEST_SESSIONS = 32
 """The largest number of connections to a vehicle from others than the team's vehicles."""
-_NEWEST_COUNTS = (MemberState, StartProposal, VehicleReport)
+_REPEATED = (MemberState, StartProposal)
+"""The messages whose rate Zenoh limits. It drops the newest of those that a busy computer reads at once: no loss where
+another one follows, but the last report of a flight would be lost.
+"""
 
 
 class PresenceReceiver(Protocol):
@@ -292,7 +294,7 @@ def _limits(prefix: str, members: Collection[int]) -> dict[str, object]:
 
     All keys that match a downsampling rule share its rate, so there is one rule for each topic and vehicle.
     """
-    keys = [f"{prefix}/{TOPICS[kind].name}/{member}" for kind in _NEWEST_COUNTS for member in members]
+    keys = [f"{prefix}/{TOPICS[kind].name}/{member}" for kind in _REPEATED for member in members]
     return {
         "scouting/gossip/enabled": False,
         "transport/unicast/max_sessions": len(members) + _GUEST_SESSIONS,

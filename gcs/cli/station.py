@@ -177,7 +177,6 @@ def _serve(
         return Exit.REFUSED
     pipe = ending.pipe
     say = print_line if pipe is None else print_result  # a flight reads it, and says it
-    say(f"page of {subject}: {access.url}")
 
     async def run() -> None:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
@@ -185,6 +184,7 @@ def _serve(
             loop.add_reader(pipe, FlightPipe(pipe, stop.set, lose).read)
         else:
             ending.stop = lambda: loop.call_soon_threadsafe(stop.set)
+        say(f"page of {subject}: {access.url}")
         await serve(listening, stop)
 
     asyncio.run(run())

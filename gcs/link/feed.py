@@ -84,6 +84,10 @@ SILENT_S, BAROMETER_LAG_S = 1.0, 1.0
 """After a break of the motion by the first time, the height is compared with the barometer's change during it. A climb
 explains a difference by what it is in the second: the two are not measured at the same time.
 """
+LOST_AFTER_S = 3.0
+"""MAVSDK takes a link as lost after this time of the wall without a heartbeat. A governed clock, which waits for a busy
+computer, may stand still meanwhile: then the link is lost once as much of its time has passed without a motion.
+"""
 SPEED_MAX_M_S = 20.0
 """The largest speed that can be set in PX4 (MPC_XY_VEL_MAX) and in ArduCopter (WPNAV_SPEED)."""
 ORIGIN_STEP_M = 0.1
@@ -161,6 +165,7 @@ class VehicleFeed:
         self._clock_notes: list[tuple[float, float]] | None = None
         self._posted_calls = posted_calls
         self._is_late = False
+        self._is_connected = False
 
     def subscribe(self) -> None:
         """Subscribe only to what the control loop uses: MAVSDK drops callbacks near 1500 per second."""
@@ -180,7 +185,8 @@ class VehicleFeed:
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
         if self.truth is not None:
             self.truth.subscribe(self.reports.direct, self.autopilot.truth, self._posting)
-        self._update(connected=self._system.is_connected())
+        self._is_connected = bool(self._system.is_connected())
+        self._update(connected=self._is_connected)
         self._system.subscribe_is_connected(self._posting(self._take_connected))
 
     @property
@@ -505,9 +511,18 @@ class VehicleFeed:
             self._update(round_trip_s=in_steps_s, link_fault=fault)
 
     def _take_connected(self, connected: bool) -> None:
+        self._is_connected = bool(connected)
+        self.judge_connection()
+
+    def judge_connection(self) -> None:
+        """Take a link as lost or as back: by MAVSDK, but a governed clock has to agree that it is lost."""
         before = self.status.connected
-        self._update(connected=bool(connected))
-        if before and not connected:
-            self.lose()
-        if connected and not before:
+        lasts = before and self._clock.is_governed and self.motion_age_s < LOST_AFTER_S
+        connected = self._is_connected or lasts
+        if connected == before:
+            return
+        self._update(connected=connected)
+        if connected:
             self._return()
+        else:
+            self.lose()

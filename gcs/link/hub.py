@@ -82,7 +82,7 @@ class MavsdkHub:
             async with self._adding[url]:  # one vehicle of a shared connection at a time
                 if url not in self._relays:
                     await self._run(require_usable, url)
-                    self._relays[url] = await self._run(self._open, url)
+                    await self._keep(url)
                 relay, _ = self._relays[url]
                 relay.claim(system_id, signing)
                 claims_s = max(CLAIMS_S / speed, CLAIMS_MIN_S)
@@ -101,8 +101,7 @@ class MavsdkHub:
         relay.release(system_id)
         if url not in self._vehicles.values():
             del self._relays[url]
-            await self._run(self._mavsdk.remove_connection, connection)
-            await self._run(relay.close)
+            await self._run(self._close_one, relay, connection)
 
     def report(self, system_id: int) -> LinkReport:
         """Return the report of what arrived with the system id of a vehicle."""
@@ -198,6 +197,14 @@ class MavsdkHub:
         """Return the system ids on a connection other than those of the vehicles that share it."""
         return [each for each in relay.others(system_id) if self._vehicles.get(each) != url]
 
+    async def _keep(self, url: str) -> None:
+        """Open a connection and keep it until `release`, also if this is cancelled meanwhile."""
+        opening = asyncio.ensure_future(self._run(self._open, url))
+        try:
+            await asyncio.shield(opening)
+        finally:
+            self._relays[url] = await opening
+
     def _open(self, url: str) -> tuple[Relay, Any]:
         """Open a connection, and connect MAVSDK to its relay."""
         with self._making:
@@ -219,6 +226,10 @@ class MavsdkHub:
                 "write a url like udpin://127.0.0.1:14540 or serial:///dev/ttyUSB0:57600, and check the device",
             ) from error
         return relay, connection
+
+    def _close_one(self, relay: Relay, connection: Any) -> None:
+        self._mavsdk.remove_connection(connection)
+        relay.close()
 
     def _wait_for(self, url: str, system_id: int, timeout_s: float) -> Any:
         end_s = time.monotonic() + timeout_s

@@ -507,6 +507,7 @@ class MavsdkLink:
             if self._clock.is_governed:
                 self._hub.send_heartbeats(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
             feed.reports.expire()
+            feed.judge_connection()
             silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and (feed.origin_m is not None or feed.is_doubted):
                 feed.lose()

@@ -26,7 +26,9 @@ from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTra
 WAKE_PERIOD_S = 0.004
 """The shortest wall time between two updates by the wall's clock: at high speed an update takes several steps."""
 SHOWN_ALIVE_S = 0.5
-"""Wall time without a step after which a stub sends its heartbeat: MAVSDK takes it as lost after 3 s of the wall."""
+"""Wall time after which a stub sends a heartbeat if less has passed on its own clock: MAVSDK takes it as lost after 3 s
+of the wall.
+"""
 CATCH_UP_MAX_S = 0.5
 """The largest simulated time of one update; time beyond it is dropped, which lowers the speed reached.
 
@@ -194,7 +196,7 @@ class Stub:
         self._vehicle.begin_mission()
 
     def send_heartbeat(self) -> None:
-        """Send a heartbeat, while the simulated time stands still."""
+        """Send a heartbeat beside those that are due."""
         self.endpoint.send(self._vehicle.heartbeat())
 
     def on_motion(self, ned: tuple[float, ...]) -> None:
@@ -291,11 +293,11 @@ async def _step(stubs: Sequence[Stub], pace: _Pace, clock: StubClock) -> None:
 
 
 async def _send_heartbeats(stubs: Sequence[Stub], pace: _Pace) -> None:
-    """Send heartbeats while the simulated time stands still, as the clock of a flight may for seconds."""
-    step = -1
+    """Send heartbeats by the wall where the simulated time stands still or creeps, as that of a busy computer does."""
+    uptime_s = -inf
     while True:
         await asyncio.sleep(SHOWN_ALIVE_S)
-        if pace.step == step:
+        before_s, uptime_s = uptime_s, pace.uptime_s()
+        if uptime_s - before_s < SHOWN_ALIVE_S:
             for stub in stubs:
                 stub.send_heartbeat()
-        step = pace.step

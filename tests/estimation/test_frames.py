@@ -13,7 +13,6 @@ from estimation.frames import (
     euler_from_quaternion_rad,
     up_from_ned,
     wrap_signed_rad,
-    wrap_turn_rad,
 )
 from estimation.state import Vector
 
@@ -84,12 +83,10 @@ def test_rotation_into_the_mission_frame_is_undone_exactly(bearing: float, x: fl
 
 @given(angles)
 def test_wrapping_changes_an_angle_by_whole_turns_only(angle: float) -> None:
-    signed, turn = wrap_signed_rad(angle), wrap_turn_rad(angle)
-    assert -pi <= signed <= pi
-    assert 0.0 < turn <= tau
-    for wrapped in (signed, turn):
-        turns = (angle - wrapped) / tau
-        assert isclose(turns, round(turns), abs_tol=1e-9)
+    wrapped = wrap_signed_rad(angle)
+    assert -pi <= wrapped <= pi
+    turns = (angle - wrapped) / tau
+    assert isclose(turns, round(turns), abs_tol=1e-9)
 
 
 def test_what_is_no_place_on_earth_is_refused(subtests: pytest.Subtests) -> None:

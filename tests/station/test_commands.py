@@ -157,8 +157,8 @@ def test_a_flight_without_processes_receives_no_commands(page: Page, served: Can
 def test_land_and_return_have_to_be_held(page: Page, served: CannedStation) -> None:
     land = page.locator("#verbs [data-verb='land']")
     for name in ("land", "rtl"):
-        verb(page, name)()
-        press_for(page, name, 0.8 * HOLD_MS)
+        for time_ms in (0.0, 0.8 * HOLD_MS):  # a click, which a busy computer may take long for, and too short a press
+            press_for(page, name, time_ms)
         assert sent(page, served) == []
         page.mouse.down()
         assert [(request.verb, request.vehicles) for request in held(page, served)] == [(name, None)]

@@ -1,4 +1,4 @@
-"""Headway: who counts as ahead, and what a column of vehicles does that would all rather be faster."""
+"""Headway: which vehicles count, and at which rates a vehicle keeps its distance to them."""
 
 from math import cos, inf, pi, sin
 
@@ -6,36 +6,42 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.ring.detour import headway_rate_rad_s, leads
+from agents.ring.detour import Motion, headway_rates_rad_s
 from estimation.polar import Polar
 
-directions = st.sampled_from([1.0, -1.0])
+OWN = Polar(10.0, pi - 0.1, 0.0, 0.05)
+SIDES = {1.0: 1, -1.0: 0}
+"""The index of the bound on the rate, by the direction in which the other vehicle is."""
 
 
-@given(directions)
-def test_only_those_ahead_and_about_as_far_out_count(direction: float) -> None:
-    own = Polar(10.0, pi - 0.1, 0.0, 0.05)
-    assert headway_rate_rad_s(own, [], direction, 3.0) == inf
-    behind, across, outside = (
-        Polar(10.0, own.bearing_rad - direction * 0.2, 0.0, 0.0),
-        Polar(10.0, own.bearing_rad + pi, 0.0, 0.0),
-        Polar(16.5, own.bearing_rad + direction * 0.2, 0.0, 0.0),
-    )
-    assert headway_rate_rad_s(own, [behind, across, outside], direction, 3.0) == inf
-    ahead = Polar(11.0, own.bearing_rad + direction * 0.5, 0.0, direction * 0.04)
+def other(radius_m: float, ahead_rad: float, rate_rad_s: float = 0.0) -> Motion:
+    """Return the motion of a vehicle on a circle about the target, `ahead_rad` counter-clockwise of the own one."""
+    x, y = cos(OWN.bearing_rad + ahead_rad), sin(OWN.bearing_rad + ahead_rad)
+    speed_m_s = radius_m * rate_rad_s
+    return radius_m * x, radius_m * y, -speed_m_s * y, speed_m_s * x
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_vehicle_keeps_the_rate_of_the_next_one_at_its_headway(direction: float) -> None:
+    def rate_rad_s(headway_m: float, *more: Motion) -> float:
+        next_ahead = other(11.0, direction * 0.5, direction * 0.04)
+        rates = headway_rates_rad_s(OWN, [*more, next_ahead], headway_m)
+        assert abs(rates[1 - SIDES[direction]]) == inf  # nothing is behind
+        return direction * rates[SIDES[direction]]
+
     # At its headway it flies as fast as the one ahead; nearer slower, farther away faster.
-    assert headway_rate_rad_s(own, [ahead], direction, 5.0) == pytest.approx(0.04)
-    assert headway_rate_rad_s(own, [ahead], direction, 3.0) > 0.04
-    assert 0.0 <= headway_rate_rad_s(own, [ahead], direction, 5.5) < 0.04
-    assert headway_rate_rad_s(own, [ahead], direction, 9.0) == 0.0
+    assert rate_rad_s(5.0) == pytest.approx(0.04)
+    assert rate_rad_s(3.0) > 0.04
+    assert 0.0 <= rate_rad_s(5.5) < 0.04
+    assert rate_rad_s(9.0) == 0.0
+    assert rate_rad_s(5.0, other(10.0, direction * 0.6, direction * 0.04)) == pytest.approx(0.04)
 
 
-@given(st.floats(-pi, pi), st.floats(-pi, pi), st.floats(0.1, 100.0), directions)
-def test_who_leads_is_up_to_a_quarter_turn_ahead(
-    bearing_rad: float, ahead_rad: float, radius_m: float, direction: float
-) -> None:
-    assume(all(abs(ahead_rad - edge_rad) > 1e-6 for edge_rad in (-pi, 0.0, pi / 2.0, pi)))
-    at_rad = bearing_rad + direction * ahead_rad
-    place_m = radius_m * cos(at_rad), radius_m * sin(at_rad)
-    does = 0.0 < ahead_rad < pi / 2.0
-    assert leads((cos(bearing_rad), sin(bearing_rad)), place_m, direction) is does
+@given(st.floats(-pi, pi), st.floats(5.0, 30.0))
+def test_those_count_that_are_up_to_a_quarter_turn_away_and_about_as_far_out(ahead_rad: float, radius_m: float) -> None:
+    assume(all(abs(ahead_rad - edge_rad) > 1e-6 for edge_rad in (-pi, -pi / 2.0, 0.0, pi / 2.0, pi)))
+    assume(abs(radius_m - 16.0) > 1e-6)
+    rates = headway_rates_rad_s(OWN, [other(radius_m, ahead_rad)], 3.0)
+    bound = [abs(rate) != inf for rate in rates]
+    counts = abs(ahead_rad) < pi / 2.0 and radius_m < 16.0
+    assert bound == [counts and ahead_rad < 0.0, counts and ahead_rad > 0.0]

@@ -28,10 +28,12 @@ from estimation.state import Telemetry
 from gcs.link import calls as link_calls
 from gcs.link.calls import VehicleCalls, find_origin
 from gcs.link.config import LinkConfig
-from gcs.link.feed import VehicleFeed
+from gcs.link.feed import LOST_AFTER_S, VehicleFeed
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import SILENCE_MAX_S, WATCH_PERIOD_S, MavsdkLink
+from gcs.link.ports import require_usable
 from gcs.link.rates import RateController, Rates
+from gcs.link.relay.relay import Relay
 from gcs.link.status_texts import StatusTexts
 from gcs.link.streams import Streams
 from sitl.autopilot.autopilot import StubAutopilot
@@ -318,6 +320,29 @@ async def test_silence_is_refused() -> None:
     await hub.close()
 
 
+async def test_a_search_that_is_cancelled_while_its_connection_opens_leaves_nothing_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opens, goes_on, start = threading.Event(), threading.Event(), Relay.start
+
+    def held(relay: Relay) -> None:
+        opens.set()
+        goes_on.wait(PATIENCE_S)
+        start(relay)
+
+    monkeypatch.setattr(Relay, "start", held)
+    hub, url = MavsdkHub(), f"udpin://127.0.0.1:{free_port()}"
+    finding = asyncio.create_task(hub.find(url, 1, PATIENCE_S))
+    await until(opens.is_set)
+    finding.cancel()
+    await asyncio.sleep(0.0)
+    goes_on.set()
+    with pytest.raises(asyncio.CancelledError):
+        await finding
+    require_usable(url)
+    await hub.close()
+
+
 def test_mavsdk_writes_nothing_to_standard_output() -> None:
     script = (
         "import asyncio\n"
@@ -376,6 +401,23 @@ async def test_a_silence_is_noticed_while_a_request_for_a_rate_waits_for_its_ans
         assert parts is not None
         lost_s = await until(lambda: parts.feed.origin_m is None, 60.0, "the loss", clock=served.clock)
         assert lost_s - cut_s <= SILENCE_MAX_S + 2.0 * WATCH_PERIOD_S
+
+
+async def test_a_link_is_lost_by_the_governed_clock_and_not_where_mavsdk_waits_for_a_busy_computer() -> None:
+    async with served_here() as (served, link_url), link_on(served.clock, link_url, 1) as (link, telemetry):
+        parts, clock = link._parts, served.clock
+        assert parts is not None
+        parts.feed._take_connected(False)
+        telemetry.clear()
+        await until(lambda: bool(telemetry), waiting_for="telemetry", clock=clock)
+        assert link.status.connected
+        served.stubs[1].faults.link_cut = True
+        cut_s = clock.now_s()
+        lost_s = await until(lambda: not link.status.connected, 60.0, "the loss", clock=clock)
+        assert LOST_AFTER_S - 0.1 < lost_s - cut_s < LOST_AFTER_S + 2.0 * WATCH_PERIOD_S
+        served.stubs[1].faults.link_cut = False
+        parts.feed._take_connected(True)
+        assert link.status.connected
 
 
 class FakeFeed:
