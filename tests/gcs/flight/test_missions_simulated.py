@@ -130,6 +130,8 @@ def test_case2_changes_places_gently(case2: Flown) -> None:
     for each in case2.result.transitions[1:]:
         assert known(each.spacing_overshoot_deg) <= 2.0
         assert each.spacing_monotonic
+        # Predicted from the motion at the engagement alone, without the plants.
+        assert known(each.settling_predicted_s) == pytest.approx(known(each.settling_time_s), rel=0.2)
 
 
 def test_case2_in_the_field_settles_at_the_promised_figures(field: Flown) -> None:
