@@ -74,7 +74,7 @@ class RingMembers:
         return dict(self._angles)
 
     def bearings_rad(self, at_s: float) -> list[float]:
-        """Return the bearings of all engaged peers at a time, extrapolated at their published rates."""
+        """Return the bearings of all engaged peers at a time, extrapolated at their published rates - (25), (26)."""
         return [_bearing_rad(angle, at_s) for angle in self._on_ring()]
 
     def abreast(self, at_s: float, radius_m: float, within_m: float) -> list[Pair]:

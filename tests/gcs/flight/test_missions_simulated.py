@@ -16,9 +16,8 @@ import pytest
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from gcs.flight.simulated import fly_simulated
-from gcs.metrics.metrics import evaluate
+from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import engagement_reference, formation_reference, ring_reference, verdict_tolerances
 from gcs.metrics.result import FlightResult
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
@@ -39,8 +38,7 @@ class Flown:
 
 def flown(mission: Mission, *, seed: int = 0, duration_s: float | None = None) -> Flown:
     record = fly_simulated(mission, seed, duration_s or mission.mission.duration_s, lambda _: None)
-    references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
-    return Flown(mission, record, evaluate(record, *references, engagement_reference(mission)))
+    return Flown(mission, record, evaluated(mission, record))
 
 
 def known(value: float | None) -> float:
