@@ -182,7 +182,7 @@ class VehicleCore:
         if plan.ring is not None and plan.ring.news is not None:
             self._notes.add(situation.now_s, plan.ring.news)
         self._estimator.follow_ring(0.0 if plan.ring is None else plan.ring.rate_rad_s, situation.polar)
-        return self._slew_limit.bounded(task.tactic, plan)
+        return self._slew_limit.bounded(task.tactic, plan, situation)
 
     def _guard_aim(self, task: Task, plan: Plan) -> Guarded:
         """Guard the aim, unless it has no effect: while the autopilot lands the vehicle or a pilot flies it."""

@@ -19,6 +19,7 @@ from math import atan2, hypot, radians
 from typing import TYPE_CHECKING
 
 from agents.control.aims import shifted, towards
+from agents.control.encirclement import aim_for_acceleration
 from agents.control.plan import Plan
 from agents.safety.guard import Guarded, GuardStatus
 from agents.settings.config import AgentConfig
@@ -132,21 +133,28 @@ _FREE = (Tactic.EXCITE, Tactic.LAND, Tactic.PILOT_OVERRIDE)
 
 
 class SlewLimit:
-    """Bounds the motion of one vehicle's aim, relative to the last aim sent, which prevents wind-up."""
+    """Bounds the motion of one vehicle's aim, relative to the last aim sent, which prevents wind-up.
+
+    The first aim is bounded relative to that at which the vehicle keeps its velocity.
+    """
 
     def __init__(self, config: AgentConfig) -> None:
         # Per tick, not per time: a clock step neither lifts nor tightens the limit.
         self._longest_m = config.safety.setpoint_speed_bound_m_s / config.rate_hz
+        self._plant = config.plant
         self._sent_m: Vector | None = None
 
-    def bounded(self, tactic: Tactic, plan: Plan) -> Plan:
+    def bounded(self, tactic: Tactic, plan: Plan, situation: Situation) -> Plan:
         """Return the plan with its aim within one tick's limit of the aim sent last."""
-        if self._sent_m is None or tactic in _FREE:
+        if tactic in _FREE:
             return plan
-        return shifted(plan, towards(plan.aim_m, self._sent_m, self._longest_m))
+        before_m = self._sent_m
+        if before_m is None:
+            before_m = aim_for_acceleration(situation.acting_motion, _STILL, situation.compensation, self._plant)
+        return shifted(plan, towards(plan.aim_m, before_m, self._longest_m))
 
     def restart(self) -> None:
-        """Allow any next aim: the last one refers to another place."""
+        """Begin again: the last aim refers to another place."""
         self._sent_m = None
 
     def sent(self, aim_m: Vector) -> None:

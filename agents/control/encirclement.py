@@ -16,7 +16,7 @@ from agents.control.lmpc import Bounds, Lmpc, QpStatus
 from agents.control.lmpc_cost import RING_CONSTRAINED, ring_programme
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
-from agents.ring.place import RingPlace
+from agents.ring.place import Neighbours
 from agents.ring.reference import RingPoint, across_m_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
@@ -65,8 +65,8 @@ class RingTask:
     """One vehicle's task about the target; all values are at the moment when the setpoint acts.
 
     `motion` and `target` are motions (4,), `polar` is the polar state of the vehicle about the target,
-    `compensation_m_s2` (2,) the disturbance to compensate. `orbit` is the ring, `radius_m` the radius to fly at: the
-    ring's, or that of the waiting circle. Both bend around the `obstacles`.
+    `compensation_m_s2` (2,) the disturbance to compensate. The vehicle keeps clear of its `neighbours`. `orbit` is the
+    ring, `radius_m` the radius to fly at: the ring's, or that of the waiting circle. Both bend around the `obstacles`.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class RingTask:
         target: Vector,
         polar: Polar,
         compensation_m_s2: Vector,
-        place: RingPlace,
+        neighbours: Neighbours | None,
         orbit: Orbit,
         radius_m: float,
         reference: RingPoint,
@@ -86,7 +86,7 @@ class RingTask:
         self.target: Final = target
         self.polar: Final = polar
         self.compensation_m_s2: Final = compensation_m_s2
-        self.place: Final = place
+        self.neighbours: Final = neighbours
         self.orbit: Final = orbit
         self.radius_m: Final = radius_m
         self.reference: Final = reference
@@ -145,7 +145,7 @@ class EncirclementPlanner:
         # Along the ring the optimiser counts in metres at the vehicle's radius: it acts as fast far outside as there.
         radius_m = polar.radius_m
         state = np.array([radius_m, 0.0, polar.radial_speed_m_s, radius_m * polar.angular_rate_rad_s])
-        reference, bounds = self._reference(task, polar), self._bounds(polar, task.place)
+        reference, bounds = self._reference(task, polar), self._bounds(polar, task.neighbours)
         plan = self._lmpc.solve(state, reference, self._acceleration, bounds)
         self._acceleration = plan.first_input
         radial, along = self._acceleration.tolist()
@@ -187,7 +187,7 @@ class EncirclementPlanner:
             reference[:, 0] += bent_m - task.radius_m
         return reference
 
-    def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
+    def _bounds(self, polar: Polar, neighbours: Neighbours | None) -> Bounds:
         """Bound the inputs by the acceleration, the states by the speed and the clearance to both neighbours."""
         acceleration_m_s2, speed_m_s = self._settings.acceleration_max_m_s2, self._settings.speed_max_m_s
         radial_m_s2, along_m_s2 = self._acceleration.tolist()
@@ -200,13 +200,14 @@ class EncirclementPlanner:
         for (lower, upper), value in zip(self._symmetric, most, strict=True):
             lower.fill(-value)
             upper.fill(value)
-        if place.lead_rad is None or place.lag_rad is None:
+        if neighbours is None:
             self._bearings_min.fill(-_FREE)
             self._bearings_max.fill(_FREE)
         else:
-            drift_m = polar.radius_m * self._drift_rad
-            np.add(drift_m, self._clearance_m - polar.radius_m * place.lag_rad, out=self._bearings_min)
-            np.add(drift_m, polar.radius_m * place.lead_rad - self._clearance_m, out=self._bearings_max)
+            (lag_rad, lag_rad_s), (lead_rad, lead_rad_s) = neighbours
+            size_m, times_s = polar.radius_m, self._times_s
+            np.add(size_m * lag_rad_s * times_s, self._clearance_m - size_m * lag_rad, out=self._bearings_min)
+            np.add(size_m * lead_rad_s * times_s, size_m * lead_rad - self._clearance_m, out=self._bearings_max)
         return Bounds(self._pushes, self._limits)
 
 

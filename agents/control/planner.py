@@ -188,7 +188,7 @@ class PluggedPlanner(Planner):
             slowed="",
             needed=FULL_RING,
             joined=True,
-            place=ring_place(polar.bearing_rad, self._team.ring.bearings_rad(situation.acting_s, rate_rad_s)),
+            place=ring_place(polar.bearing_rad, self._team.ring.bearings_rad(situation.acting_s)),
             reference=ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s),
         )
 

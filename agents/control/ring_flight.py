@@ -9,7 +9,7 @@ from agents.notes import RingChange
 from agents.ring.detour import Motion, Obstacle, bend_m, headway_rates_rad_s
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import RingPlace, place_errors_rad, ring_place
+from agents.ring.place import RingPlace, neighbours, place_errors_rad, ring_place
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import Mover
 from agents.safety.barriers import unsure_m
@@ -118,7 +118,7 @@ class RingFlight:
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float
     ) -> tuple[RingTask, RingPlace]:
         """Return the task, and the vehicle's place among all that are engaged."""
-        bearings_rad = self._team.ring.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
+        bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
         joined = self._joining.look(polar, len(bearings_rad))
         place = ring_place(polar.bearing_rad, bearings_rad if joined else ())
         movers = self._movers(situation, polar, orbit, joined=joined)
@@ -142,7 +142,11 @@ class RingFlight:
             target=centre,
             polar=polar,
             compensation_m_s2=situation.compensation,
-            place=ring_place(polar.bearing_rad, self._abreast_rad(situation, polar, orbit)),
+            # Farther outside or inside a vehicle may pass: a clearance to it would make both turn back.
+            neighbours=neighbours(
+                polar.bearing_rad,
+                self._team.ring.abreast(situation.acting_s, polar.radius_m, self._safety.separation_m),
+            ),
             orbit=orbit,
             radius_m=radius_m,
             reference=self._reference.advance(polar, way, situation.acting_s),
@@ -156,14 +160,6 @@ class RingFlight:
         x, y = centre[POSITION].tolist()
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
-
-    def _abreast_rad(self, situation: Situation, polar: Polar, orbit: Orbit) -> Sequence[float]:
-        """Return the bearings of the vehicles that this one has to keep clear of on its way around the target.
-
-        Farther outside or inside a vehicle may pass: a clearance to it would make both turn back.
-        """
-        rate_rad_s, within_m = orbit.angular_rate_rad_s, self._safety.separation_m
-        return self._team.ring.abreast_rad(situation.acting_s, rate_rad_s, polar.radius_m, within_m)
 
     def _movers(self, situation: Situation, polar: Polar, orbit: Orbit, *, joined: bool) -> Sequence[Mover]:
         """Return how far the references on the ring are from their places, and their bounds, the vehicle's own first.

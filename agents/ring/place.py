@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 from math import sin, tau
 from typing import Final
 
+from estimation.vectors import Pair
+
 
 class RingPlace:
     """A vehicle's place among the `members` on the ring, itself included.
@@ -38,6 +40,21 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     if farthest_rad == tau:
         farthest_rad = max((angle for angle in ahead if angle < tau), default=0.0)
     return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
+
+
+Neighbours = tuple[Pair, Pair]
+"""The vehicles behind and in front: the angle to each, and its angular rate."""
+
+
+def neighbours(bearing_rad: float, others: Iterable[Pair]) -> Neighbours | None:
+    """Find the neighbours of a vehicle from the bearings and rates of others about the target, None if it is alone."""
+    ahead = [((other_rad - bearing_rad) % tau, rate_rad_s) for other_rad, rate_rad_s in others]
+    if not ahead:
+        return None
+    farthest_rad, behind_rad_s = max(ahead)
+    # A vehicle at the same bearing counts as one turn ahead and one turn behind.
+    nearest_rad, ahead_rad_s = min((angle_rad or tau, rate_rad_s) for angle_rad, rate_rad_s in ahead)
+    return (tau - farthest_rad, behind_rad_s), (nearest_rad, ahead_rad_s)
 
 
 _ABREAST_RAD = 2e-3

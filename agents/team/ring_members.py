@@ -7,6 +7,7 @@ from zlib import crc32
 import msgspec
 
 from agents.team.messages import NeighbourAngle
+from estimation.vectors import Pair
 
 
 class RingScale(msgspec.Struct, frozen=True):
@@ -72,16 +73,16 @@ class RingMembers:
         """The newest places, engaged or not, by sender."""
         return dict(self._angles)
 
-    def bearings_rad(self, at_s: float, rate_rad_s: float) -> list[float]:
-        """Return the bearings of all engaged peers at a time, extrapolated at the ring's rate - (25), (26)."""
-        return [angle.bearing_rad + rate_rad_s * (at_s - angle.time_s) for angle in self._on_ring()]
+    def bearings_rad(self, at_s: float) -> list[float]:
+        """Return the bearings of all engaged peers at a time, extrapolated at their published rates - (25), (26)."""
+        return [_bearing_rad(angle, at_s) for angle in self._on_ring()]
 
-    def abreast_rad(self, at_s: float, rate_rad_s: float, radius_m: float, within_m: float) -> list[float]:
-        """Return the bearings of the engaged peers whose radius differs by less than `within_m`."""
+    def abreast(self, at_s: float, radius_m: float, within_m: float) -> list[Pair]:
+        """Return the same with their rates, of the engaged peers whose radius differs by less than `within_m`."""
         return [
-            each.bearing_rad + rate_rad_s * (at_s - each.time_s)
-            for each in self._on_ring()
-            if abs(each.radius_m - radius_m) < within_m
+            (_bearing_rad(angle, at_s), _rate_rad_s(angle))
+            for angle in self._on_ring()
+            if abs(angle.radius_m - radius_m) < within_m
         ]
 
     def others(self, at_s: float) -> list[tuple[int, float, float]]:
@@ -119,3 +120,12 @@ class RingMembers:
                 if angle.rate_share < self._shares.rate or angle.radius_share > self._shares.radius:
                     self._shares = self._shares.with_(RingScale(angle.rate_share, angle.radius_share))
         return self._engaged.values()
+
+
+def _bearing_rad(angle: NeighbourAngle, at_s: float) -> float:
+    return angle.bearing_rad + _rate_rad_s(angle) * (at_s - angle.time_s)
+
+
+def _rate_rad_s(angle: NeighbourAngle) -> float:
+    """Return the rate at which a bearing goes on: that of the reference, which has no noise, or the measured one."""
+    return angle.angular_rate_rad_s if angle.reference_rad is None else angle.reference_rate_rad_s

@@ -16,6 +16,7 @@ from gcs.metrics.result import (
     FlightResult,
     is_briefly_judged,
     reference_line,
+    settled_line,
     verdict_states,
     window_line,
 )
@@ -70,7 +71,7 @@ def _headline(result: FlightResult) -> Text:
 
 def _verdict_table(result: FlightResult) -> Table:
     beside = {
-        "C3": _settled(result),
+        "C3": settled_line(result) or ("did not settle" if result.window_s is not None else ""),
         "engaged": engaged_line(result.engagement),
         "kept": departures_line(result.departures),
     }
@@ -91,13 +92,6 @@ def _worst_text(metric: Metric, judged: Criterion, values: Sequence[float]) -> s
         return _range(judged.noun, values, metric.form.removeprefix("+"), metric.spaced_unit)
     worst = metric.amount(min(values) if metric.worst == "min" else max(values))
     return " ".join(filter(None, (judged.subject, judged.noun, worst, judged.kind)))
-
-
-def _settled(result: FlightResult) -> str:
-    if result.window_s is None:
-        return ""
-    settling_time_s = result.ring.settling_time_s
-    return "did not settle" if settling_time_s is None else f"settled after {settling_time_s:.1f} s"
 
 
 def _range(noun: str, values: Sequence[float], form: str, unit: str) -> str:

@@ -178,6 +178,7 @@ VEHICLE = (
 """Of each vehicle."""
 TRANSITION = (
     Metric("settling_time_s", "time from an engagement to the settled ring", worst="max"),
+    Metric("settling_predicted_s", "the same as predicted by law and bounds, without plants and noise", worst="max"),
     Metric("speed_max_m_s", "highest speed relative to the target", worst="max"),
     Metric("forwards_min_m_s", "lowest speed along the ring in its direction", worst="min"),
     Metric("acceleration_max_m_s2", "largest acceleration", worst="max"),

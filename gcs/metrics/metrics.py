@@ -22,7 +22,7 @@ from gcs.metrics.references import (
 from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import ReynoldsResult, condensed, flocking
 from gcs.metrics.ring import estimated_ring, judged_ring, ring_motion, within
-from gcs.metrics.transitions import transitions
+from gcs.metrics.transitions import predicted, transitions
 from gcs.metrics.vehicles import engagement_times_s, estimated_vehicles, formation_span, vehicle_results
 from gcs.mission.mission import Mission
 
@@ -32,7 +32,9 @@ NONE_ENGAGES = EngagementReference()
 def evaluated(mission: Mission, record: FlightRecord) -> FlightResult:
     """Return the metrics and verdicts of a flight of the mission."""
     references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
-    return evaluate(record, *references, engagement_reference(mission))
+    result = evaluate(record, *references, engagement_reference(mission))
+    config = mission.agent_config(mission.vehicles[0])
+    return replace(result, transitions=predicted(result.transitions, record, config))
 
 
 def evaluate(

@@ -201,6 +201,15 @@ def judged_line(result: FlightResult) -> str:
     return f"judged over {only}{ring.judged_s:.1f} s from {ring.judged_from_s:.1f} s on, {share:.0%} of its time{of}"
 
 
+def settled_line(result: FlightResult) -> str:
+    """Return how long after the last engagement the ring settled, and the prediction; empty if it did not settle."""
+    if result.ring.settling_time_s is None:
+        return ""
+    predicted_s = result.transitions[-1].settling_predicted_s if result.transitions else None
+    beside = "" if predicted_s is None else f" (predicted: {predicted_s:.1f} s)"
+    return f"settled after {result.ring.settling_time_s:.1f} s{beside}"
+
+
 def window_line(result: FlightResult) -> str:
     """Return the part of the flight over which the ring is judged, and the reason; empty without a ring.
 

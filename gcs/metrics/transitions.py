@@ -1,14 +1,17 @@
 """Transitions of the ring: the motion of its members while they change places after a vehicle has engaged."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from agents.ring.settling import settling_s
+from agents.settings.config import AgentConfig
+from estimation.polar import Polar
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import DesiredRing
-from gcs.metrics.ring import RingMotion, off_ring
+from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, off_ring, ring_motion
 
 _TOGETHER_S = 3.0
 """Vehicles that engage within this time of each other begin one transition."""
@@ -25,12 +28,14 @@ class TransitionResult:
 
     Motion is relative to the target: the highest speed on the ring, the lowest speed along it in its direction
     (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the even one,
-    `spacing_monotonic` whether V (18) never increased from 5 s on.
+    `spacing_monotonic` whether V (18) never increased from 5 s on. `settling_predicted_s` is what the law and its
+    bounds predict from the motion at the engagement (`agents/ring/settling.py`), None if the ring would not settle.
     """
 
     begins_at_s: float
     members: int
     settling_time_s: float | None = None
+    settling_predicted_s: float | None = None
     speed_max_m_s: float | None = None
     forwards_min_m_s: float | None = None
     acceleration_max_m_s2: float | None = None
@@ -57,6 +62,37 @@ def transitions(
         _transition(record.time_s, motion, ring, relative, begin_s, end_s)
         for begin_s, end_s in pairwise([*begins_s, np.inf])
     )
+
+
+def predicted(
+    results: tuple[TransitionResult, ...], record: FlightRecord, config: AgentConfig
+) -> tuple[TransitionResult, ...]:
+    """Return the results with the predicted settling times, for the ring of a vehicle's configuration."""
+    motion = ring_motion(record)
+    return tuple(
+        replace(result, settling_predicted_s=_predicted_s(result.begins_at_s, record.time_s, motion, config))
+        for result in results
+    )
+
+
+def _predicted_s(begin_s: float, time_s: Vector, motion: RingMotion, config: AgentConfig) -> float | None:
+    first, after = np.searchsorted(time_s, (begin_s, begin_s + _TOGETHER_S))
+    after = min(int(after), time_s.size - 1)
+    engaged = []
+    for index in np.flatnonzero(motion.member[:, after]):
+        at = int(first) + int(np.argmax(motion.member[index, first:]))
+        since_s, until = float(time_s[at]) - begin_s, min(at + 1, time_s.size - 1)
+        step_s = float(time_s[until] - time_s[at])
+        radii_m = motion.radius_m[index, [at, until]]
+        radial_m_s = float(radii_m[1] - radii_m[0]) / step_s if step_s > 0.0 else 0.0
+        rate_rad_s = float(motion.rate_rad_s[index, at])
+        bearing_rad = float(motion.bearing_rad[index, at]) - rate_rad_s * since_s
+        engaged.append(Polar(float(radii_m[0]), bearing_rad, radial_m_s, rate_rad_s))
+    known = [each for each in engaged if np.isfinite([each.radius_m, each.bearing_rad, each.radial_speed_m_s]).all()]
+    if not known:
+        return None
+    predicted_s = settling_s(config, known, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD)
+    return round(predicted_s, 6) if np.isfinite(predicted_s) else None
 
 
 def relative_motion(record: FlightRecord, motion: RingMotion, ring: DesiredRing) -> RelativeMotion:

@@ -1,13 +1,15 @@
 """Preflight checks of the mission: whether its ring and line are feasible for these vehicles."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import hypot, sqrt
+from math import asin, floor, hypot, inf, pi, sqrt
 
 import numpy as np
 
 from agents.control.excitation import preview
 from agents.ring.place import chord_m
+from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
+from estimation.polar import polar_of
 from gcs.autopilots.registry import advice
 from gcs.link.config import link_paces
 from gcs.link.rates import (
@@ -21,7 +23,8 @@ from gcs.link.rates import (
     load,
     rate_levels,
 )
-from gcs.metrics.references import engagement_reference, formation_path
+from gcs.metrics.references import engagement_reference, formation_path, formation_reference
+from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
@@ -138,6 +141,7 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
     if len(mission.vehicles) > 1:
         yield _ring_gap(mission)
         yield _line_gap(mission)
+        yield _settling(mission)
     if not stubs:
         yield _mission_fence(mission)
     yield from encounter(mission)
@@ -194,10 +198,35 @@ def _along_ring_m_s(mission: Mission) -> float:
 
 def _ring_gap(mission: Mission) -> Finding:
     ring, count = mission.encirclement, len(mission.vehicles)
-    what = f"{count} vehicles on a ring of {ring.radius_m:g} m"
-    enough_m = (GAP_RESERVE * mission.safety.separation_m + _distance_error_m(mission)) / chord_m(1.0, count)
+    wanted_m = GAP_RESERVE * mission.safety.separation_m + _distance_error_m(mission)
+    room = max(1, floor(pi / asin(min(wanted_m / (2.0 * ring.radius_m), 1.0))))
+    what = f"{count} vehicles on a ring of {ring.radius_m:g} m, which has room for {room}"
+    enough_m = wanted_m / chord_m(1.0, count)
     step = f"increase encirclement.radius_m to {enough_m:.1f} m, fly fewer vehicles, or lower safety.separation_m"
     return _gap(mission, "ring spacing", what, chord_m(ring.radius_m, count), step)
+
+
+def _settling(mission: Mission) -> Finding:
+    """Predict how long the ring takes to settle if all vehicles engage together, a target being ahead of the line."""
+    slots_m = formation_reference(mission).slots_m
+    middle_m = sum(y_m for _, y_m in slots_m.values()) / len(slots_m)
+    engaged = []
+    for vehicle_id in sorted(mission.ids):
+        away_m = mission.vehicle(vehicle_id).decision.distance_max_m
+        aside_m = max(-away_m, min(slots_m[vehicle_id][1] - middle_m, away_m))
+        engaged.append(polar_of(-sqrt(away_m**2 - aside_m**2), aside_m, mission.formation.speed_m_s, 0.0))
+    config = mission.agent_config(mission.vehicles[0])
+    took_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD)
+    settles = took_s < inf
+    return Finding.graded(
+        Grade.PASS if settles else Grade.WARNING,
+        MISSION,
+        "settling",
+        f"{len(engaged)} vehicles that engage together settle "
+        + (f"after about {took_s:.0f} s" if settles else "after more than five minutes, or never"),
+        "spacings stay uneven",
+        "raise tuning.encirclement.spacing_gain_per_s or encirclement.spacing_speed_max_m_s",
+    )
 
 
 def _line_gap(mission: Mission) -> Finding:

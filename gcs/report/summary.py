@@ -9,7 +9,7 @@ from gcs.metrics.catalogue import VERDICTS, VerdictState, evidence
 from gcs.metrics.departures import departures_line
 from gcs.metrics.ending import named
 from gcs.metrics.references import engaged_line
-from gcs.metrics.result import FlightResult, judged_line, reference_line, verdict_states, window_line
+from gcs.metrics.result import FlightResult, judged_line, reference_line, settled_line, verdict_states, window_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
 
@@ -122,8 +122,7 @@ def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
         parts.append(f"spacing {result.ring.spacing_error_rms_deg:.2f}° rms")
     window = window_line(result)
     errors = f"{window[:1].upper()}{window[1:]}"
-    settled = result.ring.settling_time_s
-    after = "" if settled is None else f" It settled {settled:.1f} s after the last engagement."
+    after = f" From the last engagement on it {settled}." if (settled := settled_line(result)) else ""
     return [f"{errors}.{after} Errors: {', '.join(parts)}."] if parts else []
 
 

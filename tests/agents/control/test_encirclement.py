@@ -43,7 +43,11 @@ def ring_task(
     orbit = changes.pop("orbit", Orbit(ring.radius_m, ring.angular_rate_rad_s))
     radius_m = changes.pop("radius_m", None) or orbit.radius_m
     reference = changes.pop("reference", None) or abeam(polar, radius_m, orbit.angular_rate_rad_s)
-    return RingTask(motion, target, polar, wind, place, orbit, radius_m, reference, **changes)
+    rate_rad_s = orbit.angular_rate_rad_s
+    beside = None
+    if place.lead_rad is not None and place.lag_rad is not None:
+        beside = (place.lag_rad, rate_rad_s), (place.lead_rad, rate_rad_s)
+    return RingTask(motion, target, polar, wind, beside, orbit, radius_m, reference, **changes)
 
 
 def abeam(polar: Polar, radius_m: float, rate_rad_s: float, ahead_rad: float = 0.0) -> RingPoint:
@@ -433,3 +437,17 @@ def test_where_it_is_to_fly_a_vehicle_of_little_authority_stays(
         return planner.plan(ring_task(config, motion, TARGET, STILL, alone, authority=authority, **where)).aim_m
 
     assert setpoint(0.1) == pytest.approx(setpoint(1.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_far_outside_a_neighbour_goes_on_at_its_own_rate(direction: float, make_config: Maker) -> None:
+    """At the ring's rate it would come at 5 m/s at this radius, and push the vehicle beyond its speed."""
+    config = make_config(safety={"separation_m": 3.0}, encirclement={"angular_rate_rad_s": direction * 0.13})
+    polar, orbit = Polar(38.0, 1.0, 0.0, 0.0), Orbit(10.0, direction * 0.13)
+    abreast = (0.11, 0.0), (0.11, 0.0)
+    alone, between = (
+        RingTask(motion_from_polar(polar, TARGET), TARGET, polar, STILL, others, orbit, 14.5, abeam(polar, 38.0, 0.0))
+        for others in (None, abreast)
+    )
+    aims_m = [EncirclementPlanner(config).plan(task).aim_m for task in (alone, between)]
+    assert aims_m[0] == pytest.approx(aims_m[1], abs=1e-6)

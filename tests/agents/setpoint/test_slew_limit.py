@@ -13,7 +13,9 @@ from agents.setpoint import SlewLimit
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
 from agents.team.messages import MemberState
+from estimation.plant.model import exact_step
 from estimation.state import Sighting
+from tests.agents.setpoint.test_feedforward import seen
 from tests.agents.test_core import PERIOD_S, Pilot, setpoint_of
 
 Maker = Callable[..., AgentConfig]
@@ -27,11 +29,10 @@ def plan(x: float, y: float) -> Plan:
 
 def test_an_aim_moves_by_one_bound_a_tick_and_the_undisturbed_one_with_it(make_config: Maker) -> None:
     increment = SlewLimit(make_config(safety={"setpoint_speed_max_m_s": FAST_M_S}))
-    assert increment.bounded(Tactic.ENCIRCLE, plan(1.0, 2.0)).aim_m.tolist() == [1.0, 2.0]
     increment.sent(np.array([1.0, 2.0]))
     places = []
     for _ in range(4):
-        bounded = increment.bounded(Tactic.HOLD, plan(2.0, 2.9))
+        bounded = increment.bounded(Tactic.HOLD, plan(2.0, 2.9), seen())
         assert bounded.undisturbed_aim_m == pytest.approx(bounded.aim_m - 0.5)
         increment.sent(bounded.aim_m)
         places.append(bounded.aim_m)
@@ -42,11 +43,24 @@ def test_an_aim_moves_by_one_bound_a_tick_and_the_undisturbed_one_with_it(make_c
     assert [place.tolist() for place in places[2:]] == [[2.0, 2.9]] * 2
 
 
+@pytest.mark.parametrize("speed_m_s", [0.0, 4.0])
+def test_the_first_aim_and_that_after_a_jump_hardly_change_the_velocity(speed_m_s: float, make_config: Maker) -> None:
+    config = make_config(safety={"setpoint_speed_max_m_s": FAST_M_S})
+    increment, flying = SlewLimit(config), seen((1.0, 2.0), (speed_m_s, 0.0), (0.3, 0.0))
+    for _ in range(2):
+        bounded = increment.bounded(Tactic.FORMATION, plan(50.0, 50.0), flying)
+        after = exact_step(config.plant, PERIOD_S).advance(flying.acting_motion, bounded.aim_m, flying.disturbance)
+        gained_m_s = hypot(*(after - flying.acting_motion)[2:])
+        assert 0.0 < gained_m_s < 1.01 * config.plant.x.a0_per_s2 * FAST_M_S * PERIOD_S * PERIOD_S
+        increment.sent(bounded.aim_m + 9.0)
+        increment.restart()
+
+
 @pytest.mark.parametrize("tactic", [Tactic.EXCITE, Tactic.LAND, Tactic.PILOT_OVERRIDE])
 def test_identification_steps_and_setpoints_without_effect_are_not_limited(tactic: Tactic, make_config: Maker) -> None:
     increment = SlewLimit(make_config())
     increment.sent(np.zeros(2))
-    assert increment.bounded(tactic, plan(9.0, 9.0)).aim_m.tolist() == [9.0, 9.0]
+    assert increment.bounded(tactic, plan(9.0, 9.0), seen()).aim_m.tolist() == [9.0, 9.0]
 
 
 def test_a_target_that_jumps_moves_no_setpoint_far_but_another_vehicle_does(make_config: Maker) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from agents.control.encirclement import EncirclementPlanner, RingTask
 from agents.ring.feasibility import Orbit
-from agents.ring.place import ring_place
 from agents.ring.reference import RingPoint
 from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
@@ -39,9 +38,8 @@ def radius_errors(config: AgentConfig, ticks: int) -> Vector:
         middle = half.advance(motion, setpoint, np.zeros(2))
         middle = middle + half.input_gain @ (middle[2:] * period_s)
         polar = polar_from_motion(middle, STILL)
-        place = ring_place(polar.bearing_rad, ())
         reference = RingPoint(ShapedCoordinate(orbit.radius_m, 0.0), ShapedCoordinate(0.0, 0.0), 0.0)
-        task = RingTask(middle, STILL, polar, np.zeros(2), place, orbit, orbit.radius_m, reference)
+        task = RingTask(middle, STILL, polar, np.zeros(2), None, orbit, orbit.radius_m, reference)
         setpoint = planner.plan(task).aim_m
         motion = whole.advance(motion, setpoint, np.zeros(2))
         errors.append(polar_from_motion(motion, STILL).radius_m - settings.radius_m)

@@ -483,6 +483,24 @@ def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
     assert all(fact in found.next_step for fact in ("encirclement.radius_m to 12.1 m", "safety.separation_m"))
 
 
+def test_the_room_of_the_ring_is_the_largest_number_that_keeps_the_separation() -> None:
+    def gap_m(count: int) -> float:
+        return 20.0 * sin(pi / count)
+
+    found = graded(noisy(changed(safety={"separation_m": 4.0}), 0.1, 0.1, 0.1), "ring spacing").found
+    room = int(found.split("room for ")[1].split(":")[0])
+    assert gap_m(room + 1) < 1.2 * 4.0 + 2.0 * 0.02**0.5 <= gap_m(room)
+
+
+def test_a_ring_that_will_not_settle_is_a_warning_that_names_its_gain() -> None:
+    settles = graded(OPEN, "settling")
+    assert settles.grade is Grade.PASS
+    assert "3 vehicles that engage together settle after about" in settles.found
+    never = graded(changed(encirclement={"spacing_gain_per_s": 0.0}), "settling")
+    assert never.grade is Grade.WARNING
+    assert "tuning.encirclement.spacing_gain_per_s" in never.next_step
+
+
 def test_a_sensor_that_does_not_see_as_far_as_the_ring_is_a_warning_that_names_its_vehicle() -> None:
     sensor = OPEN.target.sensor
     for range_m, grade in ((10.0, Grade.PASS), (9.9, Grade.WARNING)):

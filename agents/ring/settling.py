@@ -1,0 +1,63 @@
+"""How long vehicles take to settle on the ring: the law and the bounds of a transition, without plants and noise."""
+
+from collections.abc import Sequence
+from math import inf, tau
+
+from agents.ring.feasibility import Orbit
+from agents.ring.joining import Joining
+from agents.ring.place import place_errors_rad, ring_place
+from agents.ring.reference import RingReference, RingWay
+from agents.settings.config import AgentConfig
+from estimation.polar import Polar
+
+_STEP_S = 0.2
+_LONGEST_S = 300.0
+
+
+class _OnReference:
+    """A vehicle that flies exactly on its reference."""
+
+    def __init__(self, config: AgentConfig, engaged: Polar) -> None:
+        ahead_s = config.encirclement.smoothing_time_s
+        self.polar = Polar(
+            max(engaged.radius_m + ahead_s * engaged.radial_speed_m_s, config.encirclement.radius_min_m),
+            engaged.bearing_rad + ahead_s * engaged.angular_rate_rad_s,
+            engaged.radial_speed_m_s,
+            engaged.angular_rate_rad_s,
+        )
+        self.joining = Joining(config)
+        self.joining.look(engaged, 0)
+        self._reference = RingReference(config.encirclement)
+
+    def advance(self, way: RingWay, at_s: float) -> None:
+        """Move to the reference at a time."""
+        point = self._reference.advance(self.polar, way, at_s)
+        self.polar = Polar(point.radius.value, point.bearing.value, point.radius.rate, point.bearing.rate)
+
+
+def settling_s(config: AgentConfig, engaged: Sequence[Polar], radius_share: float, spacing_rad: float) -> float:
+    """Return the time from an engagement until n vehicles are settled: radii and spacings within the tolerances.
+
+    `engaged` are their polar states about the target at the engagement, in the order of their ids. They keep these for
+    the smoothing time t_sm; then each moves as its reference does. Infinite if they do not settle in five minutes.
+    """
+    ring = config.encirclement
+    orbit = Orbit(ring.radius_m, ring.angular_rate_rad_s)
+    flights = [_OnReference(config, polar) for polar in engaged]
+    for tick in range(round(_LONGEST_S / _STEP_S)):
+        bearings_rad = [flight.polar.bearing_rad for flight in flights]
+        errors_rad = place_errors_rad(bearings_rad, range(len(flights)))
+        places = [ring_place(own, bearings_rad[:i] + bearings_rad[i + 1 :]) for i, own in enumerate(bearings_rad)]
+        near = all(abs(flight.polar.radius_m - orbit.radius_m) <= radius_share * orbit.radius_m for flight in flights)
+        off_rad = max(abs((place.lead_rad or tau) - place.desired_rad) for place in places)
+        if near and off_rad <= spacing_rad:
+            return ring.smoothing_time_s + tick * _STEP_S
+        movers = [
+            flight.joining.mover(error_rad, flight.polar.radius_m, orbit)
+            for flight, error_rad in zip(flights, errors_rad, strict=True)
+        ]
+        for i, flight in enumerate(flights):
+            radius_m = flight.joining.radius_m(flight.polar, places[i], errors_rad[i])
+            movers_own_first = [movers[i], *movers[:i], *movers[i + 1 :]]
+            flight.advance(RingWay(orbit, radius_m, movers_own_first, flight.joining.acceleration), tick * _STEP_S)
+    return inf
