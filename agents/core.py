@@ -223,8 +223,8 @@ class VehicleCore:
         if setpoint is None or tactic is Tactic.LAND:
             watch.restart()
         else:
-            watch.link_s = self._estimator.link_delay_s
-            watch.sent(now_s, *setpoint.position_m[:2], *setpoint.velocity_m_s[:2])
+            arrives_s = now_s + self._estimator.link_delay_s
+            watch.sent(arrives_s, *setpoint.position_m[:2], *setpoint.velocity_m_s[:2])
 
     def _output(
         self,

@@ -50,8 +50,8 @@ Difference = Literal["stiffer", "softer"]
 class PlantComparison:
     """The prediction error of a plant (rms), that of the best other plant, which that is, and how the vehicle differs.
 
-    `difference` is None where no other plant is better, and otherwise whether the vehicle is sooner or later where its
-    setpoints are. `is_unfed` is whether the other plant alone has no feed-forward.
+    `difference` is None where no other plant is better: a stiffer vehicle is sooner where its setpoints are, a softer
+    one later. `is_unfed` is whether the other plant alone has no feed-forward.
     """
 
     windows: int
@@ -75,23 +75,24 @@ def watch(plant: Plant, setpoints: Vector, samples: Vector) -> PlantComparison |
 
     Setpoints with velocities are (S, 5). None without enough excitation to distinguish plants.
     """
-    bank = _compared(plant)
+    bank = _bank((plant, *others(plant)))
     return bank.comparison([bank.residual(each) for each in _windows(setpoints, samples)])
 
 
 class PlantWatch:
-    """The same in flight: takes what is sent and measured; `found` is the first comparison with a difference.
+    """The same in flight: takes setpoints and positions until it finds a difference, which is `found` from then on.
 
-    A vehicle's setpoints take `link_s` to arrive. Windows begin `after_s` after the first setpoint: computing one takes
-    a millisecond, and the vehicles of a process need not do so at the same time.
+    The other plants are simulated only where the error of the profile's is large enough to matter: it takes a
+    millisecond for a window. Windows begin `after_s` after the first setpoint: the vehicles of a process take turns.
     """
 
     def __init__(self, plant: Plant, after_s: float = 0.0) -> None:
-        self.link_s = 0.0
         self.found: PlantComparison | None = None
-        self._bank = _compared(plant)
+        self._own, self._bank = _bank((plant,)), _bank((plant, *others(plant)))
         self._after_s = after_s
-        self._residuals: deque[_Residual] = deque(maxlen=WINDOWS_IN_FLIGHT)
+        self._windows: deque[_Window] = deque(maxlen=WINDOWS_IN_FLIGHT)
+        self._own_m2: deque[float] = deque(maxlen=WINDOWS_IN_FLIGHT)
+        self._residuals: dict[_Window, _Residual] = {}
         self.restart()
 
     def restart(self) -> None:
@@ -105,9 +106,10 @@ class PlantWatch:
         if self._setpoints and (not self._samples or time_s > self._samples[-1][0]):
             self._samples.append((time_s, x_m, y_m))
 
-    def sent(self, time_s: float, *setpoint: float) -> None:
-        """Take a setpoint (x, y), and its velocity where one is sent."""
-        arrives_s = time_s + self.link_s
+    def sent(self, arrives_s: float, *setpoint: float) -> None:
+        """Take a setpoint (x, y), and its velocity where one is sent, with the time at which it reaches the vehicle."""
+        if self.found is not None:
+            return
         if self._setpoints and abs(arrives_s - self._setpoints[-1][0]) > _NEAR_S:
             self.restart()
         if self._setpoints:
@@ -115,27 +117,32 @@ class PlantWatch:
         else:
             self._from_s = arrives_s + DELAY_MAX_S + self._after_s
         self._setpoints.append((arrives_s, *setpoint))
-        if time_s > self._from_s + WINDOW_S + _NEAR_S:
+        if arrives_s > self._from_s + WINDOW_S + _NEAR_S:
             self._close()
 
     def _close(self) -> None:
-        setpoints, samples = np.array(self._setpoints), np.array(self._samples).reshape(-1, 3)
-        window = _window(self._from_s, setpoints, samples)
+        window = _window(self._from_s, np.array(self._setpoints), np.array(self._samples).reshape(-1, 3))
         self._from_s += WINDOW_S
         oldest_s = self._from_s - DELAY_MAX_S - _NEAR_S
         self._setpoints = [each for each in self._setpoints if each[0] > oldest_s]
         self._samples = [each for each in self._samples if each[0] > oldest_s]
-        if window is None or self.found is not None:
+        if window is None:
             return
-        self._residuals.append(self._bank.residual(window))
-        found = self._bank.comparison(self._residuals)
+        self._windows.append(window)
+        self._own_m2.append(self._own.residual(window).squared_m2.item(0))
+        if sum(self._own_m2) <= MATTERS_SHARE**2 * sum(each.moved_m2 for each in self._windows):
+            return
+        known = self._residuals
+        self._residuals = {each: known.get(each) or self._bank.residual(each) for each in self._windows}
+        found = self._bank.comparison(tuple(self._residuals.values()))
         if found is not None and found.difference is not None:
             self.found = found
+            self.restart()
 
 
 @lru_cache(maxsize=64)
-def _compared(plant: Plant) -> "_Bank":
-    return _Bank((plant, *others(plant)))
+def _bank(plants: tuple[Plant, ...]) -> "_Bank":
+    return _Bank(plants)
 
 
 def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | None:
@@ -144,9 +151,9 @@ def effect_delay_s(plant: Plant, setpoints: Vector, samples: Vector) -> float | 
     Arguments and None as in `watch`.
     """
     tried_s = np.arange(0.0, DELAY_MAX_S + DELAY_STEP_S / 2.0, DELAY_STEP_S).tolist()
-    bank = _Bank([replace(plant, delay_s=delay_s) for delay_s in tried_s])
-    found = bank.comparison([bank.residual(each) for each in _windows(setpoints, samples)])
-    return None if found is None else found.best.delay_s
+    bank = _Bank(tuple(replace(plant, delay_s=delay_s) for delay_s in tried_s))
+    left_m2 = [bank.residual(each).squared_m2 for each in _windows(setpoints, samples)]
+    return tried_s[int(np.argmin(np.sum(left_m2, axis=0)))] if len(left_m2) >= WINDOWS_LEAST else None
 
 
 def others(plant: Plant) -> list[Plant]:
@@ -160,7 +167,7 @@ def others(plant: Plant) -> list[Plant]:
     return tried
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Window:
     """A window: its begin, its positions (N, 2), and all setpoints by time, with their velocities (S, 2).
 
@@ -205,10 +212,10 @@ def _held(at_s: Vector, value: Vector, time_s: Vector) -> Vector:
 
 
 def _means(at_s: Vector, value: Vector, edges_s: Vector) -> Vector:
-    """Return the means of a piecewise constant value between successive edges."""
-    total = np.vstack([np.zeros(2), np.cumsum(value[:-1] * np.diff(at_s)[:, None], axis=0)])
-    totals = np.column_stack([np.interp(edges_s, at_s, column) for column in total.T])
-    return np.diff(totals, axis=0) / STEP_S
+    """Return the means of piecewise constant values (S, 2) between successive edges (D, N + 1): (D, 2, N)."""
+    total = np.zeros((2, len(value)))
+    np.cumsum(value[:-1].T * np.diff(at_s), axis=1, out=total[:, 1:])
+    return np.diff(np.stack([np.interp(edges_s, at_s, each) for each in total], axis=1)) / STEP_S
 
 
 def _without_line(values: Vector) -> Vector:
@@ -226,51 +233,26 @@ class _Residual(NamedTuple):
 class _Bank:
     """Plants that are simulated together; what does not depend on a flight is computed once."""
 
-    def __init__(self, plants: Sequence[Plant]) -> None:
-        self.plants = tuple(plants)
+    def __init__(self, plants: tuple[Plant, ...]) -> None:
+        self.plants = plants
         self._delays_s, self._delayed = np.unique([plant.delay_s for plant in plants], return_inverse=True)
         self._lead_s = np.array([plant.lead_s for plant in plants])
-        steps = [exact_step(plant, STEP_S) for plant in plants]
-        # The gains from position, velocity and aim to the next position and velocity, each (plants, axes).
-        gains = np.array(
-            [
-                [[*step.transition[to, [p, v]], step.input_gain[to, p]] for p, v in _AXES for to in (p, v)]
-                for step in steps
-            ]
-        )
-        self._gains = np.moveaxis(gains.reshape(len(steps), 2, 2, 3), (2, 3), (0, 1))
-        self._free = np.linalg.qr(self._free_motions(steps))[0]
-
-    def _free_motions(self, steps: Sequence[PlantStep]) -> Vector:
-        """Return the motions from a position, from a velocity and under a disturbance: (plants, axes, N, 3)."""
-        push = np.array([[[step.disturbance_gain[to, p] for to in (p, v)] for p, v in _AXES] for step in steps])
-        (pp, pv, _), (vp, vv, _) = self._gains[..., None]
-        place, rate = np.zeros((2, len(steps), 2, _FREE))
-        place[..., 0] = rate[..., 1] = 1.0
-        motions = [place]
-        for _ in range(_COUNT):
-            place, rate = pp * place + pv * rate, vp * place + vv * rate
-            place[..., 2] += push[..., 0]
-            rate[..., 2] += push[..., 1]
-            motions.append(place)
-        return np.stack(motions, axis=2)
+        motions = _motions([exact_step(plant, STEP_S) for plant in plants])
+        self._free = np.linalg.qr(motions[..., :_FREE])[0]
+        self._response = np.fft.rfft(motions[:, :, 1:, _FREE], 2 * _COUNT)
 
     def residual(self, window: _Window) -> _Residual:
         """Return the errors of the plants in a window."""
-        edges_s = window.from_s + STEP_S * np.arange(_COUNT + 1)
-        aims_m = [_means(window.setpoint_s, window.setpoint_m, edges_s - delay_s) for delay_s in self._delays_s]
-        aims = np.array(aims_m)[self._delayed]
+        edges_s = window.from_s + STEP_S * np.arange(_COUNT + 1) - self._delays_s[:, None]
+        aims = _means(window.setpoint_s, window.setpoint_m, edges_s)[self._delayed]
         if window.velocity_m_s.size:
-            rates = [_means(window.setpoint_s, window.velocity_m_s, edges_s - delay_s) for delay_s in self._delays_s]
-            aims = aims + self._lead_s[:, None] * np.array(rates)[self._delayed]
-        off = np.repeat(window.position_m[None], len(self.plants), axis=0)
-        (pp, pv, pu), (vp, vv, vu) = self._gains
-        place, rate = np.zeros((2, len(self.plants), 2))
-        for k in range(_COUNT):
-            aim = aims[:, k]
-            place, rate = pp * place + pv * rate + pu * aim, vp * place + vv * rate + vu * aim
-            off[:, k + 1] -= place
-        along = np.einsum("pka,pakf->paf", off, self._free)
+            rates = _means(window.setpoint_s, window.velocity_m_s, edges_s)[self._delayed]
+            aims = aims + self._lead_s[..., None] * rates
+        # The response to the aims is a convolution; twice as many samples keep its end out of its begin.
+        moved = np.fft.irfft(np.fft.rfft(aims, 2 * _COUNT) * self._response, 2 * _COUNT)[..., :_COUNT]
+        off = np.repeat(window.position_m.T[None], len(self.plants), axis=0)
+        off[..., 1:] -= moved
+        along = (off[..., None, :] @ self._free)[..., 0, :]
         left_m2 = (off**2).sum(axis=(1, 2)) - (along**2).sum(axis=(1, 2))
         return _Residual(np.maximum(left_m2, 0.0), window.moved_m2)  # no error at all may be rounded below 0
 
@@ -286,12 +268,31 @@ class _Bank:
         best = int(np.argmin(np.where(better, left_m2, inf) if better.any() else left_m2))
         own_m, best_m = np.sqrt(left_m2[[0, best]] / (2 * len(squared) * (_COUNT + 1 - _FREE))).tolist()
         found, plant = self.plants[best], self.plants[0]
-        difference: Difference = "stiffer" if _lag_s(found) < _lag_s(plant) else "softer"
+        difference: Difference = "stiffer" if _slowness(found) < _slowness(plant) else "softer"
         is_unfed = found.feedforward < plant.feedforward
         return PlantComparison(len(squared), own_m, best_m, found, difference if better.any() else None, is_unfed)
 
 
-def _lag_s(plant: Plant) -> float:
-    """Return how long a plant is behind setpoints that move steadily."""
+def _motions(steps: Sequence[PlantStep]) -> Vector:
+    """Return the motions from a position, from a velocity, under a disturbance, and from an aim in the first step.
+
+    They are (plants, axes, N, 4).
+    """
+    kept = np.array([[step.transition[np.ix_(*2 * [each])] for each in _AXES] for step in steps])
+    push = np.array([[step.disturbance_gain[each, each[0]] for each in _AXES] for step in steps])
+    aim = np.array([[step.input_gain[each, each[0]] for each in _AXES] for step in steps])
+    state = np.zeros((len(steps), 2, 2, _FREE + 1))
+    state[..., 0, 0] = state[..., 1, 1] = 1.0
+    places = [state[..., 0, :]]
+    for k in range(_COUNT):
+        state = kept @ state
+        state[..., 2] += push
+        state[..., 3] += aim * (k == 0)
+        places.append(state[..., 0, :])
+    return np.stack(places, axis=2)
+
+
+def _slowness(plant: Plant) -> tuple[float, float]:
+    """Return how long a plant is behind setpoints that move steadily, and what decides where that is the same."""
     lags_s = (plant.a1_per_s / plant.a0_per_s2 - plant.lead_s).mean()
-    return float(lags_s) + plant.delay_s
+    return round(float(lags_s) + plant.delay_s, 6), -float(plant.a0_per_s2.mean())

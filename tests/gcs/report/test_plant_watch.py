@@ -149,22 +149,27 @@ def test_velocities_that_have_no_effect_are_noticed(gain: float, told: str) -> N
 CIRCLE_M, TURN_RAD_S = 10.0, 0.15
 
 
-def told(plant: Plant, *, profile: Plant = FILE, link_s: float = 0.0, jump_m: float = 0.0) -> tuple[float, str] | None:
-    """Return when a watch in flight finds a difference on a ring in a gusty wind, and which; None if it does not."""
-    random, step = np.random.default_rng(7), exact_step(plant, 0.05)
-    watched = PlantWatch(profile)
-    watched.link_s = link_s
+def told(
+    plant: Plant, *, link_s: float = 0.0, gust_m_s2: float = 0.04, meanwhile: Plant | None = None
+) -> tuple[float, str] | None:
+    """Return when a watch in flight finds a difference on a ring in a gusty wind, and which; None if it does not.
+
+    If `meanwhile` is given, the vehicle is that plant for 10 s.
+    """
+    random, step, other = np.random.default_rng(7), exact_step(plant, 0.05), exact_step(meanwhile or plant, 0.05)
+    watched = PlantWatch(FILE)
     state, gust, queue = np.array([CIRCLE_M, 0.0, 0.0, CIRCLE_M * TURN_RAD_S]), np.zeros(2), list[Vector]()
     for tick in range(2400):
         time_s = tick * 0.05
         queue.append(CIRCLE_M * np.array([np.cos(TURN_RAD_S * time_s), np.sin(TURN_RAD_S * time_s)]))
-        watched.sent(time_s, *queue[-1].tolist())
+        watched.sent(time_s + link_s, *queue[-1].tolist())
         if watched.found is not None and watched.found.difference is not None:
             return time_s, watched.found.difference
-        gust = 0.98 * gust + 0.04 * random.normal(size=2)
+        gust = 0.98 * gust + gust_m_s2 * random.normal(size=2)
         late = round((plant.delay_s + link_s) / 0.05)
-        state = step.advance(state, queue[max(len(queue) - 1 - late, 0)], gust)
-        seen = state[:2] + 0.05 * random.normal(size=2) + jump_m * (40.0 < time_s < 41.0)
+        now = other if 40.0 < time_s < 50.0 else step
+        state = now.advance(state, queue[max(len(queue) - 1 - late, 0)], gust)
+        seen = state[:2] + 0.05 * random.normal(size=2)
         watched.measured(time_s + 0.05, *seen.tolist())
     return None
 
@@ -189,13 +194,20 @@ def test_a_vehicle_that_is_not_its_profile_is_noticed_within_a_minute_on_a_ring(
 def test_a_vehicle_that_is_its_profile_is_not(near: Plant) -> None:
     assert told(near) is None
     assert told(near, link_s=0.3) is None, "the link's delay is not the vehicle's"
-    assert told(near, jump_m=1.5) is None, "a jump of the estimate is in one window"
+    assert told(near, gust_m_s2=0.2) is None, "gusts hide the plant"
 
 
-def test_a_link_that_is_not_known_of_is_part_of_the_vehicle() -> None:
-    found = told(scaled(1.0, 1.0, 0.7))
-    assert found is not None
-    assert found[1] == "softer"
+def test_a_vehicle_that_lags_for_one_window_is_not() -> None:
+    """Where its speed or its acceleration is limited on the way to the ring."""
+    assert told(FILE, meanwhile=scaled(0.1, 0.5)) is None
+
+
+@pytest.mark.parametrize(("share", "difference"), [(4.0, "stiffer"), (0.6, "softer")])
+def test_of_plants_with_the_same_lag_the_one_with_the_larger_a0_is_stiffer(share: float, difference: str) -> None:
+    watched = watch(Plant(FILE.x, FILE.y, 0.0), *flown(share * 1.7, share * 1.8, 0.0, noise_m=0.02))
+    assert watched is not None
+    assert watched.difference == difference
+    assert watched.best.x.a0_per_s2 / 1.7 == pytest.approx(watched.best.x.a1_per_s / 1.8), "the lag is the same"
 
 
 def test_a_watch_begins_again_where_no_setpoints_were_sent() -> None:
