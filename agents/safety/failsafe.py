@@ -543,19 +543,19 @@ TABLE = (
     ),
     Row(
         Condition.STIFFER,
-        "another plant, with less lag, explains its motion far better",
+        "it follows its setpoints sooner than its profile predicts; lasts to the landing",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "identify it (`cordon excite`)",
+        "identify it after the flight (`cordon excite`)",
     ),
     Row(
         Condition.SOFTER,
-        "the same, with more lag",
+        "it follows them later; lasts to the landing",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "identify it (`cordon excite`)",
+        "identify it after the flight (`cordon excite`)",
     ),
     Row(
         Condition.NO_OPERATOR,

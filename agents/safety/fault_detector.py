@@ -38,7 +38,6 @@ class FaultDetector:
         self, config: AgentConfig, estimator: Estimator, own_sensor: OwnSensor, team: Team, clocks: ClockWatch
     ) -> None:
         self._settings = config.failsafe
-        self._profile = config.profile
         self._leader = config.formation.leader
         self._others = len(config.slots) - 1
         self._period_s = 1.0 / config.rate_hz
@@ -118,9 +117,6 @@ class FaultDetector:
         if moved_s is not None:
             moved = ReferenceChange("origin moved", *self.vehicle.status.reference.moved_m)
             faults[Condition.ORIGIN_MOVED] = Symptom(moved_s, moved.by)
-        if (found := self.vehicle.plant.found) is not None:
-            differs = Condition.STIFFER if found.difference == "stiffer" else Condition.SOFTER
-            self._add(faults, now_s, differs, f"'{self._profile}': {found.text}")
         battery = self.vehicle.status.battery
         if battery is not None and battery < self._settings.battery_low:
             self._add(faults, now_s, Condition.BATTERY_LOW, f"at {battery:.0%}")

@@ -119,10 +119,13 @@ class VehicleWatch:
         return self._present
 
     def _measure(self, situation: Situation, tactic: Tactic) -> Mapping[Condition, str]:
+        faults: dict[Condition, str] = {}
+        if (found := self.plant.found) is not None:
+            differs = Condition.STIFFER if found.difference == "stiffer" else Condition.SOFTER
+            faults[differs] = f"'{self._config.profile}': {found.text}"
         if tactic not in _STEERED:
             self._following.stop()
-            return _NOTHING
-        faults: dict[Condition, str] = {}
+            return faults
         error_m = self._following.error_m(situation)
         if error_m > self._config.failsafe.following_m:
             faults[Condition.NOT_FOLLOWING] = f"{error_m:.1f} m from its predicted position"

@@ -317,8 +317,8 @@ CASES = {
     Condition.TARGET_FROM_OUTSIDE: Case(
         set_to(outside_m=(40.0, -5.0)), set_to(target_m=(40.0, -5.0)), 0.0, AS_BEFORE * 3
     ),
-    Condition.STIFFER: Case(unlike_its_profile("stiffer"), unlike_its_profile(None), 0.0, AS_BEFORE * 3),
-    Condition.SOFTER: Case(unlike_its_profile("softer"), unlike_its_profile(None), 0.0, AS_BEFORE * 3),
+    Condition.STIFFER: Case(unlike_its_profile("stiffer"), unlike_its_profile(None), LOOKS_S, AS_BEFORE * 3),
+    Condition.SOFTER: Case(unlike_its_profile("softer"), unlike_its_profile(None), LOOKS_S, AS_BEFORE * 3),
     Condition.NO_OPERATOR: Case(
         set_to(operated=False), set_to(operated=True), 3.2, (Tactic.HOLD, Tactic.HOLD), wall=True
     ),
