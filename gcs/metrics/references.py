@@ -157,11 +157,11 @@ def engagement_reference(mission: Mission) -> EngagementReference:
         for vehicle in mission.vehicles
         if target.importance > vehicle.decision.importance_min and target.threat < vehicle.decision.threat_max
     }
+    near = dict.fromkeys(allowed_m, True)
     # Where an external target will be is not known: the mission is about it.
-    _, away_m = (
-        formation_path(mission) if target.source == "simulated" else (None, dict.fromkeys(allowed_m, np.zeros(1)))
-    )
-    near = {each: bool(away_m[each].min() < allowed_m[each]) for each in allowed_m}
+    if target.source == "simulated":
+        _, away_m = formation_path(mission)
+        near = {each: bool(away_m[each].min() < allowed_m[each]) for each in allowed_m}
     return EngagementReference(allowed_m, _chosen(allowed_m, near))
 
 

@@ -307,7 +307,7 @@ def _reach(mission: Mission) -> Iterator[Finding]:
             f"no sensor sees the target: no vehicle comes nearer than {min(map(np.min, away_m.values())):.2f} m; the "
             f"longest target.sensor.range_m is {max(mission.sensor(each).range_m for each in mission.ids):g} m",
             "from its place in formation no vehicle will engage",
-            _NEARER,
+            f"increase target.sensor.range_m, or {_NEARER}",
         )
         return
     first = int(np.argmax(seen))
