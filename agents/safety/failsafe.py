@@ -551,7 +551,7 @@ TABLE = (
     ),
     Row(
         Condition.SOFTER,
-        "it follows them later; lasts to the landing",
+        "it follows them later",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
