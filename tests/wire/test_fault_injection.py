@@ -37,7 +37,7 @@ def test_faults_come_at_their_times_and_the_team_reacts(
     # A stub at the file's start would be 16 m off, and the preflight would refuse it.
     options += ["--set", "vehicles[2].start_m=[0.0, -20.0]", "--set", "encirclement.radius_m=12"]
     with cordon("fly", mission_file("case2", LOW), *FLY, "--duration", "30", "--log", str(log), *options) as flight:
-        out, err = flight.communicate(timeout=PATIENCE_S)
+        out, err = flight.communicate()  # however long a busy computer flies
     result, recorded = json.loads(out), read_log(log)
     assert "4.0 s: injected: origin moved, vehicle 2" in err
     assert tuple(result["faults"]) == recorded.run.faults == faults
