@@ -22,9 +22,9 @@ from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from gcs.cli import main
 from gcs.flight.recording import FOLDER_VARIABLE
+from gcs.link.ports import free_ports
 from tests.support import installation
 from tests.support.paths import MISSIONS
-from tests.support.wire import free_ports
 
 # The same examples on every run, and no stop-watch: a slow machine is no failure.
 settings.register_profile("cordon", deadline=None, derandomize=True, max_examples=60)

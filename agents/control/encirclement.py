@@ -17,7 +17,7 @@ from agents.control.lmpc_cost import RING_CONSTRAINED, ring_programme
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.feasibility import Orbit
 from agents.ring.place import RingPlace
-from agents.ring.reference import RingPoint
+from agents.ring.reference import RingPoint, across_m_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
 from estimation.frames import wrap_signed_rad
@@ -110,9 +110,8 @@ class EncirclementPlanner:
     def __init__(self, config: AgentConfig) -> None:
         self._plant = config.plant
         self._settings = config.encirclement
-        self._clearance_rad = config.clearance_rad
+        self._clearance_m = config.clearance_rad * config.encirclement.radius_m
         self._lmpc = Lmpc(ring_programme(self._settings), _SLACK_WEIGHT)
-        self._along_m = self._settings.radius_m
         samples = np.arange(1, self._settings.horizon + 1, dtype=np.float64)
         self._times_s: Vector = self._settings.prediction_step_s * samples
         self._reference_gain = _reference_gain(self._settings, self._times_s)
@@ -122,7 +121,7 @@ class EncirclementPlanner:
         self._limits = np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
         self._limits[0], self._limits[1] = -self._settings.speed_max_m_s, self._settings.speed_max_m_s
         self._bearings_min, self._bearings_max = self._limits[..., 0]
-        self._rates_min, self._rates_max = self._limits[..., 2]
+        self._speeds_min, self._speeds_max = self._limits[..., 1:]
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
@@ -143,18 +142,19 @@ class EncirclementPlanner:
             self.reset()
             aim = self._radial_aim(motion, polar, task)
             return EncirclementPlan(aim, approach, wanted, QpStatus.INTERIOR)
-        state = np.array([polar.radius_m, 0.0, polar.radial_speed_m_s, self._along_m * polar.angular_rate_rad_s])
+        # Along the ring the optimiser counts in metres at the vehicle's radius: it acts as fast far outside as there.
+        radius_m = polar.radius_m
+        state = np.array([radius_m, 0.0, polar.radial_speed_m_s, radius_m * polar.angular_rate_rad_s])
         reference, bounds = self._reference(task, polar), self._bounds(polar, task.place)
         plan = self._lmpc.solve(state, reference, self._acceleration, bounds)
         self._acceleration = plan.first_input
         radial, along = self._acceleration.tolist()
-        aim = aim_for(motion, polar, (radial, along / self._along_m), task.compensation_m_s2, self._plant)
+        aim = aim_for(motion, polar, (radial, along / radius_m), task.compensation_m_s2, self._plant)
         return EncirclementPlan(aim, approach, wanted, plan.status)
 
     def _take(self, orbit: Orbit) -> None:
         self._orbit = orbit
         self._drift_rad: Vector = np.asarray(orbit.angular_rate_rad_s * self._times_s, dtype=np.float64)
-        self._drift_m: Vector = self._along_m * self._drift_rad
 
     def _approach(self, radius_m: float) -> Approach:
         if radius_m < self._settings.radius_min_m:
@@ -172,7 +172,7 @@ class EncirclementPlanner:
         return aim_for_acceleration(motion, (x, y), task.compensation_m_s2, self._plant)
 
     def _reference(self, task: RingTask, polar: Polar) -> Vector:
-        """Return the reference (horizon, 4) in [r R phi r' R phi'].
+        """Return the reference (horizon, 4) in [r, r phi, r', r phi'] with the vehicle's present radius r.
 
         Bearings are relative to the vehicle's present one, so the optimiser sees no wrap.
         """
@@ -180,6 +180,7 @@ class EncirclementPlanner:
         ahead_rad = wrap_signed_rad(bearing.value - polar.bearing_rad)
         points = (radius.value, radius.rate, radius.acceleration, ahead_rad, bearing.rate, bearing.acceleration)
         reference: Vector = self._reference_gain.dot(np.array(points)).reshape(-1, 4)
+        reference[:, 1::2] *= polar.radius_m
         if task.obstacles:
             bearings_rad = polar.bearing_rad + self._drift_rad
             bent_m = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, polar.radius_m)
@@ -188,34 +189,37 @@ class EncirclementPlanner:
 
     def _bounds(self, polar: Polar, place: RingPlace) -> Bounds:
         """Bound the inputs by the acceleration, the states by the speed and the clearance to both neighbours."""
-        settings, share = self._settings, self._along_m / polar.radius_m
-        push_m_s2, fastest_m_s = settings.acceleration_max_m_s2 * share, settings.speed_max_m_s * share
-        self._pushes[0, 1], self._pushes[1, 1] = -push_m_s2, push_m_s2
-        self._rates_min.fill(-fastest_m_s)
-        self._rates_max.fill(fastest_m_s)
+        acceleration_m_s2 = self._settings.acceleration_max_m_s2
+        radial_m_s2, along_m_s2 = self._acceleration.tolist()
+        self._pushes[1] = across_m_s(acceleration_m_s2, along_m_s2), across_m_s(acceleration_m_s2, radial_m_s2)
+        np.negative(self._pushes[1], out=self._pushes[0])
+        speed_m_s, along_m_s = self._settings.speed_max_m_s, polar.radius_m * polar.angular_rate_rad_s
+        self._speeds_max[:, 0] = across_m_s(speed_m_s, along_m_s)
+        self._speeds_max[:, 1] = across_m_s(speed_m_s, polar.radial_speed_m_s)
+        np.negative(self._speeds_max, out=self._speeds_min)
         if place.lead_rad is None or place.lag_rad is None:
             self._bearings_min.fill(-_FREE)
             self._bearings_max.fill(_FREE)
         else:
-            clear_rad = self._clearance_rad * self._along_m / polar.radius_m  # the same distance at any radius
-            np.add(self._drift_m, self._along_m * (clear_rad - place.lag_rad), out=self._bearings_min)
-            np.add(self._drift_m, self._along_m * (place.lead_rad - clear_rad), out=self._bearings_max)
+            drift_m = polar.radius_m * self._drift_rad
+            np.add(drift_m, self._clearance_m - polar.radius_m * place.lag_rad, out=self._bearings_min)
+            np.add(drift_m, polar.radius_m * place.lead_rad - self._clearance_m, out=self._bearings_max)
         return Bounds(self._pushes, self._limits)
 
 
 def _reference_gain(settings: EncirclementSettings, times_s: Vector) -> Vector:
     """Return the matrix from radius and bearing, each with rate and acceleration (6,), to the reference at all samples.
 
-    Shape (horizon * 4, 6), a sample in [r R phi r' R phi']. The acceleration of a transition decays as under the law
-    (22).
+    Shape (horizon * 4, 6), a sample in [r phi r' phi']. The acceleration of a transition decays as under the spacing
+    law.
     """
     decay_per_s = max(settings.spacing_gain_per_s, 1e-3)
     eased_s = -np.expm1(-decay_per_s * times_s) / decay_per_s
     gain = np.zeros((len(times_s), 4, 6))
-    for row, column, unit in ((0, 0, 1.0), (1, 3, settings.radius_m)):
-        gain[:, row, column], gain[:, row, column + 1] = unit, unit * times_s
-        gain[:, row, column + 2] = unit * (times_s - eased_s) / decay_per_s
-        gain[:, row + 2, column + 1], gain[:, row + 2, column + 2] = unit, unit * eased_s
+    for row, column in ((0, 0), (1, 3)):
+        gain[:, row, column], gain[:, row, column + 1] = 1.0, times_s
+        gain[:, row, column + 2] = (times_s - eased_s) / decay_per_s
+        gain[:, row + 2, column + 1], gain[:, row + 2, column + 2] = 1.0, eased_s
     return gain.reshape(-1, 6)
 
 

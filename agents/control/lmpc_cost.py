@@ -76,9 +76,9 @@ def formation_programme(config: AgentConfig) -> QuadraticProgram:
 
 
 def ring_programme(settings: EncirclementSettings) -> QuadraticProgram:
-    """Return the ring's programme: integrators in [r R phi r' R phi'] with inputs [r'' R phi''] - (12), (23) to (26).
+    """Return the ring's programme: integrators in [r r phi r' r phi'] with inputs [r'' r phi''] - (12), (23) to (26).
 
-    Angles are in metres along the ring of radius R, so that one slack suits all bounds.
+    Angles are in metres along the circle of the vehicle's present radius r, so that one slack suits all bounds.
 
     (24b) and (24c) weight, by rho and zeta, the differences between the angles to the neighbours behind and in front
     and the angles between the references. The neighbours are predicted on their references, as (25) and (26) do at the

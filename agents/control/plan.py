@@ -23,7 +23,7 @@ class RingReport(msgspec.Struct, frozen=True):
     `mixing` is the share of the encirclement in the aim, `rate_rad_s` the angular rate at which the ring is flown.
     `slowed` states how the flown ring differs from the mission's and why, `news` any change of that, else None.
     `needed` is the ring that this vehicle can fly, `joined` whether it is a member of the ring; `place` and `approach`
-    are None while it waits for a gap or has no target.
+    are None while it waits for room or has no target.
     """
 
     mixing: float

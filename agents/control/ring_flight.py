@@ -11,6 +11,7 @@ from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, place_errors_rad, ring_place
 from agents.ring.reference import RingReference, RingWay
+from agents.ring.transition import Mover
 from agents.safety.barriers import unsure_m
 from agents.safety.fence import Fence
 from agents.safety.neighbours import Neighbours
@@ -21,13 +22,14 @@ from agents.team.messages import MemberState
 from agents.team.team import Team
 from estimation.polar import Polar, polar_from_motion, polar_of
 from estimation.state import POSITION, VELOCITY, Vector
+from estimation.vectors import Pair
 
 _STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
 """Members in these tactics stay where they are, and the ring bends around them."""
 
 _ENCIRCLE = Tactic.ENCIRCLE.value
 _HEADWAY = 1.6
-"""In separations: a little more than the gap that a joining vehicle ahead needs."""
+"""In separations: a little more than the room that a vehicle needs to enter."""
 _HEADWAY_SHARE = 0.8
 """In even spacings: the largest headway, for a ring that is nearly full."""
 
@@ -81,10 +83,10 @@ class RingFlight:
             self._feasibility.words,
             self._feasibility.needed,
             self._joining.joined,
-            place,
+            place if self._joining.joined else None,
             plan.approach,
             news,
-            task.reference.bearing if mixing >= 1.0 else None,
+            task.reference.bearing if self._joining.joined and mixing >= 1.0 else None,
         )
         if plan.approach is not Approach.ORBIT:
             self._reference.reset()
@@ -98,7 +100,7 @@ class RingFlight:
     def clear_m(self, situation: Situation, *, isolated: bool) -> float:
         """Return the radius beyond which a vehicle is clear of the ring; larger if the others do not receive it."""
         if not isolated:
-            return self._joining.waiting_m
+            return self._joining.clear_m
         sigma_m = situation.position_sigma_m
         return self._joining.isolated_m(unsure_m(self._safety.uncertainty_sigmas, sigma_m, sigma_m))
 
@@ -114,20 +116,23 @@ class RingFlight:
 
     def _task(
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float
-    ) -> tuple[RingTask, RingPlace | None]:
-        """Return the task, and the vehicle's place on the ring, None while it waits outside in front of a gap."""
+    ) -> tuple[RingTask, RingPlace]:
+        """Return the task, and the vehicle's place among all that are engaged."""
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s, orbit.angular_rate_rad_s)
-        ahead_rad = self._joining.look(polar, bearings_rad)
-        place = ring_place(polar.bearing_rad, bearings_rad if ahead_rad is None else ())
-        radius_m = self._joining.radius_m(polar, place) if ahead_rad is None else self._joining.waiting_m
+        joined = self._joining.look(polar, len(bearings_rad))
+        place = ring_place(polar.bearing_rad, bearings_rad if joined else ())
+        movers = self._movers(situation, polar, orbit, joined=joined)
+        radius_m = self._joining.radius_m(polar, place, movers[0].error_rad) if joined else self._joining.waiting_m
         if radius_m > orbit.radius_m and self._fence is not None:
             radius_m = max(orbit.radius_m, min(radius_m, self._fence_m(self._fence, centre, polar, orbit)))
         obstacles = self._obstacles(situation, centre)
         way = RingWay(
             orbit,
             radius_m,
-            self._errors_rad(situation, polar, mixing) if ahead_rad is None else (ahead_rad, -ahead_rad),
-            self._headway_rate_rad_s(situation, centre, polar, orbit),
+            # Until it flies the ring's setpoints alone it keeps its bearing, as the others expect.
+            movers if mixing >= 1.0 else (self._joining.mover(0.0, polar.radius_m, orbit),),
+            self._joining.acceleration,
+            self._headway_rates_rad_s(situation, centre, polar, orbit),
             mixing,
             bend_m(radius_m, polar, obstacles),
             self._guarded,
@@ -144,7 +149,7 @@ class RingFlight:
             authority=situation.authority,
             obstacles=obstacles,
         )
-        return task, None if ahead_rad is not None else place
+        return task, place
 
     def _fence_m(self, fence: Fence, centre: Vector, polar: Polar, orbit: Orbit) -> float:
         """Return the largest radius to wait on: inside the fence at the present bearing and ahead of it."""
@@ -160,35 +165,41 @@ class RingFlight:
         rate_rad_s, within_m = orbit.angular_rate_rad_s, self._safety.separation_m
         return self._team.ring.abreast_rad(situation.acting_s, rate_rad_s, polar.radius_m, within_m)
 
-    def _errors_rad(self, situation: Situation, polar: Polar, mixing: float) -> Sequence[float]:
-        """Return how far the references on the ring are from their places, the vehicle's own first.
+    def _movers(self, situation: Situation, polar: Polar, orbit: Orbit, *, joined: bool) -> Sequence[Mover]:
+        """Return how far the references on the ring are from their places, and their bounds, the vehicle's own first.
 
         While the vehicles on the ring do not all know the same references, a place among those that it knows is none
         among all: the vehicle then corrects towards the middle between its neighbours, as (22) states.
 
-        While the vehicle is in transition from the formation, its own error is 0: it does not fly its reference yet,
-        and the others must not correct for it.
+        A vehicle that waits for room on the ring keeps its bearing.
         """
-        if mixing < 1.0:
-            return (0.0,)
-        own_rad = self._reference.bearing_rad(polar, situation.acting_s)
-        others_rad = self._team.ring.reference_bearings_rad(situation.acting_s)
-        if self._team.ring.is_known_to_all(self._vehicle_id):
-            return place_errors_rad([own_rad, *others_rad])
-        error_rad = ring_place(own_rad, others_rad).error_rad
-        return error_rad, -error_rad
+        mover = self._joining.mover
+        if not joined:
+            return (mover(0.0, polar.radius_m, orbit),)
+        own_rad, ring = self._reference.bearing_rad(polar, situation.acting_s), self._team.ring
+        others = ring.others(situation.acting_s)
+        if not ring.is_known_to_all(self._vehicle_id):
+            error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others]).error_rad
+            return mover(error_rad, polar.radius_m, orbit), mover(-error_rad, polar.radius_m, orbit)
+        members = [(self._vehicle_id, own_rad, polar.radius_m), *others]
+        errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members])
+        return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
 
-    def _headway_rate_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> float:
-        """Return the largest angular rate that keeps the headway to the vehicle ahead."""
+    def _headway_rates_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> Pair:
+        """Return the least and the largest angular rate that keep the headway to the vehicles on either side."""
         about, unit = centre.tolist(), (cos(polar.bearing_rad), sin(polar.bearing_rad))
-        direction = copysign(1.0, orbit.angular_rate_rad_s)
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
-        others = [polar_of(*motion) for motion in motions if leads(unit, motion[:2], direction)]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
-        return headway_rate_rad_s(polar, others, direction, headway_m)
+        clockwise, counter_clockwise = (
+            [polar_of(*motion) for motion in motions if leads(unit, motion[:2], direction)] for direction in (-1.0, 1.0)
+        )
+        return (
+            -headway_rate_rad_s(polar, clockwise, -1.0, headway_m),
+            headway_rate_rad_s(polar, counter_clockwise, 1.0, headway_m),
+        )
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
         """Return the obstacles on the ring: peers that fell silent there, and those that stay in place."""

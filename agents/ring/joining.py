@@ -1,48 +1,31 @@
-"""How a vehicle joins an occupied ring: from outside, into a wide gap, when there is room for it.
+"""How a vehicle joins the ring: from outside, to the place among the others that its bearing gives it.
 
-Until it has joined it does not publish its bearing, and the ring does not change. Once it is in front of its gap it
-publishes its bearing: the members make room, and the vehicle enters when there is enough. No member is overtaken or cut
-off.
+It publishes its bearing from the engagement on, so that all know for how many the ring is. It flies towards its place
+around the ring, outside of it, and enters once it is in front of its place and its neighbours have made room. A vehicle
+for which the ring has no room waits outside, and does not publish its bearing.
 """
 
-from collections.abc import Sequence
-from itertools import pairwise
-from math import copysign, tau
-
-import msgspec
+from math import sqrt
 
 from agents.ring.detour import MARGIN_M
+from agents.ring.feasibility import RESERVE, Orbit
 from agents.ring.place import RingPlace, chord_m
+from agents.ring.transition import SLOWEST_SHARE, TRACKED_SHARE, AccelerationBound, Mover, transition_of
 from agents.settings.config import AgentConfig
-from estimation.frames import wrap_signed_rad, wrap_turn_rad
 from estimation.polar import Polar
 
-ASIDE = 2.0
-"""In separations: the distance outside the ring at which a vehicle waits."""
+ASIDE, WAITING = 2.0, 1.5
+"""In separations: the distances outside the ring at which a vehicle is clear of it, and at which one waits to enter."""
 _ROOM = 1.5
 """In separations: the smallest distance between neighbours on the ring when a vehicle enters between them."""
 _ROOM_SHARE = 0.75
 """In even spacings: the largest room that is required, for a ring that is nearly full."""
-_WIDE_SHARE = 0.8
-"""A gap that the vehicle is in front of is taken if it has this share of the widest gap's width."""
-_FURTHER = 1.1
-"""The margin over the room that a vehicle needs, so that it may enter where it arrives."""
-
-
-class RingGap(msgspec.Struct, frozen=True):
-    """A gap between neighbours on the ring: the angle from a vehicle to its middle, and its width."""
-
-    ahead_rad: float
-    width_rad: float
-
-    @property
-    def edge_rad(self) -> float:
-        """The angle from the vehicle to the gap's nearer edge; negative outside the gap."""
-        return self.width_rad / 2.0 - abs(self.ahead_rad)
-
-    def way_rad(self, room_rad: float) -> float:
-        """Return the angle ahead to the nearest place with this room on either side, at most to the middle."""
-        return copysign(max(0.0, min(room_rad, self.width_rad / 2.0) - self.edge_rad), self.ahead_rad)
+_AT_RING = 0.25
+"""In separations: a vehicle this near to the ring, or inside it, flies on the ring even if there is no room."""
+_IN_FRONT = 3.0
+"""In distances of the waiting circle from the ring: a vehicle this far from its place begins to enter."""
+_TURNING_SHARE = 0.6
+"""The share of its acceleration that a vehicle uses along the ring, and of it across the ring, on its way in."""
 
 
 class Joining:
@@ -53,15 +36,26 @@ class Joining:
     """
 
     def __init__(self, config: AgentConfig) -> None:
-        self._mission_ring_m = self.ring_m = config.encirclement.radius_m
+        ring = config.encirclement
+        self._mission_ring_m = self.ring_m = ring.radius_m
         self._separation_m = config.safety.separation_m
+        self._waiting_m = WAITING * self._separation_m
         self._room_rad = _ROOM * config.clearance_rad
+        self._transition = transition_of(ring)
+        self._speed_m_s = RESERVE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
+        self._acceleration_m_s2 = _TURNING_SHARE * min(ring.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
         self.joined = False
         self._inside = False
+        self._aside_m = self._waiting_m
 
     @property
     def waiting_m(self) -> float:
         """The radius of the waiting circle outside the ring."""
+        return self.ring_m + self._waiting_m
+
+    @property
+    def clear_m(self) -> float:
+        """The radius beyond which a vehicle is clear of the ring."""
         return self.ring_m + ASIDE * self._separation_m
 
     def isolated_m(self, unsure_m: float) -> float:
@@ -75,38 +69,57 @@ class Joining:
         """Restart as not joined, when the vehicle comes from another tactic."""
         self.joined = self._inside = False
 
-    def look(self, polar: Polar, bearings_rad: Sequence[float]) -> float | None:
-        """Join if possible; return the angle ahead to the nearest free place [rad], None once joined."""
-        if self.joined:
-            return None
-        gap = chosen_gap(polar.bearing_rad, bearings_rad)
-        members = len(bearings_rad) + 1
-        room_rad = min(self._room_rad, _ROOM_SHARE * gap.width_rad / 2.0)
-        fits = members == 1 or chord_m(self._mission_ring_m, members) >= self._separation_m
-        at_ring = polar.radius_m <= self.ring_m + self._separation_m
-        self.joined = at_ring or (fits and gap.edge_rad >= room_rad)
-        return None if self.joined else gap.way_rad(_FURTHER * room_rad if fits else gap.width_rad / 2.0)
+    def look(self, polar: Polar, others: int) -> bool:
+        """Join if there is room for one more than the `others`; return whether the vehicle has joined."""
+        fits = not others or chord_m(self._mission_ring_m, others + 1) >= self._separation_m
+        if not self.joined:
+            self.joined = fits or polar.radius_m <= self.ring_m + self._separation_m
+            self._aside_m = min(self._waiting_m, polar.radius_m - self.ring_m)
+        return self.joined
 
-    def radius_m(self, polar: Polar, place: RingPlace) -> float:
-        """Return the radius to fly at for a vehicle that has joined: the ring's, once its neighbours have made room."""
-        if not self._inside and place.lead_rad is not None and place.lag_rad is not None:
+    def radius_m(self, polar: Polar, place: RingPlace, error_rad: float) -> float:
+        """Return the radius to fly at for a vehicle that has joined and is `error_rad` from its place.
+
+        It is that of the ring once the vehicle is there and its neighbours have made room. A vehicle that joined inside
+        the waiting circle does not fly out to it; nearer than a separation it enters before it is at its place.
+        """
+        outside_m, aside_m = polar.radius_m - self.ring_m, self._aside_m
+        if self._inside or outside_m <= _AT_RING * self._separation_m:
+            self._inside = True
+            return self.ring_m
+        if place.lead_rad is not None and place.lag_rad is not None:
             room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
-            at_ring = polar.radius_m <= self.ring_m + self._separation_m
-            if not at_ring and min(place.lead_rad, place.lag_rad) < room_rad:
-                return self.waiting_m
-        self._inside = self._inside or polar.radius_m <= self.ring_m + self._separation_m
-        return self.ring_m
+            if min(place.lead_rad, place.lag_rad) < room_rad:
+                return self.ring_m + aside_m
+        # Without a spacing gain no vehicle flies to its place.
+        waits = self._transition.gain_per_s > 0.0 and aside_m > self._separation_m
+        left_m = abs(error_rad) * self.ring_m if waits else 0.0
+        self._inside = outside_m <= self._separation_m and left_m <= aside_m
+        return self.ring_m + aside_m * min(1.0, left_m / (_IN_FRONT * aside_m))
 
+    def coming(self, radius_m: float) -> float:
+        """Return how far a vehicle at a radius is still outside: 0 on the ring, 1 from the waiting circle on."""
+        return min(1.0, max(0.0, ((radius_m - self.ring_m) / self._separation_m - 1.0) / (WAITING - 1.0)))
 
-def chosen_gap(bearing_rad: float, bearings_rad: Sequence[float]) -> RingGap:
-    """Return the widest gap between vehicles on the ring, or the one in front if that is nearly as wide."""
-    if not bearings_rad:
-        return RingGap(0.0, tau)
-    ahead = sorted(wrap_turn_rad(other - bearing_rad) for other in bearings_rad)
-    gaps = [RingGap((one + other) / 2.0, other - one) for one, other in pairwise(ahead)]
-    own_lag = tau - ahead[-1]
-    own = RingGap((ahead[0] - own_lag) / 2.0, ahead[0] + own_lag)
-    widest = max(gaps, key=lambda gap: gap.width_rad, default=own)
-    if own.width_rad >= _WIDE_SHARE * widest.width_rad:
-        return own
-    return RingGap(wrap_signed_rad(widest.ahead_rad), widest.width_rad)
+    @property
+    def acceleration(self) -> AccelerationBound:
+        """The bound on the acceleration: a vehicle that comes in can brake for the smaller one at the ring."""
+        gentle_m_s2 = self._transition.acceleration_m_s2
+        return AccelerationBound(self.ring_m, self._separation_m, gentle_m_s2, self._acceleration_m_s2)
+
+    def mover(self, error_rad: float, radius_m: float, orbit: Orbit) -> Mover:
+        """Return the bounds of a vehicle at a radius: of a transition on the ring, its own on its way in.
+
+        On its way in it may also fly against the ring's direction.
+        """
+        coming, size_m = self.coming(radius_m), max(radius_m, orbit.radius_m)
+        ring_m_s, gentle_m_s = abs(orbit.angular_rate_rad_s) * size_m, TRACKED_SHARE * self._transition.speed_m_s
+        most_m_s = min(self._speed_m_s, sqrt(self._acceleration_m_s2 * size_m))
+        waiting_m_s = gentle_m_s if ring_m_s == 0.0 else min(gentle_m_s, (1.0 - SLOWEST_SHARE) * ring_m_s)
+        return Mover(
+            error_rad,
+            (gentle_m_s + coming * max(0.0, most_m_s - ring_m_s - gentle_m_s)) / size_m,
+            (waiting_m_s + coming * max(0.0, most_m_s + ring_m_s - waiting_m_s)) / size_m,
+            # It brakes for its place while it comes in and the bound falls.
+            (self._transition.acceleration_m_s2 + self.acceleration.at_m_s2(radius_m)) / 2.0 / size_m,
+        )

@@ -40,18 +40,26 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
 
 
-def place_errors_rad(bearings_rad: Sequence[float]) -> list[float]:
+_ABREAST_RAD = 2e-3
+"""Of vehicles at one bearing, such as a column that comes to the ring, that with the lower id counts as behind: without
+this, each could take itself for the first, and both would fly to one place.
+"""
+
+
+def place_errors_rad(bearings_rad: Sequence[float], ids: Sequence[int]) -> list[float]:
     """Return `mean_j psi_j - psi_i` of every vehicle on the ring from the bearings of all - (19), (21).
 
     `psi_i = phi_i - 2 pi k_i / n` for the k-th of n vehicles counter-clockwise. It is the angle from a vehicle ahead to
     its place among n even places that are turned to the vehicles' mean, and 0 in sum. On a ring of three it is
     `(phi_lead - phi_lag) / 3`.
     """
-    even_rad = tau / len(bearings_rad)
-    turned = [bearing % tau for bearing in bearings_rad]
-    turns = [0.0] * len(turned)
-    for rank, index in enumerate(sorted(range(len(turned)), key=turned.__getitem__)):
-        turns[index] = turned[index] - rank * even_rad
+    even_rad, apart_rad = tau / len(ids), [0.0] * len(ids)
+    for count, index in enumerate(sorted(range(len(ids)), key=ids.__getitem__)):
+        apart_rad[index] = count * _ABREAST_RAD
+    told_apart = [(bearing + apart) % tau for bearing, apart in zip(bearings_rad, apart_rad, strict=True)]
+    turns = [0.0] * len(ids)
+    for rank, index in enumerate(sorted(range(len(ids)), key=told_apart.__getitem__)):
+        turns[index] = told_apart[index] - apart_rad[index] - rank * even_rad
     mean_rad = sum(turns) / len(turns)
     return [mean_rad - turn for turn in turns]
 

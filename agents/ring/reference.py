@@ -7,24 +7,27 @@ noise nor the vehicles' dynamics, and its errors decay as in (20) while no bound
 """
 
 from collections.abc import Sequence
-from math import copysign, inf
+from math import inf, sqrt
 from typing import Final
 
-from agents.ring.feasibility import Orbit
+from agents.ring.feasibility import RESERVE, Orbit
 from agents.ring.transition import (
-    JERK_MAX_M_S3,
+    TRACKED_SHARE,
+    AccelerationBound,
+    Mover,
     ShapedCoordinate,
-    braked_rate,
     transition_of,
     transition_rate_rad_s,
 )
 from agents.settings.sections import EncirclementSettings
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
-from estimation.vectors import limited
+from estimation.vectors import Pair, limited
 
 _RADIAL_GAIN_PER_S = 0.5
 _BRAKED_WITHIN_M = 0.25
+_ACROSS_SHARE = 0.7
+"""The share of its speed that a vehicle may use towards the ring and around it, however fast it is in the other."""
 
 
 class RingPoint:
@@ -41,26 +44,30 @@ class RingPoint:
 
 
 class RingWay:
-    """The input of a reference: the orbit at `radius_m`, and how far all n are from their places, its own first.
+    """The input of a reference: the orbit at `radius_m`, and the n vehicles that change places, its own first.
 
-    `fastest_rad_s` bounds its angular rate. `share` is that of the encirclement in the vehicle's aim. At the vehicle's
-    bearing the ring is `bend_m` farther out than the reference. The vehicle `waits` while the guard changes its aims.
+    `acceleration` bounds its acceleration along the ring and across it. `rates_rad_s` are the least and the
+    largest angular rate that keep the headway. `share` is that of the encirclement in the vehicle's aim. At the
+    vehicle's bearing the ring is `bend_m` farther out than the reference. The vehicle `waits` while the guard changes
+    its aims.
     """
 
     def __init__(
         self,
         orbit: Orbit,
         radius_m: float,
-        errors_rad: Sequence[float],
-        fastest_rad_s: float = inf,
+        movers: Sequence[Mover],
+        acceleration: AccelerationBound,
+        rates_rad_s: Pair = (-inf, inf),
         share: float = 1.0,
         bend_m: float = 0.0,
         waits: bool = False,
     ) -> None:
         self.orbit: Final = orbit
         self.radius_m: Final = radius_m
-        self.errors_rad: Final = errors_rad
-        self.fastest_rad_s: Final = fastest_rad_s
+        self.movers: Final = movers
+        self.acceleration: Final = acceleration
+        self.rates_rad_s: Final = rates_rad_s
         self.share: Final = share
         self.bend_m: Final = bend_m
         self.waits: Final = waits
@@ -112,36 +119,47 @@ class RingReference:
         if step_s <= 0.0:
             return radius, bearing
         size_m = max(radius.value, settings.radius_min_m)
-        fastest_m_s = abs(way.orbit.angular_rate_rad_s) * way.orbit.radius_m + transition.speed_m_s
-        fastest_rad_s = min(way.fastest_rad_s, min(fastest_m_s, settings.speed_max_m_s) / size_m)
-        rate_rad_s = transition_rate_rad_s(way.errors_rad, way.orbit, transition)
-        rate_rad_s = limited(rate_rad_s, fastest_rad_s)
-        speed_m_s = self._radial_speed_m_s(way.radius_m - radius.value)
-        acceleration, jerk = self._bounds(_beyond(radius.rate, speed_m_s), step_s)
-        along_m_s = abs(bearing.rate - way.orbit.angular_rate_rad_s) * size_m
-        turning, turning_jerk = self._bounds(along_m_s if along_m_s > transition.speed_m_s else 0.0, step_s)
+        ring_rad_s, gentle_m_s2 = way.orbit.angular_rate_rad_s, way.acceleration.at_m_s2(radius.value)
+        missing_m = way.radius_m - radius.value
+        # On its way to the ring a vehicle accelerates in two directions, and is briefly faster than its reference.
+        fastest_m_s = settings.speed_max_m_s * (1.0 - (1.0 - RESERVE) * min(1.0, abs(missing_m)))
+        rate_rad_s = transition_rate_rad_s(way.movers, ring_rad_s, transition.gain_per_s)
+        # Both may rise together: the one leaves the other the room for what it is to be, not only for what it is.
+        around_m_s = max(abs(bearing.rate), min(abs(rate_rad_s), _ACROSS_SHARE * fastest_m_s / size_m)) * size_m
+        fastest_in_m_s = min(
+            across_m_s(fastest_m_s, around_m_s), way.acceleration.braked_m_s(radius.value, way.radius_m)
+        )
+        speed_m_s = limited(_RADIAL_GAIN_PER_S * missing_m, fastest_in_m_s)
+        across_max_m_s = across_m_s(fastest_m_s, max(abs(radius.rate), abs(speed_m_s)))
+        rate_rad_s = limited(rate_rad_s, across_max_m_s / size_m)
+        rate_rad_s = min(max(rate_rad_s, way.rates_rad_s[0]), way.rates_rad_s[1])
+        acceleration, jerk = self._bounds(_beyond(radius.rate, speed_m_s), gentle_m_s2, step_s)
+        along_m_s = abs(bearing.rate - ring_rad_s) * size_m
+        most_m_s = max(way.movers[0].ahead_max_rad_s, way.movers[0].back_max_rad_s) * size_m / TRACKED_SHARE
+        turning, turning_jerk = self._bounds(along_m_s if along_m_s > most_m_s else 0.0, gentle_m_s2, step_s)
         return (
             radius.follow(speed_m_s, acceleration, jerk, step_s),
             bearing.follow(rate_rad_s, turning / size_m, turning_jerk / size_m, step_s),
         )
 
-    def _radial_speed_m_s(self, missing_m: float) -> float:
-        """Return the radial speed: far away the speed limit, then braked within the transition's acceleration."""
-        fastest_m_s = braked_rate(missing_m, self._transition.acceleration_m_s2)
-        return copysign(min(_RADIAL_GAIN_PER_S * abs(missing_m), self._settings.speed_max_m_s, fastest_m_s), missing_m)
-
-    def _bounds(self, too_fast_m_s: float, step_s: float) -> tuple[float, float]:
+    def _bounds(self, too_fast_m_s: float, gentle_m_s2: float, step_s: float) -> tuple[float, float]:
         """Return the bounds on acceleration and jerk: a transition's, or larger ones for a vehicle that is too fast.
 
         A vehicle that begins to follow a fast target is too fast, and would fall behind with a transition's bounds. The
         acceleration brakes within `_BRAKED_WITHIN_M`, so it approaches that of a transition as the vehicle slows down.
         """
-        settings, gentle_m_s2 = self._settings, self._transition.acceleration_m_s2
+        settings = self._settings
         if too_fast_m_s == 0.0:
-            return gentle_m_s2, JERK_MAX_M_S3
+            return gentle_m_s2, self._transition.jerk_m_s3
         braking_m_s2 = min(too_fast_m_s**2 / (2.0 * _BRAKED_WITHIN_M), settings.acceleration_max_m_s2)
         more_m_s2 = max(0.0, braking_m_s2 - gentle_m_s2)
-        return gentle_m_s2 + more_m_s2, JERK_MAX_M_S3 + more_m_s2 / step_s
+        return gentle_m_s2 + more_m_s2, self._transition.jerk_m_s3 + more_m_s2 / step_s
+
+
+def across_m_s(speed_max_m_s: float, component_m_s: float) -> float:
+    """Return the speed that one component of it, radial or along the ring, leaves for the other, at least a share."""
+    left_m_s = sqrt(max(speed_max_m_s**2 - component_m_s**2, 0.0))
+    return max(left_m_s, _ACROSS_SHARE * speed_max_m_s)
 
 
 def _beyond(rate: float, wanted: float) -> float:

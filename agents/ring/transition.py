@@ -6,7 +6,6 @@ from typing import Final
 
 import msgspec
 
-from agents.ring.feasibility import Orbit
 from agents.settings.sections import EncirclementSettings
 from estimation.vectors import limited
 
@@ -39,54 +38,101 @@ class ShapedCoordinate:
         return ShapedCoordinate(value + share * off, rate + share * (self.rate - rate), self.acceleration)
 
 
-ACCELERATION_MAX_M_S2, JERK_MAX_M_S3 = 0.3, 0.5
+_ACCELERATION_PER_S2, _JERK_PER_S3 = 0.03, 0.05
+"""The bounds of a transition as shares of the radius: vehicles change places in about the same time on any ring."""
+_SMALL_M, _LARGE_M = 10.0, 20.0
+"""The radii beyond which the bounds stay the same: smaller ones are below disturbances, larger ones are not gentle."""
 SLOWEST_SHARE = 0.2
 """The smallest angular rate of a vehicle that waits for others, as a share of the ring's rate."""
 TRACKED_SHARE = 0.98
 """The share of a transition's speed that references use: a vehicle is briefly a little faster than its reference."""
+_TRIES, _NEARLY = 16, 1e-12
 _BRAKING_SHARE = 0.5
 """The share of the acceleration that the braking distance is computed with; the rest is a margin for disturbances."""
 
 
 class Transition(msgspec.Struct, frozen=True):
-    """The bounds of a transition - speed relative to the ring, acceleration - and the spacing gain gamma."""
+    """The bounds of a transition - speed relative to the ring, acceleration, jerk - and the spacing gain gamma."""
 
     speed_m_s: float
     acceleration_m_s2: float
+    jerk_m_s3: float
     gain_per_s: float
 
 
 def transition_of(settings: EncirclementSettings) -> Transition:
     """Return the transition of the settings."""
-    acceleration_m_s2 = min(ACCELERATION_MAX_M_S2, settings.acceleration_max_m_s2)
-    return Transition(settings.transition_speed_m_s, acceleration_m_s2, settings.spacing_gain_per_s)
-
-
-def transition_rate_rad_s(errors_rad: Sequence[float], orbit: Orbit, transition: Transition) -> float:
-    """Return the rate of the first vehicle on a ring whose vehicles are `errors_rad` (n,) off places - (21), (22).
-
-    It is `w_i = w_D + gamma e_i` [rad/s] as long as no bound is active. With `place_errors_rad` this is the one
-    solution of (19) and (21) for n vehicles: every spacing error decays at gamma, and the mean rate is the ring's. For
-    n = 3 it is (22). A bound on one vehicle scales the corrections of all by the same share, so that the errors decay
-    in proportion and no spacing overshoots. If the ring is too slow for a vehicle to wait, all fly faster by the same
-    amount. Every vehicle computes the share from the same bearings, so no message is needed.
-    """
-    ring_rad_s, gain_per_s = orbit.angular_rate_rad_s, transition.gain_per_s
-    furthest_rad = max(map(abs, errors_rad))
-    if furthest_rad * gain_per_s == 0.0:
-        return ring_rad_s
-    fastest_rad_s = TRACKED_SHARE * transition.speed_m_s / orbit.radius_m
-    slowest_rad_s = fastest_rad_s if ring_rad_s == 0.0 else min(fastest_rad_s, (1.0 - SLOWEST_SHARE) * abs(ring_rad_s))
-    forwards_per_s = copysign(gain_per_s, ring_rad_s)
-    forwards = [forwards_per_s * error_rad for error_rad in errors_rad]
-    least, most = min(forwards), max(forwards)
-    share = min(
-        1.0,
-        (fastest_rad_s + slowest_rad_s) / (most - least),
-        braked_rate(furthest_rad, transition.acceleration_m_s2 / orbit.radius_m) / (gain_per_s * furthest_rad),
+    size_m = min(max(settings.radius_m, _SMALL_M), _LARGE_M)
+    acceleration_m_s2 = min(_ACCELERATION_PER_S2 * size_m, settings.acceleration_max_m_s2)
+    return Transition(
+        settings.transition_speed_m_s, acceleration_m_s2, _JERK_PER_S3 * size_m, settings.spacing_gain_per_s
     )
-    common = max(0.0, -slowest_rad_s - share * least) - max(0.0, share * most - fastest_rad_s)
-    return ring_rad_s + copysign(1.0, ring_rad_s) * (share * forwards[0] + common)
+
+
+class AccelerationBound(msgspec.Struct, frozen=True):
+    """The bound on a vehicle's acceleration, in any direction: a transition's at the ring, its own far outside.
+
+    From `near_m` off the ring on it grows with the distance, up to `most_m_s2` and not below `gentle_m_s2`.
+    """
+
+    ring_m: float
+    near_m: float
+    gentle_m_s2: float
+    most_m_s2: float
+
+    def at_m_s2(self, radius_m: float) -> float:
+        """Return the bound at a radius."""
+        return max(self.gentle_m_s2, min(self.gentle_m_s2 * (radius_m - self.ring_m) / self.near_m, self.most_m_s2))
+
+    def braked_m_s(self, from_m: float, to_m: float) -> float:
+        """Return the largest radial speed that a share of the bound can brake between two radii."""
+        return sqrt(2.0 * _BRAKING_SHARE * abs(self._integral(from_m) - self._integral(to_m)))
+
+    def _integral(self, radius_m: float) -> float:
+        """Return the integral of the bound from the ring to a radius, negative inside it [m²/s²]."""
+        off_m, near_m = radius_m - self.ring_m, self.near_m
+        far_m = near_m * max(1.0, self.most_m_s2 / self.gentle_m_s2)
+        growing_m = min(max(off_m, near_m), far_m)
+        return self.gentle_m_s2 * (min(off_m, near_m) + (growing_m**2 - near_m**2) / (2.0 * near_m)) + max(
+            self.gentle_m_s2, self.most_m_s2
+        ) * max(off_m - far_m, 0.0)
+
+
+class Mover(msgspec.Struct, frozen=True):
+    """A vehicle that changes its place: how far it is from it, and the bounds of its motion relative to the ring."""
+
+    error_rad: float
+    ahead_max_rad_s: float
+    back_max_rad_s: float
+    acceleration_max_rad_s2: float
+
+
+def transition_rate_rad_s(movers: Sequence[Mover], ring_rad_s: float, gain_per_s: float) -> float:
+    """Return the rate [rad/s] of the first of all vehicles on a ring of rate `ring_rad_s` - (21), (22).
+
+    It is `w_i = w_D + gamma e_i` as long as no bound is active. With `place_errors_rad` this is the one solution of
+    (19) and (21) for n vehicles: every spacing error decays at gamma, and the mean rate is the ring's. For n = 3 it is
+    (22). A bound on one vehicle scales the corrections of all by the same share, so that the errors decay in proportion
+    and no spacing overshoots. If a vehicle cannot wait as long as that, all fly faster by the same amount. Every
+    vehicle computes the share from the same messages, so no other is needed.
+    """
+    forwards_per_s = copysign(gain_per_s, ring_rad_s)
+    wanted = [(forwards_per_s * each.error_rad, each) for each in movers]
+    share = 1.0
+    for rate, each in wanted:
+        braked = braked_rate(each.error_rad, each.acceleration_max_rad_s2)
+        if share * abs(rate) > braked:
+            share = braked / abs(rate)
+    for _ in range(_TRIES):
+        # All rates `share * wanted + common` are to be within their bounds: `common` lies between two, or the share of
+        # the two that contradict each other is too large.
+        least, slowest = max((-each.back_max_rad_s - share * rate, -rate) for rate, each in wanted)
+        most, fastest = max((share * rate - each.ahead_max_rad_s, rate) for rate, each in wanted)
+        if not (least + most > _NEARLY and fastest + slowest > 0.0):  # also ends with a bearing that is not a number
+            break
+        share -= (least + most) / (fastest + slowest)
+    common = max(0.0, least) - max(0.0, most)
+    return ring_rad_s + copysign(1.0, ring_rad_s) * (share * wanted[0][0] + common)
 
 
 def braked_rate(missing: float, acceleration_max: float) -> float:

@@ -69,7 +69,7 @@ class EncirclementSection(Settings):
         None,
         gt=0.0,
         le=20.0,
-        description="speed relative to the ring while spacings change; none: half the ring's, at least 1 m/s",
+        description="speed relative to the ring while spacings change; none: from the ring's speed and radius",
     )
 
 
@@ -80,8 +80,11 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
     def transition_speed_m_s(self) -> float:
         """The speed of a transition, relative to the ring's speed along it, and towards it."""
         given_m_s = self.spacing_speed_max_m_s
-        half_m_s = abs(self.angular_rate_rad_s) * self.radius_m / 2.0
-        return min(max(1.0, half_m_s) if given_m_s is None else given_m_s, self.speed_max_m_s)
+        if given_m_s is not None:
+            return min(given_m_s, self.speed_max_m_s)
+        ring_m_s = abs(self.angular_rate_rad_s) * self.radius_m
+        left_m_s = max(0.9 * self.speed_max_m_s - ring_m_s, 0.5 * ring_m_s, 1.0)
+        return min(max(1.0, 0.5 * ring_m_s, 0.1 * self.radius_m), left_m_s, self.speed_max_m_s)
 
 
 class DecisionSettings(Settings):

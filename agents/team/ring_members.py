@@ -84,12 +84,12 @@ class RingMembers:
             if abs(each.radius_m - radius_m) < within_m
         ]
 
-    def reference_bearings_rad(self, at_s: float) -> list[float]:
-        """Return the bearings of all engaged peers' references at a time, extrapolated at their published rates."""
+    def others(self, at_s: float) -> list[tuple[int, float, float]]:
+        """Return of all engaged peers with a reference: id, its bearing at a time at its published rate, and radius."""
         return [
-            angle.reference_rad + angle.reference_rate_rad_s * (at_s - angle.time_s)
-            for angle in self._on_ring()
-            if angle.reference_rad is not None
+            (each.sender, each.reference_rad + each.reference_rate_rad_s * (at_s - each.time_s), each.radius_m)
+            for each in self._on_ring()
+            if each.reference_rad is not None
         ]
 
     def references(self, own_id: int) -> int:

@@ -1,9 +1,7 @@
 """A drill: injects faults into a flying team one after another, and judges its reactions."""
 
 import os
-import socket
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from math import inf, sqrt
 from typing import Any, Protocol
@@ -19,6 +17,7 @@ from gcs.drill.faults import RESPACED_S, Drill, Roles
 from gcs.drill.flight import DrillFlight
 from gcs.drill.judge import OFFBOARD, ON_MISSION, Expectation, failures, reacted_s, respaced
 from gcs.errors import InputError
+from gcs.link.ports import free_ports
 from gcs.metrics.json_output import json_output
 from gcs.mission.file import load_mission, parse_mission
 from gcs.mission.mission import Mission
@@ -66,29 +65,13 @@ def _near_m(mission: Mission) -> list[float]:
 def _move_apart(content: _Content) -> None:
     """Set free ports for every vehicle, and a unique team name."""
     vehicles = content["vehicles"]
-    ports = iter(_free_ports(2 * len(vehicles)))
+    ports = iter(free_ports(2 * len(vehicles)))
     for vehicle in vehicles:
         vehicle["url"] = f"udpin://{_LOOPBACK}:{next(ports)}"
         vehicle["endpoint"] = f"tcp/{_LOOPBACK}:{next(ports)}"
     network = content.setdefault("network", {})
     network.pop("security", None)  # cordon creates the keys of flights on one computer
     network["team"] = f"drill-{os.getpid()}"
-
-
-def _free_ports(count: int) -> list[int]:
-    """Return ports that are free for both UDP and TCP."""
-    ports: list[int] = []
-    with ExitStack() as taken:
-        while len(ports) < count:
-            tcp = taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
-            udp = taken.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            tcp.bind((_LOOPBACK, 0))
-            try:
-                udp.bind(tcp.getsockname())
-            except OSError:
-                continue
-            ports.append(tcp.getsockname()[1])
-    return ports
 
 
 SPEED = inf

@@ -9,10 +9,12 @@ import errno
 import fcntl
 import ipaddress
 import os
+import random
 import socket
 import stat
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
 from os import getpid
 from pathlib import Path
 from secrets import token_hex
@@ -29,6 +31,38 @@ from gcs.keys.private_files import FILE_MODE, locked_runtime_folder, make_folder
 from gcs.mission.mission import Mission, MissionVehicle
 
 _COMMAND_LENGTH = 160
+_LOOPBACK = "127.0.0.1"
+_FREE_FROM, _BLOCKS, _PORTS_A_BLOCK = 20_000, 24, 500
+_block_claims: list[socket.socket] = []
+
+
+def _claimed_ports() -> Iterator[int]:
+    """Yield ports of blocks that no other process of cordon has: a bound port claims one while its process lives.
+
+    All are below the range of ephemeral ports, so that other connections do not take them before they are used.
+    """
+    for block in random.Random(getpid()).sample(range(_BLOCKS), _BLOCKS):
+        claim = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            claim.bind((_LOOPBACK, _FREE_FROM - _BLOCKS + block))
+        except OSError:
+            claim.close()
+            continue
+        _block_claims.append(claim)
+        yield from range(_FREE_FROM + block * _PORTS_A_BLOCK, _FREE_FROM + (block + 1) * _PORTS_A_BLOCK)
+
+
+_ports = _claimed_ports()
+
+
+def free_ports(count: int) -> list[int]:
+    """Return ports of this computer that are free for UDP and TCP; this process returns none twice."""
+    kinds = socket.SOCK_DGRAM, socket.SOCK_STREAM
+    free = (port for port in _ports if not any(bind_fault(kind, _LOOPBACK, port) for kind in kinds))
+    found = list(islice(free, count))
+    if len(found) < count:
+        raise VehicleRefusedError(f"fewer than {count} ports are free", "end other runs of cordon on this computer")
+    return found
 
 
 def bind_fault(kind: socket.SocketKind, host: str, port: int) -> OSError | None:

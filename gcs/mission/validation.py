@@ -9,7 +9,6 @@ from typing import TypeVar, get_args
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from agents.ring.transition import ACCELERATION_MAX_M_S2, JERK_MAX_M_S3
 from agents.team.clock_watch import STEP_S
 from estimation.settings import Settings
 from gcs.errors import KeyFault
@@ -26,8 +25,10 @@ FORMER_KEYS: Mapping[str, str] = {
         ("tuning.encirclement.lag_weight", "tuning.encirclement.lead_weight"),
         "their sum is tuning.encirclement.spacing_weight",
     ),
-    "encirclement.spacing_acceleration_max_m_s2": f"its value is always {ACCELERATION_MAX_M_S2:g}",
-    "encirclement.spacing_jerk_max_m_s3": f"its value is always {JERK_MAX_M_S3:g}",
+    **dict.fromkeys(
+        ("encirclement.spacing_acceleration_max_m_s2", "encirclement.spacing_jerk_max_m_s3"),
+        "its value follows from encirclement.radius_m",
+    ),
     "tuning.failsafe.clock_step_s": f"its value is always {STEP_S:g}",
 }
 """Keys of earlier versions, by their paths without indexes, and where their values are now."""

@@ -158,8 +158,10 @@ class TeamPictures:
     def picture(self, now_s: float, link: str = "", stood_s: float = 0.0, *, is_over: bool = False) -> TeamPicture:
         """Return the team at `now_s`; `link` is the fault of the link to it, and no flight runs if it `is_over`.
 
-        Nothing could come from the team for `stood_s` since its last message: see `Standstill`.
+        Nothing could come from the team for `stood_s` since its last message: see `Standstill`. While vehicles that
+        have not ended send messages, a flight runs: their presence may be noticed later than these.
         """
+        is_over = is_over and all(each.ended or now_s - each.any_s > SILENT_AFTER_S for each in self._received.values())
         self._update_time(now_s)
         lost = self._lost_picture(now_s, stood_s, is_over=is_over)
         self._unaccounted = self._found_unaccounted(is_gone=is_over or lost is not None)

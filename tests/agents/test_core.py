@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from math import cos, hypot, sin, tau
+from math import cos, hypot, pi, sin, tau
 
 import msgspec
 import numpy as np
@@ -15,6 +15,7 @@ from agents.core import VehicleCore
 from agents.drops import Drops
 from agents.inputs import Message, Presence, Start, TacticEvent
 from agents.outputs import TickOutput
+from agents.ring.joining import WAITING
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode, encode
@@ -59,10 +60,13 @@ def seeing(
     return msgspec.structs.replace(member(1, time_s, 0.0, 4.0), sightings=(seen,))
 
 
-def on_ring(sender: int, time_s: float, target_m: tuple[float, float], bearing: float, rate: float) -> MemberState:
-    """The state of a peer on a ring of 10 m."""
-    x, y = target_m[0] + 10.0 * cos(bearing), target_m[1] + 10.0 * sin(bearing)
-    angle = NeighbourAngle(sender, time_s, bearing, rate, 10.0)
+def on_ring(
+    sender: int, time_s: float, target_m: tuple[float, float], bearing: float, rate: float, *, radius_m: float = 10.0
+) -> MemberState:
+    """The state of a peer on a ring."""
+    bearing %= tau
+    x, y = target_m[0] + radius_m * cos(bearing), target_m[1] + radius_m * sin(bearing)
+    angle = NeighbourAngle(sender, time_s, bearing, rate, radius_m, reference_rad=bearing, reference_rate_rad_s=rate)
     return msgspec.structs.replace(member(sender, time_s, x, y, "encircle"), angle=angle)
 
 
@@ -393,27 +397,50 @@ def test_in_another_shape_it_flies_to_its_new_slot(make_config: Maker) -> None:
     assert "the formation's shape is 'wedge'" in [note.text for output in outputs for note in output.status.notes]
 
 
-def test_without_a_gap_ahead_it_stays_off_the_ring_and_does_not_publish_its_bearing(make_config: Maker) -> None:
-    def flight(bearing_off: float) -> list[TickOutput]:
-        config = make_config(safety={"separation_m": 3.0, "guard": False}, decision={"distance_max_m": 50.0})
-        pilot = Pilot(config, motion=(20.0, 0.0, 0.0, 0.0))
-        outputs = []
-        for tick in range(40):
-            now_s = pilot.now_s
-            pilot.core.take(sighting(now_s, 0.0, 0.0))
-            for sender, bearing in ((1, bearing_off), (3, bearing_off + 2.0)):
-                pilot.core.take(Message(now_s, on_ring(sender, now_s, (0.0, 0.0), bearing + 0.05 * now_s, 0.05)))
-            outputs += pilot.fly((tick + 1) * PERIOD_S)
-        return outputs
+@pytest.mark.parametrize(("peers", "has_room"), [(9, True), (10, False)])
+def test_off_a_full_ring_it_waits_outside_and_does_not_publish_its_bearing(
+    peers: int, has_room: bool, make_config: Maker
+) -> None:
+    config = make_config(
+        slots=tuple(range(1, 13)),
+        encirclement={"radius_m": 5.0},  # eleven would be 2.8 m apart
+        safety={"separation_m": 3.0, "guard": False},
+        decision={"distance_max_m": 50.0},
+    )
+    pilot, outputs = Pilot(config, motion=(20.0, 0.0, 0.0, 0.0)), []
+    for tick in range(200):
+        now_s = pilot.now_s
+        pilot.core.take(sighting(now_s, 0.0, 0.0))
+        for place in range(peers):
+            bearing = tau * (place + 0.5) / peers + 0.05 * now_s
+            pilot.core.take(Message(now_s, on_ring(place + 3, now_s, (0.0, 0.0), bearing, 0.05, radius_m=5.0)))
+        outputs += pilot.fly((tick + 1) * PERIOD_S)
+    told = [state.angle is not None for output in outputs for state in states_of(output)]
+    assert sum(told) == (len(told) - told.index(True) if has_room else 0)
+    assert (outputs[20].status.place is not None) is has_room
+    if not has_room:
+        assert hypot(*pilot.motion[:2]) == pytest.approx(5.0 + WAITING * 3.0, abs=0.1)
 
-    def told(outputs: list[TickOutput]) -> int:
-        return sum(state.angle is not None for output in outputs for state in states_of(output))
 
-    hidden, free = flight(0.1), flight(-3.1)
-    assert told(hidden) < 5
-    assert told(free) > 30
-    assert hidden[20].status.place is None
-    assert free[20].status.place is not None
+def test_it_publishes_its_bearing_from_the_engagement_on_and_its_reference_once_it_follows_it(
+    make_config: Maker,
+) -> None:
+    """The others make room while it is still far away, but not for a motion that is still the formation's."""
+    pilot = Pilot(make_config(safety={"separation_m": 3.0, "guard": False}, decision={"distance_max_m": 50.0}))
+    pilot.core.take(sighting(0.0, 30.0, 0.0))
+    outputs = []
+    for tick in range(50):
+        pilot.core.take(sighting(pilot.now_s, 30.0, 0.0))
+        outputs += pilot.fly((tick + 1) * PERIOD_S)
+    engaged = next(n for n, output in enumerate(outputs) if output.status.tactic is Tactic.ENCIRCLE)
+    follows = next(n for n, output in enumerate(outputs) if output.status.mixing == 1.0)
+    assert engaged + 30 < follows < len(outputs) - 5
+    for n, output in enumerate(outputs[engaged:], engaged):
+        for angle in (state.angle for state in states_of(output)):
+            assert angle is not None
+            assert angle.radius_m == pytest.approx(hypot(*(pilot.motion[:2] - (30.0, 0.0))), abs=6.0)
+            assert (angle.reference_rad is not None) is (n >= follows)
+            assert angle.reference_rad is None or abs(angle.reference_rad) == pytest.approx(pi, abs=0.2)
 
 
 def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> None:

@@ -8,10 +8,14 @@ import pytest
 
 from estimation.state import POSITION
 from tests.experiments.membership import formation_settled_s, measured, separation_left_m
-from tests.experiments.membership_scenes import SCENES, flown
+from tests.experiments.membership_scenes import SCENES, Scene, flown
+from tests.experiments.random_joins import BACKWARDS_M_S, BOUND_SHARE, OVERSHOOT_DEG, judged, recorded
+from tests.support.mission_text import content, parsed
 
 LINE_OF_TWO = 3
 """A seed of one alone in formation, and another one that comes."""
+TRUE_SCALES = ((0.92, 1.06), (1.08, 0.95), (0.95, 0.92), (1.04, 1.08), (0.97, 1.03), (1.0, 0.93))
+"""By how much true plants differ from their models."""
 
 
 @pytest.mark.parametrize(("name", "seed"), [("3 -> 2 on the ring", 1), ("2 -> 3 on the ring", 0)])
@@ -22,6 +26,50 @@ def test_the_ring_closes_and_opens(name: str, seed: int) -> None:
     assert draw.separation_left_m >= 0.0
     assert draw.overtakings == 0
     assert draw.innermost_share >= 0.75  # nobody cuts across
+
+
+@pytest.mark.parametrize(
+    ("count", "apart_m", "away_m", "ring_m", "rate_rad_s", "limit_s"),
+    [(4, 8.0, (25.0, 0.0), 12.0, -0.08, 30.0), (6, 6.0, (40.0, 10.0), 14.0, 0.07, 42.0)],
+)
+def test_vehicles_that_engage_at_once_from_one_side_fly_to_even_places(
+    count: int, apart_m: float, away_m: tuple[float, float], ring_m: float, rate_rad_s: float, limit_s: float
+) -> None:
+    scene = all_from_one_side(count, apart_m, away_m, ring_m, rate_rad_s)
+    joined = judged(0, scene, *recorded(scene, 0))
+    assert joined.worst.at_s == 0.0
+    assert joined.worst.took_s is not None
+    assert joined.worst.took_s <= limit_s
+    assert joined.overshoot_deg <= OVERSHOOT_DEG
+    assert joined.speed_share <= BOUND_SHARE
+    assert joined.acceleration_share <= BOUND_SHARE
+    assert joined.forwards_m_s >= BACKWARDS_M_S
+    assert joined.separation_left_m >= 0.0
+    assert joined.never_engaged == ()
+
+
+def all_from_one_side(
+    count: int, apart_m: float, away_m: tuple[float, float], ring_m: float, rate_rad_s: float
+) -> Scene:
+    """Vehicles abreast, with plants up to 8 % off their models, which engage at once a target that is far away."""
+    mission = content()
+    mission["encirclement"] |= {"radius_m": ring_m, "angular_rate_rad_s": rate_rad_s}
+    mission["tuning"] = {"encirclement": {"radius_far_m": 60.0}}
+    mission["decision"]["distance_max_m"] = mission["target"]["sensor"]["range_m"] = 200.0
+    mission["target"] |= {"start_m": list(away_m), "velocity_m_s": [0.1, 0.05]}
+    mission["network"] = {"delay_s": 0.05}
+    mission["formation"]["spacing_m"] = apart_m
+    mission["vehicles"] = [
+        {
+            "id": slot + 1,
+            "url": f"udpin://127.0.0.1:{14540 + slot}",
+            "endpoint": f"tcp/127.0.0.1:{7461 + slot}",
+            "true_scale": {"a0": a0, "a1": a1},
+            "start_m": [0.0, ((count - 1) / 2.0 - slot) * apart_m],
+        }
+        for slot, (a0, a1) in enumerate(TRUE_SCALES[:count])
+    ]
+    return Scene(parsed(mission), (), 60.0, 0.0)
 
 
 def test_one_alone_flies_its_line_and_another_one_joins_it() -> None:

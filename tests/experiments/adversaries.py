@@ -41,13 +41,13 @@ from gcs.flight.stubs import url_ports
 from gcs.flightlog.audit import AuditEntry
 from gcs.flightlog.reader import read_log
 from gcs.keys.key_folder import KeyFolder
+from gcs.link.ports import free_ports
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from tests.experiments.arguments import parser
 from tests.support.computers import Computer, computers
 from tests.support.paths import ROOT, finds_tests
 from tests.support.ring_mission import ring_mission
-from tests.support.wire import free_ports
 
 Kind = Literal["outsider", "other user", "vehicle", "operator", "sensor"]
 KINDS: Sequence[Kind] = ("outsider", "other user", "vehicle", "operator", "sensor")

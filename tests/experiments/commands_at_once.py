@@ -28,11 +28,11 @@ from gcs.errors import InputError
 from gcs.flight.stubs import url_ports
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Cost
+from gcs.link.ports import free_ports
 from gcs.mission.file import load_mission
 from tests.experiments.arguments import parser
 from tests.support.paths import ROOT
 from tests.support.ring_mission import ring_mission
-from tests.support.wire import free_ports
 
 RATE_HZ = 20.0
 DURATION_S = 900.0

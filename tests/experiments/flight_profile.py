@@ -22,10 +22,10 @@ from agents.inputs import Tick
 from gcs.flight.supervisor import is_supervised
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Cost
+from gcs.link.ports import free_ports
 from tests.experiments.arguments import parser
 from tests.support.paths import ROOT, finds_tests
 from tests.support.ring_mission import ring_mission
-from tests.support.wire import free_ports
 
 INSIDE = "--inside"
 RATE_HZ = 20.0

@@ -334,10 +334,15 @@ class Ring:
         return float(joins_s.max(axis=1).min()), float(gently_s.max(axis=1).min())
 
     def speed_share(self) -> float:
-        """Return the largest speed relative to the target as a share of its bound, on the ring and on the way there."""
-        settings = self.settings
+        """Return the largest speed relative to the target as a share of its bound, on the ring and off it.
+
+        Where the ring is bent around a vehicle that has left, the way is longer, and the bound is that off the ring.
+        """
+        settings, on = self.settings, self.on.copy()
+        for span in self.spans():
+            on[:, span] &= ~self._bent(span)
         along_m_s = abs(settings.angular_rate_rad_s) * settings.radius_m
-        bound_m_s = np.where(self.on, along_m_s + transition_of(settings).speed_m_s, settings.speed_max_m_s)
+        bound_m_s = np.where(on, along_m_s + transition_of(settings).speed_m_s, settings.speed_max_m_s)
         return float((self.relative.speed_m_s / bound_m_s)[self.motion.member].max(initial=0.0))
 
     def acceleration_share(self) -> float:

@@ -32,6 +32,7 @@ from agents.tactics import Tactic
 from gcs.errors import Exit
 from gcs.flight.stubs import stub_configs
 from gcs.flightlog.reader import read_log
+from gcs.link.ports import free_ports
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.radio.emulation import Emulation
@@ -44,7 +45,6 @@ from tests.support.paths import MISSIONS
 from tests.support.px4 import Px4Missing, Px4Simulator, px4_build
 from tests.support.ring_mission import ring_mission
 from tests.support.simulated_link import SimulatedLink
-from tests.support.wire import free_ports
 
 CORDON = Path(sys.executable).with_name("cordon")
 """That of this installation."""

@@ -191,6 +191,7 @@ def test_a_team_is_shown_as_it_flies_and_obeys(open_page: OpenPage, mission_file
     with Bus(mission) as bus, flying(path) as (url, lines):
         page = open_page(url)
         expect(page.locator(".card .tactic", has_text="encircle")).to_have_count(3)
+        expect(page.locator(".symbol[data-vehicle], .symbol.target")).to_have_count(4)
         ports = url_ports(mission, mission.ids).values()
         with LockstepClient(*ports, speed=SPEED_WHILE_PRESSED) as clock:
             for _ in range(2):

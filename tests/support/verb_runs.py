@@ -17,10 +17,10 @@ import tomli_w
 from cyclopts import App
 
 from gcs.cli import VERBS, app, main
+from gcs.link.ports import free_ports
 from tests.support.mission_text import LOW_M
 from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
 from tests.support.ring_mission import ring_mission
-from tests.support.wire import free_ports
 
 EXCITATION = {
     "offset_m": [0.0, 6.0],

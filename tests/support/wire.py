@@ -2,8 +2,6 @@
 
 import asyncio
 import os
-import random
-import socket
 import subprocess
 import sys
 import time
@@ -11,11 +9,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iter
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
 from math import inf
 from typing import TypeVar
 
 from agents.shell.clock import MissionClock
+from gcs.link.ports import free_ports
 from sitl.autopilot.autopilot import StubAutopilot
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
@@ -27,47 +25,9 @@ ValueT = TypeVar("ValueT")
 LOOPBACK = "127.0.0.1"
 
 
-BLOCKS, PORTS_A_BLOCK = 24, 500
-_claims: list[socket.socket] = []
-
-
-def _claimed_ports() -> Iterator[int]:
-    """Yield ports of blocks that no other process of the tests has: a bound port claims one while its process lives.
-
-    All are below the range of ephemeral ports, so that other connections do not take them.
-    """
-    for block in random.Random(os.getpid()).sample(range(BLOCKS), BLOCKS):
-        claim = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        try:
-            claim.bind((LOOPBACK, 19_900 + block))
-        except OSError:
-            claim.close()
-            continue
-        _claims.append(claim)
-        yield from range(20_000 + block * PORTS_A_BLOCK, 20_000 + (block + 1) * PORTS_A_BLOCK)
-
-
-_PORTS = _claimed_ports()
-
-
-def free_ports(count: int) -> list[int]:
-    """Return ports that are free for UDP and for TCP; no port is returned twice."""
-    return list(islice(filter(_is_free, _PORTS), count))
-
-
 def free_port() -> int:
     """Return one such port."""
     return free_ports(1)[0]
-
-
-def _is_free(port: int) -> bool:
-    for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
-        with socket.socket(socket.AF_INET, kind) as attempt:
-            try:
-                attempt.bind((LOOPBACK, port))
-            except OSError:
-                return False
-    return True
 
 
 @contextmanager

@@ -195,7 +195,7 @@ async def _careless() -> AsyncIterator[int]:
 @pytest.mark.long
 async def test_one_that_hangs_before_a_vehicle_flies_is_ended_by_ctrl_c(fly: Fly) -> None:
     flight = await fly()
-    await flight.until(lambda: flight.flying_pid > 0, PATIENCE_S, "the flying process")
+    await until(lambda: flight.flying_pid > 0, waiting_for="the flying process")  # it does not hold the clock yet
     flight.strike(signal.SIGSTOP)
     assert not flight.any_armed
     flight.process.send_signal(signal.SIGINT)

@@ -27,9 +27,10 @@ from agents.team import codec
 from agents.team.codec import decode, encode
 from agents.team.messages import REPORT_TOPIC, BusMessage, CommandAnswer, StartProposal, VehicleReport
 from agents.team.participant import Participant, vehicle
+from gcs.link.ports import free_ports
 from tests.support.fake_flight import FakeFlight
 from tests.support.paths import ROOT
-from tests.support.wire import PATIENCE_S, free_ports, repeated, until
+from tests.support.wire import PATIENCE_S, repeated, until
 
 PEER_PROCESS = """
 import asyncio, sys

@@ -15,6 +15,7 @@ from agents.control.encirclement import Approach, EncirclementPlan, Encirclement
 from agents.control.lmpc import QpStatus
 from agents.ring.detour import MARGIN_M, Obstacle
 from agents.ring.feasibility import Orbit
+from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, place_errors_rad, ring_place
 from agents.ring.reference import RingPoint, RingReference, RingWay
 from agents.ring.transition import ShapedCoordinate
@@ -30,6 +31,7 @@ TARGET = np.array([35.0, -5.0, 0.1, 0.05])
 PERTURBED = Plant(PlantAxis(0.80 * 1.15, 0.87 * 0.9), PlantAxis(0.80 * 0.9, 0.87 * 1.1))
 WIND = np.array([0.15, -0.1])
 STILL = np.zeros(2)
+FAR_OUT = Polar(50.0, 0.0, 0.0, 0.0)
 PERIOD_S = 0.1
 
 
@@ -68,6 +70,7 @@ class PaperProblem:
     """(23)-(26) in the paper's four terms, the separations to be kept those of the references.
 
     Each neighbour flies on its own reference, which has any motion. The own one's acceleration fades at the gain.
+    Angles count as distances at the vehicle's own radius, which on the ring are the paper's.
     """
 
     config: AgentConfig
@@ -116,32 +119,43 @@ class PaperProblem:
         radius, angle, _, rate = self.rollout(decision).T
         wanted_m, _ = self.faded(self.reference.radius)
         bearing_rad, wanted_rad_s = self.faded(self.reference.bearing)
+        farther = (self.polar.radius_m / ring.radius_m) ** 2
         total = ring.radius_weight * np.sum((radius - wanted_m) ** 2)
-        total += ring.rate_weight * np.sum((rate - wanted_rad_s) ** 2)
+        total += farther * ring.rate_weight * np.sum((rate - wanted_rad_s) ** 2)
         own = angle + self.polar.bearing_rad
         times_s = ring.prediction_step_s * np.arange(1, ring.horizon + 1)
         lead, lag = bearing_rad + 2.1 - 0.3 * times_s, bearing_rad - 1.7 + 0.02 * times_s**2
         rho, zeta = self.weights
-        total += rho * np.sum(((own - lag) - (bearing_rad - lag)) ** 2)
-        total += zeta * np.sum(((lead - own) - (lead - bearing_rad)) ** 2)
+        total += farther * rho * np.sum(((own - lag) - (bearing_rad - lag)) ** 2)
+        total += farther * zeta * np.sum(((lead - own) - (lead - bearing_rad)) ** 2)
         increments = np.diff(np.vstack([self.previous, decision.reshape(-1, 2)]), axis=0)
-        return float(total + np.sum(increments**2 @ [ring.radial_increment_weight, ring.angular_increment_weight]))
+        weights = ring.radial_increment_weight, farther * ring.angular_increment_weight
+        return float(total + np.sum(increments**2 @ weights))
 
     def slack(self, decision: Vector) -> Vector:
-        """Nowhere negative where speed limit and clearance are kept."""
+        """Nowhere negative where speed limit and clearance are kept.
+
+        Each component of the speed may have what the other one leaves, and at least 0.7 of the limit. The clearance is
+        a distance.
+        """
         _, angle, radial_speed, rate = self.rollout(decision).T
-        limit = self.config.encirclement.speed_max_m_s
-        angular = limit / self.polar.radius_m
-        slacks = [limit - radial_speed, limit + radial_speed, angular - rate, angular + rate]
+        ring, polar = self.config.encirclement, self.polar
+        limit, along = ring.speed_max_m_s, polar.radius_m * polar.angular_rate_rad_s
+        radial, angular = (
+            max(0.7 * limit, np.sqrt(max(0.0, limit**2 - other**2))) for other in (along, polar.radial_speed_m_s)
+        )
+        angular /= polar.radius_m
+        slacks = [radial - radial_speed, radial + radial_speed, angular - rate, angular + rate]
         if self.place.members > 1:
-            lead, lag = self.neighbours()
-            clear_rad = self.config.clearance_rad * self.config.encirclement.radius_m / self.polar.radius_m
-            slacks += [lead - angle - clear_rad, angle - lag - clear_rad]
+            (lead, lag), clear = self.neighbours(), self.config.clearance_rad * ring.radius_m / polar.radius_m
+            slacks += [lead - angle - clear, angle - lag - clear]
         return np.concatenate(slacks)
 
     def optimum(self) -> Vector:
         ring = self.config.encirclement
-        limit = ring.acceleration_max_m_s2 / np.array([1.0, self.polar.radius_m])
+        most, before = ring.acceleration_max_m_s2, self.previous * [1.0, self.polar.radius_m]
+        across = np.sqrt(np.maximum(most**2 - before[::-1] ** 2, 0.0))
+        limit = np.maximum(0.7 * most, across) / np.array([1.0, self.polar.radius_m])
         corners = np.eye(2 * ring.control_horizon)
         result = minimize(
             self.cost,
@@ -225,7 +239,7 @@ class Flyer:
         self.motion = motion_from_polar(polar, TARGET)
         self.own = OwnFilter(config.plant, config.own_filter)
         self.planner = EncirclementPlanner(config)
-        self.reference = RingReference(config.encirclement)
+        self.joining, self.reference = Joining(config), RingReference(config.encirclement)
         self.point: RingPoint | None = None
         self.plans: list[EncirclementPlan] = []
 
@@ -240,8 +254,10 @@ class Flyer:
         polar, at_s = polar_from_motion(acting, target), now_s + PERIOD_S / 2.0
         place, ring = ring_place(polar.bearing_rad, bearings), self.config.encirclement
         references = [other.point.bearing_rad(at_s) for other in others if other.point is not None]
-        errors = place_errors_rad([self.reference.bearing_rad(polar, at_s), *references])
-        way = RingWay(Orbit(ring.radius_m, ring.angular_rate_rad_s), ring.radius_m, errors)
+        errors = place_errors_rad([self.reference.bearing_rad(polar, at_s), *references], range(len(references) + 1))
+        orbit, joining = Orbit(ring.radius_m, ring.angular_rate_rad_s), self.joining
+        movers = [joining.mover(error, polar.radius_m, orbit) for error in errors]
+        way = RingWay(orbit, ring.radius_m, movers, joining.acceleration)
         self.point = self.reference.advance(polar, way, at_s)
         task = ring_task(self.config, acting, target, mean[DISTURBANCE], place, reference=self.point)
         self.plans.append(self.planner.plan(task))
@@ -297,6 +313,26 @@ def test_the_speed_limit_is_kept_on_the_way_and_on_the_ring(make_config: Maker) 
     # 0.3 rad/s would need 3 m/s: the vehicle turns as fast as it may.
     assert flown[-50:, 3] == pytest.approx(0.1, abs=0.003)
     assert flown[-50:, 0] == pytest.approx(10.0, abs=0.1)
+
+
+def test_the_speed_limit_is_one_of_the_vector(make_config: Maker) -> None:
+    """Towards a reference that has the limit in both directions, and is as far ahead as it may be."""
+    config = make_config()
+    ring, planner, motion = config.encirclement, EncirclementPlanner(config), motion_from_polar(FAR_OUT, TARGET)
+    lead_m, limit_m_s, speeds_m_s = ring.reference_lead_max_m, ring.speed_max_m_s, []
+    for tick in range(100):
+        target = target_at(tick * PERIOD_S)
+        polar = polar_from_motion(motion, target)
+        reference = RingPoint(
+            ShapedCoordinate(polar.radius_m - lead_m, -limit_m_s),
+            ShapedCoordinate(polar.bearing_rad + lead_m / polar.radius_m, limit_m_s / polar.radius_m),
+            0.0,
+        )
+        task = ring_task(config, motion, target, STILL, PLACES["alone"], reference=reference)
+        motion = exact_step(config.plant, PERIOD_S).advance(motion, planner.plan(task).aim_m, STILL)
+        speeds_m_s.append(float(np.hypot(*(motion - target)[2:])))
+    assert max(speeds_m_s) <= 1.1 * limit_m_s
+    assert speeds_m_s[-1] >= 0.9 * limit_m_s
 
 
 @pytest.mark.parametrize("ahead_rad", [0.2, -0.2])

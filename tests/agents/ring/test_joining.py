@@ -1,8 +1,8 @@
-"""Joining a ring on which others are: which gap, when to say so, and when to come in."""
+"""Joining a ring on which others are: when it has room for one more, the way to the place, and when to enter."""
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import pi, tau
+from math import pi
 
 import numpy as np
 import pytest
@@ -10,95 +10,103 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.ring.detour import Obstacle, bent_ring_m
-from agents.ring.joining import ASIDE, Joining, chosen_gap
+from agents.ring.feasibility import Orbit
+from agents.ring.joining import WAITING, Joining
 from agents.ring.place import RingPlace
+from agents.ring.transition import SLOWEST_SHARE, TRACKED_SHARE, Mover, transition_of
 from agents.settings.config import AgentConfig
+from agents.settings.sections import EncirclementSettings, SafetySettings
 from estimation.polar import Polar
 from tests.conftest import CONFIG
 
 Maker = Callable[..., AgentConfig]
-bearings = st.lists(st.floats(-pi, pi), min_size=1, max_size=8)
+
+SEPARATION_M = 3.0
+NARROW, WIDE, ALONE = RingPlace(4, 0.2, 1.5), RingPlace(4, 0.8, 0.9), RingPlace(1, None, None)
+
+rings = st.builds(
+    EncirclementSettings,
+    radius_m=st.floats(4.0, 40.0),
+    angular_rate_rad_s=st.sampled_from([0.0]) | st.floats(-0.3, 0.3),
+    speed_max_m_s=st.floats(1.0, 6.0),
+    acceleration_max_m_s2=st.floats(0.2, 4.0),
+)
 
 
 def at(radius_m: float, bearing_rad: float = 0.0) -> Polar:
     return Polar(radius_m, bearing_rad, 0.0, 0.0)
 
 
-@given(own=st.floats(-pi, pi), others=bearings)
-def test_the_gap_is_as_wide_as_a_search_over_all_bearings_finds(own: float, others: list[float]) -> None:
-    gap = chosen_gap(own, others)
-    turns = np.linspace(0.0, tau, 3600)
-    # How far the nearest vehicle is from each bearing: in the middle of the widest gap it is farthest.
-    free = np.abs((turns[:, None] - np.array(others) + pi) % tau - pi).min(axis=1)
-    assert gap.width_rad / 2.0 >= 0.8 * free.max() - 0.01
-    middle = own + gap.ahead_rad
-    clear = np.abs((middle - np.array(others) + pi) % tau - pi).min()
-    assert clear == pytest.approx(gap.width_rad / 2.0, abs=1e-6)
-    assert -pi - 1e-9 <= gap.ahead_rad <= pi + 1e-9
+def joining_at(ring: EncirclementSettings, separation_m: float) -> Joining:
+    return Joining(replace(CONFIG, encirclement=ring, safety=SafetySettings(separation_m=separation_m)))
 
 
-@pytest.mark.parametrize(
-    ("own", "middle", "width"),
-    [
-        (0.5, 1.0, 2.0),  # its own is the widest
-        (3.0, 2.9, 1.8),  # nearly as wide
-        (5.0, 1.0, 2.0),  # in front of a narrow one
-    ],
-)
-def test_in_front_of_a_gap_that_is_nearly_the_widest_it_stays(own: float, middle: float, width: float) -> None:
-    gap = chosen_gap(own, [0.0, 2.0, 3.8, 5.1])
-    assert (own + gap.ahead_rad - middle) % tau == pytest.approx(0.0, abs=1e-9) or (own + gap.ahead_rad) == (
-        pytest.approx(middle)
-    )
-    assert gap.width_rad == pytest.approx(width)
-
-
-@pytest.mark.parametrize(
-    ("radius", "others", "joins"),
-    [
-        (30.0, [], True),  # the first
-        (30.0, [1.5, -1.5], True),  # in front of a wide gap
-        (30.0, [0.1, 2.0, -2.0], False),  # behind somebody's back
-        (30.0, [0.4, -0.4], False),  # its own gap is a narrow one
-        (10.5, [0.1, 2.0, -2.0], True),  # there already
-    ],
-)
-def test_it_joins_in_front_of_its_gap(radius: float, others: list[float], joins: bool, make_config: Maker) -> None:
-    joining = Joining(make_config(safety={"separation_m": 3.0}))
-    gap = joining.look(at(radius), others)
-    assert (gap is None, joining.joined) == (joins, joins)
-    if joins:
-        assert joining.look(at(30.0), [0.01]) is None  # once it has said so, it stands by it
-        joining.reset()
-        assert not joining.joined
-
-
-def test_a_ring_that_is_full_is_waited_for_outside(make_config: Maker) -> None:
-    config = make_config(safety={"separation_m": 3.0}, encirclement={"radius_m": 5.0})
+def test_it_joins_from_wherever_it_is_while_the_ring_has_room_for_one_more(make_config: Maker) -> None:
+    config = make_config(safety={"separation_m": SEPARATION_M}, encirclement={"radius_m": 5.0})
     joining = Joining(config)
-    full = [tau * k / 10 for k in range(10)]  # eleven would be 2.8 m apart
-    for bearing in np.linspace(0.0, tau, 60):
-        assert joining.look(at(joining.waiting_m, float(bearing)), full) is not None
-    assert joining.waiting_m == 5.0 + ASIDE * 3.0
-    assert any(joining.look(at(joining.waiting_m, float(b)), full[:-1]) is None for b in np.linspace(0.0, tau, 60))
+    waiting = at(joining.waiting_m)
+    assert joining.waiting_m == 5.0 + WAITING * SEPARATION_M
+    assert not joining.look(waiting, 10)  # eleven would be 2.8 m apart
+    assert not joining.joined
+    assert joining.look(waiting, 9)
+    assert joining.look(waiting, 10), "once it has published its bearing, the others count on it"
+    joining.reset()
+    assert not joining.look(at(30.0), 10)
+    assert joining.look(at(30.0), 0)
 
 
-def test_it_comes_in_once_there_is_room_and_stays(make_config: Maker) -> None:
-    joining = Joining(make_config(safety={"separation_m": 3.0}))
-    assert joining.radius_m(at(20.0), RingPlace(4, 0.2, 1.5)) == joining.waiting_m
-    assert joining.radius_m(at(20.0), RingPlace(4, 0.8, 0.9)) == 10.0
-    assert joining.radius_m(at(12.0), RingPlace(4, 0.8, 0.9)) == 10.0
-    assert joining.radius_m(at(13.5), RingPlace(4, 0.2, 0.9)) == 10.0
-    assert joining.radius_m(at(20.0), RingPlace(1, None, None)) == 10.0
+def test_on_a_full_ring_a_vehicle_that_is_there_already_joins(make_config: Maker) -> None:
+    config = make_config(safety={"separation_m": SEPARATION_M}, encirclement={"radius_m": 5.0})
+    assert Joining(config).look(at(5.0 + SEPARATION_M), 20)
+    assert not Joining(config).look(at(5.1 + SEPARATION_M), 20)
+
+
+def test_it_enters_in_front_of_its_place_once_there_is_room_and_stays(make_config: Maker) -> None:
+    joining = Joining(make_config(safety={"separation_m": SEPARATION_M}))
+    for place, error_rad in ((NARROW, 0.0), (NARROW, 2.0), (WIDE, 2.0), (WIDE, -2.0), (ALONE, 2.0)):
+        assert joining.radius_m(at(20.0), place, error_rad) == joining.waiting_m
+    assert joining.radius_m(at(joining.waiting_m), WIDE, 0.0) == 10.0
+    assert joining.radius_m(at(joining.waiting_m), NARROW, 0.0) == joining.waiting_m, "the neighbours have to make room"
+    assert joining.radius_m(at(12.0), WIDE, 2.0) == joining.waiting_m, "it is not in front of its place"
+    assert joining.radius_m(at(12.0), NARROW, 0.0) == joining.waiting_m
+    assert joining.radius_m(at(12.0), WIDE, 0.4) < joining.waiting_m
+    assert joining.radius_m(at(12.0), NARROW, 2.0) == 10.0, "it has entered, and goes on"
+    joining.reset()
+    assert joining.radius_m(at(12.0), NARROW, 2.0) == joining.waiting_m
+
+
+@given(st.floats(0.0, pi), st.floats(0.0, pi), st.sampled_from([-1.0, 1.0]), st.sampled_from([WIDE, ALONE]))
+def test_the_nearer_to_its_place_the_nearer_to_the_ring_it_flies(
+    near_rad: float, far_rad: float, side: float, place: RingPlace
+) -> None:
+    joining = joining_at(CONFIG.encirclement, SEPARATION_M)
+    near_m, far_m = (joining.radius_m(at(20.0), place, side * each) for each in sorted((near_rad, far_rad)))
+    assert 10.0 <= near_m <= far_m <= joining.waiting_m
+
+
+@given(st.floats(0.0, 10.0 + SEPARATION_M / 4.0), st.floats(-pi, pi))
+def test_at_the_ring_or_inside_it_a_vehicle_flies_on_the_ring_even_without_room(
+    radius_m: float, error_rad: float
+) -> None:
+    joining = joining_at(CONFIG.encirclement, SEPARATION_M)
+    assert joining.radius_m(at(radius_m), NARROW, error_rad) == 10.0
+
+
+def test_on_a_ring_that_is_nearly_full_less_room_suffices(make_config: Maker) -> None:
+    joining = Joining(make_config(safety={"separation_m": SEPARATION_M}))
+    crowded = RingPlace(16, 0.3, 0.3)  # of the even 0.39
+    assert joining.radius_m(at(joining.waiting_m), crowded, 0.0) == 10.0
+    joining.reset()
+    assert joining.radius_m(at(joining.waiting_m), RingPlace(16, 0.28, 0.3), 0.0) == joining.waiting_m
 
 
 def test_a_ring_that_is_wider_for_a_while_is_waited_for_farther_out(make_config: Maker) -> None:
-    joining = Joining(make_config(safety={"separation_m": 3.0}))
+    joining = Joining(make_config(safety={"separation_m": SEPARATION_M}))
     joining.ring_m = 16.0
-    assert joining.waiting_m == 16.0 + ASIDE * 3.0
-    assert joining.look(at(18.9), [0.1, 2.0, -2.0]) is None  # on the ring of the moment already
-    assert joining.radius_m(at(30.0), RingPlace(4, 0.2, 1.5)) == joining.waiting_m
-    assert joining.radius_m(at(30.0), RingPlace(4, 0.8, 0.9)) == 16.0
+    assert joining.waiting_m == 16.0 + WAITING * SEPARATION_M
+    assert joining.look(at(30.0), 0)
+    assert joining.radius_m(at(30.0), NARROW, 0.0) == joining.waiting_m
+    assert joining.radius_m(at(30.0), WIDE, 0.0) == 16.0
 
 
 @given(unsure_m=st.floats(0.0, 3.0), ring_m=st.floats(8.0, 40.0), moved_m=st.floats(0.0, 3.0))
@@ -114,15 +122,67 @@ def test_who_is_not_heard_stays_clear_of_the_bend_around_where_it_was(
     assert joining.isolated_m(unsure_m) >= outermost_m + 3.0 + unsure_m
 
 
-@given(own=st.floats(-pi, pi), others=bearings, room=st.floats(0.01, 1.0))
-def test_the_way_leads_to_the_nearest_place_with_room(own: float, others: list[float], room: float) -> None:
-    gap = chosen_gap(own, others)
-    way = gap.way_rad(room)
+@given(rings, st.floats(1.0, 5.0), st.floats(0.3, 2.0), st.floats(-pi, pi), st.floats(-1.0, 1.0))
+def test_on_the_ring_a_vehicle_changes_places_within_the_bounds_of_a_transition(
+    ring: EncirclementSettings, separation_m: float, slowed: float, error_rad: float, outside: float
+) -> None:
+    """Up to a separation outside of it as well, where vehicles pass from one set of bounds to the other."""
+    joining, orbit = joining_at(ring, separation_m), Orbit(ring.radius_m, min(1.0, slowed) * ring.angular_rate_rad_s)
+    radius_m, gentle = ring.radius_m + outside * separation_m, transition_of(ring)
+    mover, size_m = joining.mover(error_rad, radius_m, orbit), max(radius_m, ring.radius_m)
+    ring_m_s = abs(orbit.angular_rate_rad_s) * size_m
+    assert joining.coming(radius_m) == pytest.approx(0.0, abs=1e-9)
+    assert mover.error_rad == error_rad
+    assert mover.ahead_max_rad_s * size_m == pytest.approx(TRACKED_SHARE * gentle.speed_m_s)
+    assert mover.back_max_rad_s * size_m <= TRACKED_SHARE * gentle.speed_m_s + 1e-9
+    if ring_m_s > 0.0:  # it never flies backwards
+        assert ring_m_s - mover.back_max_rad_s * size_m >= SLOWEST_SHARE * ring_m_s - 1e-9
+    assert mover.acceleration_max_rad_s2 * size_m == pytest.approx(gentle.acceleration_m_s2)
 
-    def edge(bearing: float) -> float:
-        return float(np.abs((bearing - np.array(others) + pi) % tau - pi).min())
 
-    assert edge(own + way) >= min(room, gap.width_rad / 2.0) - 1e-6
-    if abs(way) > 1e-6:  # nothing nearer would do
-        assert edge(own + way * 0.99) < min(room, gap.width_rad / 2.0) or gap.edge_rad < 0.0
-    assert abs(way) <= abs(gap.ahead_rad) + 1e-9
+@given(
+    ring=st.builds(
+        EncirclementSettings,
+        radius_m=st.floats(8.0, 20.0),
+        angular_rate_rad_s=st.floats(-0.05, 0.05),
+        speed_max_m_s=st.floats(3.0, 6.0),
+        acceleration_max_m_s2=st.floats(1.0, 4.0),
+    ),
+    separation_m=st.floats(1.0, 5.0),
+    beyond_m=st.floats(0.0, 60.0),
+)
+def test_on_its_way_in_a_vehicle_flies_at_its_own_limits_in_both_directions(
+    ring: EncirclementSettings, separation_m: float, beyond_m: float
+) -> None:
+    joining, orbit = joining_at(ring, separation_m), Orbit(ring.radius_m, ring.angular_rate_rad_s)
+    radius_m, gentle = joining.waiting_m + beyond_m, transition_of(ring)
+    mover, ring_m_s = joining.mover(0.3, radius_m, orbit), abs(ring.angular_rate_rad_s) * radius_m
+    forwards_m_s = ring_m_s + mover.ahead_max_rad_s * radius_m
+    backwards_m_s = mover.back_max_rad_s * radius_m - ring_m_s
+    acceleration_m_s2 = mover.acceleration_max_rad_s2 * radius_m
+    assert joining.coming(radius_m) == pytest.approx(1.0)
+    assert gentle.acceleration_m_s2 < acceleration_m_s2 <= ring.acceleration_max_m_s2
+    if forwards_m_s > ring_m_s + gentle.speed_m_s:  # where its limits allow more than a transition at the ring's rate
+        assert forwards_m_s <= ring.speed_max_m_s
+        assert forwards_m_s**2 / radius_m + acceleration_m_s2 <= 2.0**0.5 * ring.acceleration_max_m_s2
+        assert backwards_m_s == pytest.approx(forwards_m_s)
+
+
+@given(rings, st.floats(1.0, 5.0), st.floats(1.0, 3.0))
+def test_the_bounds_change_without_a_step_on_the_way_in(
+    ring: EncirclementSettings, separation_m: float, wider: float
+) -> None:
+    joining, orbit = joining_at(ring, separation_m), Orbit(wider * ring.radius_m, ring.angular_rate_rad_s)
+    joining.ring_m = orbit.radius_m
+    radii_m = np.linspace(orbit.radius_m / 2.0, joining.waiting_m + separation_m, 2001)
+    bounds = np.array([in_metres(joining.mover(0.0, each, orbit), max(each, orbit.radius_m)) for each in radii_m])
+    # A bound changes within half a separation, linearly but for the ring's own speed, which grows with the radius.
+    step_m = radii_m[1] - radii_m[0]
+    slopes = np.abs(np.diff(bounds, axis=0)) / step_m
+    ranges = np.ptp(bounds, axis=0) / (0.5 * separation_m)
+    assert (slopes <= 3.0 * ranges + abs(ring.angular_rate_rad_s) + 1e-6).all()
+
+
+def in_metres(mover: Mover, radius_m: float) -> list[float]:
+    bounds = mover.ahead_max_rad_s, mover.back_max_rad_s, mover.acceleration_max_rad_s2
+    return [bound * radius_m for bound in bounds]

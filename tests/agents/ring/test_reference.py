@@ -1,15 +1,19 @@
 """References on a ring: their spacing against the modes of a ring in closed form, and within the bounds in between."""
 
 from collections.abc import Callable, Sequence
-from math import inf, pi, tau
+from math import pi, sqrt, tau
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from agents.ring.feasibility import Orbit
-from agents.ring.place import place_errors_rad
+from agents.ring.joining import Joining
+from agents.ring.place import RingPlace, place_errors_rad
 from agents.ring.reference import RingReference, RingWay
-from agents.ring.transition import transition_of, transition_rate_rad_s
+from agents.ring.transition import AccelerationBound, Mover, transition_rate_rad_s
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
 from estimation.state import Vector
@@ -17,6 +21,8 @@ from estimation.state import Vector
 Maker = Callable[..., AgentConfig]
 STEP_S = 0.1
 ORBIT = Orbit(10.0, 0.05)
+IN_PLACE = [Mover(0.0, 0.1, 0.04, 0.03)]
+GENTLE = AccelerationBound(10.0, 3.0, 0.3, 0.3)
 
 
 def turned(config: AgentConfig, bearings_rad: Sequence[float], duration_s: float, orbit: Orbit = ORBIT) -> Vector:
@@ -24,9 +30,10 @@ def turned(config: AgentConfig, bearings_rad: Sequence[float], duration_s: float
 
     Returns the bearings and rates of the references.
     """
-    references = [RingReference(config.encirclement) for _ in bearings_rad]
+    references, ids = [RingReference(config.encirclement) for _ in bearings_rad], range(len(bearings_rad))
+    joining = Joining(config)
     polars = [Polar(orbit.radius_m, bearing, 0.0, orbit.angular_rate_rad_s) for bearing in bearings_rad]
-    way = RingWay(orbit, orbit.radius_m, [0.0])
+    way = RingWay(orbit, orbit.radius_m, IN_PLACE, GENTLE)
     points = [each.advance(polar, way, 0.0) for each, polar in zip(references, polars, strict=True)]
     track = []
     for tick in range(1, round(duration_s / STEP_S) + 1):
@@ -35,8 +42,10 @@ def turned(config: AgentConfig, bearings_rad: Sequence[float], duration_s: float
         for own, (reference, last) in enumerate(zip(references, before, strict=True)):
             others = [each.bearing_rad(now_s) for each in (*before[:own], *before[own + 1 :])]
             polar = Polar(last.radius.value, last.bearing_rad(now_s), 0.0, last.bearing.rate)
-            errors = place_errors_rad([reference.bearing_rad(polar, now_s), *others])
-            points.append(reference.advance(polar, RingWay(orbit, orbit.radius_m, errors), now_s))
+            members = [own, *ids[:own], *ids[own + 1 :]]
+            errors = place_errors_rad([reference.bearing_rad(polar, now_s), *others], members)
+            movers = [joining.mover(each, orbit.radius_m, orbit) for each in errors]
+            points.append(reference.advance(polar, RingWay(orbit, orbit.radius_m, movers, GENTLE), now_s))
         track.append([[each.bearing.value, each.bearing.rate] for each in points])
     return np.array(track)
 
@@ -71,30 +80,109 @@ def test_a_transition_keeps_its_bounds_and_no_spacing_overshoots(
     assert np.diff(value)[moving[1:]].max() < 1e-9
 
 
-def test_without_a_bound_the_rate_is_that_of_the_paper(make_config: Maker) -> None:
-    settings = make_config(encirclement={"spacing_gain_per_s": 0.3}).encirclement
+def test_without_a_bound_the_rate_is_that_of_the_paper() -> None:
     # (22) by hand: 0.05 + 0.3 / 3 (lead - lag), with lead - lag three times the error.
-    assert transition_rate_rad_s([0.1, -0.06, -0.04], ORBIT, transition_of(settings)) == pytest.approx(0.05 + 0.1 * 0.3)
-    assert transition_rate_rad_s([0.0, 0.0], ORBIT, transition_of(settings)) == 0.05
+    for ring_rad_s in (0.05, -0.05, 0.0):
+        movers = [Mover(error, 1.0, 1.0, 1.0) for error in (0.1, -0.06, -0.04)]
+        assert transition_rate_rad_s(movers, ring_rad_s, 0.3) == pytest.approx(ring_rad_s + 0.1 * 0.3)
+    assert transition_rate_rad_s(IN_PLACE * 2, 0.05, 0.3) == 0.05
+    assert transition_rate_rad_s([Mover(0.5, 0.1, 0.04, 0.03)], 0.05, 0.0) == 0.05
 
 
-def test_a_bound_on_one_vehicle_scales_the_corrections_of_all(make_config: Maker) -> None:
-    settings = make_config(encirclement={"spacing_speed_max_m_s": 0.5, "spacing_gain_per_s": 0.3}).encirclement
-    errors = [1.0, -0.4, -0.6]
-    wanted = np.array(
-        [transition_rate_rad_s(np.roll(errors, -k).tolist(), ORBIT, transition_of(settings)) for k in range(3)]
+bounds = st.floats(1e-3, 1.0)
+movers_of_a_ring = st.builds(Mover, st.floats(-pi, pi), bounds, bounds, bounds)
+
+
+@given(st.lists(movers_of_a_ring, min_size=1, max_size=12), st.floats(-0.3, 0.3), st.floats(0.01, 1.0))
+def test_under_any_bounds_all_corrections_have_the_largest_share_that_they_allow(
+    movers: list[Mover], ring_rad_s: float, gain_per_s: float
+) -> None:
+    """Against a linear programme: the largest share, and with it the smallest common rate."""
+    rates = np.array(
+        [transition_rate_rad_s(seen_by(movers, own), ring_rad_s, gain_per_s) for own in range(len(movers))]
     )
-    shares = np.diff(wanted) / np.diff(errors)
-    assert shares == pytest.approx(shares[0])
-    assert shares[0] < 0.2  # gamma without the bound
-    assert wanted.max() <= 0.05 + 0.05 + 1e-12
-    assert wanted.min() >= 0.05 * 0.2 - 1e-12
+    direction = 1.0 if np.copysign(1.0, ring_rad_s) > 0.0 else -1.0
+    errors = direction * np.array([each.error_rad for each in movers])
+    ahead, back = (np.array([getattr(each, name) for each in movers]) for name in ("ahead_max_rad_s", "back_max_rad_s"))
+    braked = np.array([sqrt(each.acceleration_max_rad_s2 * abs(each.error_rad)) for each in movers])
+    wanted = gain_per_s * errors
+    share, common = linear_programme(wanted, ahead, back, braked)
+    forwards = direction * (rates - ring_rad_s)
+    assert forwards == pytest.approx(share * wanted + common, abs=1e-6)
+    assert (forwards <= ahead + 1e-9).all()
+    assert (forwards >= -back - 1e-9).all()
+
+
+def seen_by(movers: list[Mover], own: int) -> list[Mover]:
+    return [movers[own], *movers[:own], *movers[own + 1 :]]
+
+
+def linear_programme(wanted: Vector, ahead: Vector, back: Vector, braked: Vector) -> tuple[float, float]:
+    """Return the largest share with which all rates `share * wanted + common` are in bounds, and the common rate.
+
+    A correction can be `braked` within half of the acceleration, whatever the common rate.
+    """
+    one, none = np.ones_like(wanted), np.zeros_like(wanted)
+    rows = [(wanted, one, none), (-wanted, -one, none), (wanted, none, none), (-wanted, none, none)]
+    limits = np.concatenate([ahead, back, braked, braked])
+    sizes = [(none[:1], one[:1], -one[:1]), (none[:1], -one[:1], -one[:1])]  # of the common rate, the third variable
+    matrix = np.vstack([np.column_stack(row) for row in (*rows, *sizes)])
+    limits = np.append(limits, [0.0, 0.0])
+    within = [(0.0, 1.0), (None, None), (None, None)]
+    first = linprog([-1.0, 0.0, 0.0], matrix, limits, bounds=[*within[:2], (0.0, None)], method="highs")
+    least = [(first.x[0] - 1e-10, 1.0), *within[1:]]
+    second = linprog([0.0, 0.0, 1.0], matrix, limits, bounds=least, method="highs")
+    return float(first.x[0]), float(second.x[1])
+
+
+@pytest.mark.parametrize("ring_rad_s", [0.08, -0.08])
+@pytest.mark.parametrize("ahead_rad", [2.5, 0.5, 0.0, -0.5, -2.5])
+@pytest.mark.parametrize("start_m", [50.0, 30.0, 16.0])
+def test_on_its_way_in_a_reference_keeps_the_limits_of_the_vehicle(
+    start_m: float, ahead_rad: float, ring_rad_s: float, make_config: Maker
+) -> None:
+    """A vehicle that is where its reference is flies to a place that moves with the ring."""
+    config = make_config(encirclement={"angular_rate_rad_s": ring_rad_s}, safety={"separation_m": 3.0})
+    settings, orbit = config.encirclement, Orbit(10.0, ring_rad_s)
+    joining, reference, polar = Joining(config), RingReference(settings), Polar(start_m, 0.0, 0.0, 0.0)
+    track = []
+    for tick in range(600):
+        now_s = tick * STEP_S
+        error_rad = ahead_rad + ring_rad_s * now_s - reference.bearing_rad(polar, now_s)
+        radius_m = joining.radius_m(polar, RingPlace(1, None, None), error_rad)
+        mover = joining.mover(error_rad, polar.radius_m, orbit)
+        way = RingWay(orbit, radius_m, [mover], joining.acceleration)
+        point = reference.advance(polar, way, now_s)
+        radius, bearing = point.radius, point.bearing
+        polar = Polar(radius.value, point.bearing_rad(now_s + STEP_S), radius.rate, bearing.rate)
+        track.append((radius.value, radius.rate, bearing.rate, radius.acceleration, bearing.acceleration, error_rad))
+    out_m, towards_m_s, turning_rad_s, radial_m_s2, angular_rad_s2, errors_rad = np.array(track).T
+    assert np.hypot(towards_m_s, turning_rad_s * out_m).max() <= 1.1 * settings.speed_max_m_s
+    assert np.hypot(radial_m_s2, angular_rad_s2 * out_m).max() <= 1.1 * settings.acceleration_max_m_s2
+    assert (np.sign(ring_rad_s) * turning_rad_s[out_m <= 10.5]).min() >= 0.0
+    assert out_m.min() >= 9.9
+    assert np.degrees(np.sign(ahead_rad) * errors_rad).min() >= -5.0
+    assert abs(errors_rad[-1]) * 10.0 <= 0.1
+    assert out_m[-1] == pytest.approx(10.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("error_rad", "reached_rad_s"), [(1.0, 0.07), (0.0, 0.05), (-1.0, 0.03)])
+def test_a_reference_keeps_the_headway_on_either_side(
+    error_rad: float, reached_rad_s: float, make_config: Maker
+) -> None:
+    reference = RingReference(make_config().encirclement)
+    point = reference.advance(Polar(10.0, 0.0, 0.0, 0.05), RingWay(ORBIT, 10.0, IN_PLACE, GENTLE), 0.0)
+    way = RingWay(ORBIT, 10.0, [Mover(error_rad, 0.1, 0.04, 0.03)], GENTLE, (0.03, 0.07))
+    for tick in range(1, 100):
+        now_s = tick * STEP_S
+        point = reference.advance(Polar(10.0, point.bearing_rad(now_s), 0.0, point.bearing.rate), way, now_s)
+    assert point.bearing.rate == pytest.approx(reached_rad_s)
 
 
 def test_a_reference_waits_for_a_vehicle_that_does_not_follow(make_config: Maker) -> None:
     config = make_config(encirclement={"reference_lead_max_m": 1.0})
     reference, stuck = RingReference(config.encirclement), Polar(12.0, 1.0, 0.0, 0.0)
-    way = RingWay(ORBIT, 10.0, [0.0])
+    way = RingWay(ORBIT, 10.0, IN_PLACE, GENTLE)
     for tick in range(300):
         point = reference.advance(stuck, way, tick * STEP_S)
         assert abs(point.radius.value - 12.0) <= 1.0 + 1e-9
@@ -105,7 +193,7 @@ def test_a_reference_waits_for_a_vehicle_that_does_not_follow(make_config: Maker
 def test_a_vehicle_that_the_guard_holds_up_does_not_hurry_after_its_reference(make_config: Maker) -> None:
     reference, slow = RingReference(make_config().encirclement), Polar(10.0, 1.0, 0.0, 0.0)
     for tick in range(50):
-        point = reference.advance(slow, RingWay(ORBIT, 10.0, [0.0], waits=True), tick * STEP_S)
+        point = reference.advance(slow, RingWay(ORBIT, 10.0, IN_PLACE, GENTLE, waits=True), tick * STEP_S)
         assert point.bearing.value == pytest.approx(1.0)
     assert point.bearing.rate == pytest.approx(0.05)
 
@@ -114,7 +202,7 @@ def test_while_it_leaves_the_formation_the_vehicles_own_motion_counts(make_confi
     reference = RingReference(make_config().encirclement)
     polar = Polar(14.0, 3.1, -0.2, 0.01)
     for tick in range(20):
-        point = reference.advance(polar, RingWay(ORBIT, 10.0, [0.0], inf, 0.0), tick * STEP_S)
+        point = reference.advance(polar, RingWay(ORBIT, 10.0, IN_PLACE, GENTLE, share=0.0), tick * STEP_S)
         assert (point.radius.value, point.bearing.value) == pytest.approx((14.0, 3.1))
         assert (point.radius.rate, point.bearing.rate) == pytest.approx((-0.2, 0.01))
 
@@ -123,7 +211,7 @@ def test_while_it_leaves_the_formation_the_vehicles_own_motion_counts(make_confi
 def test_a_reference_that_arrives_too_fast_brakes_and_then_comes_to_rest(speed_m_s: float, make_config: Maker) -> None:
     # It brakes at the vehicle's acceleration, and must not keep that where only a transition's jerk could end it.
     reference = RingReference(make_config(encirclement={"reference_lead_max_m": 100.0}).encirclement)
-    way = RingWay(ORBIT, 10.0, [0.0])
+    way = RingWay(ORBIT, 10.0, IN_PLACE, GENTLE)
     point = reference.advance(Polar(11.0, 0.0, speed_m_s, 0.05), way, 0.0)
     for tick in range(1, 400):
         polar = Polar(point.radius.value, point.bearing_rad(tick * STEP_S), point.radius.rate, point.bearing.rate)

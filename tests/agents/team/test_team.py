@@ -79,6 +79,17 @@ def test_vehicles_know_whether_they_all_take_the_same_references_into_account() 
     assert known(chain | {1: (2, 3), 3: (1, 2)}) == [True, True, True]
 
 
+def test_references_are_extrapolated_at_their_own_rates_and_come_with_id_and_radius() -> None:
+    team = a_team()
+    published = replace(angle(3, 10.0), reference_rad=1.0, reference_rate_rad_s=-0.2, radius_m=14.0)
+    for place in (angle(1, 10.0), published, replace(published, sender=4)):
+        team.ring.receive(place)
+    team.receive(member(4, 10.0, "hold"))
+    ((sender, reference_rad, radius_m),) = team.ring.others(10.5)
+    assert (sender, radius_m) == (3, 14.0)
+    assert reference_rad == pytest.approx(0.9)
+
+
 def test_who_flies_in_formation_and_who_is_near() -> None:
     team = a_team()
     for sender, tactic, x in ((1, "formation", 3.0), (3, "encircle", 5.0), (4, "formation", 5.01)):

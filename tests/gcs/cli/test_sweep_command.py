@@ -15,10 +15,11 @@ import psutil
 import pytest
 
 from gcs.errors import Exit
+from gcs.link.ports import free_ports
 from tests.conftest import RunHere
 from tests.support.paths import MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS
-from tests.support.wire import PATIENCE_S, free_ports, until_now
+from tests.support.wire import PATIENCE_S, until_now
 
 pytestmark = pytest.mark.slow
 

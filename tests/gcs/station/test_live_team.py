@@ -4,9 +4,9 @@ from math import inf
 
 import pytest
 
+from gcs.link.ports import free_ports
 from gcs.station.live_team import Standstill
 from sitl.server.shared_clock import Rank, Seat, new_clock
-from tests.support.wire import free_ports
 
 
 def test_without_a_simulated_clock_only_times_without_looks_count() -> None:

@@ -312,6 +312,8 @@ def test_a_flight_whose_process_is_gone_is_over() -> None:
     page = Page()
     page.hears(1.0, state(1, START_S), report(1, START_S))
     page.hears(1.0, report(2, START_S, ended="landed", is_completed=True))
+    new = page.team(1.9, "waiting for team", is_over=True)
+    assert not any(each.is_unaccounted for each in new.vehicles), "messages arrive before it is noticed who sends them"
     team = page.team(9.0, "waiting for team", is_over=True)
     assert shown(team) == [LOST, ENDED, ("", "information", False, True, False)]
     assert UNACCOUNTED in team.ending

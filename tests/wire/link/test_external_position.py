@@ -17,11 +17,12 @@ from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.ports import free_ports
 from gcs.link.relay.relay import Relay
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
 from tests.support.telemetry_log import PLANT
-from tests.support.wire import free_ports, until
+from tests.support.wire import until
 
 pytestmark = pytest.mark.wire
 

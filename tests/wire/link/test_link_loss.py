@@ -30,6 +30,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.ports import free_ports
 from gcs.metrics.journal import event_line
 from gcs.metrics.record import FlightEvent
 from gcs.mission.file import load_mission
@@ -41,7 +42,7 @@ from sitl.autopilot.modes import NavMode
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
-from tests.support.wire import LOOPBACK, free_ports, hurried, served_by, stub_clock, until
+from tests.support.wire import LOOPBACK, hurried, served_by, stub_clock, until
 
 pytestmark = pytest.mark.wire
 

@@ -25,14 +25,14 @@ from gcs.flight.stubs import stub_configs
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
-from gcs.link.ports import require_usable
+from gcs.link.ports import free_ports, require_usable
 from gcs.mission.file import load_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.px4 import Px4
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import StubConfig
 from tests.support.flights import unseen_view
-from tests.support.wire import LOOPBACK, free_ports, served, served_by, stub_clock, until
+from tests.support.wire import LOOPBACK, served, served_by, stub_clock, until
 from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire

@@ -23,6 +23,7 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.ports import free_ports
 from gcs.link.rates import RateController, Rates
 from gcs.link.relay.carriers import Carrier, open_carrier
 from gcs.link.relay.frames import FrameStream, station_heartbeat
@@ -32,7 +33,7 @@ from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
 from tests.conftest import RunHere
 from tests.support.result_keys import OUTPUT_KEYS
-from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, free_ports, until
+from tests.support.wire import LOOPBACK, PATIENCE_S, cordon, until
 
 pytestmark = pytest.mark.wire
 

@@ -16,10 +16,11 @@ from estimation.state import Telemetry
 from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
+from gcs.link.ports import free_ports
 from gcs.link.signing_keys import set_up_signing
 from gcs.mission.file import load_mission
 from tests.support.arducopter import ArduCopterMissing, ArduCopterSimulator
-from tests.support.wire import LOOPBACK, free_ports, until
+from tests.support.wire import LOOPBACK, until
 
 SPEED = 2.0
 PLACE = (47.397742, 8.545594, 488.0)

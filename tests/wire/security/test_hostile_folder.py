@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from gcs.link.ports import free_ports
 from tests.support.paths import ROOT
 from tests.support.verb_runs import write_missions
-from tests.support.wire import PATIENCE_S, free_ports
+from tests.support.wire import PATIENCE_S
 
 pytestmark = pytest.mark.wire
 

@@ -60,10 +60,11 @@ from gcs.keys.certificates import CertificateAuthority, KeyPair
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.run_keys import RunKeys
 from gcs.keys.team_keys import NoKeys, TeamKeys
+from gcs.link.ports import free_ports
 from gcs.mission.file import load_mission
 from tests.conftest import Ran, RunHere
 from tests.support.paths import ROOT
-from tests.support.wire import PATIENCE_S, free_ports, until
+from tests.support.wire import PATIENCE_S, until
 
 pytestmark = pytest.mark.wire
 

@@ -25,10 +25,11 @@ from agents.team.participant import vehicle
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.watch import WatchView, watch
-from gcs.link.ports import fed_ports, flight_claims, stub_claims
+from gcs.link.ports import fed_ports, flight_claims, free_ports, stub_claims
 from gcs.mission.file import load_mission, parse_mission
 from tests.support.mission_text import INSECURE
-from tests.support.wire import PATIENCE_S, free_ports, running
+from tests.support.paths import ROOT
+from tests.support.wire import PATIENCE_S, running
 
 pytestmark = pytest.mark.wire
 
@@ -245,3 +246,18 @@ async def test_a_kill_is_not_refused_for_what_one_vehicle_tells(missions: tuple[
         lying.cancel()
         commanding.cancel()
         await asyncio.gather(*(bus.close() for bus in buses))
+
+
+async def test_free_ports_of_two_processes_differ_and_no_connection_takes_them_meanwhile() -> None:
+    command = (
+        sys.executable,
+        "-c",
+        "from gcs.link.ports import free_ports; print(*free_ports(100), flush=True); input()",
+    )
+    runs = [await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, cwd=ROOT) for _ in range(2)]
+    told = [[int(port) for port in (await run.stdout.readline()).split()] for run in runs if run.stdout is not None]
+    for run in runs:
+        await run.communicate(b"\n")
+    ephemeral_from = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text(encoding="ascii").split()[0])
+    assert len({*told[0], *told[1]}) == 200
+    assert max(map(max, told)) < ephemeral_from
