@@ -41,7 +41,7 @@ from tests.support.wire import served, until
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
-SPEED, DURATION_S = 4.0, 100.0
+SPEED, DURATION_S = 4.0, 50.0
 SOON = (
     ("distance_max_m = 12.0", "distance_max_m = 40.0"),
     ("range_m = 15.0", "range_m = 60.0"),
