@@ -21,7 +21,7 @@ from sitl.autopilot.px4 import Px4
 from sitl.server.governed_clock import Alarm, GovernedClock
 from sitl.server.shared_clock import ClockName, Rank
 from tests.support.flights import unseen_view
-from tests.support.mission_text import LOW
+from tests.support.mission_text import LOW, with_first_vehicles
 from tests.support.wire import running, served, until
 from tests.support.wording import facts_missing
 
@@ -100,19 +100,19 @@ async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
 async def test_a_vehicle_that_finds_its_place_late_is_waited_for_and_a_second_mission_follows_at_once(
     mission_file: Callable[..., str],
 ) -> None:
-    mission = load_mission(mission_file("case2", LOW))
-    one, two, three = stub_configs(mission)
+    mission = load_mission(with_first_vehicles(mission_file("case2", LOW), 2))
+    one, two = stub_configs(mission)
     told, written = list[Finding](), StringIO()
 
     def waits() -> str:
         return "\n".join(line for line in written.getvalue().splitlines() if line.startswith("  "))
 
-    async with served([one, replace(two, localised=False), three], SPEED) as stubs:
+    async with served([one, replace(two, localised=False)], SPEED) as stubs:
         plan = FlightPlan(mission, 5.0, mission.vehicles, speed=None, clock=stubs.clock.name)
         finding = asyncio.create_task(_find_itself(stubs.vehicles[2], lambda: "it has no valid position" in waits()))
         for _ in range(2):
             flight = await fly(plan, unseen_view(written), told.extend)
-            assert [outcome.how for outcome in flight.outcomes.values()] == [FlightEnd.LANDED] * 3
+            assert [outcome.how for outcome in flight.outcomes.values()] == [FlightEnd.LANDED] * 2
             assert not any(vehicle.armed for vehicle in stubs.vehicles.values())
         await finding
     assert not [each for each in told if each.grade is Grade.REFUSE]

@@ -66,7 +66,7 @@ def test_the_modules_leave_marks(hostile: Path) -> None:
     "arguments",
     [
         "fly ring.toml --sitl --speed max --duration 2 --log fly.mcap --station --station-address 127.0.0.1:{page}",
-        "drill case2 --fault frozen-interpreter",
+        "drill low.toml --fault frozen-interpreter",
         "sweep ring.toml --seeds 0:1 --duration 2 --workers 1 --out swept",
     ],
     ids=lambda arguments: arguments.partition(" ")[0],
