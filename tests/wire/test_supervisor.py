@@ -199,6 +199,7 @@ async def test_one_that_hangs_before_a_vehicle_flies_is_ended_by_ctrl_c(fly: Fly
     flight = await fly()
     await until(lambda: flight.flying_pid > 0, waiting_for="the flying process")  # it does not hold the clock yet
     flight.strike(signal.SIGSTOP)
+    flight.clock.set_speed(1.0)  # the stubs' time goes on
     assert not flight.any_armed
     flight.process.send_signal(signal.SIGINT)
     code, said = await flight.ended()
