@@ -50,16 +50,19 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
     return tomli_w.dumps(abreast)
 
 
+_INSIDE_M = 0.5
+
+
 def _near_m(mission: Mission) -> list[float]:
-    """Return the farthest position straight ahead at which the whole line engages."""
+    """Return the farthest position straight ahead at which the whole formation engages, also one that stands."""
     leader = mission.vehicle(mission.formation.leader)
     config = mission.agent_config(leader)
     reach_m = min(mission.target.sensor.range_m, *(each.decision.distance_max_m for each in mission.vehicles))
-    width_m = max(abs(config.slot_offset_m(each, leader.id)[1]) for each in mission.ids)
-    if reach_m <= width_m:
+    slots_m = [config.slot_offset_m(each, leader.id) for each in mission.ids]
+    if reach_m <= max(abs(aside_m) for _, aside_m in slots_m):
         return list(mission.target.start_m)
     x, y = config.line_start_m
-    return [x + sqrt(reach_m**2 - width_m**2), y]
+    return [x + min(ahead_m + sqrt(reach_m**2 - aside_m**2) for ahead_m, aside_m in slots_m) - _INSIDE_M, y]
 
 
 def _move_apart(content: _Content) -> None:

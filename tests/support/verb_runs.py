@@ -18,7 +18,7 @@ from cyclopts import App
 
 from gcs.cli import VERBS, app, main
 from gcs.link.ports import free_ports
-from tests.support.mission_text import LOW_M
+from tests.support.mission_text import CASE2, LOW, LOW_M
 from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
 from tests.support.ring_mission import ring_mission
 
@@ -60,7 +60,7 @@ class Ran:
     err: str
 
 
-FLIGHT = VerbRun("fly", "fly.toml --sitl --speed 5 --wait-for-start --log fly.mcap", (4,), RESULT_KEYS[""], "2 waits")
+FLIGHT = VerbRun("fly", "fly.toml --sitl --speed 2 --wait-for-start --log fly.mcap", (4,), RESULT_KEYS[""], "2 waits")
 """The flight that an operator ends, beside which `BESIDE` runs."""
 START = VerbRun("start", "fly.toml --wait 60", (0,), OUTPUT_KEYS["start"])
 BESIDE = (
@@ -104,7 +104,7 @@ ALONE = (
         "relay", "pty:station pty:vehicle --radio latency_ms=5", keys=OUTPUT_KEYS["relay"], ready="vehicle", lasts=True
     ),
 )
-DRILL = VerbRun("drill", "case2 --fault frozen-interpreter", keys=OUTPUT_KEYS["drill"])
+DRILL = VerbRun("drill", "low.toml --fault frozen-interpreter", keys=OUTPUT_KEYS["drill"])
 EXCITE = VerbRun(
     "excite", "ring.toml --sitl --speed max --log excited.mcap", keys=OUTPUT_KEYS["excite --preview"] + " flown"
 )
@@ -141,7 +141,11 @@ def run_all(folder: Path) -> Iterator[Ran]:
 
 
 def write_missions(folder: Path) -> None:
-    """Write the missions: a ring of two, to fly at once and by stubs alone, with signing keys, and with a router."""
+    """Write the missions: a ring of two, to fly at once and by stubs alone, with signing keys, and with a router.
+
+    Drills fly case2 low.
+    """
+    (folder / "low.toml").write_text(CASE2.replace(*LOW), encoding="utf-8")
     stubs = free_ports(5)
     for name in ("ring", "fly", "stubs", "signed", "routed"):
         ports = stubs if name in ("stubs", "signed") else free_ports(5)

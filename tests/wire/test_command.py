@@ -27,6 +27,7 @@ from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.server.governed_clock import GovernedClock
 from tests.support.flights import flying, in_flight, unseen_view
+from tests.support.mission_text import LOW
 from tests.support.wire import hurried, served, until
 
 pytestmark = pytest.mark.wire
@@ -67,7 +68,7 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
 
     @asynccontextmanager
     async def in_formation() -> AsyncIterator[Team]:
-        mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "commanded"')))
+        mission = load_mission(mission_file("case2", LOW, ('name = "case2"', 'name = "commanded"')))
         team = Team(mission)
         view = unseen_view()
         monkeypatch.setattr(
@@ -155,7 +156,7 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
 async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = mission_file("case2")
+    path = mission_file("case2", LOW)
     mission = load_mission(path)
     tactics = dict[int, str]()
     view = unseen_view()
@@ -177,6 +178,7 @@ async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
             stubs.clock.set_speed(SPEED)
             with hurried(stubs.clock):
                 await until(lambda: list(tactics.values()) == ["formation"] * 2, 300.0, clock=stubs.clock)
+            stubs.clock.set_speed(1.0)  # keys are typed by the wall's clock
             assert "h hold" in terminal.text
             terminal.type("h")
             await until(lambda: list(tactics.values()) == ["hold"] * 2)

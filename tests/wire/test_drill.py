@@ -4,6 +4,7 @@ The others fly below the wire in `tests/gcs/drill/test_drills.py`; of those that
 `tests/wire/test_verbs.py`. A supervisor cannot be switched off: `tests/wire/test_supervisor.py` flies without one.
 """
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import pytest
@@ -11,7 +12,9 @@ import pytest
 from gcs.drill.faults import DRILLS, Roles
 from gcs.drill.run import DrillRun
 from gcs.drill.stubs import StubFlight
+from sitl.server.governed_clock import GovernedClock
 from tests.support.drills import Silent
+from tests.support.mission_text import LOW
 
 pytestmark = pytest.mark.wire
 
@@ -25,6 +28,16 @@ CONTROLLED = ("stranger", "flood", "impostor", "killed agent")
 CONTROL_SPEED = 4.0
 UNWATCHING = 3
 """The vehicle of a trio whose failsafe is switched off."""
+
+
+class Patient(StubFlight):
+    """A flight that goes on slower while, by the wall's clock, a vehicle that is lost is commanded in vain."""
+
+    def fail(self, fault: str, roles: Roles) -> None:
+        super().fail(fault, roles)
+        if fault == "lost in the air":
+            assert isinstance(self.clock, GovernedClock)
+            self.clock.set_speed(CONTROL_SPEED)
 
 
 class WithoutFailsafe(StubFlight):
@@ -51,9 +64,9 @@ class Unwatched(StubFlight):
 
 
 @pytest.mark.long
-async def test_drills_that_need_sockets_hold() -> None:
+async def test_drills_that_need_sockets_hold(mission_file: Callable[..., str]) -> None:
     drills = [drill for drill in DRILLS if drill.fault in FLOWN]
-    rows = await DrillRun("case2", StubFlight, drills, Silent()).run()
+    rows = await DrillRun(mission_file("case2", LOW), Patient, drills, Silent()).run()
     for row in rows:
         print(f"MEASURED {row.fault}: {row.measured_s} of {row.limit_s} s: {row.holds} {row.detail}")
     assert [row.fault for row in rows] == [*FLOWN]
@@ -61,9 +74,10 @@ async def test_drills_that_need_sockets_hold() -> None:
 
 
 @pytest.mark.long
-async def test_control_with_the_reactions_switched_off_every_drill_fails() -> None:
+async def test_control_with_the_reactions_switched_off_every_drill_fails(mission_file: Callable[..., str]) -> None:
     drills = [drill for drill in DRILLS if drill.fault in CONTROLLED]
-    run = DrillRun("case2", WithoutFailsafe, drills, Silent(), speed=CONTROL_SPEED, changes=REACTIONS_OFF)
+    mission = mission_file("case2", LOW)
+    run = DrillRun(mission, WithoutFailsafe, drills, Silent(), speed=CONTROL_SPEED, changes=REACTIONS_OFF)
     rows = await run.run()
     assert [row.fault for row in rows] == [*CONTROLLED]
     for row in rows:

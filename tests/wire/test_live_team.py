@@ -37,11 +37,11 @@ from gcs.station.recorded_flight import recorded_flight
 from sitl.autopilot.modes import NavMode
 from sitl.server.server import Stub
 from tests.support.mission_text import LOW
-from tests.support.wire import PATIENCE_S, served, until
+from tests.support.wire import served, until
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
-SPEED, DURATION_S = 4.0, 100.0
+SPEED, DURATION_S = 4.0, 50.0
 SOON = (
     ("distance_max_m = 12.0", "distance_max_m = 40.0"),
     ("range_m = 15.0", "range_m = 60.0"),
@@ -248,8 +248,8 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
                 assert not each.is_stale
                 assert each.position_m is not None
                 assert dist(each.position_m, scene.truths[-1].place_m[each.vehicle_id]) < NEAR_M
-            await until(lambda: scene.compared > 50, waiting_for="a ring of three")
-            output, errors = await asyncio.wait_for(process.communicate(), PATIENCE_S)
+            await until(lambda: scene.compared > 50, waiting_for="a ring of three", clock=scene.clock)
+            output, errors = await process.communicate()
             assert process.returncode in (0, 1), errors.decode()
         # The flight may be seen to be over before its last reports have arrived.
         await until(lambda: scene.team.ending == "landed", waiting_for="the end")

@@ -25,6 +25,7 @@ from gcs.flight.stubs import stub_configs
 from gcs.flight.supervision_protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERIOD_S
 from gcs.mission.file import load_mission
 from sitl.autopilot.modes import NavMode
+from tests.support.mission_text import LOW, with_first_vehicles
 from tests.support.wire import PATIENCE_S, Served, hurried, served, until
 
 pytestmark = pytest.mark.wire
@@ -103,13 +104,14 @@ Fly = Callable[..., Awaitable[Flight]]
 
 @pytest.fixture
 async def fly(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator[Fly]:
-    """Return a starter of a flight of three, supervised or not, on a terminal or not; all of it ends with the test."""
+    """Return a starter of a flight of two, supervised or not, on a terminal or not; all of it ends with the test."""
     path = mission_file(
         "case2",
         ('name = "case2"', 'name = "dead-man"'),
         ("separation_m = 3.0", "separation_m = 2.0"),  # they may land together
-        ("endpoint =", "altitude_m = 3.0\nendpoint ="),
+        LOW,
     )
+    with_first_vehicles(path, 2)
     under_test = ProcessUnderTest()
     server = await asyncio.start_unix_server(under_test.accept, tmp_path / "socket")
     environment = {**os.environ, "COLUMNS": "200", SOCKET: str(tmp_path / "socket")}
@@ -197,6 +199,7 @@ async def test_one_that_hangs_before_a_vehicle_flies_is_ended_by_ctrl_c(fly: Fly
     flight = await fly()
     await until(lambda: flight.flying_pid > 0, waiting_for="the flying process")  # it does not hold the clock yet
     flight.strike(signal.SIGSTOP)
+    flight.clock.set_speed(1.0)  # the stubs' time goes on
     assert not flight.any_armed
     flight.process.send_signal(signal.SIGINT)
     code, said = await flight.ended()
@@ -225,8 +228,8 @@ async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason
     assert f"{pid}" in told
     assert reason in told
     if fault is signal.SIGSTOP:  # ticks are spread over the period: of one vehicle first, or of several at once
-        assert re.search(r"vehicle [123] for 0\.6 s", told)
-    assert "vehicles 1, 2 and 3, unaccounted for: only their autopilots control them now" in told
+        assert re.search(r"vehicle [12] for 0\.6 s", told)
+    assert "vehicles 1 and 2, unaccounted for: only their autopilots control them now" in told
     assert "next: " in told
     with pytest.raises(ProcessLookupError):  # a stopped process would fly on once it is continued
         os.kill(pid, signal.SIGCONT)

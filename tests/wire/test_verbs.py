@@ -1,4 +1,7 @@
-"""Every command of the command line on what is installed: exit codes, and the documented keys with `--json`."""
+"""Every command of the command line on what is installed: exit codes, and the documented keys with `--json`.
+
+The drill: `tests/wire/security/test_hostile_folder.py`; the flight for identification: `tests/wire/test_excite.py`.
+"""
 
 import json
 from collections.abc import Sequence
@@ -66,22 +69,6 @@ def test_commands_that_run_alone(
         [finished(run, folder) if run.lasts else finished_here(run, folder, monkeypatch, capsys)[0] for run in ALONE],
         subtests,
     )
-
-
-@pytest.mark.wire
-def test_a_drill_tells_its_progress_and_its_table(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ran, out = finished_here(DRILL, folder, monkeypatch, capsys)
-    assert ran.fault == "", ran.err
-    result = json.loads(out)
-    assert (result["mission"], result["holds"]) == ("case2", True)
-    (row,) = result["drills"]
-    assert list(row) == ["fault", "expected", "limit_s", "measured_s", "holds", "detail"]
-    assert (row["fault"], row["limit_s"], row["holds"]) == ("frozen interpreter", 2.0, True)
-    assert 1.0 < row["measured_s"] <= 2.0, "later than a process that is gone: somebody had to notice"
-    assert "1 of 1: frozen interpreter ..." in ran.err
-    assert "drills of case2" in ran.err
 
 
 @pytest.mark.wire

@@ -40,8 +40,19 @@ def test_the_target_is_in_reach_of_those_who_want_it() -> None:
     case1, case2 = drilled("case1"), drilled("case2")
     assert [Roles(case2).tactic(i) for i in case2.ids] == ["encircle"] * 3
     assert [Roles(case1).tactic(i) for i in case1.ids] == ["encircle", "formation", "formation"]
-    x, y = case2.target.start_m
-    assert hypot(x, abs(y) + case2.formation.spacing_m) == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize("shape", ["line", "column", "wedge"])
+def test_every_slot_of_the_formation_is_in_reach_of_the_target_and_not_much_nearer(
+    shape: str, mission_file: Callable[..., str]
+) -> None:
+    name = mission_file("case2", ("[formation]", f'[formation]\nshape = "{shape}"'))
+    flown, leader = drilled(name), load_mission(name).formation.leader
+    config = flown.agent_config(flown.vehicle(leader))
+    slots_m = [config.slot_offset_m(each, leader) for each in flown.ids]
+    line_m, target_m = config.line_start_m, flown.target.start_m
+    away_m = [hypot(target_m[0] - line_m[0] - x, target_m[1] - line_m[1] - y) for x, y in slots_m]
+    assert 11.0 < max(away_m) < 12.0
 
 
 def test_a_line_that_all_leave_for_the_ring_moves_on_with_the_target() -> None:

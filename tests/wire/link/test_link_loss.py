@@ -56,9 +56,10 @@ NEAR = (
     ("start_m = [20.0, 0.0]", "start_m = [12.0, 0.0]"),
     ("radius_m = 10.0", "radius_m = 8.0"),
     ("angular_rate_rad_s = 0.15", "angular_rate_rad_s = 0.1"),
-    ("altitude_m = 8.0", "altitude_m = 4.0"),
+    ("altitude_m = 8.0", "altitude_m = 3.0"),
+    ('layer_m = 3.0\nlanding = "return"', 'landing = "in_place"'),
 )
-"""What makes the ring form soon."""
+"""What makes the ring form soon, and the flight end soon."""
 HOLD_ON_LOSS = 5
 
 
@@ -303,7 +304,7 @@ async def test_setpoints_that_do_not_arrive_are_told_as_that_and_offboard_is_req
 
 @pytest.mark.long
 async def test_autopilots_that_restart_in_mid_ring(team: Team) -> None:
-    duration_s = 160.0
+    duration_s = 100.0
     # Vehicle 1 comes back with the address it had, as a PX4 or a radio does; vehicle 3 after a silence with another.
     team.configs[1] = replace(team.configs[1], port=free_ports(1)[0])
     async with team.flying(duration_s) as flight:

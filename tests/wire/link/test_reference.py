@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20.common import MAVLink, MAVLink_odometry_message
 
-from agents.ports import FlightMode, Reference, Setpoint, VehicleRefusedError
+from agents.ports import FlightMode, Reference, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.safety.failsafe import Condition, reported_faults
 from agents.settings.sections import FailsafeSettings
 from estimation.frames import Triple
@@ -113,6 +113,11 @@ def odometry(resets: int) -> bytes:
     return bytes(message.pack(MAVLink(None, 1, 1)))
 
 
+def raised_by_vehicle(status: VehicleStatus) -> list[Condition]:
+    """Return the conditions of a status but that of the link, which loses messages on a busy computer."""
+    return [each for each in reported_faults(status, FailsafeSettings()) if each is not Condition.LINK_DEGRADED]
+
+
 async def unreadable(*_: Any) -> Triple:
     raise VehicleRefusedError("has no position", "wait")
 
@@ -154,10 +159,7 @@ async def test_of_an_autopilot_that_sends_its_origin(
             assert flight.reference == before
             assert flight.true_m[2] == pytest.approx(2.0, abs=0.1)
             assert (status.height_off_m, status.height_sensor) == (6.0, BAROMETER)
-            assert [*reported_faults(status, FailsafeSettings())] == [
-                Condition.ESTIMATOR_FAILING,
-                Condition.ESTIMATOR_DEGRADED,
-            ]
+            assert raised_by_vehicle(status) == [Condition.ESTIMATOR_FAILING, Condition.ESTIMATOR_DEGRADED]
             await flight.drift("height_jump_m", 0.0)
         async with flight.judged(subtests, "a move too small for a jump is read") as before:
             for moved_m in ((0.6, 0.0, 0.0), (0.6, 0.0, 0.9 * ORIGIN_STEP_M)):  # corrections of a height are no event
@@ -224,5 +226,5 @@ async def test_of_one_that_does_not(monkeypatch: pytest.MonkeyPatch, subtests: p
                 assert flight.true_m[2] == pytest.approx(PLACE_M[2] + off_m, abs=0.5)
                 assert status.height_off_m == pytest.approx(explained_m - off_m, abs=0.5)
                 assert status.height_sensor == GPS
-                assert [*reported_faults(status, FailsafeSettings())] == conditions
+                assert raised_by_vehicle(status) == conditions
             assert flight.reference == before

@@ -1,5 +1,6 @@
 """Commands started in a folder from elsewhere, which holds modules with the names of cordon's and of Python's."""
 
+import json
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pytest
 
 from gcs.link.ports import free_ports
 from tests.support.paths import ROOT
-from tests.support.verb_runs import write_missions
+from tests.support.verb_runs import DRILL, fault, words, write_missions
 from tests.support.wire import PATIENCE_S
 
 pytestmark = pytest.mark.wire
@@ -40,6 +41,14 @@ def hostile(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.fixture
+def script(hostile: Path) -> str:
+    """Return a script like the one that pip makes."""
+    path = hostile.parent / "cordon"
+    path.write_text(SCRIPT, encoding="utf-8")
+    return str(path)
+
+
 def run(folder: Path, *command: str) -> tuple[subprocess.CompletedProcess[str], str]:
     """Run a program there as a user does; return how it ended, and which of the folder's modules were imported."""
     marker = folder.parent / "marker"
@@ -66,17 +75,28 @@ def test_the_modules_leave_marks(hostile: Path) -> None:
     "arguments",
     [
         "fly ring.toml --sitl --speed max --duration 2 --log fly.mcap --station --station-address 127.0.0.1:{page}",
-        "drill case2 --fault frozen-interpreter",
         "sweep ring.toml --seeds 0:1 --duration 2 --workers 1 --out swept",
     ],
     ids=lambda arguments: arguments.partition(" ")[0],
 )
-def test_no_process_of_a_command_imports_them(hostile: Path, arguments: str) -> None:
-    script = hostile.parent / "cordon"  # like the one that pip makes
-    script.write_text(SCRIPT, encoding="utf-8")
-    ended, imported = run(hostile, str(script), *arguments.format(page=free_ports(1)[0]).split())
+def test_no_process_of_a_command_imports_them(hostile: Path, script: str, arguments: str) -> None:
+    ended, imported = run(hostile, script, *arguments.format(page=free_ports(1)[0]).split())
     assert imported == "", ended.stderr
     assert ended.returncode in (0, 1), ended.stderr
+
+
+def test_a_drill_imports_none_either_and_tells_its_progress_and_its_table(hostile: Path, script: str) -> None:
+    ended, imported = run(hostile, script, *words(DRILL))
+    assert imported == "", ended.stderr
+    assert fault(DRILL, ended.returncode, ended.stdout, ended.stderr) == "", ended.stderr
+    result = json.loads(ended.stdout)
+    assert (result["mission"], result["holds"]) == ("case2", True)
+    (row,) = result["drills"]
+    assert list(row) == ["fault", "expected", "limit_s", "measured_s", "holds", "detail"]
+    assert (row["fault"], row["limit_s"], row["holds"]) == ("frozen interpreter", 2.0, True)
+    assert 1.0 < row["measured_s"] <= 2.0, "later than a process that is gone: somebody had to notice"
+    assert "1 of 1: frozen interpreter ..." in ended.stderr
+    assert "drills of case2" in ended.stderr
 
 
 @pytest.mark.parametrize("module", ["cordon", "gcs"])

@@ -8,6 +8,7 @@ import base64
 import json
 import re
 import shutil
+import signal
 import socket
 import ssl
 import subprocess
@@ -63,8 +64,10 @@ from gcs.keys.team_keys import NoKeys, TeamKeys
 from gcs.link.ports import free_ports
 from gcs.mission.file import load_mission
 from tests.conftest import Ran, RunHere
+from tests.support.mission_text import LOW
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, until
+from tests.support.wire import cordon as flown
 
 pytestmark = pytest.mark.wire
 
@@ -507,7 +510,7 @@ def cordon(*arguments: str) -> Ran:
 def keyed_mission(mission_file: Callable[..., str]) -> str:
     """Return a mission beside the folder of keys."""
     first = "[[vehicles]]\nid = 1\n"
-    return mission_file("case2", (first, f'[network]\nteam = "{TEAM}"\nsecurity = {{ keys = "keys" }}\n\n{first}'))
+    return mission_file("case2", LOW, (first, f'[network]\nteam = "{TEAM}"\nsecurity = {{ keys = "keys" }}\n\n{first}'))
 
 
 class Process:
@@ -617,16 +620,15 @@ def test_a_flight_records_the_revocation(
 ) -> None:
     mission, log, office = keyed_mission(mission_file), str(tmp_path / "flight.mcap"), tmp_path / "office"
     shutil.copytree(keys.path, office)
-    command = [sys.executable, "-m", "gcs", "fly", mission, "--sitl", "--speed", "5", "--duration", "40", "--log", log]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as flight:
-        try:
-            revoke = ("keys", "revoke", "operator-anna", "--keys", str(office), "--mission", mission, "--key", "bob")
-            while "vehicle 3: has taken" not in cordon(*revoke).err:
-                assert flight.poll() is None
-            flight.wait(2 * PATIENCE_S)
-        finally:
-            if flight.poll() is None:
-                flight.terminate()
+    with flown("fly", mission, "--sitl", "--speed", "2", "--log", log) as flight:
+        assert flight.stderr is not None
+        while "standby -> formation" not in (line := flight.stderr.readline()):
+            assert line, "it has ended"
+        revoke = ("keys", "revoke", "operator-anna", "--keys", str(office), "--mission", mission, "--key", "bob")
+        while "vehicle 3: has taken" not in cordon(*revoke).err:
+            assert flight.poll() is None
+        flight.send_signal(signal.SIGINT)
+        flight.communicate(timeout=2 * PATIENCE_S)
     entries = cordon("log", "audit", log)
     assert entries.code == Exit.HOLDS
     noted = [line for line in entries.out.splitlines() if "accepts nothing from operator-anna" in line]

@@ -34,6 +34,7 @@ from sitl.mavlink.signing import SigningKey
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, StubConfig
 from tests.support.forger import Forger
+from tests.support.mission_text import LOW
 from tests.support.wire import LOOPBACK, free_port, repeated, served_by, stub_clock, until
 
 pytestmark = pytest.mark.wire
@@ -78,7 +79,7 @@ def forget(_telemetry: Telemetry) -> None:
 async def test_forged_messages_have_no_effect_on_a_flight(
     clock: GovernedClock, mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mission = load_mission(mission_file("px4-trio"))
+    mission = load_mission(mission_file("case2", LOW))
     rows, told = dict[int, TeamRow](), list[Finding]()
     view = LiveView(Console(file=StringIO()))
     monkeypatch.setattr(view, "update", lambda team, *_: rows.update({row.vehicle_id: row for row in team}))

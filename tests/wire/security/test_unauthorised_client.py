@@ -38,7 +38,7 @@ from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.server.governed_clock import GovernedClock
 from tests.support.flights import flying, in_flight
-from tests.support.mission_text import INSECURE
+from tests.support.mission_text import INSECURE, LOW
 from tests.support.paths import ROOT, finds_tests
 from tests.support.unauthorised_client import FAR_M, UnauthorisedClient, state
 from tests.support.wire import PATIENCE_S, repeated, served, until
@@ -192,7 +192,7 @@ def resident_mb() -> float:
 async def test_a_team_flies_on_while_a_stranger_lies_and_floods(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, subtests: pytest.Subtests
 ) -> None:
-    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"'), INSECURE))
+    mission = load_mission(mission_file("case2", ('name = "case2"', 'name = "attacked"'), LOW, INSECURE))
     async with attacked(mission, monkeypatch) as scene:
         stranger = UnauthorisedClient(mission.network.team, scene.endpoints)
 
