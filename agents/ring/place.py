@@ -4,8 +4,6 @@ from collections.abc import Iterable, Sequence
 from math import sin, tau
 from typing import Final
 
-from estimation.vectors import Pair
-
 
 class RingPlace:
     """A vehicle's place among the `members` on the ring, itself included.
@@ -42,11 +40,12 @@ def ring_place(bearing_rad: float, other_bearings_rad: Iterable[float]) -> RingP
     return RingPlace(len(ahead) + 1, min(ahead), tau - farthest_rad)
 
 
-Neighbours = tuple[Pair, Pair]
+_Neighbour = tuple[float, float]
+Neighbours = tuple[_Neighbour, _Neighbour]
 """The vehicles behind and in front: the angle to each, and its angular rate."""
 
 
-def neighbours(bearing_rad: float, others: Iterable[Pair]) -> Neighbours | None:
+def neighbours(bearing_rad: float, others: Iterable[_Neighbour]) -> Neighbours | None:
     """Find the neighbours of a vehicle from the bearings and rates of others about the target, None if it is alone."""
     ahead = [((other_rad - bearing_rad) % tau, rate_rad_s) for other_rad, rate_rad_s in others]
     if not ahead:
