@@ -60,7 +60,7 @@ class Ran:
     err: str
 
 
-FLIGHT = VerbRun("fly", "fly.toml --sitl --speed 2 --wait-for-start --log fly.mcap", (4,), RESULT_KEYS[""], "2 waits")
+FLIGHT = VerbRun("fly", "fly.toml --sitl --speed 5 --wait-for-start --log fly.mcap", (4,), RESULT_KEYS[""], "2 waits")
 """The flight that an operator ends, beside which `BESIDE` runs."""
 START = VerbRun("start", "fly.toml --wait 60", (0,), OUTPUT_KEYS["start"])
 BESIDE = (
