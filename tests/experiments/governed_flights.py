@@ -10,18 +10,25 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from tests.experiments.arguments import seeded_parser
-from tests.experiments.busy_computer import busy
 from tests.experiments.random_missions import random_mission
 from tests.support.paths import ROOT
 
 BUNDLED = ("case2", "case2-field")
 SPEEDS = ("10", "max")
+SPINS = """
+import os
+parent = os.getppid()
+while os.getppid() == parent:
+    for _ in range(1_000_000): pass
+"""
+"""It ends with its parent, also if that is killed."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,18 @@ def missions(count: int, first: int, folder: Path) -> Iterator[str]:
         path = folder / f"random-{seed}.toml"
         path.write_text(random_mission(seed).text, encoding="utf-8")
         yield str(path)
+
+
+@contextmanager
+def busy(programs: int) -> Iterator[None]:
+    """Run programs that compute without a pause."""
+    running = [subprocess.Popen([sys.executable, "-c", SPINS], start_new_session=True) for _ in range(programs)]
+    try:
+        yield
+    finally:
+        for each in running:
+            each.kill()
+            each.wait()
 
 
 def fly(mission: str, speed: str, load: int) -> Flown:

@@ -181,7 +181,7 @@ def apart_m(record: FlightRecord) -> Vector:
 
 def test_case1_keeps_three_metres_and_without_the_guard_not_two(case1: Flown) -> None:
     assert apart_m(case1.record).min() >= 3.0
-    assert apart_m(unguarded("case1", 240.0)).min() < 2.0
+    assert apart_m(unguarded("case1", 140.0)).min() < 2.0
 
 
 def test_case1_recovers_from_its_encounters(case1: Flown) -> None:
@@ -204,7 +204,7 @@ def test_case1_recovers_from_its_encounters(case1: Flown) -> None:
 
 
 def test_case2_is_flown_as_if_there_were_no_guard(case2: Flown) -> None:
-    free = unguarded("case2", 350.0)
+    free = unguarded("case2", 335.0)
     for track, twin in zip(case2.record.vehicles, free.vehicles, strict=True):
         assert (track.tactic[: free.time_s.size] == twin.tactic).all()  # the engagements, to the tick
     guarded, plain = (ring_errors(each, ids=(1, 2, 3), from_s=320.0) for each in (case2.record, free))
@@ -305,9 +305,7 @@ WIND = section("simulation", wind_m_s2=(0.3, 0.0))
 NOBODY_ENGAGES = section("target", threat=0.9)
 
 MANOEUVRES: dict[str, tuple[Change, ...]] = {
-    "stiffer and less damped": (plants((1.3, 0.7, 0.0)),),
     "each vehicle another": (plants((0.7, 1.3, 0.0), (1.3, 0.7, 0.1), (1.3, 1.3, 0.2)),),
-    "0.2 s of delay unknown to the model": (plants((1.0, 1.0, 0.2)),),
     "wind": (WIND,),
     "everything at once": (
         plants((0.7, 0.7, 0.2)),
@@ -356,6 +354,7 @@ FORMATIONS: dict[str, tuple[Change, ...]] = {
 }
 
 
+@cache
 def in_line(*changes: Change) -> FlightRecord:
     return flown(manoeuvre(NOBODY_ENGAGES, *changes), duration_s=60.0).record
 
