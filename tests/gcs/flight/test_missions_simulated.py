@@ -140,7 +140,7 @@ def test_case2_in_the_field_settles_at_the_promised_figures(field: Flown) -> Non
 
 
 def test_vehicles_that_are_shaped_and_differ_from_their_model_keep_the_ring() -> None:
-    flight = flown(load_mission("shaped-trio"), duration_s=120.0)
+    flight = flown(load_mission("shaped-trio"), duration_s=100.0)
     assert all(known(v.radius_error_rms_m) <= 0.05 for v in flight.result.vehicles)
     assert all(known(v.angular_rate_mean_rad_s) == pytest.approx(0.15, rel=0.01) for v in flight.result.vehicles)
     late = ring_errors(flight.record, ids=(1, 2, 3), from_s=75.0)
