@@ -192,7 +192,7 @@ def test_a_certificate_that_the_roster_does_not_admit_is_refused(keys: Authority
 
 def test_keys_that_are_issued_at_the_same_time_are_all_on_the_roster(keys: AuthorityFolder) -> None:
     command = [sys.executable, "-m", "gcs", "keys", "issue", "observer", "--keys", str(keys.path)]
-    names = [f"at-once-{i}" for i in range(4)]
+    names = [f"at-once-{i}" for i in range(6)]
     issuing = [subprocess.Popen([*command, name], cwd=ROOT, stderr=subprocess.DEVNULL) for name in names]
     assert [each.wait(PATIENCE_S) for each in issuing] == [Exit.HOLDS] * len(names)
     roster = keys.roster
