@@ -27,10 +27,8 @@ COMPUTING = ("-m", "not wire and not browser", "-n", "auto", "--dist", "loadfile
 """Tests that compute run beside the others, and a file's tests share what its fixtures have flown."""
 QUICK = ("-m", "not wire and not browser and not slow", *COMPUTING[2:])
 """What a change is tested with while it is written: below the wire, without what computes for long."""
-ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
-"""Matrices here are small: more threads only spin, in the way of the other processes. These are hundreds, and would
-each compile what they import.
-"""
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+"""Matrices here are small: more threads only spin, in the way of the other processes."""
 HANGS_AFTER_S = 900.0
 """A test that hangs is ended by pytest's own bound; a process in which none has ended for this time hangs outside."""
 

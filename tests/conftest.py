@@ -55,7 +55,8 @@ INTERRUPTIONS: dict[int, Any] = {
 def pytest_configure() -> None:
     """Forget what the user's terminal and shell are like, and refuse to replace methods of compiled classes.
 
-    Output is asserted as it is without a terminal. What `nohup` and a shell's `&` ignore, a program that a test
+    Output is asserted as it is without a terminal. Workers and the hundreds of processes that tests start would each
+    compile what they import, if none of them kept it. What `nohup` and a shell's `&` ignore, a program that a test
     interrupts would ignore as well. Compiled callers go on calling a method that is replaced.
     """
     for number, action in INTERRUPTIONS.items():
@@ -63,6 +64,8 @@ def pytest_configure() -> None:
             signal.signal(number, action)
     for name in TERMINAL_VARIABLES:
         os.environ.pop(name, None)
+    sys.dont_write_bytecode = False
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     replace_attribute = pytest.MonkeyPatch.setattr
 
     def setattr_of_python(patch: pytest.MonkeyPatch, target: Any, *arguments: Any, **named: Any) -> None:

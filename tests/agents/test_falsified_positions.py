@@ -185,7 +185,7 @@ DOUBTFUL, GRACE_S = Condition.PEER_DOUBTFUL.value, FailsafeSettings().doubt_s
     ("name", "scene"),
     [
         *((name, on_the_ring) for name in FOUND),
-        *((name, crossing) for name in ("jumps about", "is in two places", *SLOW)),
+        ("jumps about", crossing),
     ],
 )
 def test_a_lie_that_no_vehicle_flies_is_found_and_all_keep_apart(name: str, scene: Callable[[], Scene]) -> None:

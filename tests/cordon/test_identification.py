@@ -18,6 +18,8 @@ def test_the_true_plant_lies_within_the_intervals() -> None:
     for axis, true in zip(found.axes, (stub.x, stub.y), strict=True):
         assert axis.a0_per_s2.low < true.a0_per_s2 < axis.a0_per_s2.high
         assert axis.a1_per_s.low < true.a1_per_s < axis.a1_per_s.high
+        assert (axis.a0_per_s2.value, axis.a1_per_s.value) == pytest.approx((true.a0_per_s2, true.a1_per_s), rel=0.01)
+    assert found.delay_s.value < 0.03, "links and the loop need some milliseconds; the stub's plant has no delay"
     assert found.plant.x.a0_per_s2 == found.axes[0].a0_per_s2.value
 
 

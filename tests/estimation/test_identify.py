@@ -107,7 +107,7 @@ def test_a_good_flight_is_graded_good_and_progress_rises_to_the_end(quiet: tuple
 
 def test_intervals_are_as_wide_as_noise_makes_them(quiet: tuple[Identified, list[float]]) -> None:
     calm = found_in(quiet[0])
-    loud = found_in(identify([recorded(TRUTH, 5, noise_m=0.4, setpoint_m=short_m(5))]))
+    loud = found_in(identify([recorded(TRUTH, 5, noise_m=0.2, setpoint_m=short_m(5))]))
     ratios = [
         wide.relative / narrow.relative for narrow, wide in zip(intervals_of(calm), intervals_of(loud), strict=True)
     ]
@@ -116,7 +116,7 @@ def test_intervals_are_as_wide_as_noise_makes_them(quiet: tuple[Identified, list
 
 def test_axes_are_fitted_as_one_unless_they_differ(quiet: tuple[Identified, list[float]]) -> None:
     alike = Truth((1.5, 1.5), (1.9, 1.9), 0.2)
-    same = found_in(identify([recorded(alike, 15, noise_m=0.1)]))
+    same = found_in(identify([recorded(alike, 15, noise_m=0.05, setpoint_m=short_m(15))]))
     assert (same.axes_alike, found_in(quiet[0]).axes_alike) == (True, False)
     assert same.plant.x == same.plant.y
     assert same.plant.x.a0_per_s2 == pytest.approx(1.5, rel=0.05)

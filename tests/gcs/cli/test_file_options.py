@@ -133,7 +133,7 @@ def test_what_is_written_is_the_user_s_own(
     try:
         for command in (
             "sim case2 --duration 2 --log sim.mcap --plot sim.png",
-            "report other.mcap --html other.html --animate other.webp",
+            "report other.mcap --animate other.webp",
             "report flight.mcap --compare other.mcap --html compared.html",
             "log recover cut.mcap",
             "identify flight.mcap --vehicle 1 -o found.toml --html found.html",

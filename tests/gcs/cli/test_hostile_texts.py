@@ -172,7 +172,7 @@ def _read(terminal: int) -> bytes:
     return b""
 
 
-@pytest.mark.parametrize("command", ["replay {log}", "log recover {log}", "identify {log} --vehicle 1"])
+@pytest.mark.parametrize("command", ["replay {log}", "identify {log} --vehicle 1"])
 def test_a_terminal_receives_the_program_s_own_style_only(folder: Path, command: str) -> None:
     received = on_terminal([word.replace("{log}", f"flight{NAME}.mcap") for word in command.split()], folder)
     assert "mine" in received, "it has to show them"

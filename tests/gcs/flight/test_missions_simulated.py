@@ -140,7 +140,7 @@ def test_case2_in_the_field_settles_at_the_promised_figures(field: Flown) -> Non
 
 
 def test_vehicles_that_are_shaped_and_differ_from_their_model_keep_the_ring() -> None:
-    flight = flown(load_mission("shaped-trio"), duration_s=120.0)
+    flight = flown(load_mission("shaped-trio"), duration_s=100.0)
     assert all(known(v.radius_error_rms_m) <= 0.05 for v in flight.result.vehicles)
     assert all(known(v.angular_rate_mean_rad_s) == pytest.approx(0.15, rel=0.01) for v in flight.result.vehicles)
     late = ring_errors(flight.record, ids=(1, 2, 3), from_s=75.0)
@@ -181,7 +181,7 @@ def apart_m(record: FlightRecord) -> Vector:
 
 def test_case1_keeps_three_metres_and_without_the_guard_not_two(case1: Flown) -> None:
     assert apart_m(case1.record).min() >= 3.0
-    assert apart_m(unguarded("case1", 240.0)).min() < 2.0
+    assert apart_m(unguarded("case1", 140.0)).min() < 2.0
 
 
 def test_case1_recovers_from_its_encounters(case1: Flown) -> None:
@@ -204,7 +204,7 @@ def test_case1_recovers_from_its_encounters(case1: Flown) -> None:
 
 
 def test_case2_is_flown_as_if_there_were_no_guard(case2: Flown) -> None:
-    free = unguarded("case2", 350.0)
+    free = unguarded("case2", 335.0)
     for track, twin in zip(case2.record.vehicles, free.vehicles, strict=True):
         assert (track.tactic[: free.time_s.size] == twin.tactic).all()  # the engagements, to the tick
     guarded, plain = (ring_errors(each, ids=(1, 2, 3), from_s=320.0) for each in (case2.record, free))
@@ -305,9 +305,7 @@ WIND = section("simulation", wind_m_s2=(0.3, 0.0))
 NOBODY_ENGAGES = section("target", threat=0.9)
 
 MANOEUVRES: dict[str, tuple[Change, ...]] = {
-    "stiffer and less damped": (plants((1.3, 0.7, 0.0)),),
     "each vehicle another": (plants((0.7, 1.3, 0.0), (1.3, 0.7, 0.1), (1.3, 1.3, 0.2)),),
-    "0.2 s of delay unknown to the model": (plants((1.0, 1.0, 0.2)),),
     "wind": (WIND,),
     "everything at once": (
         plants((0.7, 0.7, 0.2)),
@@ -356,6 +354,7 @@ FORMATIONS: dict[str, tuple[Change, ...]] = {
 }
 
 
+@cache
 def in_line(*changes: Change) -> FlightRecord:
     return flown(manoeuvre(NOBODY_ENGAGES, *changes), duration_s=60.0).record
 

@@ -15,7 +15,7 @@ SHAPED = {"speed_max_m_s": 5.0, "acceleration_max_m_s2": 2.5, "jerk_max_m_s3": 5
 
 
 def test_the_mixed_team_keeps_its_ring_on_plants_off_their_profiles() -> None:
-    result = flown(OFF(section("simulation", **SHAPED)(load_mission("mixed-team"))), duration_s=130.0).result
+    result = flown(OFF(section("simulation", **SHAPED)(load_mission("mixed-team"))), duration_s=100.0).result
     verdicts = result.verdicts
     assert (verdicts.c1, verdicts.c2, verdicts.c3, verdicts.separation) == (True, True, True, True)
     for vehicle in result.vehicles:

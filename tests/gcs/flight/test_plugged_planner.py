@@ -38,9 +38,9 @@ class Faulty:
 
 
 def test_a_planner_without_plans_leaves_a_flight_as_it_is_bit_for_bit() -> None:
-    mission = load_mission("case3-turns")
-    plain = fly_simulated(mission, 3, 60.0, lambda _: None)
-    plugged = fly_simulated(mission, 3, 60.0, lambda _: None, planner=lambda _: Silent())
+    mission = load_mission("case2-field", {"target.start_m": [13.0, -5.0]})
+    plain = fly_simulated(mission, 3, 25.0, lambda _: None)
+    plugged = fly_simulated(mission, 3, 25.0, lambda _: None, planner=lambda _: Silent())
     assert {tactic for track in plain.vehicles for tactic in track.tactic} == {"formation", "encircle"}
     for before, after in zip(plain.vehicles, plugged.vehicles, strict=True):
         assert np.array_equal(before.position_m, after.position_m)

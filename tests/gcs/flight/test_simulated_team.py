@@ -95,7 +95,7 @@ def test_a_vehicle_that_reports_its_own_fault_raises_no_alarm_of_the_others(faul
         async with SimulatedTeam(low_flight(target={"start_m": [7.0, -4.0]})) as team:
             await team.begin()
             began_s = await team.until(lambda: team.tactics() == ["encircle"] * 3, 120.0)
-            await team.until_s(began_s + 30.0)
+            await team.until_s(began_s + 10.0)
             places_m = {i: link.autopilot.airframe.position_m for i, link in team.links.items()}
             injection = required_fault(fault).inject(TeamInFlight(team.mission, 3, (1, 2, 3), places_m))
             team.links[3].inject(injection.vehicles[3])

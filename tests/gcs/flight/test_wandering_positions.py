@@ -15,7 +15,7 @@ from tests.support.observed_flight import observed
 
 pytestmark = pytest.mark.slow
 
-SETTLED_S, BLIND_FROM_S, BLIND_TO_S, UNTIL_S = 60.0, 130.0, 150.0, 175.0
+SETTLED_S, BLIND_FROM_S, BLIND_TO_S, UNTIL_S = 60.0, 100.0, 120.0, 140.0
 WANDER_M, RING_M, SEED = 0.25, 10.0, 1
 BLIND = 0
 """The vehicle whose sensor is blind for a while."""
@@ -78,7 +78,7 @@ def test_the_true_ring_is_about_the_target_and_evenly_spaced(wandering: Wanderin
 
 
 def test_the_same_vehicles_that_know_nothing_of_their_wander_fly_a_ring_that_is_off_by_it() -> None:
-    flight = Wandering(own_filter(wander_m=0.0)(engaging("case2-wander")), 120.0)
+    flight = Wandering(own_filter(wander_m=0.0)(engaging("case2-wander")), 100.0)
     assert rms(flight.radius_error_m[flight.seeing]) > 0.15
 
 

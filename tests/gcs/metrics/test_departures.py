@@ -173,7 +173,7 @@ def test_those_that_left_alike_are_named_together() -> None:
 # Real agents, with the reason to leave injected
 
 
-LEAVES_S = 20.0
+LEAVES_S = 12.0
 HEALTHY = VehicleStatus(connected=True, armed=True, in_air=True, battery=0.9, local_position_ok=True, armable=True)
 
 
@@ -187,7 +187,7 @@ def command(verb: Verb) -> Callable[[float], ReceivedInput]:
 
 @pytest.fixture
 def flown(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], ReceivedInput]], FlightResult]:
-    """Return a function that flies three vehicles onto a ring, and gives an input to vehicle 2 at 20 s."""
+    """Return a function that flies three vehicles onto a ring, and gives an input to vehicle 2 at 12 s."""
     cores: list[VehicleCore] = []
 
     def new_core(config: AgentConfig, planner: None) -> VehicleCore:

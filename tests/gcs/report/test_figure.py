@@ -68,7 +68,7 @@ def test_the_suffix_chooses_the_format_and_the_file_repeats_byte_for_byte(
     flown, result, formation = flight(1, 1)
     paths = [tmp_path / name, tmp_path / again]
     for path in paths:
-        save_figure(flown, result, RING, path, formation)
+        save_figure(flown, result, RING, path, formation, 2)
     assert paths[0].read_bytes().startswith(magic)
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert b"Date" not in paths[0].read_bytes()
@@ -149,8 +149,8 @@ def test_vehicles_and_targets_not_heard_are_drawn_around(tmp_path: Path, recwarn
 
 
 def test_the_style_is_not_left_behind(tmp_path: Path) -> None:
-    flown, result, _ = flight(1, 0)
+    flown, result, formation = flight(1, 0)
     before = rcParams["axes.grid"]
     assert STYLE["axes.grid"] != before
-    save_figure(flown, result, RING, tmp_path / "flight.png")
+    save_figure(flown, result, RING, tmp_path / "flight.png", formation, 2)
     assert rcParams["axes.grid"] == before

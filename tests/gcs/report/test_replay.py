@@ -1,6 +1,7 @@
 """What a report holds for its replay: the operator's page as it is, and the flight as the page shows it."""
 
 import re
+import stat
 import subprocess
 import sys
 from itertools import pairwise
@@ -38,9 +39,10 @@ def html(path: Path) -> str:
     return written.read_text(encoding="utf-8")
 
 
-def test_the_replay_comes_before_every_figure_and_takes_its_room(html: str) -> None:
+def test_the_replay_comes_before_every_figure_and_takes_its_room(html: str, path: Path) -> None:
     assert html.index('<section id="verdicts"') < html.index('<section id="replay"') < html.index("<figure")
     assert len(html.encode()) < 5_000_000
+    assert stat.S_IMODE(path.with_name("flight.html").stat().st_mode) == 0o600, "it is the user's own"
 
 
 def test_it_is_the_operators_page_file_by_file_and_the_flight_as_recorded(html: str, path: Path) -> None:
