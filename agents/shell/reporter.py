@@ -32,6 +32,8 @@ from estimation.state import POSITION, VELOCITY
 PERIOD_S = 1.0
 """The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
+_LAST_REPORTS, _LAST_PERIOD_S = 3, 0.1
+"""The bus is best effort: on a busy computer a message may be lost, also one that is sent as the bus is left."""
 _CLIMB_SENT_M = 0.5
 _WORDS_LIMIT = 32
 ANNOUNCED_S = 60.0
@@ -120,11 +122,13 @@ class Reporter:
         self._look()
 
     async def close(self) -> None:
-        """Send the last report and stop."""
+        """Send the last report, which nothing follows, repeatedly; and stop."""
         if self._running is not None:
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
-            self._send(link_s(self._parts.clock))
+            for _ in range(_LAST_REPORTS):
+                self._send(link_s(self._parts.clock))
+                await asyncio.sleep(_LAST_PERIOD_S)
 
     async def _run(self) -> None:
         while True:

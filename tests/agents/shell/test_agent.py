@@ -489,7 +489,8 @@ def test_a_take_off_that_is_abandoned_before_it_arms_lands_nothing_but_waits_for
         asked_s = asyncio.get_running_loop().time()
         flight.stop.request()
         outcome = await flight.outcome()
-        assert asyncio.get_running_loop().time() - asked_s == pytest.approx(2.5, abs=0.1)
+        # Of these are 0.3 s for the last reports.
+        assert asyncio.get_running_loop().time() - asked_s == pytest.approx(2.8, abs=0.1)
         assert (outcome.how, outcome.flew) == (X.OPERATOR, False)
         assert flight.link.calls == ["take_off"]
 
