@@ -1,8 +1,8 @@
-"""Fly vehicles whose plants are more or less like their profile's, and count those that are told to be unlike it.
+"""Fly vehicles whose plants differ from their profile's, and count those that are reported as stiffer or softer.
 
-Missions, wind, limits, telemetry and the estimators' errors are those of plant_family. A vehicle can be told once four
-windows with enough motion are compared, which on slow rings does not happen. Exit code 1 if a vehicle within 10 % of
-its profile is told, or one is told to be stiffer that has more lag, or softer that has less.
+Missions, wind, limits, telemetry and the estimators' errors are those of plant_family. A vehicle can be reported once
+four windows with enough motion are compared, which on slow rings does not happen. Exit code 1 if a vehicle within 10 %
+of its profile is reported, or one is reported as stiffer that has more lag, or as softer that has less.
 """
 
 import os
@@ -43,7 +43,7 @@ LIKE = tuple(KINDS)[:2]
 
 @dataclass(frozen=True)
 class Told:
-    """Whether a vehicle could be told, how it was, when after it engaged [s], and how it is."""
+    """Whether a vehicle could be reported, as what it was, when after it engaged [s], and what it is."""
 
     compared: bool
     difference: str | None
@@ -67,11 +67,11 @@ def flown(kind: str, seed: int) -> list[Told]:
     imperfections = {key: each.imperfections for key, each in draw.family.items()}
     simulated = simulated_vehicles(mission, seed, new_core, imperfections=imperfections)
     watches = [core._vehicle.plant for core in cores]
-    engaged_s, told_s = [[0.0] * len(vehicles) for _ in range(2)]
+    engaged_s, reported_s = [[0.0] * len(vehicles) for _ in range(2)]
 
     def observe(_tick: int, vehicle: int, output: TickOutput) -> None:
         if watches[vehicle].found is None:
-            told_s[vehicle] = output.status.time_s
+            reported_s[vehicle] = output.status.time_s
             if output.status.tactic is not Tactic.ENCIRCLE:
                 engaged_s[vehicle] = output.status.time_s
 
@@ -80,10 +80,10 @@ def flown(kind: str, seed: int) -> list[Told]:
         Told(
             len(watch._windows) >= WINDOWS_LEAST,
             None if watch.found is None else watch.found.difference,
-            told - engaged,
+            reported - engaged,
             "stiffer" if _lag_s(each.true_plant) < _lag_s(each.plant) else "softer",
         )
-        for each, watch, engaged, told in zip(vehicles, watches, engaged_s, told_s, strict=True)
+        for each, watch, engaged, reported in zip(vehicles, watches, engaged_s, reported_s, strict=True)
     ]
 
 
@@ -102,14 +102,16 @@ def main(count: int, first: int) -> int:
     with ProcessPoolExecutor(initializer=os.nice, initargs=(10,)) as pool:
         for kind in KINDS:
             vehicles = [each for team in pool.map(partial(flown, kind), range(first, first + count)) for each in team]
-            told = [each for each in vehicles if each.difference is not None]
-            right = [each for each in told if each.difference == each.true and kind not in LIKE]
-            when = f", {np.median([each.after_s for each in told]):.0f} s after engaging (median)" if told else ""
+            reported = [each for each in vehicles if each.difference is not None]
+            right = [each for each in reported if each.difference == each.true and kind not in LIKE]
+            when = (
+                f", {np.median([each.after_s for each in reported]):.0f} s after engaging (median)" if reported else ""
+            )
             print(
-                f"{kind}: {len(told)} of {sum(each.compared for each in vehicles)} told, {len(right)} rightly{when}",
+                f"{kind}: {len(reported)} of {sum(each.compared for each in vehicles)} reported, {len(right)} rightly{when}",
                 flush=True,
             )
-            wrong += len(told) - len(right)
+            wrong += len(reported) - len(right)
     return 1 if wrong else 0
 
 

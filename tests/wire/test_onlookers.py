@@ -90,7 +90,7 @@ async def test_a_viewer_sees_the_team_fly_and_others_that_hang_or_die_disturb_no
         out, err = await flight.communicate()
     result = json.loads(out)
     assert flight.returncode == Exit.ENDED_IN_FLIGHT, err.decode()
-    assert {event["kind"] for event in result["events"]} <= {"tactic", "guard", "command"}, "nobody was told anything"
+    assert {event["kind"] for event in result["events"]} <= {"tactic", "guard", "command"}, "viewers cause no event"
     changes = [event["text"] for event in result["events"] if event["kind"] == "tactic"]
     assert changes[:2] == ["standby -> formation: start"] * 2
     assert set(changes[2:]) <= {"formation -> encircle: engage", "formation -> land: land", "encircle -> land: land"}
