@@ -104,13 +104,10 @@ def main(count: int, first: int) -> int:
             vehicles = [each for team in pool.map(partial(flown, kind), range(first, first + count)) for each in team]
             reported = [each for each in vehicles if each.difference is not None]
             right = [each for each in reported if each.difference == each.true and kind not in LIKE]
-            when = (
-                f", {np.median([each.after_s for each in reported]):.0f} s after engaging (median)" if reported else ""
-            )
-            print(
-                f"{kind}: {len(reported)} of {sum(each.compared for each in vehicles)} reported, {len(right)} rightly{when}",
-                flush=True,
-            )
+            after_s = [each.after_s for each in reported]
+            when = f", {np.median(after_s):.0f} s after engaging (median)" if reported else ""
+            compared = sum(each.compared for each in vehicles)
+            print(f"{kind}: {len(reported)} of {compared} reported, {len(right)} rightly{when}", flush=True)
             wrong += len(reported) - len(right)
     return 1 if wrong else 0
 
