@@ -1,12 +1,12 @@
 """The flight about the target: the ring that is flown, the vehicle's place on it, and its encirclement task."""
 
 from collections.abc import Sequence
-from math import atan2, copysign, cos, hypot, sin, tau
+from math import copysign, cos, hypot, sin, tau
 
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
-from agents.ring.detour import Motion, Obstacle, bend_m, headway_rates_rad_s
+from agents.ring.detour import Headway, Motion, Obstacle, bend_m, headway, met
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, neighbours, place_errors_rad, ring_place
@@ -46,7 +46,6 @@ class RingFlight:
         self._vehicle_id = config.vehicle_id
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
-        self._radius_min_m = config.encirclement.radius_min_m
         self._team = team
         self._encirclement = EncirclementPlanner(config)
         self._reference = RingReference(config.encirclement)
@@ -123,16 +122,19 @@ class RingFlight:
         place = ring_place(polar.bearing_rad, bearings_rad if joined else ())
         movers = self._movers(situation, polar, orbit, joined=joined)
         radius_m = self._joining.radius_m(polar, place, movers[0].error_rad) if joined else self._joining.waiting_m
+        room = self._headway(situation, centre, polar, orbit)
+        if not self._joining.inside:
+            radius_m = max(radius_m, room.least_m)
         if radius_m > orbit.radius_m and self._fence is not None:
             radius_m = max(orbit.radius_m, min(radius_m, self._fence_m(self._fence, centre, polar, orbit)))
-        obstacles = self._obstacles(situation, centre)
+        obstacles = self._obstacles(situation, centre, polar)
         way = RingWay(
             orbit,
             radius_m,
             # Until it flies the ring's setpoints alone it keeps its bearing, as the others expect.
             movers if mixing >= 1.0 else (self._joining.mover(0.0, polar.radius_m, orbit),),
             self._joining.acceleration,
-            self._headway_rates_rad_s(situation, centre, polar, orbit),
+            room.rates_rad_s,
             mixing,
             bend_m(radius_m, polar, obstacles),
             self._guarded,
@@ -181,28 +183,29 @@ class RingFlight:
         errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members])
         return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
 
-    def _headway_rates_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> Pair:
-        """Return the least and the largest angular rate that keep the headway to the vehicles on either side."""
+    def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> Headway:
+        """Return the angular rates and the radius that keep the headway to the vehicles around."""
         about = centre.tolist()
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
-        return headway_rates_rad_s(polar, motions, headway_m)
+        return headway(polar, motions, headway_m)
 
-    def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
-        """Return the obstacles on the ring: peers that fell silent there, and those that stay in place."""
+    def _obstacles(self, situation: Situation, centre: Vector, polar: Polar) -> list[Obstacle]:
+        """Return the obstacles on the ring: peers that fell silent there, and those that stay in place.
+
+        Each is where it will be when the vehicle passes it.
+        """
         standing = [member for member in self._team.near() if member.tactic in _STANDING]
         lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
         if not (standing or lost):
             return []
-        bodies = self._neighbours.bodies(situation, standing, lost)
-        centre_x, centre_y = centre[POSITION].tolist()
-        away_m = [(body.position_m[0] - centre_x, body.position_m[1] - centre_y) for body in bodies]
+        about = centre.tolist()
         return [
-            Obstacle(atan2(y, x), max(hypot(x, y), self._radius_min_m), body.distance_m)
-            for body, (x, y) in zip(bodies, away_m, strict=True)
+            met(polar, self.rate_rad_s, _relative(body.position_m, body.velocity_m_s, about), body.distance_m)
+            for body in self._neighbours.bodies(situation, standing, lost)
         ]
 
 
@@ -210,10 +213,14 @@ def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> Motion
     """Return a peer's motion relative to the centre's (4,) at a time, extrapolated at its published velocity."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
+    return _relative((x + x_rate * ahead_s, y + y_rate * ahead_s), (x_rate, y_rate), centre)
+
+
+def _relative(position_m: Pair, velocity_m_s: Pair, centre: Sequence[float]) -> Motion:
     centre_x, centre_y, centre_x_rate, centre_y_rate = centre
     return (
-        x + x_rate * ahead_s - centre_x,
-        y + y_rate * ahead_s - centre_y,
-        x_rate - centre_x_rate,
-        y_rate - centre_y_rate,
+        position_m[0] - centre_x,
+        position_m[1] - centre_y,
+        velocity_m_s[0] - centre_x_rate,
+        velocity_m_s[1] - centre_y_rate,
     )

@@ -5,11 +5,12 @@ across the ring. The bend is outwards and early, and the vehicles keep their ord
 """
 
 from collections.abc import Iterable, Sequence
-from math import asin, atan2, cos, hypot, inf, pi, sin
+from math import asin, atan2, copysign, cos, hypot, inf, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
 
+from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar, polar_of
 from estimation.state import Vector
 from estimation.vectors import Pair
@@ -18,19 +19,36 @@ _GAIN_PER_S = 0.5
 _ABREAST = 2.0
 """In headways: vehicles whose radii differ by more may pass each other."""
 
+_FARTHER_IN = 0.5
+"""In headways: a vehicle that is so much farther in comes first."""
+
 Motion = tuple[float, float, float, float]
 
 
-def headway_rates_rad_s(polar: Polar, others: Iterable[Motion], headway_m: float) -> Pair:
-    """Return the least and the largest angular rate that keep `headway_m` to the next vehicle on either side.
+class Headway:
+    """The rates and the radius that keep a headway: the least and the largest angular rate, and the least radius."""
 
-    `others` are motions [x y x' y'] relative to the target. Those up to a quarter turn away and about as far out count.
+    def __init__(self, least_rad_s: float, most_rad_s: float, least_m: float) -> None:
+        self.rates_rad_s: Final = least_rad_s, most_rad_s
+        self.least_m: Final = least_m
+
+
+def headway(polar: Polar, others: Iterable[Motion], headway_m: float) -> Headway:
+    """Return what keeps `headway_m` to the next vehicle on either side, and to those farther in.
+
+    `others` are motions [x y x' y'] relative to the target. Those up to a quarter turn away and about as far out limit
+    the angular rate. Behind one that is farther in, the vehicle keeps its radius until there is room.
     """
-    least_rad_s, most_rad_s = -inf, inf
+    least_rad_s, most_rad_s, least_m = -inf, inf, 0.0
     x, y = cos(polar.bearing_rad), sin(polar.bearing_rad)
     for motion in others:
         across, along = x * motion[1] - y * motion[0], x * motion[0] + y * motion[1]
-        if along <= 0.0 or abs(hypot(across, along) - polar.radius_m) >= _ABREAST * headway_m:
+        if along <= 0.0:
+            continue
+        farther_in_m = polar.radius_m - hypot(across, along)
+        if abs(across) < headway_m and farther_in_m > _FARTHER_IN * headway_m:
+            least_m = max(least_m, along + sqrt(headway_m * headway_m - across * across))
+        if abs(farther_in_m) >= _ABREAST * headway_m:
             continue
         spare_rad_s = _GAIN_PER_S * (abs(atan2(across, along)) - headway_m / polar.radius_m)
         other_rad_s = polar_of(*motion).angular_rate_rad_s
@@ -38,7 +56,7 @@ def headway_rates_rad_s(polar: Polar, others: Iterable[Motion], headway_m: float
             most_rad_s = min(most_rad_s, max(other_rad_s + spare_rad_s, 0.0))
         elif across < 0.0:
             least_rad_s = max(least_rad_s, min(other_rad_s - spare_rad_s, 0.0))
-    return least_rad_s, most_rad_s
+    return Headway(least_rad_s, most_rad_s, min(least_m, polar.radius_m))
 
 
 MARGIN_M = 0.5
@@ -49,6 +67,9 @@ _INWARD_CLEARLY = 0.5
 """In distances to keep: the largest bend inwards. With it the side of the obstacle is unambiguous, and the bend does
 not change sides while a vehicle passes one that was lost on the ring itself.
 """
+_SLOW_RAD_S = 0.02
+"""A vehicle on a slower ring is treated as one at this rate: what it meets later is not predicted."""
+_TRIES = 3
 
 
 class Obstacle:
@@ -58,6 +79,22 @@ class Obstacle:
         self.bearing_rad: Final = bearing_rad
         self.radius_m: Final = radius_m
         self.distance_m: Final = distance_m
+
+
+def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float) -> Obstacle:
+    """Return an obstacle where a vehicle that flies at `rate_rad_s` along the ring meets it.
+
+    Where the target moves, an obstacle that stays in place moves through the ring. From its present place the vehicle
+    would choose one side of it, and arrive when the other side is free.
+    """
+    x, y, x_rate, y_rate = motion
+    ahead_s, longest_s = 0.0, pi / max(abs(rate_rad_s), _SLOW_RAD_S)
+    for _ in range(_TRIES):
+        bearing_rad = atan2(y + y_rate * ahead_s, x + x_rate * ahead_s)
+        left_rad = copysign(1.0, rate_rad_s) * wrap_signed_rad(bearing_rad - polar.bearing_rad)
+        ahead_s = min(max(left_rad, 0.0) / max(abs(rate_rad_s), _SLOW_RAD_S), longest_s)
+    x, y = x + x_rate * ahead_s, y + y_rate * ahead_s
+    return Obstacle(atan2(y, x), hypot(x, y), distance_m)
 
 
 def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:
@@ -82,7 +119,7 @@ def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacl
         inwards = inner_m <= min(_INWARD_MOST * ring_m, _INWARD_CLEARLY * clear_m) and own_m <= obstacle.radius_m
         bend_m = -inner_m if inwards else outer_m
         # A squared cosine of twice the obstacle's width: smooth at every bearing, so that no step is flown.
-        width_rad = 2.0 * asin(min(clear_m / obstacle.radius_m, 1.0))
+        width_rad = 2.0 * asin(clear_m / max(obstacle.radius_m, clear_m))
         off_rad = np.abs((bearings_rad - obstacle.bearing_rad + pi) % (2.0 * pi) - pi)
         bump = bend_m * np.cos(np.minimum(off_rad / width_rad, 1.0) * pi / 2.0) ** 2
         radius_m = np.where(np.abs(bump) > np.abs(radius_m - ring_m), ring_m + bump, radius_m)

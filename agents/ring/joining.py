@@ -50,7 +50,7 @@ class Joining:
         )
         """The bound on the acceleration: a vehicle that comes in can brake for the smaller one at the ring."""
         self.joined = False
-        self._inside = False
+        self.inside = False
         self._aside_m = self._waiting_m
 
     @property
@@ -72,7 +72,7 @@ class Joining:
 
     def reset(self) -> None:
         """Restart as not joined, when the vehicle comes from another tactic."""
-        self.joined = self._inside = False
+        self.joined = self.inside = False
 
     def look(self, polar: Polar, others: int) -> bool:
         """Join if there is room for one more than the `others`; return whether the vehicle has joined."""
@@ -89,8 +89,8 @@ class Joining:
         the waiting circle does not fly out to it; nearer than a separation it enters before it is at its place.
         """
         outside_m, aside_m = polar.radius_m - self.ring_m, self._aside_m
-        if self._inside or outside_m <= _AT_RING * self._separation_m:
-            self._inside = True
+        if self.inside or outside_m <= _AT_RING * self._separation_m:
+            self.inside = True
             return self.ring_m
         if place.lead_rad is not None and place.lag_rad is not None:
             room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
@@ -99,7 +99,7 @@ class Joining:
         # Without a spacing gain no vehicle flies to its place.
         waits = self._transition.gain_per_s > 0.0 and aside_m > self._separation_m
         left_m = abs(error_rad) * self.ring_m if waits else 0.0
-        self._inside = outside_m <= self._separation_m and left_m <= aside_m
+        self.inside = outside_m <= self._separation_m and left_m <= aside_m
         return self.ring_m + aside_m * min(1.0, left_m / (_IN_FRONT * aside_m))
 
     def coming(self, radius_m: float) -> float:
