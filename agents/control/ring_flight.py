@@ -120,19 +120,21 @@ class RingFlight:
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
         joined = self._joining.look(polar, len(bearings_rad))
         place = ring_place(polar.bearing_rad, bearings_rad if joined else ())
-        movers = self._movers(situation, polar, orbit, joined=joined)
+        obstacles = self._obstacles(situation, centre, polar)
+        # Where the ring is bent outwards, a vehicle on it is not one that comes in.
+        out_m = polar.radius_m - max(0.0, bend_m(orbit.radius_m, polar, obstacles))
+        movers = self._movers(situation, polar, out_m, orbit, joined=joined)
         radius_m = self._joining.radius_m(polar, place, movers[0].error_rad) if joined else self._joining.waiting_m
         room = self._headway(situation, centre, polar, orbit)
         if not self._joining.inside:
             radius_m = max(radius_m, room.least_m)
         if radius_m > orbit.radius_m and self._fence is not None:
             radius_m = max(orbit.radius_m, min(radius_m, self._fence_m(self._fence, centre, polar, orbit)))
-        obstacles = self._obstacles(situation, centre, polar)
         way = RingWay(
             orbit,
             radius_m,
             # Until it flies the ring's setpoints alone it keeps its bearing, as the others expect.
-            movers if mixing >= 1.0 else (self._joining.mover(0.0, polar.radius_m, orbit),),
+            movers if mixing >= 1.0 else (self._joining.mover(0.0, out_m, orbit),),
             self._joining.acceleration,
             room.rates_rad_s,
             mixing,
@@ -163,7 +165,9 @@ class RingFlight:
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
-    def _movers(self, situation: Situation, polar: Polar, orbit: Orbit, *, joined: bool) -> Sequence[Mover]:
+    def _movers(
+        self, situation: Situation, polar: Polar, radius_m: float, orbit: Orbit, *, joined: bool
+    ) -> Sequence[Mover]:
         """Return how far the references on the ring are from their places, and their bounds, the vehicle's own first.
 
         While the vehicles on the ring do not all know the same references, a place among those that it knows is none
@@ -173,15 +177,15 @@ class RingFlight:
         """
         mover = self._joining.mover
         if not joined:
-            return (mover(0.0, polar.radius_m, orbit),)
+            return (mover(0.0, radius_m, orbit),)
         own_rad, ring = self._reference.bearing_rad(polar, situation.acting_s), self._team.ring
         others = ring.others(situation.acting_s)
         if not ring.is_known_to_all(self._vehicle_id):
             error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others]).error_rad
-            return mover(error_rad, polar.radius_m, orbit), mover(-error_rad, polar.radius_m, orbit)
-        members = [(self._vehicle_id, own_rad, polar.radius_m), *others]
+            return mover(error_rad, radius_m, orbit), mover(-error_rad, radius_m, orbit)
+        members = [(self._vehicle_id, own_rad, radius_m), *others]
         errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members])
-        return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
+        return [mover(error, out_m, orbit) for error, (_, _, out_m) in zip(errors_rad, members, strict=True)]
 
     def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> Headway:
         """Return the angular rates and the radius that keep the headway to the vehicles around."""
