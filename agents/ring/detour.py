@@ -69,7 +69,10 @@ not change sides while a vehicle passes one that was lost on the ring itself.
 """
 _SLOW_RAD_S = 0.02
 """A vehicle on a slower ring is treated as one at this rate: what it meets later is not predicted."""
-_TRIES = 3
+_CLOSING_SHARE = 0.25
+"""The least share of its own rate at which the vehicle comes nearer to an obstacle that moves along with it."""
+_TRIES = 4
+"""Newton's steps towards the time of the meeting."""
 
 
 class Obstacle:
@@ -88,13 +91,14 @@ def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float) -> O
     would choose one side of it, and arrive when the other side is free.
     """
     x, y, x_rate, y_rate = motion
-    ahead_s, longest_s = 0.0, pi / max(abs(rate_rad_s), _SLOW_RAD_S)
+    direction, fast_rad_s = copysign(1.0, rate_rad_s), max(abs(rate_rad_s), _SLOW_RAD_S)
+    ahead_s, place = 0.0, polar_of(*motion)
     for _ in range(_TRIES):
-        bearing_rad = atan2(y + y_rate * ahead_s, x + x_rate * ahead_s)
-        left_rad = copysign(1.0, rate_rad_s) * wrap_signed_rad(bearing_rad - polar.bearing_rad)
-        ahead_s = min(max(left_rad, 0.0) / max(abs(rate_rad_s), _SLOW_RAD_S), longest_s)
-    x, y = x + x_rate * ahead_s, y + y_rate * ahead_s
-    return Obstacle(atan2(y, x), hypot(x, y), distance_m)
+        left_rad = direction * wrap_signed_rad(place.bearing_rad - polar.bearing_rad) - fast_rad_s * ahead_s
+        closing_rad_s = max(fast_rad_s - direction * place.angular_rate_rad_s, _CLOSING_SHARE * fast_rad_s)
+        ahead_s = min(max(ahead_s + left_rad / closing_rad_s, 0.0), pi / fast_rad_s)
+        place = polar_of(x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate)
+    return Obstacle(place.bearing_rad, place.radius_m, distance_m)
 
 
 def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:

@@ -4,10 +4,11 @@ from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m
+from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m, met
+from estimation.polar import Polar
 
 RING_M = 10.0
 BEARINGS = np.linspace(-pi, pi, 2000)
@@ -45,3 +46,34 @@ def test_far_from_the_obstacle_it_is_the_ring() -> None:
     bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(0.0, 10.0, 4.0)])
     assert (bent[np.abs(BEARINGS) > 1.0] == RING_M).all()
     assert bent_ring_m(RING_M, BEARINGS, []) == pytest.approx(np.full(2000, RING_M))
+
+
+@given(
+    rate=st.floats(0.06, 0.2),
+    clockwise=st.booleans(),
+    ahead=st.floats(0.05, 2.5),
+    radius=st.floats(8.0, 30.0),
+    drift=st.floats(0.0, 0.5),
+    course=st.floats(-pi, pi),
+)
+def test_an_obstacle_is_taken_where_the_vehicle_meets_it(
+    rate: float, clockwise: bool, ahead: float, radius: float, drift: float, course: float
+) -> None:
+    rate = -rate if clockwise else rate
+    place, velocity = radius * np.exp(1j * np.sign(rate) * ahead), drift * np.exp(1j * course)
+    obstacle = met(Polar(15.0, 0.0, 0.0, rate), rate, (place.real, place.imag, velocity.real, velocity.imag), 3.0)
+    # Step by step: when the vehicle, along the ring, is at the bearing of the obstacle, which drifts.
+    times_s = np.arange(0.0, pi / abs(rate), 0.01)
+    seen_rad = np.angle((place + velocity * times_s) * np.exp(-1j * rate * times_s)) * np.sign(rate)
+    passed = np.flatnonzero(seen_rad <= 0.0)
+    # One that moves through the target, or as fast around it as the vehicle, is met at no certain place.
+    steps_rad = -np.diff(seen_rad[: passed[0] + 1]) if passed.size else np.empty(0)
+    assume(steps_rad.size and 0.3 * abs(rate) * 0.01 < steps_rad.min() and steps_rad.max() < 3.0 * abs(rate) * 0.01)
+    there = place + velocity * times_s[passed[0]]
+    assert obstacle.radius_m == pytest.approx(abs(there), abs=0.1)
+    assert np.angle(np.exp(1j * obstacle.bearing_rad) / there) == pytest.approx(0.0, abs=0.05)
+
+
+def test_an_obstacle_that_was_passed_is_where_it_is() -> None:
+    behind = met(Polar(10.0, 1.0, 0.0, 0.1), 0.1, (10.0, 0.0, 0.5, 0.0), 3.0)
+    assert (behind.bearing_rad, behind.radius_m) == (0.0, 10.0)
