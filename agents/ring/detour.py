@@ -13,7 +13,6 @@ import numpy as np
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar, polar_of
 from estimation.state import Vector
-from estimation.vectors import Pair
 
 _GAIN_PER_S = 0.5
 _ABREAST = 2.0
