@@ -208,7 +208,7 @@ class RingFlight:
             return []
         about = centre.tolist()
         return [
-            met(polar, self.rate_rad_s, _relative(body.position_m, body.velocity_m_s, about), body.distance_m)
+            met(polar, self.rate_rad_s, _relative(body.position_m, (0.0, 0.0), about), body.distance_m)
             for body in self._neighbours.bodies(situation, standing, lost)
         ]
 

@@ -72,6 +72,8 @@ _CLOSING_SHARE = 0.25
 """The least share of its own rate at which the vehicle comes nearer to an obstacle that moves along with it."""
 _TRIES = 4
 """Newton's steps towards the time of the meeting."""
+_BEGUN = 2.0
+"""By how much a vehicle's distance inside the ring makes a larger bend inwards, and outside of it a smaller one."""
 
 
 class Obstacle:
@@ -107,11 +109,11 @@ def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:
     return float(bent_ring_m(ring_m, np.array([polar.bearing_rad]), obstacles, polar.radius_m).item()) - ring_m
 
 
-def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle], own_m: float = 0.0) -> Vector:
+def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle], own_m: float) -> Vector:
     """Return the radius of the ring at bearings (n,): bent around the obstacles on it.
 
     It bends outwards, or inwards where an obstacle is so far outside that a small bend suffices, except for a vehicle
-    whose radius `own_m` is larger than the obstacle's.
+    whose radius `own_m` is larger than the obstacle's. A vehicle that has begun to pass it on one side stays there.
     """
     radius_m = np.full(bearings_rad.shape, ring_m)
     for obstacle in obstacles:
@@ -119,7 +121,8 @@ def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacl
         outer_m, inner_m = obstacle.radius_m + clear_m - ring_m, ring_m - obstacle.radius_m + clear_m
         if outer_m <= 0.0 or inner_m <= 0.0:
             continue
-        inwards = inner_m <= min(_INWARD_MOST * ring_m, _INWARD_CLEARLY * clear_m) and own_m <= obstacle.radius_m
+        clearly_m = _INWARD_CLEARLY * clear_m + _BEGUN * (ring_m - own_m)
+        inwards = inner_m <= min(_INWARD_MOST * ring_m, clearly_m) and own_m <= obstacle.radius_m
         bend_m = -inner_m if inwards else outer_m
         # A squared cosine of twice the obstacle's width: smooth at every bearing, so that no step is flown.
         width_rad = 2.0 * asin(clear_m / max(obstacle.radius_m, clear_m))

@@ -18,7 +18,7 @@ BEARINGS = np.linspace(-pi, pi, 2000)
 def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
     radius: float, bearing: float, distance: float
 ) -> None:
-    bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(bearing, radius, distance)])
+    bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(bearing, radius, distance)], RING_M)
     apart = np.abs(bent * np.exp(1j * BEARINGS) - radius * np.exp(1j * bearing))
     assert apart.min() >= distance - 1e-9
     # No step: its slope is what a vehicle can follow on the ring.
@@ -29,23 +29,31 @@ def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
     ("radius", "way"), [(10.0, 1.0), (7.0, 1.0), (15.0, -1.0), (13.0, 1.0), (1.0, 0.0), (30.0, 0.0)]
 )
 def test_it_bends_outwards_unless_a_little_inwards_will_do(radius: float, way: float) -> None:
-    bend = bent_ring_m(RING_M, np.array([0.3]), [Obstacle(0.3, radius, 6.0)])[0] - RING_M
+    bend = bent_ring_m(RING_M, np.array([0.3]), [Obstacle(0.3, radius, 6.0)], RING_M)[0] - RING_M
     assert np.sign(bend) == way
     if way:
         assert abs(RING_M + bend - radius) == pytest.approx(6.0 + MARGIN_M)
 
 
-@pytest.mark.parametrize(("own_m", "way"), [(10.0, -1.0), (14.9, -1.0), (15.1, 1.0), (19.0, 1.0)])
-def test_who_is_on_its_way_around_outside_stays_outside(own_m: float, way: float) -> None:
-    bend = bent_ring_m(RING_M, np.array([0.3]), [Obstacle(0.3, 15.0, 6.0)], own_m)[0] - RING_M
+@pytest.mark.parametrize(
+    ("radius", "own_m", "way"),
+    [(15.0, 10.0, -1.0), (15.0, 11.0, 1.0), (15.0, 15.1, 1.0), (15.0, 19.0, 1.0), (14.0, 9.5, -1.0), (13.0, 9.0, 1.0)],
+)
+def test_a_vehicle_stays_on_the_side_on_which_it_has_begun(radius: float, own_m: float, way: float) -> None:
+    bend = bent_ring_m(RING_M, np.array([0.3]), [Obstacle(0.3, radius, 6.0)], own_m)[0] - RING_M
     assert np.sign(bend) == way
-    assert abs(RING_M + bend - 15.0) == pytest.approx(6.0 + MARGIN_M)
+    assert abs(RING_M + bend - radius) == pytest.approx(6.0 + MARGIN_M)
+
+
+@pytest.mark.parametrize(("own_m", "way"), [(10.0, 1.0), (9.7, -1.0)])
+def test_inwards_it_goes_on_where_it_would_not_begin(own_m: float, way: float) -> None:
+    assert np.sign(bent_ring_m(RING_M, np.array([0.3]), [Obstacle(0.3, 10.9, 2.0)], own_m)[0] - RING_M) == way
 
 
 def test_far_from_the_obstacle_it_is_the_ring() -> None:
-    bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(0.0, 10.0, 4.0)])
+    bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(0.0, 10.0, 4.0)], RING_M)
     assert (bent[np.abs(BEARINGS) > 1.0] == RING_M).all()
-    assert bent_ring_m(RING_M, BEARINGS, []) == pytest.approx(np.full(2000, RING_M))
+    assert bent_ring_m(RING_M, BEARINGS, [], RING_M) == pytest.approx(np.full(2000, RING_M))
 
 
 @given(

@@ -117,7 +117,7 @@ def test_who_is_not_heard_stays_clear_of_the_bend_around_where_it_was(
     joining = Joining(config)
     joining.ring_m = ring_m
     lost = Obstacle(0.0, ring_m, 3.0 + unsure_m + moved_m)
-    outermost_m = bent_ring_m(ring_m, np.linspace(-pi, pi, 361), [lost]).max()
+    outermost_m = bent_ring_m(ring_m, np.linspace(-pi, pi, 361), [lost], ring_m).max()
     assert outermost_m >= ring_m + lost.distance_m
     assert joining.isolated_m(unsure_m) >= outermost_m + 3.0 + unsure_m
 
