@@ -19,7 +19,7 @@ ASIDE, WAITING = 2.0, 1.5
 """In separations: the distances outside the ring at which a vehicle is clear of it, and at which one waits to enter."""
 _ROOM = 1.5
 """In separations: the smallest distance between neighbours on the ring when a vehicle enters between them."""
-_ROOM_SHARE = 0.75
+_ROOM_SHARE = 0.65
 """In even spacings: the largest room that is required, for a ring that is nearly full."""
 _AT_RING = 0.25
 """In separations: a vehicle this near to the ring, or inside it, flies on the ring even if there is no room."""
