@@ -97,7 +97,7 @@ def test_on_a_ring_that_is_nearly_full_less_room_suffices(make_config: Maker) ->
     crowded = RingPlace(16, 0.3, 0.3)  # of the even 0.39
     assert joining.radius_m(at(joining.waiting_m), crowded, 0.0) == 10.0
     joining.reset()
-    assert joining.radius_m(at(joining.waiting_m), RingPlace(16, 0.28, 0.3), 0.0) == joining.waiting_m
+    assert joining.radius_m(at(joining.waiting_m), RingPlace(16, 0.24, 0.3), 0.0) == joining.waiting_m
 
 
 def test_a_ring_that_is_wider_for_a_while_is_waited_for_farther_out(make_config: Maker) -> None:
