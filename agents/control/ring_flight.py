@@ -30,6 +30,10 @@ _STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value,
 _ENCIRCLE = Tactic.ENCIRCLE.value
 _HEADWAY = 1.6
 """In separations: a little more than the room that a vehicle needs to enter."""
+_ABREAST, _PASSED = 2.0, 1.25
+"""Vehicles whose radii differ by more may pass each other: in headways for one that comes in, and in separations for one
+on the ring, which passes those that wait outside of it.
+"""
 _HEADWAY_SHARE = 0.8
 """In even spacings: the largest headway, for a ring that is nearly full."""
 
@@ -195,7 +199,8 @@ class RingFlight:
         ]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
-        return headway(polar, motions, headway_m)
+        abreast_m = _PASSED * self._safety.separation_m if self._joining.inside else _ABREAST * headway_m
+        return headway(polar, motions, headway_m, abreast_m)
 
     def _obstacles(self, situation: Situation, centre: Vector, polar: Polar) -> list[Obstacle]:
         """Return the obstacles on the ring: peers that fell silent there, and those that stay in place.

@@ -15,8 +15,6 @@ from estimation.polar import Polar, polar_of
 from estimation.state import Vector
 
 _GAIN_PER_S = 0.5
-_ABREAST = 2.0
-"""In headways: vehicles whose radii differ by more may pass each other."""
 
 _FARTHER_IN = 0.5
 """In headways: a vehicle that is so much farther in comes first."""
@@ -32,11 +30,11 @@ class Headway:
         self.least_m: Final = least_m
 
 
-def headway(polar: Polar, others: Iterable[Motion], headway_m: float) -> Headway:
+def headway(polar: Polar, others: Iterable[Motion], headway_m: float, abreast_m: float) -> Headway:
     """Return what keeps `headway_m` to the next vehicle on either side, and to those farther in.
 
-    `others` are motions [x y x' y'] relative to the target. Those up to a quarter turn away and about as far out limit
-    the angular rate. Behind one that is farther in, the vehicle keeps its radius until there is room.
+    `others` are motions [x y x' y'] relative to the target. Those up to a quarter turn away limit the angular rate,
+    unless their radii differ by `abreast_m`: they may pass each other. Behind one that is farther in, the vehicle keeps its radius until there is room.
     """
     least_rad_s, most_rad_s, least_m = -inf, inf, 0.0
     x, y = cos(polar.bearing_rad), sin(polar.bearing_rad)
@@ -47,7 +45,7 @@ def headway(polar: Polar, others: Iterable[Motion], headway_m: float) -> Headway
         farther_in_m = polar.radius_m - hypot(across, along)
         if abs(across) < headway_m and farther_in_m > _FARTHER_IN * headway_m:
             least_m = max(least_m, along + sqrt(headway_m * headway_m - across * across))
-        if abs(farther_in_m) >= _ABREAST * headway_m:
+        if abs(farther_in_m) >= abreast_m:
             continue
         spare_rad_s = _GAIN_PER_S * (abs(atan2(across, along)) - headway_m / polar.radius_m)
         other_rad_s = polar_of(*motion).angular_rate_rad_s

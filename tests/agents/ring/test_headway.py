@@ -25,7 +25,7 @@ def other(radius_m: float, ahead_rad: float, rate_rad_s: float = 0.0) -> Motion:
 def test_a_vehicle_keeps_the_rate_of_the_next_one_at_its_headway(direction: float) -> None:
     def rate_rad_s(headway_m: float, *more: Motion) -> float:
         next_ahead = other(11.0, direction * 0.5, direction * 0.04)
-        rates = headway(OWN, [*more, next_ahead], headway_m).rates_rad_s
+        rates = headway(OWN, [*more, next_ahead], headway_m, 6.0).rates_rad_s
         assert abs(rates[1 - SIDES[direction]]) == inf  # nothing is behind
         return direction * rates[SIDES[direction]]
 
@@ -41,7 +41,7 @@ def test_a_vehicle_keeps_the_rate_of_the_next_one_at_its_headway(direction: floa
 def test_those_count_that_are_up_to_a_quarter_turn_away_and_about_as_far_out(ahead_rad: float, radius_m: float) -> None:
     assume(all(abs(ahead_rad - edge_rad) > 1e-6 for edge_rad in (-pi, -pi / 2.0, 0.0, pi / 2.0, pi)))
     assume(abs(radius_m - 16.0) > 1e-6)
-    rates = headway(OWN, [other(radius_m, ahead_rad)], 3.0).rates_rad_s
+    rates = headway(OWN, [other(radius_m, ahead_rad)], 3.0, 6.0).rates_rad_s
     bound = [abs(rate) != inf for rate in rates]
     counts = abs(ahead_rad) < pi / 2.0 and radius_m < 16.0
     assert bound == [counts and ahead_rad < 0.0, counts and ahead_rad > 0.0]
@@ -52,7 +52,7 @@ def test_behind_a_vehicle_farther_in_the_radius_keeps_the_headway(
     ahead_rad: float, radius_m: float, headway_m: float
 ) -> None:
     it = other(radius_m, ahead_rad)
-    least_m = headway(OWN, [it], headway_m).least_m
+    least_m = headway(OWN, [it], headway_m, 6.0).least_m
     towards = cos(OWN.bearing_rad), sin(OWN.bearing_rad)
 
     def apart_m(own_m: float) -> float:
