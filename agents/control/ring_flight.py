@@ -89,7 +89,7 @@ class RingFlight:
             place if self._joining.joined else None,
             plan.approach,
             news,
-            task.reference.bearing if self._joining.joined and mixing >= 1.0 else None,
+            task.reference.bearing if self._joining.joined else None,
         )
         if plan.approach is not Approach.ORBIT:
             self._reference.reset()
