@@ -129,7 +129,7 @@ class RingFlight:
         out_m = polar.radius_m - max(0.0, bend_m(orbit.radius_m, polar, obstacles))
         movers = self._movers(situation, polar, out_m, orbit, joined=joined)
         radius_m = self._joining.radius_m(polar, place, movers[0].error_rad) if joined else self._joining.waiting_m
-        room = self._headway(situation, centre, polar, orbit)
+        room = self._headway(situation, centre, polar, orbit, passes=self._joining.inside and not obstacles)
         if not self._joining.inside:
             radius_m = max(radius_m, room.least_m)
         if radius_m > orbit.radius_m and self._fence is not None:
@@ -191,15 +191,18 @@ class RingFlight:
         errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members])
         return [mover(error, out_m, orbit) for error, (_, _, out_m) in zip(errors_rad, members, strict=True)]
 
-    def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> Headway:
-        """Return the angular rates and the radius that keep the headway to the vehicles around."""
+    def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, *, passes: bool) -> Headway:
+        """Return the angular rates and the radius that keep the headway to the vehicles around.
+
+        A vehicle on the ring `passes` those farther out: they wait there, unless the ring is bent.
+        """
         about = centre.tolist()
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
         count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
-        abreast_m = _PASSED * self._safety.separation_m if self._joining.inside else _ABREAST * headway_m
+        abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
         return headway(polar, motions, headway_m, abreast_m)
 
     def _obstacles(self, situation: Situation, centre: Vector, polar: Polar) -> list[Obstacle]:

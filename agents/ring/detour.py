@@ -66,6 +66,8 @@ not change sides while a vehicle passes one that was lost on the ring itself.
 """
 _SLOW_RAD_S = 0.02
 """A vehicle on a slower ring is treated as one at this rate: what it meets later is not predicted."""
+_SLOWED_SHARE = 0.5
+"""The least share of the ring's rate at which a vehicle is expected to go on."""
 _CLOSING_SHARE = 0.25
 """The least share of its own rate at which the vehicle comes nearer to an obstacle that moves along with it."""
 _TRIES = 4
@@ -84,13 +86,14 @@ class Obstacle:
 
 
 def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float) -> Obstacle:
-    """Return an obstacle where a vehicle that flies at `rate_rad_s` along the ring meets it.
+    """Return an obstacle where a vehicle on a ring of `rate_rad_s` meets it at its present rate.
 
     Where the target moves, an obstacle that stays in place moves through the ring. From its present place the vehicle
     would choose one side of it, and arrive when the other side is free.
     """
     x, y, x_rate, y_rate = motion
-    direction, fast_rad_s = copysign(1.0, rate_rad_s), max(abs(rate_rad_s), _SLOW_RAD_S)
+    direction = copysign(1.0, rate_rad_s)
+    fast_rad_s = max(direction * polar.angular_rate_rad_s, _SLOWED_SHARE * abs(rate_rad_s), _SLOW_RAD_S)
     ahead_s, place = 0.0, polar_of(*motion)
     for _ in range(_TRIES):
         left_rad = direction * wrap_signed_rad(place.bearing_rad - polar.bearing_rad) - fast_rad_s * ahead_s
