@@ -31,8 +31,8 @@ _ENCIRCLE = Tactic.ENCIRCLE.value
 _HEADWAY = 1.6
 """In separations: a little more than the room that a vehicle needs to enter."""
 _ABREAST, _PASSED = 2.0, 1.25
-"""Vehicles whose radii differ by more may pass each other: in headways for one that comes in, and in separations for one
-on the ring, which passes those that wait outside of it.
+"""Vehicles whose radii differ by more may pass each other: in headways for one that comes in, and in separations for
+one on the ring, which passes those that wait outside of it.
 """
 _HEADWAY_SHARE = 0.8
 """In even spacings: the largest headway, for a ring that is nearly full."""

@@ -34,7 +34,8 @@ def headway(polar: Polar, others: Iterable[Motion], headway_m: float, abreast_m:
     """Return what keeps `headway_m` to the next vehicle on either side, and to those farther in.
 
     `others` are motions [x y x' y'] relative to the target. Those up to a quarter turn away limit the angular rate,
-    unless their radii differ by `abreast_m`: they may pass each other. Behind one that is farther in, the vehicle keeps its radius until there is room.
+    unless their radii differ by `abreast_m`: they may pass each other. Behind one that is farther in, the vehicle
+    keeps its radius until there is room.
     """
     least_rad_s, most_rad_s, least_m = -inf, inf, 0.0
     x, y = cos(polar.bearing_rad), sin(polar.bearing_rad)

@@ -45,15 +45,18 @@ Neighbours = tuple[_Neighbour, _Neighbour]
 """The vehicles behind and in front: the angle to each, and its angular rate."""
 
 
-def neighbours(bearing_rad: float, others: Iterable[_Neighbour]) -> Neighbours | None:
-    """Find the neighbours of a vehicle from the bearings and rates of others about the target, None if it is alone."""
-    ahead = [((other_rad - bearing_rad) % tau, rate_rad_s) for other_rad, rate_rad_s in others]
-    if not ahead:
+def neighbours(bearing_rad: float, others: Sequence[tuple[float, float, float]]) -> Neighbours | None:
+    """Find the neighbours of a vehicle about the target, None if it is alone.
+
+    `others` are their bearings and rates, and by how much nearer each may be because it is farther out or in: the angle
+    to it counts as so much larger.
+    """
+    if not others:
         return None
-    farthest_rad, behind_rad_s = max(ahead)
+    ahead = [((other_rad - bearing_rad) % tau, rate_rad_s, spare_rad) for other_rad, rate_rad_s, spare_rad in others]
     # A vehicle at the same bearing counts as one turn ahead and one turn behind.
-    nearest_rad, ahead_rad_s = min((angle_rad or tau, rate_rad_s) for angle_rad, rate_rad_s in ahead)
-    return (tau - farthest_rad, behind_rad_s), (nearest_rad, ahead_rad_s)
+    behind = min((tau - angle_rad + spare_rad, rate_rad_s) for angle_rad, rate_rad_s, spare_rad in ahead)
+    return behind, min(((angle_rad or tau) + spare_rad, rate_rad_s) for angle_rad, rate_rad_s, spare_rad in ahead)
 
 
 _ABREAST_RAD = 2e-3

@@ -1,13 +1,12 @@
 """The peers on the ring about the target: their newest bearings and references, while they are engaged."""
 
 from collections.abc import Callable, Iterable
-from math import inf
+from math import inf, sqrt
 from zlib import crc32
 
 import msgspec
 
 from agents.team.messages import NeighbourAngle
-from estimation.vectors import Pair
 
 
 class RingScale(msgspec.Struct, frozen=True):
@@ -77,12 +76,17 @@ class RingMembers:
         """Return the bearings of all engaged peers at a time, extrapolated at their published rates - (25), (26)."""
         return [_bearing_rad(angle, at_s) for angle in self._on_ring()]
 
-    def abreast(self, at_s: float, radius_m: float, within_m: float) -> list[Pair]:
-        """Return the same with their rates, of the engaged peers whose radius differs by less than `within_m`."""
+    def abreast(self, at_s: float, radius_m: float, within_m: float) -> list[tuple[float, float, float]]:
+        """Return the same with their rates, of the engaged peers whose radius differs by less than `within_m`.
+
+        The third is by how much nearer than `within_m` around the target each may be, as an angle at the radius: their
+        distance has a radial part.
+        """
+        size_m = max(radius_m, within_m)
         return [
-            (_bearing_rad(angle, at_s), _rate_rad_s(angle))
+            (_bearing_rad(angle, at_s), _rate_rad_s(angle), (within_m - sqrt(within_m**2 - off_m**2)) / size_m)
             for angle in self._on_ring()
-            if abs(angle.radius_m - radius_m) < within_m
+            if (off_m := abs(angle.radius_m - radius_m)) < within_m
         ]
 
     def others(self, at_s: float) -> list[tuple[int, float, float]]:

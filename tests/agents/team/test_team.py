@@ -57,8 +57,11 @@ def test_only_vehicles_about_as_far_out_are_abreast() -> None:
     team = a_team()
     for sender, radius_m in ((1, 10.5), (3, 12.6), (4, 8.4)):
         team.ring.receive(replace(angle(sender, 1.0, bearing=0.1 * sender), radius_m=radius_m))
-    assert team.ring.abreast(2.0, 10.5, 2.0) == [pytest.approx((0.4, 0.3))]
-    assert len(team.ring.abreast(2.0, 10.5, 2.2)) == 3
+    assert team.ring.abreast(2.0, 10.5, 2.0) == [pytest.approx((0.4, 0.3, 0.0))]
+    # Where the radial part of the distance is nearly all of it, the vehicles may be at almost the same bearing.
+    assert [spare_rad for _, _, spare_rad in team.ring.abreast(2.0, 10.5, 2.1001)] == [
+        pytest.approx(spare_m / 10.5, abs=0.003) for spare_m in (0.0, 2.1, 2.1)
+    ]
 
 
 def test_vehicles_know_whether_they_all_take_the_same_references_into_account() -> None:
