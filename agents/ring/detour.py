@@ -4,7 +4,7 @@ The guard alone would also keep the distance, but late, with a jump, and always 
 across the ring. The bend is outwards and early, and the vehicles keep their order and spacing.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import asin, atan2, copysign, cos, hypot, inf, pi, sin, sqrt
 from typing import Final
 
@@ -83,7 +83,13 @@ class Obstacle:
     def __init__(self, bearing_rad: float, radius_m: float, distance_m: float) -> None:
         self.bearing_rad: Final = bearing_rad
         self.radius_m: Final = radius_m
-        self.distance_m: Final = distance_m
+        self.clear_m: Final = distance_m + MARGIN_M
+
+    def leaves_room_to(self, other: "Obstacle") -> bool:
+        """Return whether a vehicle can pass between the two."""
+        apart_rad = self.bearing_rad - other.bearing_rad
+        apart_m2 = self.radius_m**2 + other.radius_m**2 - 2.0 * self.radius_m * other.radius_m * cos(apart_rad)
+        return apart_m2 >= (self.clear_m + other.clear_m) ** 2
 
 
 def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float) -> Obstacle:
@@ -111,24 +117,44 @@ def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:
     return float(bent_ring_m(ring_m, np.array([polar.bearing_rad]), obstacles, polar.radius_m).item()) - ring_m
 
 
-def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Iterable[Obstacle], own_m: float) -> Vector:
+def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Sequence[Obstacle], own_m: float) -> Vector:
     """Return the radius of the ring at bearings (n,): bent around the obstacles on it.
 
     It bends outwards, or inwards where an obstacle is so far outside that a small bend suffices, except for a vehicle
     whose radius `own_m` is larger than the obstacle's. A vehicle that has begun to pass it on one side stays there.
     """
     radius_m = np.full(bearings_rad.shape, ring_m)
-    for obstacle in obstacles:
-        clear_m = obstacle.distance_m + MARGIN_M
-        outer_m, inner_m = obstacle.radius_m + clear_m - ring_m, ring_m - obstacle.radius_m + clear_m
-        if outer_m <= 0.0 or inner_m <= 0.0:
-            continue
-        clearly_m = _INWARD_CLEARLY * clear_m + _BEGUN * (ring_m - own_m)
-        inwards = inner_m <= min(_INWARD_MOST * ring_m, clearly_m) and own_m <= obstacle.radius_m
-        bend_m = -inner_m if inwards else outer_m
-        # A squared cosine of twice the obstacle's width: smooth at every bearing, so that no step is flown.
-        width_rad = 2.0 * asin(clear_m / max(obstacle.radius_m, clear_m))
+    for obstacle, bend_m in _bends(ring_m, obstacles, own_m):
+        # A squared cosine of twice the obstacle's width: smooth at every bearing, so that no step is flown. A larger
+        # bend begins earlier.
+        width_rad = 2.0 * asin(obstacle.clear_m / max(obstacle.radius_m, obstacle.clear_m))
+        width_rad = min(width_rad * max(1.0, bend_m / obstacle.clear_m), pi)
         off_rad = np.abs((bearings_rad - obstacle.bearing_rad + pi) % (2.0 * pi) - pi)
         bump = bend_m * np.cos(np.minimum(off_rad / width_rad, 1.0) * pi / 2.0) ** 2
         radius_m = np.where(np.abs(bump) > np.abs(radius_m - ring_m), ring_m + bump, radius_m)
     return radius_m
+
+
+def _bends(ring_m: float, obstacles: Sequence[Obstacle], own_m: float) -> Iterator[tuple[Obstacle, float]]:
+    """Return the obstacles on the ring with the bend around each, inwards negative.
+
+    Around one between which and another there is no room, the ring bends as around that one.
+    """
+    outwards, inwards, beyond = list[Obstacle](), list[Obstacle](), list[Obstacle]()
+    for each in obstacles:
+        inner_m = ring_m - each.radius_m + each.clear_m
+        if each.radius_m + each.clear_m <= ring_m:
+            continue
+        if inner_m <= 0.0:
+            beyond.append(each)
+            continue
+        clearly_m = _INWARD_CLEARLY * each.clear_m + _BEGUN * (ring_m - own_m)
+        small = inner_m <= min(_INWARD_MOST * ring_m, clearly_m) and own_m <= each.radius_m
+        (inwards if small else outwards).append(each)
+    for one in outwards:  # grows meanwhile
+        for others in (inwards, beyond):
+            blocked = [other for other in others if not one.leaves_room_to(other)]
+            outwards += blocked
+            others[:] = [other for other in others if other not in blocked]
+    yield from ((each, each.radius_m + each.clear_m - ring_m) for each in outwards)
+    yield from ((each, each.radius_m - each.clear_m - ring_m) for each in inwards)

@@ -25,6 +25,19 @@ def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
     assert np.abs(np.diff(bent)).max() < 40.0 * np.diff(BEARINGS)[0]
 
 
+@given(
+    first=st.tuples(st.floats(-pi, pi), st.floats(1.0, 25.0)),
+    second=st.tuples(st.floats(-pi, pi), st.floats(1.0, 25.0)),
+    distance=st.floats(1.0, 4.0),
+)
+def test_it_is_clear_of_two_obstacles(first: tuple[float, float], second: tuple[float, float], distance: float) -> None:
+    obstacles = [Obstacle(*first, distance), Obstacle(*second, distance)]
+    bent = bent_ring_m(RING_M, BEARINGS, obstacles, RING_M)
+    for bearing, radius in (first, second):
+        apart = np.abs(bent * np.exp(1j * BEARINGS) - radius * np.exp(1j * bearing))
+        assert apart.min() >= distance - 1e-9
+
+
 @pytest.mark.parametrize(
     ("radius", "way"), [(10.0, 1.0), (7.0, 1.0), (15.0, -1.0), (13.0, 1.0), (1.0, 0.0), (30.0, 0.0)]
 )

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.ring.detour import Obstacle, bent_ring_m
+from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m
 from agents.ring.feasibility import Orbit
 from agents.ring.joining import WAITING, Joining
 from agents.ring.place import RingPlace
@@ -118,7 +118,7 @@ def test_who_is_not_heard_stays_clear_of_the_bend_around_where_it_was(
     joining.ring_m = ring_m
     lost = Obstacle(0.0, ring_m, 3.0 + unsure_m + moved_m)
     outermost_m = bent_ring_m(ring_m, np.linspace(-pi, pi, 361), [lost], ring_m).max()
-    assert outermost_m >= ring_m + lost.distance_m
+    assert outermost_m >= ring_m + lost.clear_m - MARGIN_M
     assert joining.isolated_m(unsure_m) >= outermost_m + 3.0 + unsure_m
 
 
