@@ -4,7 +4,7 @@ from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m, met
@@ -30,6 +30,8 @@ def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
     second=st.tuples(st.floats(-pi, pi), st.floats(1.0, 25.0)),
     distance=st.floats(1.0, 4.0),
 )
+@example(first=(0.0, 10.0), second=(0.1, 15.0), distance=3.0)
+@example(first=(0.0, 11.0), second=(-0.3, 14.0), distance=2.5)
 def test_it_is_clear_of_two_obstacles(first: tuple[float, float], second: tuple[float, float], distance: float) -> None:
     obstacles = [Obstacle(*first, distance), Obstacle(*second, distance)]
     bent = bent_ring_m(RING_M, BEARINGS, obstacles, RING_M)
