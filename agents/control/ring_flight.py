@@ -24,8 +24,10 @@ from estimation.polar import Polar, polar_from_motion
 from estimation.state import POSITION, VELOCITY, Vector
 from estimation.vectors import Pair
 
-_STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
-"""Members in these tactics stay where they are, and the ring bends around them."""
+_OFF_THE_RING = frozenset(
+    each.value for each in (Tactic.HOLD, Tactic.ASIDE, Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
+)
+"""Members in these tactics stay where they are, or cross the ring on their way home, and the ring bends around them."""
 
 _ENCIRCLE = Tactic.ENCIRCLE.value
 _HEADWAY = 1.6
@@ -192,12 +194,12 @@ class RingFlight:
         return headway_rates_rad_s(polar, motions, headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
-        """Return the obstacles on the ring: peers that fell silent there, and those that stay in place."""
-        standing = [member for member in self._team.near() if member.tactic in _STANDING]
+        """Return the obstacles on the ring: peers that fell silent there, and those that stay or return."""
+        others = [member for member in self._team.near() if member.tactic in _OFF_THE_RING]
         lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
-        if not (standing or lost):
+        if not (others or lost):
             return []
-        bodies = self._neighbours.bodies(situation, standing, lost)
+        bodies = self._neighbours.bodies(situation, others, lost)
         centre_x, centre_y = centre[POSITION].tolist()
         away_m = [(body.position_m[0] - centre_x, body.position_m[1] - centre_y) for body in bodies]
         return [
