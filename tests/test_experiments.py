@@ -13,6 +13,7 @@ from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
 from gcs.mission.file import load_mission
 from tests.experiments import station_tour
 from tests.experiments.random_joins import Ring
+from tests.experiments.ring_losses import first_even_s, quantiles_s
 from tests.support.loop_stages import STAGES, methods
 from tests.support.mission_text import content, parsed
 from tests.support.page.walk_through import lines_of
@@ -81,3 +82,20 @@ def test_a_join_and_a_departure_of_a_known_path_are_measured() -> None:
     assert [ring.settling(span).took_s for span in (alone, left)] == [0.0, 0.0]
     # The spacing changes fastest at x = 0, by -0.3 * 40 degrees per second, which is before the mixing ends.
     assert ring.speed_share() == pytest.approx(10.0 * (0.3 * np.radians(40.0) - 0.05) / 3.0, rel=0.05)
+
+
+def test_times_that_are_cut_off_count_until_then() -> None:
+    """By hand: of four, three are left after 1 s, of which one is cut off; each of the two left is half of that."""
+    waits = [(4.0, True), (1.0, True), (2.0, False), (3.0, True)]
+    assert quantiles_s(waits, (0.25, 0.5, 0.75)) == [1.0, 3.0, 4.0]
+    assert quantiles_s([(1.0, True), (5.0, False)], (0.5, 0.75)) == [1.0, np.inf]
+
+
+def test_a_vehicle_is_first_even_when_it_stays_between_its_neighbours() -> None:
+    """The first of three turns to the middle at 2 s, is absent from 4 to 6 s, and stays from then on."""
+    time_s = np.arange(0.0, 20.0, 0.5)
+    turns = np.tile(np.radians([40.0, 120.0, 240.0]), (time_s.size, 1))
+    turns[time_s >= 2.0, 0] = 0.0
+    turns[(time_s >= 4.0) & (time_s < 6.0), 0] = np.nan
+    assert first_even_s(time_s, turns, 0) == 6.0
+    assert first_even_s(time_s[:20], turns[:20], 0) == np.inf

@@ -24,10 +24,12 @@ from estimation.polar import Polar, polar_from_motion
 from estimation.state import POSITION, VELOCITY, Vector
 from estimation.vectors import Pair
 
-_STANDING = frozenset((Tactic.HOLD.value, Tactic.ASIDE.value, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value))
-"""Members in these tactics stay where they are, and the ring bends around them."""
+_OFF_THE_RING = frozenset(
+    each.value for each in (Tactic.HOLD, Tactic.ASIDE, Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
+)
+"""Members in these tactics stay where they are, or cross the ring on their way home, and the ring bends around them."""
 
-_ENCIRCLE = Tactic.ENCIRCLE.value
+_ENCIRCLE, _RETURN = Tactic.ENCIRCLE.value, Tactic.RETURN_AND_LAND.value
 _HEADWAY = 1.6
 """In separations: a little more than the room that a vehicle needs to enter."""
 _ABREAST, _PASSED = 2.0, 1.25
@@ -206,19 +208,22 @@ class RingFlight:
         return headway(polar, motions, headway_m, abreast_m)
 
     def _obstacles(self, situation: Situation, centre: Vector, polar: Polar) -> list[Obstacle]:
-        """Return the obstacles on the ring: peers that fell silent there, and those that stay in place.
+        """Return the obstacles on the ring: peers that fell silent there, and those that stay or return.
 
         Each is where it will be when the vehicle passes it.
         """
-        standing = [member for member in self._team.near() if member.tactic in _STANDING]
+        others = [member for member in self._team.near() if member.tactic in _OFF_THE_RING]
         lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
-        if not (standing or lost):
+        if not (others or lost):
             return []
-        about = centre.tolist()
-        return [
-            met(polar, self.rate_rad_s, _relative(body.position_m, (0.0, 0.0), about), body.distance_m)
-            for body in self._neighbours.bodies(situation, standing, lost)
-        ]
+        # One that has left the ring may still brake: it soon rests.
+        returning, about = [each.sender for each in others if each.tactic == _RETURN], centre.tolist()
+        found = []
+        for body in self._neighbours.bodies(situation, others, lost):
+            velocity_m_s = body.velocity_m_s if body.vehicle_id in returning else (0.0, 0.0)
+            motion = _relative(body.position_m, velocity_m_s, about)
+            found.append(met(polar, self.rate_rad_s, motion, body.distance_m))
+        return found
 
 
 def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> Motion:

@@ -71,6 +71,9 @@ class EncirclementSection(Settings):
         le=20.0,
         description="speed relative to the ring while spacings change; none: from the ring's speed and radius",
     )
+    spacing_acceleration_max_m_s2: float | None = Field(
+        None, gt=0.0, le=20.0, description="acceleration while spacings change; none: from the radius"
+    )
 
 
 class EncirclementSettings(EncirclementSection, EncirclementTuning):

@@ -13,7 +13,7 @@ from agents.ring.feasibility import Orbit
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, place_errors_rad
 from agents.ring.reference import RingReference, RingWay
-from agents.ring.transition import AccelerationBound, Mover, transition_rate_rad_s
+from agents.ring.transition import AccelerationBound, Mover, transition_of, transition_rate_rad_s
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
 from estimation.state import Vector
@@ -78,6 +78,16 @@ def test_a_transition_keeps_its_bounds_and_no_spacing_overshoots(
     value = 0.5 * (errors**2).sum(axis=1)  # (18)
     moving = value > 0.5 * len(bearings_rad) * np.radians(0.1) ** 2
     assert np.diff(value)[moving[1:]].max() < 1e-9
+
+
+@pytest.mark.parametrize(("given_m_s2", "bounds"), [(None, (0.3, 0.5)), (1.2, (1.2, 2.0)), (9.0, (2.0, 15.0))])
+def test_a_given_acceleration_of_a_transition_replaces_that_of_the_radius(
+    given_m_s2: float | None, bounds: tuple[float, float], make_config: Maker
+) -> None:
+    """Of a ring of 10 m, whose vehicles accelerate at 2 m/s2 at most."""
+    keys = {} if given_m_s2 is None else {"spacing_acceleration_max_m_s2": given_m_s2}
+    transition = transition_of(make_config(encirclement={"acceleration_max_m_s2": 2.0, **keys}).encirclement)
+    assert (transition.acceleration_m_s2, transition.jerk_m_s3) == pytest.approx(bounds)
 
 
 def test_without_a_bound_the_rate_is_that_of_the_paper() -> None:
