@@ -9,7 +9,7 @@ from agents.notes import RingChange
 from agents.ring.detour import Motion, Obstacle, bend_m, headway_rates_rad_s
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import RingPlace, neighbours, place_errors_rad, ring_place
+from agents.ring.place import RingPlace, even_places, neighbours, place_errors_rad, ring_place, weights_of
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import Mover
 from agents.safety.barriers import unsure_m
@@ -31,7 +31,7 @@ _ENCIRCLE = Tactic.ENCIRCLE.value
 _HEADWAY = 1.6
 """In separations: a little more than the room that a vehicle needs to enter."""
 _HEADWAY_SHARE = 0.8
-"""In even spacings: the largest headway, for a ring that is nearly full."""
+"""In narrowest wanted gaps: the largest headway, for a ring that is nearly full."""
 
 _LOOKED_AHEAD_RAD, _FENCE_MARGIN_M = 0.5, 0.5
 """How far ahead of a waiting vehicle the fence is checked, and the margin to it. A waiting place outside the fence is
@@ -44,6 +44,7 @@ class RingFlight:
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._vehicle_id = config.vehicle_id
+        self._gaps = config.gaps
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._radius_min_m = config.encirclement.radius_min_m
@@ -119,8 +120,9 @@ class RingFlight:
     ) -> tuple[RingTask, RingPlace]:
         """Return the task, and the vehicle's place among all that are engaged."""
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
-        joined = self._joining.look(polar, len(bearings_rad))
-        place = ring_place(polar.bearing_rad, bearings_rad if joined else ())
+        weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
+        joined = self._joining.look(polar, even_places(weights))
+        place = ring_place(polar.bearing_rad, list(bearings_rad.values()) if joined else (), weights)
         movers = self._movers(situation, polar, orbit, joined=joined)
         radius_m = self._joining.radius_m(polar, place, movers[0].error_rad) if joined else self._joining.waiting_m
         if radius_m > orbit.radius_m and self._fence is not None:
@@ -175,10 +177,11 @@ class RingFlight:
         own_rad, ring = self._reference.bearing_rad(polar, situation.acting_s), self._team.ring
         others = ring.others(situation.acting_s)
         if not ring.is_known_to_all(self._vehicle_id):
-            error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others]).error_rad
+            weights = weights_of((self._vehicle_id, *(each for each, _, _ in others)), self._gaps)
+            error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others], weights).error_rad
             return mover(error_rad, polar.radius_m, orbit), mover(-error_rad, polar.radius_m, orbit)
         members = [(self._vehicle_id, own_rad, polar.radius_m), *others]
-        errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members])
+        errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members], self._gaps)
         return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
 
     def _headway_rates_rad_s(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit) -> Pair:
@@ -187,8 +190,9 @@ class RingFlight:
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
-        count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
-        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
+        ids = [self._vehicle_id, *(each.sender for each in self._team.members() if each.tactic == _ENCIRCLE)]
+        places = even_places(weights_of(ids, self._gaps))
+        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / places * orbit.radius_m)
         return headway_rates_rad_s(polar, motions, headway_m)
 
     def _obstacles(self, situation: Situation, centre: Vector) -> list[Obstacle]:
