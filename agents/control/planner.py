@@ -10,7 +10,7 @@ from agents.control.plan import Plan, PlannerFactory, RingReport, TaskPlanner
 from agents.control.return_and_land import Homing
 from agents.control.ring_flight import RingFlight
 from agents.control.station_keeping import StationKeeping
-from agents.ring.place import ring_place
+from agents.ring.place import ring_place, weights_of
 from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
@@ -142,6 +142,7 @@ class PluggedPlanner(Planner):
     def __init__(self, config: AgentConfig, team: Team, plugged: TaskPlanner) -> None:
         super().__init__(config, team)
         self._vehicle_id = config.vehicle_id
+        self._gaps = config.gaps
         self._plugged = plugged
         self._took_over = False
 
@@ -182,13 +183,15 @@ class PluggedPlanner(Planner):
     def _report(self, situation: Situation, centre: Vector) -> RingReport:
         """Return the report of a vehicle on the mission's ring, with its own position as its reference."""
         polar, rate_rad_s = polar_from_motion(situation.acting_motion, centre), self.ring_rate_rad_s
+        bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
+        weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
         return RingReport(
             mixing=1.0,
             rate_rad_s=rate_rad_s,
             slowed="",
             needed=FULL_RING,
             joined=True,
-            place=ring_place(polar.bearing_rad, self._team.ring.bearings_rad(situation.acting_s)),
+            place=ring_place(polar.bearing_rad, list(bearings_rad.values()), weights),
             reference=ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s),
         )
 

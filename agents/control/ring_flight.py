@@ -9,7 +9,7 @@ from agents.notes import RingChange
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, headway, met
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import RingPlace, neighbours, place_errors_rad, ring_place
+from agents.ring.place import RingPlace, even_places, neighbours, place_errors_rad, ring_place, weights_of
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import Mover
 from agents.safety.barriers import unsure_m
@@ -37,7 +37,7 @@ _ABREAST, _PASSED = 2.0, 1.25
 one on the ring, which passes those that wait outside of it.
 """
 _HEADWAY_SHARE = 0.8
-"""In even spacings: the largest headway, for a ring that is nearly full."""
+"""In narrowest wanted gaps: the largest headway, for a ring that is nearly full."""
 
 _LOOKED_AHEAD_RAD, _FENCE_MARGIN_M = 0.5, 0.5
 """How far ahead of a waiting vehicle the fence is checked, and the margin to it. A waiting place outside the fence is
@@ -50,6 +50,7 @@ class RingFlight:
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._vehicle_id = config.vehicle_id
+        self._gaps = config.gaps
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._team = team
@@ -124,8 +125,9 @@ class RingFlight:
     ) -> tuple[RingTask, RingPlace]:
         """Return the task, and the vehicle's place among all that are engaged."""
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
-        joined = self._joining.look(polar, len(bearings_rad))
-        place = ring_place(polar.bearing_rad, bearings_rad if joined else ())
+        weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
+        joined = self._joining.look(polar, even_places(weights))
+        place = ring_place(polar.bearing_rad, list(bearings_rad.values()) if joined else (), weights)
         obstacles = self._obstacles(situation, centre, polar)
         # Where the ring is bent outwards, a vehicle on it is not one that comes in.
         out_m = polar.radius_m - max(0.0, bend_m(orbit.radius_m, polar, obstacles))
@@ -187,10 +189,11 @@ class RingFlight:
         own_rad, ring = self._reference.bearing_rad(polar, situation.acting_s), self._team.ring
         others = ring.others(situation.acting_s)
         if not ring.is_known_to_all(self._vehicle_id):
-            error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others]).error_rad
+            weights = weights_of((self._vehicle_id, *(each for each, _, _ in others)), self._gaps)
+            error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others], weights).error_rad
             return mover(error_rad, radius_m, orbit), mover(-error_rad, radius_m, orbit)
         members = [(self._vehicle_id, own_rad, radius_m), *others]
-        errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members])
+        errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members], self._gaps)
         return [mover(error, out_m, orbit) for error, (_, _, out_m) in zip(errors_rad, members, strict=True)]
 
     def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, *, passes: bool) -> Headway:
@@ -202,8 +205,9 @@ class RingFlight:
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
         ]
-        count = 1 + sum([member.tactic == _ENCIRCLE for member in self._team.members()])
-        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / count * orbit.radius_m)
+        ids = [self._vehicle_id, *(each.sender for each in self._team.members() if each.tactic == _ENCIRCLE)]
+        places = even_places(weights_of(ids, self._gaps))
+        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / places * orbit.radius_m)
         abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
         return headway(polar, motions, headway_m, abreast_m)
 

@@ -20,7 +20,7 @@ ASIDE, WAITING = 2.0, 1.5
 _ROOM = 1.5
 """In separations: the smallest distance between neighbours on the ring when a vehicle enters between them."""
 _ROOM_SHARE = 0.65
-"""In even spacings: the largest room that is required, for a ring that is nearly full."""
+"""In wanted gaps: the largest room that is required, for a ring that is nearly full."""
 _AT_RING = 0.25
 """In separations: a vehicle this near to the ring, or inside it, flies on the ring even if there is no room."""
 _IN_FRONT = 3.0
@@ -74,9 +74,9 @@ class Joining:
         """Restart as not joined, when the vehicle comes from another tactic."""
         self.joined = self.inside = False
 
-    def look(self, polar: Polar, others: int) -> bool:
-        """Join if there is room for one more than the `others`; return whether the vehicle has joined."""
-        fits = not others or chord_m(self._mission_ring_m, others + 1) >= self._separation_m
+    def look(self, polar: Polar, places: float) -> bool:
+        """Join if the ring has room for so many even places; return whether the vehicle has joined."""
+        fits = places == 1.0 or chord_m(self._mission_ring_m, places) >= self._separation_m
         if not self.joined:
             self.joined = fits or polar.radius_m <= self.ring_m + self._separation_m
             self._aside_m = min(self._waiting_m, polar.radius_m - self.ring_m)
@@ -93,8 +93,9 @@ class Joining:
             self.inside = True
             return self.ring_m
         if place.lead_rad is not None and place.lag_rad is not None:
-            room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
-            if min(place.lead_rad, place.lag_rad) < room_rad:
+            lead_room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_rad)
+            lag_room_rad = min(self._room_rad, _ROOM_SHARE * place.desired_lag_rad)
+            if place.lead_rad < lead_room_rad or place.lag_rad < lag_room_rad:
                 return self.ring_m + aside_m
         # Without a spacing gain no vehicle flies to its place.
         waits = self._transition.gain_per_s > 0.0 and aside_m > self._separation_m

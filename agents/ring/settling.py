@@ -1,11 +1,11 @@
 """How long vehicles take to settle on the ring: the law and the bounds of a transition, without plants and noise."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from math import inf, tau
 
 from agents.ring.feasibility import Orbit
 from agents.ring.joining import Joining
-from agents.ring.place import place_errors_rad, ring_place
+from agents.ring.place import place_errors_rad, ring_place, weights_of
 from agents.ring.reference import RingReference, RingWay
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
@@ -26,7 +26,7 @@ class _OnReference:
             engaged.angular_rate_rad_s,
         )
         self.joining = Joining(config)
-        self.joining.look(engaged, 0)
+        self.joining.look(engaged, 1.0)
         self._reference = RingReference(config.encirclement)
 
     def advance(self, way: RingWay, at_s: float) -> None:
@@ -35,19 +35,23 @@ class _OnReference:
         self.polar = Polar(point.radius.value, point.bearing.value, point.radius.rate, point.bearing.rate)
 
 
-def settling_s(config: AgentConfig, engaged: Sequence[Polar], radius_share: float, spacing_rad: float) -> float:
+def settling_s(config: AgentConfig, engaged: Mapping[int, Polar], radius_share: float, spacing_rad: float) -> float:
     """Return the time from an engagement until n vehicles are settled: radii and spacings within the tolerances.
 
-    `engaged` are their polar states about the target at the engagement, in the order of their ids. They keep these for
-    the smoothing time t_sm; then each moves as its reference does. Infinite if they do not settle in five minutes.
+    `engaged` are their polar states about the target at the engagement, by their ids. They keep these for the smoothing
+    time t_sm; then each moves as its reference does. Infinite if they do not settle in five minutes.
     """
     ring = config.encirclement
     orbit = Orbit(ring.radius_m, ring.angular_rate_rad_s)
-    flights = [_OnReference(config, polar) for polar in engaged]
+    ids, flights = list(engaged), [_OnReference(config, polar) for polar in engaged.values()]
+    weights = weights_of(ids, config.gaps)
     for tick in range(round(_LONGEST_S / _STEP_S)):
         bearings_rad = [flight.polar.bearing_rad for flight in flights]
-        errors_rad = place_errors_rad(bearings_rad, range(len(flights)))
-        places = [ring_place(own, bearings_rad[:i] + bearings_rad[i + 1 :]) for i, own in enumerate(bearings_rad)]
+        errors_rad = place_errors_rad(bearings_rad, ids, config.gaps)
+        places = [
+            ring_place(own, bearings_rad[:i] + bearings_rad[i + 1 :], [weights[i], *weights[:i], *weights[i + 1 :]])
+            for i, own in enumerate(bearings_rad)
+        ]
         near = all(abs(flight.polar.radius_m - orbit.radius_m) <= radius_share * orbit.radius_m for flight in flights)
         off_rad = max(abs((place.lead_rad or tau) - place.desired_rad) for place in places)
         if near and off_rad <= spacing_rad:

@@ -1,5 +1,6 @@
 """The whole configuration of one agent."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf, pi
 
@@ -25,11 +26,11 @@ class AgentConfig:
     """The complete configuration of one agent.
 
     `slots` are the vehicles of the formation in line order, with this one; `line_start_m` is the start of the leader's
-    line, `altitude_m` the flying height above the mission's origin, `communication_radius_m` the radio range of its
-    messages. `home_m` is where it takes off (None: it lands in place), `layers_from_m` the lowest layer's height and
-    `altitude_lowest_m` the lowest flying height (None: its own). If the ring follows the target's altitude, its lowest
-    vehicle stays between the two of `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the
-    positions in a free formation. With `excitation` it flies for identification.
+    line, `altitude_m` its flying height, `communication_radius_m` the radio range. `home_m` is where it takes off
+    (None: it lands in place), `layers_from_m` the lowest layer's height and `altitude_lowest_m` the lowest flying
+    height (None: its own). If the ring follows the target's altitude, its lowest vehicle stays between the two of
+    `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
+    `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
     """
 
     vehicle_id: int
@@ -52,6 +53,7 @@ class AgentConfig:
     altitude_lowest_m: float | None = None
     lowest_between_m: tuple[float | None, float | None] = (None, None)
     slots_m: tuple[tuple[float, float], ...] = ()
+    gaps: Mapping[int, float] = field(default_factory=dict, hash=False)
     excitation: ExcitationSettings | None = None
     profile: str = ""
 

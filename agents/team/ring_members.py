@@ -72,9 +72,9 @@ class RingMembers:
         """The newest places, engaged or not, by sender."""
         return dict(self._angles)
 
-    def bearings_rad(self, at_s: float) -> list[float]:
+    def bearings_rad(self, at_s: float) -> dict[int, float]:
         """Return the bearings of all engaged peers at a time, extrapolated at their published rates - (25), (26)."""
-        return [_bearing_rad(angle, at_s) for angle in self._on_ring()]
+        return {angle.sender: _bearing_rad(angle, at_s) for angle in self._on_ring()}
 
     def abreast(self, at_s: float, radius_m: float, within_m: float) -> list[tuple[float, float, float]]:
         """Return the same with their rates, of the engaged peers whose radius differs by less than `within_m`.

@@ -116,7 +116,8 @@ def _animate(flight: "LoggedFlight", path: Path) -> None:
     record = flight.evidence.record
     if not (record.time_s.size > 1 and record.vehicles):
         raise InputError([f"--animate: {path}: the log holds no motion to draw"])
-    sheet = Sheet(record, _result(flight), ring_reference(flight.mission), None, ring_motion(record))
+    ring = ring_reference(flight.mission)
+    sheet = Sheet(record, _result(flight), ring, None, ring_motion(record, ring.gaps))
     with writing("--animate", path), AnimationProgress(path) as progress:
         save_animation(sheet, path, progress.update)
     print_line(f"animation: {path} ({path.stat().st_size / 1e6:.1f} MB)")
@@ -174,7 +175,7 @@ def _compared(name: str, flight: "LoggedFlight") -> "ComparedFlight":
     from gcs.report.compare import POINTS_MAX, ComparedFlight
 
     record, ring = flight.evidence.record, ring_reference(flight.mission)
-    sheet = Sheet(record, _result(flight), ring, None, ring_motion(record), POINTS_MAX)
+    sheet = Sheet(record, _result(flight), ring, None, ring_motion(record, ring.gaps), POINTS_MAX)
     return ComparedFlight(name, flight.mission, sheet)
 
 

@@ -80,7 +80,7 @@ class DrillFlight:
     ) -> None:
         """Take the texts of a mission and its profiles; the flight is recorded to the folder `logs`, if given."""
         self.mission = parse_mission(text, None, profile_texts)
-        self.log = TeamLog()
+        self.log = TeamLog(self.mission.gaps)
         self.speed = speed
         self.clock: MissionClock = WallClock(speed)
         """The team's clock, of which all times in the log are."""

@@ -12,6 +12,7 @@ from math import degrees, hypot, tau
 from typing import NamedTuple
 
 from agents.ports import FlightMode
+from agents.ring.place import Gaps, weights_of
 from agents.tactics import Tactic
 from estimation.frames import Triple
 
@@ -45,8 +46,12 @@ class TeamPositions(NamedTuple):
 
 @dataclass(slots=True)
 class TeamLog:
-    """All observations so far, by vehicle: changes of modes and reports, and all other samples."""
+    """All observations so far, by vehicle: changes of modes and reports, and all other samples.
 
+    `gaps` are the weights of the wanted gaps on the ring.
+    """
+
+    gaps: Gaps = field(default_factory=dict)
     modes: defaultdict[int, list[tuple[float, str]]] = field(default_factory=lambda: defaultdict(list))
     reported: defaultdict[int, list[ReportedStatus]] = field(default_factory=lambda: defaultdict(list))
     received_s: dict[int, float] = field(default_factory=dict)
@@ -102,12 +107,14 @@ class TeamLog:
         return min(near, default=None)
 
     def uneven_deg(self, vehicles: tuple[int, ...]) -> float | None:
-        """Return by how much the widest gap on the ring exceeds an even one; None if a vehicle is not on the ring."""
+        """Return by how much a gap on the ring exceeds the wanted one, at most; None if one of them is not on it."""
         if any(each not in self.bearings_rad or self.tactic(each) != Tactic.ENCIRCLE.value for each in vehicles):
             return None
-        bearings = sorted(self.bearings_rad[each][1] % tau for each in vehicles)
-        gaps = [after - before for before, after in zip(bearings, [*bearings[1:], bearings[0] + tau], strict=True)]
-        return degrees(max(gaps) - tau / len(bearings))
+        placed = sorted((self.bearings_rad[each][1] % tau, each) for each in vehicles)
+        bearings, weights = [bearing for bearing, _ in placed], weights_of((each for _, each in placed), self.gaps)
+        after, unit_rad = [*bearings[1:], bearings[0] + tau], tau / sum(weights)
+        ways = zip(bearings, after, weights, strict=True)
+        return degrees(max(there - here - weight * unit_rad for here, there, weight in ways))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +124,7 @@ class Expectation:
     A reaction is a tactic, an alert, leaving offboard, or the report that it is unaccounted for; without one all
     vehicles fly on until the drill ends.
     `limits_s` are tighter limits of single vehicles. With `stands_back` no more setpoints are sent to them;
-    `at_last` is their final tactic. The gaps on the ring between the vehicles of `respacing` become even again.
+    `at_last` is their final tactic. The gaps on the ring between the vehicles of `respacing` become as wanted.
     """
 
     reacting: tuple[int, ...]
@@ -216,7 +223,7 @@ def _relapses(expected: Expectation, log: TeamLog, done_s: float) -> list[str]:
 
 
 def respaced(vehicles: tuple[int, ...], log: TeamLog) -> bool:
-    """Return whether the gaps between vehicles on the ring are even."""
+    """Return whether the gaps between vehicles on the ring are as wanted."""
     if len(vehicles) < 2:
         return True
     uneven_deg = log.uneven_deg(vehicles)

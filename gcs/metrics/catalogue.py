@@ -182,7 +182,7 @@ TRANSITION = (
     Metric("speed_max_m_s", "highest speed relative to the target", worst="max"),
     Metric("forwards_min_m_s", "lowest speed along the ring in its direction", worst="min"),
     Metric("acceleration_max_m_s2", "largest acceleration", worst="max"),
-    Metric("spacing_overshoot_deg", "overshoot of a spacing beyond even spacing", worst="max"),
+    Metric("spacing_overshoot_deg", "overshoot of a spacing beyond the wanted one", worst="max"),
     Metric("spacing_monotonic", "V (18) never grew from 5 s on", kind=bool, worst="min"),
 )
 """Of each transition of the ring."""

@@ -46,7 +46,7 @@ def evaluate(
 ) -> FlightResult:
     """Compute the metrics and verdicts of a flight; without a reference no vehicle was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
-    each_engaged_s, motion = engagement_times_s(record), ring_motion(record)
+    each_engaged_s, motion = engagement_times_s(record), ring_motion(record, ring.gaps)
     engaged_s = [time_s for time_s in each_engaged_s if time_s is not None]
     window_s, ring_result = judged_ring(record.time_s, motion, ring, engaged_s)
     window = within(record.time_s, window_s)
@@ -86,7 +86,7 @@ def _estimate_result(record: FlightRecord, ring: DesiredRing, window: Mask) -> E
     if not record.estimates:
         return None
     estimated = replace(record, vehicles=record.estimates)
-    motion = ring_motion(estimated)
+    motion = ring_motion(estimated, ring.gaps)
     engaged_s = [time_s for time_s in engagement_times_s(estimated) if time_s is not None]
     vehicles = estimated_vehicles(record, motion, ring, window)
     whole = estimated_ring(record.time_s, motion, ring, engaged_s, window)

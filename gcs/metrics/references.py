@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydantic import Field
 
+from agents.ring.place import Gaps
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.ending import named
@@ -111,10 +112,14 @@ def _passed(record: FlightRecord, track: VehicleTrack, allowed_m: float) -> tupl
 
 @dataclass(frozen=True, slots=True)
 class DesiredRing:
-    """The desired ring about the target; a positive angular rate is counter-clockwise seen from above."""
+    """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
+
+    The angles between vehicles are in proportion to the weights `gaps`.
+    """
 
     radius_m: float
     angular_rate_rad_s: float
+    gaps: Gaps = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +141,7 @@ class VerdictTolerances(VerdictSection):
 
 def ring_reference(mission: Mission) -> DesiredRing:
     """Return the ring of the mission."""
-    return DesiredRing(mission.encirclement.radius_m, mission.encirclement.angular_rate_rad_s)
+    return DesiredRing(mission.encirclement.radius_m, mission.encirclement.angular_rate_rad_s, mission.gaps)
 
 
 def formation_reference(mission: Mission) -> FormationReference:

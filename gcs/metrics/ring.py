@@ -13,6 +13,7 @@ from math import tau
 
 import numpy as np
 
+from agents.ring.place import EVEN, Gaps, weights_of
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
@@ -28,7 +29,8 @@ LOST_AFTER_S = 5.0
 class RingMotion:
     """The team's motion about the target, shape (V, T) each; NaN where a vehicle does not encircle or has no data.
 
-    `member` marks the vehicles on the ring, including one without data that encircled before and after.
+    `member` marks the vehicles on the ring, including one without data that encircled before and after, `weight` (V,)
+    are the weights of the gaps ahead of them.
     `lead_rad` is the angle counter-clockwise from a vehicle to the next one: NaN where there is none, or where a
     member has no data, so that the neighbours are not known.
     """
@@ -38,12 +40,18 @@ class RingMotion:
     bearing_rad: Vector
     rate_rad_s: Vector
     lead_rad: Vector
+    weight: Vector
 
     @property
     def desired_spacing_rad(self) -> Vector:
-        """The spacing 2 pi / n that n members should keep, shape (T,); NaN where there are fewer than two."""
-        count = self.member.sum(axis=0)
-        return np.where(count > 1, tau / np.maximum(count, 1), np.nan)
+        """The angle that each member should keep to the next: its share of a turn, 2 pi / n where gaps are even.
+
+        NaN where there are fewer than two.
+        """
+        weight = np.where(self.member, self.weight[:, None], 0.0)
+        spaced = self.member & (self.member.sum(axis=0) > 1)
+        unit_rad = tau / np.where(spaced, weight.sum(axis=0), 1.0)
+        return np.where(spaced, weight * unit_rad, np.nan)
 
     @property
     def measured(self) -> Mask:
@@ -51,7 +59,7 @@ class RingMotion:
         return np.asarray(self.member.any(axis=0) & ~(self.member & np.isnan(self.bearing_rad)).any(axis=0))
 
 
-def ring_motion(record: FlightRecord) -> RingMotion:
+def ring_motion(record: FlightRecord, gaps: Gaps = EVEN) -> RingMotion:
     """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate.
 
     Estimated motion is relative to the vehicle's own estimate of the target, so that frame errors are no ring errors.
@@ -73,6 +81,7 @@ def ring_motion(record: FlightRecord) -> RingMotion:
         bearing_rad=bearing_rad,
         rate_rad_s=swept_m2_s / defined_m**2,
         lead_rad=_lead_rad(bearing_rad, member),
+        weight=np.array(weights_of((track.vehicle_id for track in record.vehicles), gaps)),
     )
 
 

@@ -27,8 +27,8 @@ class TransitionResult:
     """The transition after an engagement, until the ring has settled or the next engagement.
 
     Motion is relative to the target: the highest speed on the ring, the lowest speed along it in its direction
-    (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the even one,
-    `spacing_monotonic` whether V (18) never increased from 5 s on. `settling_predicted_s` is what the law and its
+    (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the wanted
+    one, `spacing_monotonic` whether V (18) never increased from 5 s on. `settling_predicted_s` is what the law and its
     bounds predict from the motion at the engagement (`agents/ring/settling.py`), None if the ring would not settle.
     """
 
@@ -68,17 +68,18 @@ def predicted(
     results: tuple[TransitionResult, ...], record: FlightRecord, config: AgentConfig
 ) -> tuple[TransitionResult, ...]:
     """Return the results with the predicted settling times, for the ring of a vehicle's configuration."""
-    motion = ring_motion(record)
+    motion = ring_motion(record, config.gaps)
     return tuple(
-        replace(result, settling_predicted_s=_predicted_s(result.begins_at_s, record.time_s, motion, config))
+        replace(result, settling_predicted_s=_predicted_s(result.begins_at_s, record, motion, config))
         for result in results
     )
 
 
-def _predicted_s(begin_s: float, time_s: Vector, motion: RingMotion, config: AgentConfig) -> float | None:
+def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, config: AgentConfig) -> float | None:
+    time_s = record.time_s
     first, after = np.searchsorted(time_s, (begin_s, begin_s + _TOGETHER_S))
     after = min(int(after), time_s.size - 1)
-    engaged = []
+    engaged = {}
     for index in np.flatnonzero(motion.member[:, after]):
         at = int(first) + int(np.argmax(motion.member[index, first:]))
         since_s, until = float(time_s[at]) - begin_s, min(at + 1, time_s.size - 1)
@@ -87,11 +88,12 @@ def _predicted_s(begin_s: float, time_s: Vector, motion: RingMotion, config: Age
         radial_m_s = float(radii_m[1] - radii_m[0]) / step_s if step_s > 0.0 else 0.0
         rate_rad_s = float(motion.rate_rad_s[index, at])
         bearing_rad = float(motion.bearing_rad[index, at]) - rate_rad_s * since_s
-        engaged.append(Polar(float(radii_m[0]), bearing_rad, radial_m_s, rate_rad_s))
-    known = [each for each in engaged if np.isfinite([each.radius_m, each.bearing_rad, each.radial_speed_m_s]).all()]
-    if not known:
+        polar = Polar(float(radii_m[0]), bearing_rad, radial_m_s, rate_rad_s)
+        if np.isfinite([polar.radius_m, polar.bearing_rad, polar.radial_speed_m_s]).all():
+            engaged[record.vehicles[index].vehicle_id] = polar
+    if not engaged:
         return None
-    predicted_s = settling_s(config, known, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD)
+    predicted_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD)
     return round(predicted_s, 6) if np.isfinite(predicted_s) else None
 
 
@@ -136,7 +138,7 @@ def _transition(
 
 
 def _overshoot_deg(error_rad: Vector) -> float | None:
-    """Return how far a spacing overshot the even one, None without a spacing."""
+    """Return how far a spacing overshot the wanted one, None without a spacing."""
     known = np.isfinite(error_rad)
     beyond = [-np.sign(row[has][0]) * row[has] for row, has in zip(error_rad, known, strict=True) if has.any()]
     return float(np.degrees(max(0.0, *(each.max() for each in beyond)))) if beyond else None

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
-from math import ceil, hypot
+from math import asin, ceil, floor, hypot, log, pi
 from typing import Any
 
-from agents.ring.place import chord_m
+from agents.ring.place import chord_m, even_places
 from agents.settings.sections import (
     ChoreographySettings,
     DecisionSettings,
@@ -197,13 +197,44 @@ def _separated(
                 f"{distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m",
             )
     if ring is not None and count > 1 and chord_m(ring.radius_m, count) < least:
-        needed_m = least / chord_m(1.0, count)
         yield KeyFault(
             "encirclement.radius_m",
             f"{count} vehicles on a ring of {ring.radius_m} m are "
             f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m; "
-            f"it takes {ceil(needed_m * 100.0) / 100.0} m",
+            f"it takes {_least_radius_m(least, count)} m",
         )
+    elif ring is not None and len(vehicles) == count > 1:
+        yield from _gaps_fit(vehicles, least, ring.radius_m)
+
+
+def _least_radius_m(separation_m: float, places: float) -> float:
+    """Return the smallest radius at which so many even places are a separation apart, in whole centimetres."""
+    return ceil(100.0 * separation_m / chord_m(1.0, places)) / 100.0
+
+
+def _gaps_fit(vehicles: IndexedVehicles, separation_m: float, radius_m: float) -> Iterator[KeyFault]:
+    """Check that the narrowest gap on a ring with room for even gaps is as wide as the separation.
+
+    The fault is that of the weight farthest from 1, with the nearest that fits, if it alone can be changed to fit.
+    """
+    weights = [vehicle.gap for _, vehicle in vehicles]
+    places, narrowest = even_places(weights), min(vehicles, key=lambda each: each[1].gap)
+    if chord_m(radius_m, places) >= separation_m:
+        return
+    index, odd = max(vehicles, key=lambda each: abs(log(each[1].gap)))
+    others = sorted(each.gap for _, each in vehicles if each is not odd)
+    room = pi / asin(separation_m / 2.0 / radius_m)
+    fits = ""
+    if odd.gap > 1.0 and (most := others[0] * room - sum(others)) >= others[0]:
+        fits = f"at most {floor(most * 100.0) / 100.0}, or "
+    if odd.gap < 1.0 and (least := sum(others) / (room - 1.0)) <= others[0]:
+        fits = f"at least {ceil(least * 100.0) / 100.0}, or "
+    yield KeyFault(
+        f"vehicles[{index}].gap",
+        f"with {odd.gap} of {sum(weights):g} in all the gap of vehicles[{narrowest[0]}] on a ring of {radius_m} m is "
+        f"{chord_m(radius_m, places):.2f} m, less than safety.separation_m = {separation_m} m; "
+        f"{fits}encirclement.radius_m = {_least_radius_m(separation_m, places)}",
+    )
 
 
 def _way_home(

@@ -294,6 +294,7 @@ class VehicleSection(Settings):
         None, description="origin of its local NED in a local `[frame]`; none: `start_m` on the ground"
     )
     slot_m: Metres2 | None = Field(None, description="position in a free formation, x and y from a common point")
+    gap: float = Field(1.0, gt=0.0, le=100.0, description="weight of the gap to the next vehicle counter-clockwise")
     altitude_m: float = Field(8.0, ge=1.0, le=500.0, description="flying height above the mission's origin")
     fence_m: Fence | None = Field(None, description="in place of that of `[safety]`")
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
@@ -358,11 +359,11 @@ class MissionVehicle:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A checked mission: every section, the vehicles with their profiles, and the text that it was read from.
+    """A checked mission, with the text that it was read from.
 
-    `identity` is compared between the vehicles and operators of one team (gcs/mission/file.py). `folder` is that of
-    its file. A mission that `excites` is the excitation flight of its only vehicle. `parse` makes a
-    mission from text, folder and profile texts.
+    `identity` is compared between vehicles and operators (gcs/mission/file.py). `folder` is that of its file. A mission
+    that `excites` is the excitation flight of its only vehicle. `parse` makes a mission from text, folder and profile
+    texts.
     """
 
     mission: MissionSection
@@ -392,6 +393,11 @@ class Mission:
     def ids(self) -> tuple[int, ...]:
         """The vehicles' ids in line order."""
         return tuple(vehicle.id for vehicle in self.vehicles)
+
+    @property
+    def gaps(self) -> dict[int, float]:
+        """The weights of the ring's gaps."""
+        return {vehicle.id: vehicle.section.gap for vehicle in self.vehicles}
 
     def vehicle(self, vehicle_id: int) -> MissionVehicle:
         """Return the vehicle of an id; raises KeyError if there is none."""
@@ -444,6 +450,7 @@ class Mission:
             altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
             lowest_between_m=lowest_between_m([each.section for each in self.vehicles], self.safety),
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
+            gaps=self.gaps,
             excitation=self.excitation if self.excites else None,
             profile=vehicle.section.profile,
         )

@@ -12,6 +12,7 @@ from math import floor, inf, log
 import numpy as np
 
 from agents.control.lmpc_cost import formation_programme, ring_programme
+from agents.ring.transition import transition_of
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import Vector
@@ -105,6 +106,7 @@ class _Sampled:
         return np.vstack([moved, setpoint, wanted])
 
 
+_GAIN = "tuning.encirclement.spacing_gain_per_s"
 _NEUTRAL = 1e-6
 """A marginally stable loop is accepted: a spacing gain of 0 is allowed."""
 _ADVICE = {
@@ -117,7 +119,7 @@ _ADVICE = {
 def unstable_loops(mission: Mission) -> Iterator[KeyFault]:
     """Return the worst unstable loop of each section on every plant of the mission, with its margin.
 
-    If all are stable: a spacing gain that moves the references faster than the vehicles can follow.
+    If all are stable: a spacing gain that vehicles cannot follow. Also one with which spacings overshoot.
     """
     checked: set[Plant] = set()
     for index, vehicle in enumerate(mission.vehicles):
@@ -127,6 +129,7 @@ def unstable_loops(mission: Mission) -> Iterator[KeyFault]:
         every = list(loops(mission.agent_config(vehicle)))
         unstable = list(_unstable(every, index))
         yield from unstable or _not_followed(every, index, mission)
+    yield from _overshoots(mission)
 
 
 def _unstable(every: Sequence[ClosedLoop], index: int) -> Iterator[KeyFault]:
@@ -141,13 +144,24 @@ def _unstable(every: Sequence[ClosedLoop], index: int) -> Iterator[KeyFault]:
 
 
 def _not_followed(every: Sequence[ClosedLoop], index: int, mission: Mission) -> Iterator[KeyFault]:
-    gain_per_s = mission.encirclement.spacing_gain_per_s
+    gain_per_s, ring = mission.encirclement.spacing_gain_per_s, transition_of(mission.encirclement)
     followed_per_s = min(loop.decay_per_s(mission.mission.rate_hz) for loop in every if loop.of_bearing)
-    if len(mission.vehicles) > 1 and gain_per_s > followed_per_s > _NEUTRAL:
+    if len(mission.vehicles) > 1 and min(gain_per_s, ring.damped_gain_per_s) > followed_per_s > _NEUTRAL:
         yield KeyFault(
-            "tuning.encirclement.spacing_gain_per_s",
+            _GAIN,
             f"{gain_per_s} 1/s is faster than vehicles[{index}] follows its "
             f"reference with this plant; at most {floor(followed_per_s * 100.0) / 100.0} 1/s",
+        )
+
+
+def _overshoots(mission: Mission) -> Iterator[KeyFault]:
+    gain_per_s = mission.encirclement.spacing_gain_per_s
+    damped_per_s = transition_of(mission.encirclement).damped_gain_per_s
+    if len(mission.vehicles) > 1 and gain_per_s > damped_per_s:
+        yield KeyFault(
+            _GAIN,
+            f"with {gain_per_s} 1/s spacings overshoot: places on the ring are changed with a jerk that is too small "
+            f"for it; at most {floor(damped_per_s * 100.0) / 100.0} 1/s",
         )
 
 

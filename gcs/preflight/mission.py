@@ -6,7 +6,7 @@ from math import asin, floor, hypot, inf, pi, sqrt
 import numpy as np
 
 from agents.control.excitation import preview
-from agents.ring.place import chord_m
+from agents.ring.place import chord_m, even_places
 from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
 from estimation.polar import polar_of
@@ -201,20 +201,23 @@ def _ring_gap(mission: Mission) -> Finding:
     wanted_m = GAP_RESERVE * mission.safety.separation_m + _distance_error_m(mission)
     room = max(1, floor(pi / asin(min(wanted_m / (2.0 * ring.radius_m), 1.0))))
     what = f"{count} vehicles on a ring of {ring.radius_m:g} m, which has room for {room}"
-    enough_m = wanted_m / chord_m(1.0, count)
+    places = even_places(list(mission.gaps.values()))
+    if places > count:
+        what += f" with even gaps; the narrowest gap is {360.0 / places:.1f} degrees"
+    enough_m = wanted_m / chord_m(1.0, places)
     step = f"increase encirclement.radius_m to {enough_m:.1f} m, fly fewer vehicles, or lower safety.separation_m"
-    return _gap(mission, "ring spacing", what, chord_m(ring.radius_m, count), step)
+    return _gap(mission, "ring spacing", what, chord_m(ring.radius_m, places), step)
 
 
 def _settling(mission: Mission) -> Finding:
     """Predict how long the ring takes to settle if all vehicles engage together, a target being ahead of the line."""
     slots_m = formation_reference(mission).slots_m
     middle_m = sum(y_m for _, y_m in slots_m.values()) / len(slots_m)
-    engaged = []
+    engaged = {}
     for vehicle_id in sorted(mission.ids):
         away_m = mission.vehicle(vehicle_id).decision.distance_max_m
         aside_m = max(-away_m, min(slots_m[vehicle_id][1] - middle_m, away_m))
-        engaged.append(polar_of(-sqrt(away_m**2 - aside_m**2), aside_m, mission.formation.speed_m_s, 0.0))
+        engaged[vehicle_id] = polar_of(-sqrt(away_m**2 - aside_m**2), aside_m, mission.formation.speed_m_s, 0.0)
     config = mission.agent_config(mission.vehicles[0])
     took_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD)
     settles = took_s < inf

@@ -78,7 +78,7 @@ def drawn_figure(
 ) -> "Figure":
     """Return the page of figures of a flight, or one figure of the paper alone, drawn but not written."""
     with drawing():
-        return _draw(Sheet(record, result, ring, formation, ring_motion(record)), number)
+        return _draw(Sheet(record, result, ring, formation, ring_motion(record, ring.gaps)), number)
 
 
 def _draw(sheet: Sheet, number: int | None) -> "Figure":

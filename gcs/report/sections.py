@@ -100,7 +100,7 @@ def flight_of(evidence: FlightEvidence, result: FlightResult, criteria: Criteria
     ids = [track.vehicle_id for track in record.vehicles]
     aligned = tuple(known.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in ids)
     points = max(_POINTS_LEAST, min(_POINTS, _POINTS_OF_ALL // max(len(ids), 1)))
-    sheet = Sheet(record, result, criteria.ring, criteria.formation, ring_motion(record), points)
+    sheet = Sheet(record, result, criteria.ring, criteria.formation, ring_motion(record, criteria.ring.gaps), points)
     return ReportedFlight(replace(evidence, vehicles=aligned), result, criteria, sheet)
 
 

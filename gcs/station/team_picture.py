@@ -262,7 +262,7 @@ class TeamPictures:
             if each.state is not None and each.state.angle is not None and not each.is_stale(now_s) and not each.ended
         }
         own_rad = bearings_rad.pop(vehicle_id, None)
-        return None if own_rad is None else ring_place(own_rad, bearings_rad.values()).lead_rad
+        return None if own_rad is None else ring_place(own_rad, list(bearings_rad.values())).lead_rad
 
     def _target(self, now_s: float) -> TargetPicture | None:
         """Return the estimate with the newest sighting among the vehicles that send messages."""

@@ -306,7 +306,7 @@ class Ring:
     def settling(self, span: slice) -> Settling:
         """Return how long the ring took to settle in a span."""
         time_s = self.time_s[span] - self.time_s[span.start]
-        error_rad = np.abs(self.motion.lead_rad[:, span] - self.motion.desired_spacing_rad[span])
+        error_rad = np.abs(self.motion.lead_rad[:, span] - self.motion.desired_spacing_rad[:, span])
         off = (self.off_share[:, span] > SETTLED_RADIUS_FRACTION) & ~self._bent(span)
         took_s = settled_s(time_s, ~(off | (error_rad > SETTLED_SPACING_RAD)).any(axis=0))
         allowed_s, gentle_s = (max(SETTLES_LEAST_S, SETTLES_FACTOR * least_s) for least_s in self._least_s(span))

@@ -108,12 +108,12 @@ SETTINGS = (
     Setting(
         "quick, by settings",
         {"spacing_speed_max_m_s": SPEED_M_S},
-        {"spacing_gain_per_s": 1.0, "smoothing_time_s": 1.0},
+        {"spacing_gain_per_s": 0.65, "smoothing_time_s": 1.0},
     ),
     Setting(
         "at the limits",
         {"spacing_speed_max_m_s": SPEED_M_S, "spacing_acceleration_max_m_s2": ACCELERATION_M_S2},
-        {"spacing_gain_per_s": 1.0, "smoothing_time_s": 1.0},
+        {"spacing_gain_per_s": 0.65, "smoothing_time_s": 1.0},
     ),
 )
 

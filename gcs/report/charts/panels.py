@@ -187,12 +187,20 @@ def _draw_ring_panel(axes: "Axes", sheet: Sheet, values: Vector, desired: Vector
     first_s = min(v.engaged_at_s for v in sheet.result.vehicles if v.engaged_at_s is not None)
     axes.set_xlim(first_s - 0.02 * (time_s[-1] - first_s), time_s[-1])
     axes.axvspan(*sheet.result.window_s, color=WINDOW, zorder=0)
-    axes.plot(*sheet.line(time_s, np.where(time_s >= first_s, desired, np.nan)), **DESIRED)
+    for each in _distinct(desired):
+        axes.plot(*sheet.line(time_s, np.where(time_s >= first_s, each, np.nan)), **DESIRED)
     for row in range(len(values)):
         axes.plot(*sheet.line(time_s, values[row]), **sheet.style(row))
     for row in range(len(values)):
         _mark_engagement(axes, sheet, row, time_s, values[row])
     axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def _distinct(desired: Vector | float) -> Vector:
+    """Return lines (K, T) through the values desired at each time, every value once."""
+    lines: Vector = np.sort(np.atleast_2d(desired), axis=0)
+    lines[1:][np.diff(lines, axis=0) == 0.0] = np.nan
+    return np.asarray(lines[~np.isnan(lines).all(axis=1)])
 
 
 def _verdict_line(result: FlightResult) -> str:

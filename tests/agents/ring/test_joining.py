@@ -46,19 +46,19 @@ def test_it_joins_from_wherever_it_is_while_the_ring_has_room_for_one_more(make_
     joining = Joining(config)
     waiting = at(joining.waiting_m)
     assert joining.waiting_m == 5.0 + WAITING * SEPARATION_M
-    assert not joining.look(waiting, 10)  # eleven would be 2.8 m apart
+    assert not joining.look(waiting, 11.0)  # eleven would be 2.8 m apart
     assert not joining.joined
-    assert joining.look(waiting, 9)
-    assert joining.look(waiting, 10), "once it has published its bearing, the others count on it"
+    assert joining.look(waiting, 10.0)
+    assert joining.look(waiting, 11.0), "once it has published its bearing, the others count on it"
     joining.reset()
-    assert not joining.look(at(30.0), 10)
-    assert joining.look(at(30.0), 0)
+    assert not joining.look(at(30.0), 11.0)
+    assert joining.look(at(30.0), 1.0)
 
 
 def test_on_a_full_ring_a_vehicle_that_is_there_already_joins(make_config: Maker) -> None:
     config = make_config(safety={"separation_m": SEPARATION_M}, encirclement={"radius_m": 5.0})
-    assert Joining(config).look(at(5.0 + SEPARATION_M), 20)
-    assert not Joining(config).look(at(5.1 + SEPARATION_M), 20)
+    assert Joining(config).look(at(5.0 + SEPARATION_M), 21.0)
+    assert not Joining(config).look(at(5.1 + SEPARATION_M), 21.0)
 
 
 def test_it_enters_in_front_of_its_place_once_there_is_room_and_stays(make_config: Maker) -> None:
@@ -100,11 +100,19 @@ def test_on_a_ring_that_is_nearly_full_less_room_suffices(make_config: Maker) ->
     assert joining.radius_m(at(joining.waiting_m), RingPlace(16, 0.24, 0.3), 0.0) == joining.waiting_m
 
 
+def test_where_a_gap_is_to_be_narrower_than_the_other_less_room_suffices_there(make_config: Maker) -> None:
+    joining = Joining(make_config(safety={"separation_m": SEPARATION_M}))
+    narrow_ahead = RingPlace(3, 0.31, 1.5, 0.4, 3.0)
+    assert joining.radius_m(at(joining.waiting_m), narrow_ahead, 0.0) == 10.0
+    joining.reset()
+    assert joining.radius_m(at(joining.waiting_m), RingPlace(3, 1.5, 0.31, 0.4, 3.0), 0.0) == joining.waiting_m
+
+
 def test_a_ring_that_is_wider_for_a_while_is_waited_for_farther_out(make_config: Maker) -> None:
     joining = Joining(make_config(safety={"separation_m": SEPARATION_M}))
     joining.ring_m = 16.0
     assert joining.waiting_m == 16.0 + WAITING * SEPARATION_M
-    assert joining.look(at(30.0), 0)
+    assert joining.look(at(30.0), 1.0)
     assert joining.radius_m(at(30.0), NARROW, 0.0) == joining.waiting_m
     assert joining.radius_m(at(30.0), WIDE, 0.0) == 16.0
 

@@ -90,6 +90,22 @@ def test_a_given_acceleration_of_a_transition_replaces_that_of_the_radius(
     assert (transition.acceleration_m_s2, transition.jerk_m_s3) == pytest.approx(bounds)
 
 
+@pytest.mark.parametrize("members", [2, 3, 8])
+def test_up_to_the_damped_gain_no_spacing_overshoots_and_beyond_it_one_does(members: int, make_config: Maker) -> None:
+    """Of one vehicle that is off its place by sizes at which the jerk matters and the acceleration does not bound."""
+
+    def overshoot(gain_per_s: float, off_rad: float) -> float:
+        config = make_config(encirclement={"spacing_gain_per_s": gain_per_s})
+        bearings_rad = [off_rad * members / (members - 1), *(tau * each / members for each in range(1, members))]
+        errors = spacing_errors(turned(config, bearings_rad, 12.0)[..., 0])
+        return float((-np.sign(errors[0]) * errors).max() / np.abs(errors[0]).max())
+
+    damped_per_s = transition_of(make_config().encirclement).damped_gain_per_s
+    slower, faster = ([overshoot(share * damped_per_s, off) for off in (0.02, 0.03, 0.045)] for share in (1.0, 2.0))
+    assert max(slower) < 0.02
+    assert max(faster) > 0.1
+
+
 def test_without_a_bound_the_rate_is_that_of_the_paper() -> None:
     # (22) by hand: 0.05 + 0.3 / 3 (lead - lag), with lead - lag three times the error.
     for ring_rad_s in (0.05, -0.05, 0.0):

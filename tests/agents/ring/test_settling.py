@@ -1,6 +1,7 @@
 """The predicted time to settle: against the law's closed form; the flown missions compare it with flights."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf, log, pi, radians
 
 import pytest
@@ -19,8 +20,8 @@ def config_of(make_config: Maker, gain_per_s: float = 0.3) -> AgentConfig:
     return make_config(encirclement={**ring, "spacing_gain_per_s": gain_per_s})
 
 
-def on_ring(*bearings_rad: float) -> list[Polar]:
-    return [Polar(RADIUS_M, bearing_rad, 0.0, RATE_RAD_S) for bearing_rad in bearings_rad]
+def on_ring(*bearings_rad: float) -> dict[int, Polar]:
+    return {i: Polar(RADIUS_M, bearing_rad, 0.0, RATE_RAD_S) for i, bearing_rad in enumerate(bearings_rad, 1)}
 
 
 @pytest.mark.parametrize("count", [2, 3, 8])
@@ -31,6 +32,18 @@ def test_small_errors_decay_as_the_law_states(count: int, make_config: Maker) ->
     bearings_rad = [0.0, *(even_rad * each + off_rad for each in range(1, count))]
     predicted_s = settling_s(config_of(make_config, gain_per_s), on_ring(*bearings_rad), *WITHIN)
     assert predicted_s == pytest.approx(SMOOTHING_S + log(12.0 / 5.0) / gain_per_s, rel=0.1)
+
+
+def test_uneven_gaps_are_where_the_ring_settles(make_config: Maker) -> None:
+    """One of three has twice the gap: 180, 90 and 90 degrees."""
+    config = replace(config_of(make_config, 0.1), gaps={2: 2.0})
+    off_rad = radians(12.0)
+    settled_s, uneven_s = (
+        settling_s(config, on_ring(0.0, pi / 2.0 + off, 1.5 * pi), *WITHIN) for off in (0.0, off_rad)
+    )
+    assert settled_s == SMOOTHING_S
+    assert uneven_s == pytest.approx(SMOOTHING_S + log(12.0 / 5.0) / 0.1, rel=0.1)
+    assert settling_s(config_of(make_config, 0.0), on_ring(0.0, pi / 2.0, 1.5 * pi), *WITHIN) == inf
 
 
 def test_a_large_error_takes_its_way_at_the_speed_of_a_transition(make_config: Maker) -> None:
@@ -52,6 +65,6 @@ def test_a_ring_that_is_even_has_settled_and_one_without_a_gain_never_does(make_
 def test_a_vehicle_outside_has_its_way_in_as_well(make_config: Maker) -> None:
     config = config_of(make_config)
     outside = Polar(2.0 * RADIUS_M, pi, 0.0, 0.0)
-    alone_s = settling_s(config, [outside], *WITHIN)
+    alone_s = settling_s(config, {2: outside}, *WITHIN)
     assert alone_s > SMOOTHING_S + 0.95 * RADIUS_M / config.encirclement.speed_max_m_s
-    assert settling_s(config, [*on_ring(0.0), outside], *WITHIN) >= alone_s
+    assert settling_s(config, {**on_ring(0.0), 2: outside}, *WITHIN) >= alone_s

@@ -136,6 +136,15 @@ def test_who_stood_down_is_sent_nothing(log: TeamLog) -> None:
     ]
 
 
+def test_uneven_gaps_on_the_ring_are_as_wanted_or_not(log: TeamLog) -> None:
+    assert respaced((1, 2, 3), log)
+    log.gaps = {1: 2.0}
+    assert not respaced((1, 2, 3), log)
+    log.bearings_rad |= {1: (104.0, 0.1), 2: (104.0, pi + 0.1), 3: (104.0, 1.5 * pi + 0.1)}
+    assert log.uneven_deg((1, 2, 3)) == pytest.approx(0.0, abs=1e-9)
+    assert respaced((1, 2, 3), log)
+
+
 def test_a_gap_on_the_ring_is_closed_or_not(log: TeamLog) -> None:
     two = Expectation(
         (3,), (1, 2), 2.0, leaves_offboard=True, respacing=(1, 2), at_last="pilot override", separation_m=3.0

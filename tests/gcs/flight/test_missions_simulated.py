@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.ring.place import EVEN, Gaps, weights_of
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import Vector
 from gcs.flight.simulated import fly_simulated
@@ -250,13 +251,17 @@ class RingErrors:
     spacing_deg: Vector
 
 
-def ring_errors(record: FlightRecord, *, ids: tuple[int, ...], from_s: float, radius_m: float = 10.0) -> RingErrors:
+def ring_errors(
+    record: FlightRecord, *, ids: tuple[int, ...], from_s: float, radius_m: float = 10.0, gaps: Gaps = EVEN
+) -> RingErrors:
     window = record.time_s >= from_s - 1e-9
     tracks = [track for track in record.vehicles if track.vehicle_id in ids]
     around = np.array([track.position_m[window] - record.target_position_m[window] for track in tracks]) @ (1.0, 1.0j)
-    turns = np.sort(np.angle(around), axis=0)
-    gaps = np.diff(turns, axis=0, append=turns[:1] + 2.0 * pi)
-    return RingErrors(np.abs(around) - radius_m, np.degrees(gaps - 2.0 * pi / len(tracks)))
+    order = np.argsort(np.angle(around), axis=0)
+    turns = np.take_along_axis(np.angle(around), order, axis=0)
+    flown = np.diff(turns, axis=0, append=turns[:1] + 2.0 * pi)
+    weights = np.array(weights_of(ids, gaps))
+    return RingErrors(np.abs(around) - radius_m, np.degrees(flown - 2.0 * pi / weights.sum() * weights[order]))
 
 
 def section(name: str, **values: Any) -> Change:
@@ -294,6 +299,19 @@ def only(count: int) -> Change:
     return lambda mission: replace(mission, vehicles=mission.vehicles[:count])
 
 
+def gap(vehicle_id: int, weight: float) -> Change:
+    """A change of the wanted gap ahead of a vehicle."""
+
+    def change(mission: Mission) -> Mission:
+        vehicles = [
+            replace(each, section=each.section.model_copy(update={"gap": weight})) if each.id == vehicle_id else each
+            for each in mission.vehicles
+        ]
+        return replace(mission, vehicles=tuple(vehicles))
+
+    return change
+
+
 def manoeuvre(*changes: Change) -> Mission:
     mission = section("target", start_m=(14.0, -5.0), velocity_m_s=(-0.2, 0.0))(load_mission("case2"))
     for change in changes:
@@ -315,6 +333,7 @@ MANOEUVRES: dict[str, tuple[Change, ...]] = {
     "clockwise": (section("encirclement", angular_rate_rad_s=-0.05),),
     "a loop of 5 Hz": (section("mission", rate_hz=5.0),),
     "two vehicles": (only(2), plants((0.7, 1.3, 0.1))),
+    "uneven gaps": (gap(1, 2.0), gap(3, 3.0), plants((0.7, 1.3, 0.0), (1.3, 0.7, 0.1), (1.3, 1.3, 0.2))),
 }
 """The true plants are the four corners of 30 % about the model, and later than it."""
 
@@ -334,9 +353,10 @@ def test_a_team_off_nominal_stays_bounded_and_settles_on_the_ring(name: str) -> 
     assert known(flight.result.closest_approach_m) > APART_BOUND_M
     assert all(known(v.engaged_at_s) < 20.0 for v in flight.result.vehicles)
     assert known(flight.result.ring.settling_time_s) <= 30.0
-    errors = ring_errors(flight.record, ids=flight.mission.ids, from_s=WATCHED_S)
+    errors = ring_errors(flight.record, ids=flight.mission.ids, from_s=WATCHED_S, gaps=flight.mission.gaps)
     assert np.abs(errors.radius_m).max() < 0.1
     assert np.abs(errors.spacing_deg).max() < 1.0
+    assert flight.result.verdicts.c3 is True
 
 
 @pytest.mark.parametrize("name", ["two vehicles", "clockwise"])

@@ -16,7 +16,8 @@ from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, Vehicle
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult, window_line
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
-from gcs.metrics.ring import SETTLED_FOR_S, RingResult, ring_motion
+from gcs.metrics.ring import SETTLED_FOR_S, RingResult, judged_ring, ring_motion
+from gcs.report.evidence.lyapunov import lyapunov_rad2
 from tests.support.report_evidence import TOLERANCES
 from tests.support.result_keys import RESULT_KEYS
 
@@ -151,11 +152,24 @@ def test_lead_angles_wrap_around_and_follow_the_order_of_bearings_not_of_ids() -
     assert np.degrees(motion.lead_rad).sum(axis=0) == pytest.approx(np.full(TIME_S.size, 360.0))
 
 
+def test_desired_spacings_are_in_proportion_to_the_gaps_of_those_on_the_ring() -> None:
+    """Twice the gap ahead of vehicle 2, counter-clockwise: 120 and 240 degrees, then 90, 180 and 90."""
+    flight = record(orbit(1, 0.0), orbit(2, pi / 2), orbit(3, 1.5 * pi, engaged_s=300.0))
+    motion = ring_motion(flight, {2: 2.0})
+    assert np.degrees(motion.desired_spacing_rad[:, [0, 3000]]).T.ravel() == pytest.approx(
+        [120.0, 240.0, np.nan, 90.0, 180.0, 90.0], nan_ok=True
+    )
+    _, ring = judged_ring(flight.time_s, motion, RING, [0.0, 0.0, 300.0])
+    assert ring.settling_time_s == 0.0
+    assert ring.spacing_error_max_deg == pytest.approx(0.0, abs=1e-9)
+    assert lyapunov_rad2(motion)[-1] == pytest.approx(0.0, abs=1e-12)
+
+
 def test_desired_spacing_is_that_of_the_vehicles_on_the_ring_at_the_time() -> None:
     """Two half a turn apart, then a third between them: 180 degrees were right before, 120 are after."""
     third = orbit(3, pi / 2, engaged_s=300.0)
     motion = ring_motion(record(orbit(1, 0.0), orbit(2, pi), third))
-    assert np.degrees(motion.desired_spacing_rad[[0, 2999, 3000]]) == pytest.approx([180.0, 180.0, 120.0])
+    assert np.degrees(motion.desired_spacing_rad[0, [0, 2999, 3000]]) == pytest.approx([180.0, 180.0, 120.0])
     result = judged(orbit(1, 0.0), orbit(2, pi), third)
     # It never settles: the window is the last quarter, with spacings of 90, 90 and 180 degrees.
     assert result.ring.settling_time_s is None

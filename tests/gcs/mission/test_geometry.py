@@ -61,6 +61,35 @@ REFUSED: dict[str, tuple[Changes, list[str]]] = {
         {("vehicles", 1, "start_m"): [0.0, 1.5]},
         ["vehicles[1].start_m: 2.50 m from vehicles[0], less than safety.separation_m = 3.0 m"],
     ),
+    "a ring without room for its vehicles": (
+        {("encirclement", "radius_m"): 1.7},
+        [
+            "encirclement.radius_m: 3 vehicles on a ring of 1.7 m are 2.94 m apart, "
+            "less than safety.separation_m = 3.0 m; it takes 1.74 m"
+        ],
+    ),
+    "a gap that leaves the others too little": (
+        {("vehicles", 1, "gap"): 50.0},
+        [
+            "vehicles[1].gap: with 50.0 of 52 in all the gap of vehicles[0] on a ring of 10.0 m is 1.21 m, "
+            "less than safety.separation_m = 3.0 m; at most 18.86, or encirclement.radius_m = 24.85"
+        ],
+    ),
+    "a gap that is too narrow": (
+        {("vehicles", 2, "gap"): 0.05},
+        [
+            "vehicles[2].gap: with 0.05 of 2.05 in all the gap of vehicles[2] on a ring of 10.0 m is 1.53 m, "
+            "less than safety.separation_m = 3.0 m; at least 0.11, or encirclement.radius_m = 19.6"
+        ],
+    ),
+    "two gaps that are too narrow": (
+        {("vehicles", 1, "gap"): 0.05, ("vehicles", 2, "gap"): 0.05},
+        [
+            "vehicles[1].gap: with 0.05 of 1.1 in all the gap of vehicles[1] on a ring of 10.0 m is 2.85 m, "
+            "less than safety.separation_m = 3.0 m; encirclement.radius_m = 10.55"
+        ],
+    ),
+    "a gap of nothing": ({("vehicles", 0, "gap"): 0.0}, ["vehicles[0].gap: it must be greater than 0 (given: 0.0)"]),
     "no room between keep-out and ring": (
         {("safety", "keep_out_m"): 10.0},
         ["safety.keep_out_m: 10.0 m about the target leaves no room for the ring of encirclement.radius_m = 10.0 m"],

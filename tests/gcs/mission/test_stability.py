@@ -17,7 +17,7 @@ from estimation.plant.model import exact_step
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import Vector
 from gcs.mission.stability import ClosedLoop, loops
-from tests.support.mission_text import CASE2, content, faults, parsed, put
+from tests.support.mission_text import CASE2, Content, content, faults, parsed, put
 
 STILL = np.zeros(4)
 
@@ -89,13 +89,24 @@ def test_a_ring_that_is_not_spaced_is_neutral_and_one_vehicle_has_no_spacing(
     assert all(loop.margin > 0.01 for loop in loops(alone))
 
 
-def test_a_spacing_gain_that_vehicles_cannot_follow_is_refused_with_the_largest_that_they_can() -> None:
-    fast = put(content(CASE2), ("tuning", "encirclement"), {"spacing_gain_per_s": 1.9})
-    (fault,) = faults(fast)
-    assert fault.startswith("tuning.encirclement.spacing_gain_per_s: 1.9 1/s is faster than vehicles[0] follows")
+@pytest.mark.parametrize(
+    ("gain_per_s", "more", "why"),
+    [
+        (0.7, {}, "with 0.7 1/s spacings overshoot"),
+        (0.5, {"angular_increment_weight": 400.0}, "0.5 1/s is faster than vehicles[0] follows its reference"),
+    ],
+)
+def test_a_spacing_gain_that_cannot_be_followed_is_refused_with_the_largest_that_can(
+    gain_per_s: float, more: dict[str, float], why: str
+) -> None:
+    def with_gain(per_s: float) -> Content:
+        return put(content(CASE2), ("tuning", "encirclement"), {"spacing_gain_per_s": per_s, **more})
+
+    (fault,) = faults(with_gain(gain_per_s))
+    assert fault.startswith(f"tuning.encirclement.spacing_gain_per_s: {why}")
     largest = float(fault.split("at most ")[1].split()[0])
-    assert 1.0 < largest < 1.9
-    parsed(put(content(CASE2), ("tuning", "encirclement"), {"spacing_gain_per_s": largest}))
+    assert 0.1 < largest < gain_per_s
+    parsed(with_gain(largest))
 
 
 def test_gains_that_make_a_loop_unstable_are_refused_with_the_margin() -> None:

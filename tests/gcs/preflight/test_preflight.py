@@ -483,6 +483,15 @@ def test_a_ring_without_room_for_the_error_of_positions_is_refused() -> None:
     assert all(fact in found.next_step for fact in ("encirclement.radius_m to 12.1 m", "safety.separation_m"))
 
 
+def test_the_narrowest_wanted_gap_counts_for_the_room_on_the_ring() -> None:
+    """Sixteen times the gap of each of the others: theirs are 20 degrees."""
+    uneven = CASE2.replace(vehicles={2: {"gap": 16.0}})
+    found = graded(uneven, "ring spacing")
+    assert found.grade is Grade.WARNING
+    assert "the narrowest gap is 20.0 degrees" in found.found
+    assert f"{20.0 * sin(pi / 18.0):.2f} m" in found.found
+
+
 def test_the_room_of_the_ring_is_the_largest_number_that_keeps_the_separation() -> None:
     def gap_m(count: int) -> float:
         return 20.0 * sin(pi / count)
