@@ -93,6 +93,15 @@ def off_ring(motion: RingMotion, ring: DesiredRing) -> Mask:
     return np.asarray(off_radius | (spacing_error_rad > SETTLED_SPACING_RAD).any(axis=0))
 
 
+def on_ring(motion: RingMotion, ring: DesiredRing, after: int = 0) -> Mask:
+    """Return where (V, T) a vehicle has reached the radius since it became a member, at least `after` samples ago."""
+    near = np.abs(motion.radius_m - ring.radius_m) <= SETTLED_RADIUS_FRACTION * ring.radius_m
+    index = np.arange(motion.member.shape[1])
+    out = np.maximum.accumulate(np.where(motion.member, -1, index), axis=1)
+    reached = np.maximum.accumulate(np.where(motion.member & near & (index - out > after), index, -1), axis=1)
+    return np.asarray(motion.member & (reached > out))
+
+
 def measured(record: FlightRecord) -> Mask:
     """Return the samples (V, T) that hold a vehicle's position, velocity and tactic."""
     mask = ~_samples(record, NO_TACTIC)

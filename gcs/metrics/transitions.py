@@ -11,7 +11,7 @@ from estimation.polar import Polar
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import DesiredRing
-from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, off_ring, ring_motion
+from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, off_ring, on_ring, ring_motion
 
 _TOGETHER_S = 3.0
 """Vehicles that engage within this time of each other begin one transition."""
@@ -79,7 +79,7 @@ def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, confi
     time_s = record.time_s
     first, after = np.searchsorted(time_s, (begin_s, begin_s + _TOGETHER_S))
     after = min(int(after), time_s.size - 1)
-    engaged = {}
+    engaged, on_ring_ids = {}, []
     for index in np.flatnonzero(motion.member[:, after]):
         at = int(first) + int(np.argmax(motion.member[index, first:]))
         since_s, until = float(time_s[at]) - begin_s, min(at + 1, time_s.size - 1)
@@ -91,9 +91,10 @@ def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, confi
         polar = Polar(float(radii_m[0]), bearing_rad, radial_m_s, rate_rad_s)
         if np.isfinite([polar.radius_m, polar.bearing_rad, polar.radial_speed_m_s]).all():
             engaged[record.vehicles[index].vehicle_id] = polar
+            on_ring_ids += [record.vehicles[index].vehicle_id] * bool(motion.member[index, max(first - 1, 0)])
     if not engaged:
         return None
-    predicted_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD)
+    predicted_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, on_ring_ids)
     return round(predicted_s, 6) if np.isfinite(predicted_s) else None
 
 
@@ -123,25 +124,54 @@ def _transition(
     last = int(outside[-1]) + 1 if outside.size else int(np.argmax(inside))
     settled = bool(last < time_s.size and inside[last])
     moving = inside & (np.arange(time_s.size) <= (last if settled else time_s.size))
-    on_ring = motion.member & moving
+    transiting = motion.member & moving
     error_rad = motion.lead_rad - motion.desired_spacing_rad
     return TransitionResult(
         begins_at_s=round(begin_s, 6),
         members=int(motion.member[:, inside].sum(axis=0).max()),
         settling_time_s=round(float(time_s[last]) - begin_s, 6) if settled else None,
-        speed_max_m_s=_most(relative.speed_m_s, on_ring),
-        forwards_min_m_s=_least(relative.forwards_m_s, on_ring),
-        acceleration_max_m_s2=_most(relative.acceleration_m_s2, on_ring),
-        spacing_overshoot_deg=_overshoot_deg(error_rad[:, inside]),
+        speed_max_m_s=_most(relative.speed_m_s, transiting),
+        forwards_min_m_s=_least(relative.forwards_m_s, transiting),
+        acceleration_max_m_s2=_most(relative.acceleration_m_s2, transiting),
+        spacing_overshoot_deg=overshoot_deg(motion, on_ring(motion, ring), slice(*_ends(inside))),
         spacing_monotonic=_monotonic(time_s[inside] - begin_s, error_rad[:, inside]),
     )
 
 
-def _overshoot_deg(error_rad: Vector) -> float | None:
-    """Return how far a spacing overshot the wanted one, None without a spacing."""
-    known = np.isfinite(error_rad)
-    beyond = [-np.sign(row[has][0]) * row[has] for row, has in zip(error_rad, known, strict=True) if has.any()]
-    return float(np.degrees(max(0.0, *(each.max() for each in beyond)))) if beyond else None
+def _ends(inside: Mask) -> tuple[int, int]:
+    samples = np.flatnonzero(inside)
+    return int(samples[0]), int(samples[-1]) + 1
+
+
+def overshoot_deg(motion: RingMotion, on: Mask, span: slice) -> float | None:
+    """Return how far a spacing went beyond the wanted one in a span of samples, None without a spacing.
+
+    It counts at most as far as the spacing had been on the other side before: when a vehicle engages, the wanted
+    spacing changes, and one that happens to be right then has to change first. A spacing is followed as long as its two
+    vehicles are neighbours, both `on` (V, T) the ring.
+    """
+    error_deg = np.degrees(motion.lead_rad - motion.desired_spacing_rad)[:, span]
+    if not np.isfinite(error_deg).any():
+        return None
+    order = np.argsort(np.where(motion.member, motion.bearing_rad, np.nan)[:, span], axis=0)
+    count = motion.member[:, span].sum(axis=0)
+    rank = np.arange(len(order))[:, None]
+    ahead = np.empty(order.shape, dtype=np.intp)
+    following = np.take_along_axis(order, np.where(rank == count - 1, 0, np.minimum(rank + 1, len(order) - 1)), axis=0)
+    np.put_along_axis(ahead, order, following, axis=0)
+    both = on[:, span] & np.take_along_axis(on[:, span], ahead, axis=0) & np.isfinite(error_deg)
+    ahead[~both] = -1
+    farthest = 0.0
+    for neighbour, error in zip(ahead, error_deg, strict=True):
+        edges = [0, *(np.flatnonzero(np.diff(neighbour)) + 1).tolist(), neighbour.size]
+        followed = [error[begin:end] for begin, end in pairwise(edges) if neighbour[begin] >= 0]
+        farthest = max(farthest, *map(_swung_deg, followed)) if followed else farthest
+    return farthest
+
+
+def _swung_deg(error_deg: Vector) -> float:
+    above, below = np.maximum.accumulate(error_deg), np.maximum.accumulate(-error_deg)
+    return float(np.maximum(np.minimum(above, -error_deg), np.minimum(below, error_deg)).max(initial=0.0))
 
 
 def _monotonic(since_s: Vector, error_rad: Vector) -> bool | None:

@@ -14,7 +14,6 @@ from math import cos, inf, pi, sin, tau
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.outputs import TickOutput
 from agents.ring.place import chord_m
@@ -25,8 +24,8 @@ from agents.team.messages import OperatorCommand
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.record import FlightRecord, LoopStatistics, Mask, VehicleTrack
 from gcs.metrics.references import ring_reference
-from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, ring_motion
-from gcs.metrics.transitions import ACCELERATION_SPAN_S, RelativeMotion, relative_motion
+from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, on_ring, ring_motion
+from gcs.metrics.transitions import ACCELERATION_SPAN_S, RelativeMotion, overshoot_deg, relative_motion
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import Absence, SimulatedFlight
 from tests.experiments.arguments import parser
@@ -270,7 +269,7 @@ class Ring:
         self.relative: RelativeMotion = relative_motion(record, self.motion, reference)
         self.off_share = np.abs(self.motion.radius_m / reference.radius_m - 1.0)
         mixed = round(self.settings.smoothing_time_s * mission.mission.rate_hz)
-        self.on = np.array([_on(*rows, mixed) for rows in zip(self.off_share, self.motion.member, strict=True)])
+        self.on = on_ring(self.motion, reference, mixed)
         self._places = np.array([record.relative(track)[0] for track in record.vehicles]) @ np.array([1.0, 1.0j])
 
     def spans(self) -> Iterator[slice]:
@@ -279,29 +278,9 @@ class Ring:
         edges = [0, *(np.flatnonzero((member[:, 1:] != member[:, :-1]).any(axis=0)) + 1).tolist(), self.time_s.size]
         return (slice(*edge) for edge in pairwise(edges) if member[:, edge[0]].any())
 
-    def beyond_deg(self, span: slice) -> tuple[float, float]:
-        """Return how far a gap between neighbours on the ring goes beyond the even one in a span, by two definitions.
-
-        First at most as far as it had been on the other side: when a vehicle engages, the even gap changes, and a gap
-        that happens to be even then has to widen first. Second whatever its error was at the begin, as in
-        gcs/metrics/transitions.py. A gap is followed as long as its two vehicles are neighbours on the ring.
-        """
-        bearing_rad, count = self.motion.bearing_rad[:, span], int(self.motion.member[:, span.start].sum())
-        if count < 2:
-            return 0.0, 0.0
-        order = np.argsort(bearing_rad, axis=0)[:count]
-        ahead = np.full(bearing_rad.shape, -1)
-        np.put_along_axis(ahead, order, np.roll(order, -1, axis=0), axis=0)
-        error_deg = np.degrees(self.motion.lead_rad[:, span] - tau / count)
-        on = self.on[:, span]
-        ahead[~on | ~np.take_along_axis(on, ahead, axis=0)] = -1
-        swung = past = 0.0
-        for neighbour, error in zip(ahead, error_deg, strict=True):
-            edges = [0, *(np.flatnonzero(np.diff(neighbour)) + 1).tolist(), neighbour.size]
-            for begin, end in pairwise(edges):
-                if neighbour[begin] >= 0:
-                    swung, past = max(swung, _swung(error[begin:end])), max(past, _past(error[begin:end]))
-        return swung, past
+    def beyond_deg(self, span: slice) -> float:
+        """Return how far a gap between neighbours on the ring goes beyond the wanted one in a span."""
+        return overshoot_deg(self.motion, self.on, span) or 0.0
 
     def settling(self, span: slice) -> Settling:
         """Return how long the ring took to settle in a span."""
@@ -370,26 +349,6 @@ class Ring:
         return float(self.relative.forwards_m_s[on].min(initial=inf))
 
 
-def _on(off_share: Vector, member: NDArray[np.bool_], mixed: int) -> Mask:
-    """Return where a vehicle (T,) has reached the ring since it became a member, at least `mixed` samples ago."""
-    on = np.zeros(member.shape, dtype=np.bool_)
-    reached, since = False, 0
-    for index, (off, encircles) in enumerate(zip(off_share.tolist(), member.tolist(), strict=True)):
-        since = since + 1 if encircles else 0
-        reached = encircles and (reached or (since > mixed and off <= SETTLED_RADIUS_FRACTION))
-        on[index] = reached
-    return on
-
-
-def _past(error: Vector) -> float:
-    return max(0.0, float((-np.sign(error[0]) * error).max()))
-
-
-def _swung(error: Vector) -> float:
-    above, below = np.maximum.accumulate(error), np.maximum.accumulate(-error)
-    return max(0.0, float(np.maximum(np.minimum(above, -error), np.minimum(below, error)).max()))
-
-
 def _way_s(way_m: Vector, speed_m_s: float, acceleration_m_s2: float) -> Vector:
     """Return the least time for a way from rest to rest."""
     long_s = way_m / speed_m_s + speed_m_s / acceleration_m_s2
@@ -407,7 +366,6 @@ class Joined:
     vehicles: int
     about: str
     overshoot_deg: float
-    strict_deg: float
     speed_share: float
     acceleration_share: float
     forwards_m_s: float
@@ -449,7 +407,7 @@ class Joined:
     def __str__(self) -> str:
         worst = self.worst
         return (
-            f"seed {self.seed}: {self.about}: overshoot {self.overshoot_deg:.1f} deg (strict {self.strict_deg:.1f}), "
+            f"seed {self.seed}: {self.about}: overshoot {self.overshoot_deg:.1f} deg, "
             f"speed {self.speed_share:.2f}, acceleration {self.acceleration_share:.2f}, "
             f"forwards {self.forwards_m_s:+.2f} m/s (on purpose {self.planned_m_s:+.2f} m/s), "
             f"settled after {worst.took_s or 0.0:.1f} of {worst.allowed_s:.0f} s, "
@@ -467,14 +425,12 @@ def judged(seed: int, scene: Scene, record: FlightRecord, flight: SimulatedFligh
     """Measure a flight."""
     ring = Ring(record, scene.mission)
     spans = list(ring.spans())
-    beyond = [ring.beyond_deg(span) for span in spans]
     engaged = ring.motion.member.sum(axis=1).tolist()
     return Joined(
         seed,
         len(scene.mission.ids),
         _about(scene),
-        max((swung for swung, _ in beyond), default=0.0),
-        max((past for _, past in beyond), default=0.0),
+        max(map(ring.beyond_deg, spans), default=0.0),
         ring.speed_share(),
         ring.acceleration_share(),
         ring.forwards_m_s(),
@@ -506,7 +462,6 @@ def _row(name: str, flights: Sequence[Joined]) -> str:
     took_s = [each.worst.took_s or 0.0 for each in flights]
     shares = (
         [each.overshoot_deg > OVERSHOOT_DEG for each in flights],
-        [each.strict_deg > OVERSHOOT_DEG for each in flights],
         [not each.in_bounds for each in flights],
         [each.forwards_m_s < BACKWARDS_M_S for each in flights],
         [each.planned_m_s < BACKWARDS_M_S for each in flights],
@@ -526,7 +481,7 @@ def main(count: int, first: int, *, listed: bool) -> int:
             flights.append(flight)
             if listed:
                 print(flight, flush=True)
-    titles = ("overshoot", "strict", "bounds", "backwards", "on purpose", "settled", "gently", "separated")
+    titles = ("overshoot", "bounds", "backwards", "on purpose", "settled", "gently", "separated")
     print(f"{'n':>6} {'draws':>6} {' '.join(f'{each:>10}' for each in titles)} {'median':>10} {'worst':>8}")
     for low, high in SIZES:
         print(_row(f"{low}-{high}", [each for each in flights if low <= each.vehicles <= high]))
