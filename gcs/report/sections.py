@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import isclose
 
 import numpy as np
 
@@ -360,8 +359,6 @@ def _lyapunov(flight: ReportedFlight) -> Section:
         if gain is None
         else f" With γ = {gain:g} /s, V is expected to decay as exp(−2γt) (dashed) while no bound is active."
     )
-    if gain is not None and any(not isclose(each.decay_per_s or 0.0, 2.0 * gain) for each in periods):
-        expected += " On a ring of many vehicles the gain is limited, and the expected decay is slower."
     lead = (
         "V = ½ Σ eᵢ² over the spacing errors eᵢ on the ring, equations (17) to (20) of the paper. V is restarted "
         f"whenever a vehicle joins or leaves the ring.{expected}"
