@@ -3,13 +3,15 @@
 `python -m tests.experiments.membership 50` flies many more seeds.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimation.state import POSITION
 from tests.experiments.membership import formation_settled_s, measured, separation_left_m
 from tests.experiments.membership_scenes import SCENES, Scene, flown
-from tests.experiments.random_joins import BACKWARDS_M_S, BOUND_SHARE, OVERSHOOT_DEG, judged, recorded
+from tests.experiments.random_joins import BACKWARDS_M_S, BOUND_SHARE, OVERSHOOT_DEG, drawn, judged, recorded
 from tests.support.mission_text import content, parsed
 
 LINE_OF_TWO = 3
@@ -53,6 +55,20 @@ def test_vehicles_that_engage_at_once_from_one_side_fly_to_even_places(
     assert joined.forwards_m_s >= BACKWARDS_M_S
     assert joined.separation_left_m >= 0.0
     assert joined.never_engaged == ()
+
+
+@pytest.mark.parametrize(
+    ("seed", "until_s"),
+    [pytest.param(88041, 30.0, id="one comes in beside one on the ring"), pytest.param(9377, 130.0, id="one was lost")],
+)
+def test_vehicles_on_the_ring_keep_their_bounds_beside_others(seed: int, until_s: float) -> None:
+    """The ring drifts over the place of the lost one, with a target of 0.9 m/s."""
+    scene = replace(drawn(seed), duration_s=until_s)
+    joined = judged(seed, scene, *recorded(scene, seed))
+    assert joined.acceleration_share <= BOUND_SHARE
+    assert joined.speed_share <= BOUND_SHARE
+    assert joined.forwards_m_s >= BACKWARDS_M_S
+    assert joined.separation_left_m >= 0.0
 
 
 def all_from_one_side(
