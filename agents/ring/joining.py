@@ -32,8 +32,8 @@ _TURNING_SHARE = 0.6
 class Joining:
     """Decides when one vehicle joins the ring, and when it may enter.
 
-    `ring_m` is the ring's present radius, and `inside` whether the vehicle has entered it. The ring's capacity and the room for a vehicle are those of the mission's
-    ring, to which it returns.
+    `ring_m` is the ring's present radius, and `inside` whether the vehicle has entered it. The ring's capacity and the
+    room for a vehicle are those of the mission's ring, to which it returns.
     """
 
     def __init__(self, config: AgentConfig) -> None:
