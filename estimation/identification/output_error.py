@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -91,6 +92,8 @@ _PRIOR_DEVIATION = 3.0
 """Prior standard deviation of the fitted parameters: a factor of twenty either way."""
 _NUDGE = 1e-5
 _TRAINING_MIN = 40
+_REMEMBERED = 8
+"""The last errors of an axis that are kept: of a point, and of its derivatives along two parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +272,8 @@ class _Problem:
 
     def __init__(self, excerpts: Sequence[Excerpt], model: Model, share: float) -> None:
         self._model = model
+        # Most derivatives are along parameters of one axis: the errors of the other stay what they are.
+        self._errors_of = lru_cache(_REMEMBERED)(self._axis_errors)
         self._rows = []
         for excerpt in excerpts:
             count = max(_TRAINING_MIN, round(share * excerpt.position_m.shape[0]))
@@ -280,17 +285,22 @@ class _Problem:
     def errors(self, parameters: Vector, filters: tuple[Vector, Vector]) -> list[list[Vector]]:
         """Return the whitened errors of each axis and excerpt, with the linear parameters fitted."""
         delay_s, leads_s = float(parameters[4]), self._model.leads_s(parameters)
-        found = []
-        for axis, response in enumerate(self._model.responses(parameters)):
-            bases = self._bases(response, filters[axis])
-            one_axis = []
-            for begin_s, position_m, inputs in self._rows:
-                count = position_m.shape[0]
-                answered = response.answer(inputs[axis], leads_s[axis], delay_s, begin_s, GRID_S, count)
-                error = whitened(filters[axis], position_m[:, axis] - answered)
-                basis = bases[count]
-                one_axis.append(error - basis @ (basis.T @ error))
-            found.append(one_axis)
+        return [
+            self._errors_of(axis, response, leads_s[axis], delay_s, tuple(filters[axis].tolist()))
+            for axis, response in enumerate(self._model.responses(parameters))
+        ]
+
+    def _axis_errors(
+        self, axis: int, response: Response, lead_s: float, delay_s: float, weights: tuple[float, ...]
+    ) -> list[Vector]:
+        whitening = np.array(weights)
+        bases, found = self._bases(response, whitening), []
+        for begin_s, position_m, inputs in self._rows:
+            count = position_m.shape[0]
+            answered = response.answer(inputs[axis], lead_s, delay_s, begin_s, GRID_S, count)
+            error = whitened(whitening, position_m[:, axis] - answered)
+            basis = bases[count]
+            found.append(error - basis @ (basis.T @ error))
         return found
 
     def _bases(self, response: Response, whitening: Vector) -> dict[int, Vector]:

@@ -7,6 +7,7 @@ sum c_i exp(p_i t).
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,6 +167,7 @@ class _Changes:
         return np.asarray(np.cumsum(self.arriving(values, count)), dtype=np.float64)
 
 
+@lru_cache(8)
 def response_of(a0_per_s2: float, a1_per_s: float, lag_s: float = 0.0, lead_s: float = 0.0) -> Response:
     """Return the response of lag x''' + x'' = a0 (X_d + lead X_d' - x) - a1 x'.
 

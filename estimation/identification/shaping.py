@@ -6,6 +6,7 @@ speed error determines an acceleration, which is bounded too.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -66,6 +67,7 @@ def shaping_of(excerpts: Sequence[Excerpt], linear: Fit) -> Shaping:
     return Shaping(float(np.exp(best[5])), shares[0], float(np.exp(best[6])), shares[1], min(ratio, 1.0))
 
 
+_NUDGE, _HALF_S = 1e-3, GRID_S / 2.0
 _QUICK = (2.0, 2.5) * 2
 _LOG_MIN, _LOG_MAX = np.log(0.02), np.log(60.0)
 _BOUNDS = (
@@ -78,6 +80,8 @@ class _Bounded:
     """The least-squares problem; all perturbed parameter sets are simulated in parallel."""
 
     def __init__(self, excerpts: Sequence[Excerpt], linear: Fit) -> None:
+        # One set takes nearly as long to simulate as all those that the derivatives at the same place need next.
+        self._errors_around = lru_cache(1)(self._simulated)
         self._flights = []
         self._leads_s = linear.model.leads_s(linear.parameters)
         left = _SAMPLES_MAX
@@ -96,13 +100,19 @@ class _Bounded:
 
     def errors(self, parameters: Vector) -> Vector:
         """Return measured minus simulated positions of all flights, each without its mean."""
-        return np.asarray(self._errors(parameters[None, :])[0], dtype=np.float64)
+        here, *_ = self._errors_around(tuple(parameters.tolist()))
+        return here
 
     def jacobian(self, parameters: Vector) -> Vector:
-        nudges = 1e-3 * np.eye(parameters.size)
-        every = self._errors(np.vstack((parameters + nudges, parameters - nudges)))
-        above, below = every[: parameters.size], every[parameters.size :]
-        return np.asarray((above - below).T / 2e-3, dtype=np.float64)
+        _, above, below = self._errors_around(tuple(parameters.tolist()))
+        return np.asarray((above - below).T / (2.0 * _NUDGE), dtype=np.float64)
+
+    def _simulated(self, parameters: tuple[float, ...]) -> tuple[Vector, Vector, Vector]:
+        """Return the errors at parameters (N,), and above and below them along each, (7, N)."""
+        here = np.array(parameters)
+        nudges = _NUDGE * np.eye(here.size)
+        errors = self._errors(np.vstack((here, here + nudges, here - nudges)))
+        return errors[0], errors[1 : 1 + here.size], errors[1 + here.size :]
 
     def shares(self, parameters: Vector) -> tuple[float, float]:
         """Return the shares of the time at the bounds of speed and of acceleration."""
@@ -141,18 +151,18 @@ def _flown(
     speed_min, change_min = -speed_max, -change_max
     position = np.repeat(position_m[None, 0], rows.shape[0], axis=0)
     velocity = np.repeat((position_m[5] - position_m[0])[None] / (5.0 * GRID_S), rows.shape[0], axis=0)
-    paths = np.empty((rows.shape[0], 2, count))
-    cut = np.empty((count, 2, 2))
+    paths = np.empty((count, rows.shape[0], 2))
+    speeds = np.empty((count, 2))
     for at in range(count):
-        paths[:, :, at] = position
-        unlimited = ratio * (inputs[at] - position - velocity * (GRID_S / 2.0))
-        bounded = np.minimum(np.maximum(unlimited, speed_min), speed_max)
-        change = (bounded - velocity) * taken
-        limited = np.minimum(np.maximum(change, change_min), change_max)
-        cut[at, 0], cut[at, 1] = bounded[0] - unlimited[0], limited[0] - change[0]
-        position = position + (velocity + limited / 2.0) * GRID_S
-        velocity = velocity + limited
-    return paths, (cut != 0.0).any(axis=2).astype(np.float64)
+        paths[at], speeds[at] = position, velocity[0]
+        wanted = np.minimum(np.maximum(ratio * (inputs[at] - position - velocity * _HALF_S), speed_min), speed_max)
+        change = np.minimum(np.maximum((wanted - velocity) * taken, change_min), change_max)
+        position = position + (velocity + change / 2.0) * GRID_S
+        velocity = velocity + change
+    unlimited = ratio[0] * (inputs[:, 0] - paths[:, 0] - speeds * _HALF_S)
+    change = (np.clip(unlimited, speed_min[0], speed_max[0]) - speeds) * taken[0]
+    held = (np.abs(unlimited) > speed_max[0]).any(axis=1), (np.abs(change) > change_max[0]).any(axis=1)
+    return paths.transpose(1, 2, 0), np.column_stack(held).astype(np.float64)
 
 
 def mean_inputs(delays_s: Vector, begin_s: float, count: int, steps: Sequence[SetpointSteps]) -> Vector:
