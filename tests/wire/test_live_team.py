@@ -256,14 +256,15 @@ async def test_pictures_are_the_truth_until_the_flight_ends(mission_file: Callab
         assert [each.ending for each in scene.team.vehicles] == ["landed"] * 3
         await until(lambda: "no flight" in scene.team.link, waiting_for="the flight is over")
     assert not scene.faults, (len(scene.faults), scene.compared, scene.faults[:20])
-    compare_with_log(scene, read_log(log_path))
-    compare_with_replay(scene, recorded_flight(read_log(log_path)))
-    replay_bit_for_bit(read_log(log_path))
+    log = read_log(log_path)
+    compare_with_log(scene, log)
+    compare_with_replay(scene, recorded_flight(log))
+    replay_bit_for_bit(log)
     texts = {(each.vehicle_id, each.text) for each in scene.events}
     for vehicle_id in (1, 2, 3):
         for text in ("connected, tactic standby", "flight ended: landed"):
             assert (vehicle_id, text) in texts
-        compare_tactics(scene, read_log(log_path), vehicle_id)
+        compare_tactics(scene, log, vehicle_id)
     assert [each.number for each in scene.events] == list(range(1, len(scene.events) + 1))
     assert json.loads(output)
 
