@@ -57,8 +57,10 @@ def pytest_configure() -> None:
 
     Output is asserted as it is without a terminal. Workers and the hundreds of processes that tests start would each
     compile what they import, if none of them kept it. What `nohup` and a shell's `&` ignore, a program that a test
-    interrupts would ignore as well. Compiled callers go on calling a method that is replaced.
+    interrupts would ignore as well. Compiled callers go on calling a method that is replaced. Garbage is collected
+    rarely from the beginning: what importing the tests makes stays.
     """
+    gc.set_threshold(20_000, 20, 50)
     for number, action in INTERRUPTIONS.items():
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, action)
@@ -86,7 +88,6 @@ def pytest_collection_finish() -> None:
     """Let no collection of garbage examine the tests and what they have imported, which live as long as the session."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 50)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
