@@ -305,21 +305,27 @@ class Ring:
     def _least_s(self, span: slice) -> tuple[float, float]:
         """Return the least time in which the members could take even places, in the order in which they end.
 
-        One on the ring moves within the bounds of a transition. Any other flies to the nearest point of the ring, then
-        along it: first within the limits of the encirclement, second along it also within the bounds of a transition.
-        Of all even places those that are reached first count.
+        The places move with the ring: forwards a vehicle gains on them by its speed less the ring's. One on the ring
+        moves within the bounds of a transition. Any other flies to the nearest point of the ring, then along it: first
+        within the limits of the encirclement, second along it also within the bounds of a transition. Of all even
+        places those that are reached first count.
         """
         settings, gentle = self.settings, transition_of(self.settings)
+        ring_m_s = settings.angular_rate_rad_s * settings.radius_m
         members = np.flatnonzero(self.motion.member[:, span.start])
         members = members[np.argsort(self.motion.bearing_rad[members, span.stop - 1])]
         bearing_rad, on = self.motion.bearing_rad[members, span.start], self.on[members, span.start]
         places_rad = np.linspace(0.0, tau, 720)[:, None] + tau / members.size * np.arange(members.size)
-        way_m = settings.radius_m * np.abs((places_rad - bearing_rad + pi) % tau - pi)
-        inwards_m = settings.radius_m * self.off_share[members, span.start]
-        limits = settings.speed_max_m_s, settings.acceleration_max_m_s2
+        ahead_m = settings.radius_m * ((places_rad - bearing_rad + pi) % tau - pi)
+        way_m, inwards_m = np.abs(ahead_m), settings.radius_m * self.off_share[members, span.start]
+        relative_m_s = settings.speed_max_m_s - np.sign(ahead_m) * ring_m_s
         moves_s = _way_s(way_m, gentle.speed_m_s, gentle.acceleration_m_s2)
-        joins_s = np.where(on, moves_s, _way_s(way_m + inwards_m, *limits))
-        gently_s = np.where(on, moves_s, _way_s(inwards_m, *limits) + moves_s)
+        comes_s = _way_s(inwards_m, settings.speed_max_m_s, settings.acceleration_max_m_s2)
+        inwards_m = (
+            inwards_m * relative_m_s / settings.speed_max_m_s
+        )  # as far as it would come along the ring meanwhile
+        joins_s = np.where(on, moves_s, _way_s(way_m + inwards_m, relative_m_s, settings.acceleration_max_m_s2))
+        gently_s = np.where(on, moves_s, comes_s + moves_s)
         return float(joins_s.max(axis=1).min()), float(gently_s.max(axis=1).min())
 
     def speed_share(self) -> float:
@@ -349,7 +355,7 @@ class Ring:
         return float(self.relative.forwards_m_s[on].min(initial=inf))
 
 
-def _way_s(way_m: Vector, speed_m_s: float, acceleration_m_s2: float) -> Vector:
+def _way_s(way_m: Vector, speed_m_s: float | Vector, acceleration_m_s2: float) -> Vector:
     """Return the least time for a way from rest to rest."""
     long_s = way_m / speed_m_s + speed_m_s / acceleration_m_s2
     return np.where(way_m < speed_m_s**2 / acceleration_m_s2, 2.0 * np.sqrt(way_m / acceleration_m_s2), long_s)
