@@ -6,7 +6,7 @@ from math import copysign, cos, hypot, sin, tau
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
-from agents.ring.detour import Headway, Motion, Obstacle, bend_m, headway, met
+from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
 from agents.ring.feasibility import Orbit, RingFeasibility
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, even_places, neighbours, place_errors_rad, ring_place, weights_of
@@ -129,22 +129,25 @@ class RingFlight:
         joined = self._joining.look(polar, even_places(weights))
         place = ring_place(polar.bearing_rad, list(bearings_rad.values()) if joined else (), weights)
         obstacles = self._obstacles(situation, centre, polar)
-        # Where the ring is bent outwards, a vehicle on it is not one that comes in.
-        out_m = polar.radius_m - max(0.0, bend_m(orbit.radius_m, polar, obstacles))
-        movers = self._movers(situation, polar, out_m, orbit, joined=joined)
+        movers = self._movers(situation, polar, orbit, joined=joined)
         radius_m = self._joining.radius_m(polar, place, movers[0].error_rad) if joined else self._joining.waiting_m
-        room = self._headway(situation, centre, polar, orbit, passes=self._joining.inside and not obstacles)
-        if not self._joining.inside:
+        passes = self._joining.inside and not bends(orbit.radius_m, obstacles, polar.radius_m)
+        room = self._headway(situation, centre, polar, orbit, passes=passes)
+        rates_rad_s = room.rates_rad_s
+        if self._joining.inside:
+            # Where the ring is bent outwards it is as far out as one that comes in, and may fly backwards.
+            rates_rad_s = _forwards(rates_rad_s, orbit.angular_rate_rad_s)
+        else:
             radius_m = max(radius_m, room.least_m)
         if radius_m > orbit.radius_m and self._fence is not None:
             radius_m = max(orbit.radius_m, min(radius_m, self._fence_m(self._fence, centre, polar, orbit)))
         way = RingWay(
             orbit,
             radius_m,
-            # Until it flies the ring's setpoints alone it keeps its bearing, as the others expect.
-            movers if mixing >= 1.0 else (self._joining.mover(0.0, out_m, orbit),),
+            # Until it flies the ring's setpoints alone its bearing is the formation's to change.
+            movers if mixing >= 1.0 else (self._joining.mover(0.0, polar.radius_m, orbit),),
             self._joining.acceleration,
-            room.rates_rad_s,
+            rates_rad_s,
             mixing,
             bend_m(radius_m, polar, obstacles),
             self._guarded,
@@ -173,9 +176,7 @@ class RingFlight:
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
-    def _movers(
-        self, situation: Situation, polar: Polar, radius_m: float, orbit: Orbit, *, joined: bool
-    ) -> Sequence[Mover]:
+    def _movers(self, situation: Situation, polar: Polar, orbit: Orbit, *, joined: bool) -> Sequence[Mover]:
         """Return how far the references on the ring are from their places, and their bounds, the vehicle's own first.
 
         While the vehicles on the ring do not all know the same references, a place among those that it knows is none
@@ -185,16 +186,16 @@ class RingFlight:
         """
         mover = self._joining.mover
         if not joined:
-            return (mover(0.0, radius_m, orbit),)
+            return (mover(0.0, polar.radius_m, orbit),)
         own_rad, ring = self._reference.bearing_rad(polar, situation.acting_s), self._team.ring
         others = ring.others(situation.acting_s)
         if not ring.is_known_to_all(self._vehicle_id):
             weights = weights_of((self._vehicle_id, *(each for each, _, _ in others)), self._gaps)
             error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others], weights).error_rad
-            return mover(error_rad, radius_m, orbit), mover(-error_rad, radius_m, orbit)
-        members = [(self._vehicle_id, own_rad, radius_m), *others]
+            return mover(error_rad, polar.radius_m, orbit), mover(-error_rad, polar.radius_m, orbit)
+        members = [(self._vehicle_id, own_rad, polar.radius_m), *others]
         errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members], self._gaps)
-        return [mover(error, out_m, orbit) for error, (_, _, out_m) in zip(errors_rad, members, strict=True)]
+        return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
 
     def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, *, passes: bool) -> Headway:
         """Return the angular rates and the radius that keep the headway to the vehicles around.
@@ -228,6 +229,14 @@ class RingFlight:
             motion = _relative(body.position_m, velocity_m_s, about)
             found.append(met(polar, self.rate_rad_s, motion, body.distance_m))
         return found
+
+
+def _forwards(rates_rad_s: Pair, ring_rad_s: float) -> Pair:
+    """Return the rates that are not against the ring's."""
+    least_rad_s, most_rad_s = rates_rad_s
+    if ring_rad_s == 0.0:
+        return rates_rad_s
+    return (max(least_rad_s, 0.0), most_rad_s) if ring_rad_s > 0.0 else (least_rad_s, min(most_rad_s, 0.0))
 
 
 def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> Motion:

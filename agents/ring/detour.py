@@ -4,7 +4,7 @@ The guard alone would also keep the distance, but late, with a jump, and always 
 across the ring. The bend is outwards and early, and the vehicles keep their order and spacing.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from math import asin, atan2, copysign, cos, hypot, inf, pi, sin, sqrt
 from typing import Final
 
@@ -84,12 +84,21 @@ class Obstacle:
         self.bearing_rad: Final = bearing_rad
         self.radius_m: Final = radius_m
         self.clear_m: Final = distance_m + MARGIN_M
+        self._half_rad: Final = asin(self.clear_m / max(radius_m, self.clear_m))
+
+    def width_rad(self, bend_m: float) -> float:
+        """Return on either side of the obstacle how far the ring is bent: a larger bend begins earlier."""
+        return min(2.0 * self._half_rad * max(1.0, bend_m / self.clear_m), pi)
 
     def leaves_room_to(self, other: "Obstacle") -> bool:
         """Return whether a vehicle can pass between the two."""
         apart_rad = self.bearing_rad - other.bearing_rad
         apart_m2 = self.radius_m**2 + other.radius_m**2 - 2.0 * self.radius_m * other.radius_m * cos(apart_rad)
         return apart_m2 >= (self.clear_m + other.clear_m) ** 2
+
+    def is_within(self, other: "Obstacle", width_rad: float) -> bool:
+        """Return whether the way around this obstacle, bent within a width, comes near another one."""
+        return abs(wrap_signed_rad(self.bearing_rad - other.bearing_rad)) < width_rad + 2.0 * other._half_rad
 
 
 def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float) -> Obstacle:
@@ -125,36 +134,38 @@ def bent_ring_m(ring_m: float, bearings_rad: Vector, obstacles: Sequence[Obstacl
     """
     radius_m = np.full(bearings_rad.shape, ring_m)
     for obstacle, bend_m in _bends(ring_m, obstacles, own_m):
-        # A squared cosine of twice the obstacle's width: smooth at every bearing, so that no step is flown. A larger
-        # bend begins earlier.
-        width_rad = 2.0 * asin(obstacle.clear_m / max(obstacle.radius_m, obstacle.clear_m))
-        width_rad = min(width_rad * max(1.0, bend_m / obstacle.clear_m), pi)
+        # A squared cosine: smooth at every bearing, so that no step is flown.
         off_rad = np.abs((bearings_rad - obstacle.bearing_rad + pi) % (2.0 * pi) - pi)
-        bump = bend_m * np.cos(np.minimum(off_rad / width_rad, 1.0) * pi / 2.0) ** 2
+        bump = bend_m * np.cos(np.minimum(off_rad / obstacle.width_rad(bend_m), 1.0) * pi / 2.0) ** 2
         radius_m = np.where(np.abs(bump) > np.abs(radius_m - ring_m), ring_m + bump, radius_m)
     return radius_m
 
 
-def _bends(ring_m: float, obstacles: Sequence[Obstacle], own_m: float) -> Iterator[tuple[Obstacle, float]]:
+def bends(ring_m: float, obstacles: Sequence[Obstacle], own_m: float) -> bool:
+    """Return whether the ring bends around any of the obstacles."""
+    return bool(_bends(ring_m, obstacles, own_m))
+
+
+def _bends(ring_m: float, obstacles: Sequence[Obstacle], own_m: float) -> list[tuple[Obstacle, float]]:
     """Return the obstacles on the ring with the bend around each, inwards negative.
 
-    Around one between which and another there is no room, the ring bends as around that one.
+    Around one that leaves no room between itself and the way around another, the ring bends as around that one.
     """
-    outwards, inwards, beyond = list[Obstacle](), list[Obstacle](), list[Obstacle]()
+    outwards, inwards, farther_out, farther_in = [list[Obstacle]() for _ in range(4)]
     for each in obstacles:
         inner_m = ring_m - each.radius_m + each.clear_m
         if each.radius_m + each.clear_m <= ring_m:
-            continue
-        if inner_m <= 0.0:
-            beyond.append(each)
-            continue
-        clearly_m = _INWARD_CLEARLY * each.clear_m + _BEGUN * (ring_m - own_m)
-        small = inner_m <= min(_INWARD_MOST * ring_m, clearly_m) and own_m <= each.radius_m
-        (inwards if small else outwards).append(each)
+            farther_in.append(each)
+        elif inner_m <= 0.0:
+            farther_out.append(each)
+        else:
+            clearly_m = _INWARD_CLEARLY * each.clear_m + _BEGUN * (ring_m - own_m)
+            small = inner_m <= min(_INWARD_MOST * ring_m, clearly_m) and own_m <= each.radius_m
+            (inwards if small else outwards).append(each)
+    outwards += [each for each in inwards if not all(map(each.leaves_room_to, farther_in))]
     for one in outwards:  # grows meanwhile
-        for others in (inwards, beyond):
-            blocked = [other for other in others if not one.leaves_room_to(other)]
-            outwards += blocked
-            others[:] = [other for other in others if other not in blocked]
-    yield from ((each, each.radius_m + each.clear_m - ring_m) for each in outwards)
-    yield from ((each, each.radius_m - each.clear_m - ring_m) for each in inwards)
+        width_rad = one.width_rad(one.radius_m + one.clear_m - ring_m)
+        outwards += [each for each in inwards if each not in outwards and one.is_within(each, width_rad)]
+        outwards += [each for each in farther_out if each not in outwards and one.is_within(each, width_rad)]
+    found = [(each, each.radius_m + each.clear_m - ring_m) for each in outwards]
+    return found + [(each, each.radius_m - each.clear_m - ring_m) for each in inwards if each not in outwards]

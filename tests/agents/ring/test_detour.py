@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m, met
+from agents.ring.detour import MARGIN_M, Obstacle, bends, bent_ring_m, met
 from estimation.polar import Polar
 
 RING_M = 10.0
@@ -26,10 +26,12 @@ def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
 
 
 @given(
-    first=st.tuples(st.floats(-pi, pi), st.floats(1.0, 25.0)),
-    second=st.tuples(st.floats(-pi, pi), st.floats(1.0, 25.0)),
+    first=st.tuples(st.just(0.0), st.floats(1.0, 25.0)),
+    second=st.tuples(st.floats(-1.2, 1.2), st.floats(1.0, 25.0)),
     distance=st.floats(1.0, 4.0),
 )
+@example(first=(0.0, 12.0), second=(0.0, 6.4), distance=3.0)
+@example(first=(0.0, 12.14), second=(-0.81, 11.54), distance=3.41)
 @example(first=(0.0, 10.0), second=(0.1, 15.0), distance=3.0)
 @example(first=(0.0, 11.0), second=(-0.3, 14.0), distance=2.5)
 def test_it_is_clear_of_two_obstacles(first: tuple[float, float], second: tuple[float, float], distance: float) -> None:
@@ -63,6 +65,11 @@ def test_a_vehicle_stays_on_the_side_on_which_it_has_begun(radius: float, own_m:
 @pytest.mark.parametrize(("own_m", "way"), [(10.0, 1.0), (9.7, -1.0)])
 def test_inwards_it_goes_on_where_it_would_not_begin(own_m: float, way: float) -> None:
     assert np.sign(bent_ring_m(RING_M, np.array([0.3]), [Obstacle(0.3, 10.9, 2.0)], own_m)[0] - RING_M) == way
+
+
+def test_only_an_obstacle_on_the_ring_bends_it() -> None:
+    assert bends(RING_M, [Obstacle(0.3, 10.0, 3.0)], RING_M)
+    assert not bends(RING_M, [Obstacle(0.3, 100.0, 3.0), Obstacle(0.3, 1.0, 3.0)], RING_M)
 
 
 def test_far_from_the_obstacle_it_is_the_ring() -> None:
