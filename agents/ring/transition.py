@@ -75,7 +75,7 @@ def transition_of(settings: EncirclementSettings) -> Transition:
     """Return the transition of the settings."""
     size_m = min(max(settings.radius_m, _SMALL_M), _LARGE_M)
     if settings.spacing_acceleration_max_m_s2 is not None:
-        size_m = settings.spacing_acceleration_max_m_s2 / _ACCELERATION_PER_S2  # so that the jerk keeps its ratio
+        size_m = settings.spacing_acceleration_max_m_s2 / _ACCELERATION_PER_S2  # the jerk follows from it
     acceleration_m_s2 = min(_ACCELERATION_PER_S2 * size_m, settings.acceleration_max_m_s2)
     return Transition(
         settings.transition_speed_m_s, acceleration_m_s2, _JERK_PER_S3 * size_m, settings.spacing_gain_per_s

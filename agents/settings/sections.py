@@ -72,7 +72,10 @@ class EncirclementSection(Settings):
         description="speed relative to the ring while spacings change; none: from the ring's speed and radius",
     )
     spacing_acceleration_max_m_s2: float | None = Field(
-        None, gt=0.0, le=20.0, description="acceleration while spacings change; none: from the radius"
+        None,
+        gt=0.0,
+        le=20.0,
+        description="acceleration while spacings change, up to `acceleration_max_m_s2`; none: from the radius",
     )
 
 

@@ -78,7 +78,7 @@ class EncirclementTuning(Settings):
     spacing_gain_per_s: float = tuned(
         0.3,
         "decay rate of spacing errors",
-        "The same for any number of vehicles. Beyond 0.66 1/s spacings overshoot.",
+        "The same for any number of vehicles. Beyond 0.66 1/s spacings overshoot on most rings.",
         "γ of (22)",
         ge=0.0,
         le=2.0,

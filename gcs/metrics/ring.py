@@ -93,12 +93,15 @@ def off_ring(motion: RingMotion, ring: DesiredRing) -> Mask:
     return np.asarray(off_radius | (spacing_error_rad > SETTLED_SPACING_RAD).any(axis=0))
 
 
-def on_ring(motion: RingMotion, ring: DesiredRing, after: int = 0) -> Mask:
-    """Return where (V, T) a vehicle has reached the radius since it became a member, at least `after` samples ago."""
+def on_ring(motion: RingMotion, ring: DesiredRing, mixing_samples: int = 0) -> Mask:
+    """Return where (V, T) a vehicle has reached the radius since it became a member.
+
+    The radius counts from so many samples as a member on.
+    """
     near = np.abs(motion.radius_m - ring.radius_m) <= SETTLED_RADIUS_FRACTION * ring.radius_m
     index = np.arange(motion.member.shape[1])
     out = np.maximum.accumulate(np.where(motion.member, -1, index), axis=1)
-    reached = np.maximum.accumulate(np.where(motion.member & near & (index - out > after), index, -1), axis=1)
+    reached = np.maximum.accumulate(np.where(motion.member & near & (index - out > mixing_samples), index, -1), axis=1)
     return np.asarray(motion.member & (reached > out))
 
 
@@ -249,9 +252,9 @@ def within(time_s: Vector, window_s: tuple[float, float] | None) -> Mask:
 
 def _judged(time_s: Vector, motion: RingMotion, window: Mask) -> tuple[float, float | None, float, int]:
     """Return the time on the ring in a window, its begin, its share of all time on the ring, and the fewest members."""
-    on_ring, judged = np.asarray(motion.member.any(axis=0)), np.asarray(motion.measured & window)
+    anyone, judged = np.asarray(motion.member.any(axis=0)), np.asarray(motion.measured & window)
     members = motion.member.sum(axis=0)[judged]
-    judged_s, whole_s = _lasting_s(time_s, judged), _lasting_s(time_s, on_ring)
+    judged_s, whole_s = _lasting_s(time_s, judged), _lasting_s(time_s, anyone)
     begins_s = grid_time(float(time_s[judged][0])) if judged.any() else None
     share = judged_s / whole_s if whole_s else float(judged.any())
     return judged_s, begins_s, share, int(members.min(initial=len(motion.member))) if members.size else 0

@@ -91,7 +91,8 @@ def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, confi
         polar = Polar(float(radii_m[0]), bearing_rad, radial_m_s, rate_rad_s)
         if np.isfinite([polar.radius_m, polar.bearing_rad, polar.radial_speed_m_s]).all():
             engaged[record.vehicles[index].vehicle_id] = polar
-            on_ring_ids += [record.vehicles[index].vehicle_id] * bool(motion.member[index, max(first - 1, 0)])
+            if first > 0 and motion.member[index, first - 1]:
+                on_ring_ids.append(record.vehicles[index].vehicle_id)
     if not engaged:
         return None
     predicted_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, on_ring_ids)
@@ -146,13 +147,12 @@ def _ends(inside: Mask) -> tuple[int, int]:
 def overshoot_deg(motion: RingMotion, on: Mask, span: slice) -> float | None:
     """Return how far a spacing went beyond the wanted one in a span of samples, None without a spacing.
 
-    It counts at most as far as the spacing had been on the other side before: when a vehicle engages, the wanted
-    spacing changes, and one that happens to be right then has to change first. A spacing is followed as long as its two
-    vehicles are neighbours, both `on` (V, T) the ring.
+    It counts at most as far as the spacing had been on the other side before: one that happens to be right has to
+    change first to make room. A spacing is followed as long as its two vehicles are neighbours, both `on` (V, T) the
+    ring, and the wanted one is the same.
     """
-    error_deg = np.degrees(motion.lead_rad - motion.desired_spacing_rad)[:, span]
-    if not np.isfinite(error_deg).any():
-        return None
+    wanted_rad = motion.desired_spacing_rad[:, span]
+    error_deg = np.degrees(motion.lead_rad[:, span] - wanted_rad)
     order = np.argsort(np.where(motion.member, motion.bearing_rad, np.nan)[:, span], axis=0)
     count = motion.member[:, span].sum(axis=0)
     rank = np.arange(len(order))[:, None]
@@ -161,12 +161,13 @@ def overshoot_deg(motion: RingMotion, on: Mask, span: slice) -> float | None:
     np.put_along_axis(ahead, order, following, axis=0)
     both = on[:, span] & np.take_along_axis(on[:, span], ahead, axis=0) & np.isfinite(error_deg)
     ahead[~both] = -1
-    farthest = 0.0
-    for neighbour, error in zip(ahead, error_deg, strict=True):
-        edges = [0, *(np.flatnonzero(np.diff(neighbour)) + 1).tolist(), neighbour.size]
-        followed = [error[begin:end] for begin, end in pairwise(edges) if neighbour[begin] >= 0]
-        farthest = max(farthest, *map(_swung_deg, followed)) if followed else farthest
-    return farthest
+    farthest_deg = None
+    for neighbour, wanted, error in zip(ahead, wanted_rad, error_deg, strict=True):
+        changes = (np.diff(neighbour) != 0) | (np.diff(wanted) != 0.0)
+        for begin, end in pairwise([0, *(np.flatnonzero(changes) + 1).tolist(), neighbour.size]):
+            if neighbour[begin] >= 0:
+                farthest_deg = max(farthest_deg or 0.0, _swung_deg(error[begin:end]))
+    return farthest_deg
 
 
 def _swung_deg(error_deg: Vector) -> float:

@@ -119,17 +119,20 @@ _ADVICE = {
 def unstable_loops(mission: Mission) -> Iterator[KeyFault]:
     """Return the worst unstable loop of each section on every plant of the mission, with its margin.
 
-    If all are stable: a spacing gain that vehicles cannot follow. Also one with which spacings overshoot.
+    If all are stable: a spacing gain that vehicles cannot follow, or else one with which spacings overshoot.
     """
     checked: set[Plant] = set()
+    found: list[KeyFault] = []
     for index, vehicle in enumerate(mission.vehicles):
         if vehicle.plant in checked:
             continue
         checked.add(vehicle.plant)
         every = list(loops(mission.agent_config(vehicle)))
         unstable = list(_unstable(every, index))
-        yield from unstable or _not_followed(every, index, mission)
-    yield from _overshoots(mission)
+        found += unstable or _not_followed(every, index, mission)
+    yield from found
+    if not any(fault.place == _GAIN for fault in found):
+        yield from _overshoots(mission)
 
 
 def _unstable(every: Sequence[ClosedLoop], index: int) -> Iterator[KeyFault]:

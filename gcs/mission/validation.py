@@ -25,9 +25,8 @@ FORMER_KEYS: Mapping[str, str] = {
         ("tuning.encirclement.lag_weight", "tuning.encirclement.lead_weight"),
         "their sum is tuning.encirclement.spacing_weight",
     ),
-    **dict.fromkeys(
-        ("encirclement.spacing_acceleration_max_m_s2", "encirclement.spacing_jerk_max_m_s3"),
-        "its value follows from encirclement.radius_m",
+    "encirclement.spacing_jerk_max_m_s3": (
+        "its value follows from encirclement.spacing_acceleration_max_m_s2, or else from encirclement.radius_m"
     ),
     "tuning.failsafe.clock_step_s": f"its value is always {STEP_S:g}",
 }

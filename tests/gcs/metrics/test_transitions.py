@@ -67,6 +67,21 @@ def test_a_spacing_that_swings() -> None:
     assert not found.spacing_monotonic
 
 
+def test_a_vehicle_that_leaves_is_no_overshoot_of_those_that_stay() -> None:
+    """Four at 0, 100, 190 and 280 degrees that do not move; the third leaves, and 120 degrees are wanted."""
+    tracks = []
+    for vehicle_id, bearing_deg in ((1, 0.0), (2, 100.0), (3, 190.0), (4, 280.0)):
+        bearing_rad = np.radians(bearing_deg)
+        place_m = np.tile(10.0 * np.array([np.cos(bearing_rad), np.sin(bearing_rad)]), (TIME_S.size, 1))
+        tactic = np.where((TIME_S < 40.0) | (vehicle_id != 3), "encircle", "hold")
+        tracks.append(VehicleTrack(vehicle_id, place_m, np.zeros_like(place_m), tactic))
+    still = np.zeros((TIME_S.size, 2))
+    loop = LoopStatistics(10.0, 0, 0)
+    record = FlightRecord("ring", 0, "simulation", "truth", TIME_S, still, still, tuple(tracks), loop, 1.0)
+    (found,) = transitions(record, ring_motion(record), RING, [0.0])
+    assert found.spacing_overshoot_deg == 0.0
+
+
 def test_the_acceleration_is_that_of_the_motion() -> None:
     found = flown(lambda since_s: 0.4 * (1.0 + 0.3 * since_s) * np.exp(-0.3 * since_s))
     # Its rate is -0.4 g² t exp(-g t), half of it each vehicle's: the change over the first 0.4 s is the largest.
