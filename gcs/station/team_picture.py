@@ -275,7 +275,9 @@ class TeamPictures:
 
     def _ending(self, *, is_over: bool) -> str:
         received = {i: each.ended for i, each in self._received.items() if each.any_s > -inf}
-        if not received or not (is_over or all(received.values())):
+        # One that is unaccounted for may not have reported its end, or that report was lost.
+        over = any(received.values()) and all(ended or i in self._unaccounted for i, ended in received.items())
+        if not received or not (is_over or over):
             return ""
         by_end: dict[str, list[str]] = {}
         for vehicle_id, ended in received.items():

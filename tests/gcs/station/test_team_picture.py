@@ -376,6 +376,19 @@ def test_what_the_supervisor_says_of_a_lost_flight_is_shown_until_the_next_messa
     assert page.team(501.0).lost is None
 
 
+def test_a_flight_ends_on_the_page_without_the_last_report_of_a_vehicle_that_is_unaccounted_for() -> None:
+    """The bus may lose that report; the supervisor names the vehicle."""
+    page = Page()
+    page.hears(1.0, *(state(each, START_S) for each in (1, 2, 3)))
+    page.hears(9.0, *(report(each, START_S + 8.0, ended="landed", is_completed=True) for each in (1, 2)))
+    page.pictures.lose(LostFlight("the flight is over", (3,), UNIX_S + 9.0, "autopilots fly", "search"), 9.1)
+    team = page.team(20.0, is_over=True)
+    assert team.lost is not None
+    assert team.ending == f"1, 2 landed; 3 {UNACCOUNTED}"
+    page.pictures.recover(3)
+    assert page.team(21.0, is_over=True).lost is None
+
+
 def test_a_team_that_vanishes_in_take_off_is_unaccounted_for_where_it_was_last() -> None:
     """It sends no states before it has taken off; one that still waits on the ground is not missed."""
     page, place_m = Page(), (1.0, -2.0, 3.5)
