@@ -32,8 +32,10 @@ from estimation.state import POSITION, VELOCITY
 PERIOD_S = 1.0
 """The period of reports without a change [wall s]."""
 _LOOK_S = TOPICS[VehicleReport].period_s
-_LAST_REPORTS, _LAST_PERIOD_S = 3, 0.1
-"""The bus is best effort: on a busy computer a message may be lost, also one that is sent as the bus is left."""
+_LAST_REPORTS, _LAST_REPORTS_LOST, _LAST_PERIOD_S = 3, 15, 0.1
+"""The bus is best effort: on a busy computer a message may be lost, also one that is sent as the bus is left. For a
+vehicle that is unaccounted for it is sent longer: nothing else says where it was last.
+"""
 _CLIMB_SENT_M = 0.5
 _WORDS_LIMIT = 32
 ANNOUNCED_S = 60.0
@@ -126,7 +128,7 @@ class Reporter:
         if self._running is not None:
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
-            for _ in range(_LAST_REPORTS):
+            for _ in range(_LAST_REPORTS if self._unaccounted() is None else _LAST_REPORTS_LOST):
                 self._send(link_s(self._parts.clock))
                 await asyncio.sleep(_LAST_PERIOD_S)
 

@@ -196,7 +196,7 @@ async def test_the_page_stays_open_for_a_vehicle_that_was_lost_in_the_air_until_
                 assert not lost["has_ended"]
                 last_m = last_m if lost["is_stale"] or lost["position_m"] is None else lost["position_m"]
             with subtests.test("where it was last"):
-                assert dist(lost["position_m"], last_m) < 1.0
+                assert dist(lost["position_m"], last_m) < 3.0, "farther than it flies between two pictures"
                 assert (lost["alert"], lost["severity"]) == (UNACCOUNTED, "alarm")
             while (team := await received(page, "team"))["lost"] is None or not team["ending"]:
                 assert team["vehicles"][2]["is_unaccounted"]
@@ -216,7 +216,7 @@ async def test_the_page_stays_open_for_a_vehicle_that_was_lost_in_the_air_until_
         with subtests.test("in the result"):
             (unaccounted,) = ended["unaccounted"]
             assert (ended["how"], unaccounted["vehicle"]) == ("lost", 3)
-            assert dist(unaccounted["position_m"], lost["position_m"]) < 0.01
+            assert dist(unaccounted["position_m"], lost["position_m"]) < 1.0  # its last report may have been lost
         assert "Vehicle 3 is unaccounted for" in process.stderr.read()
 
 
