@@ -44,8 +44,8 @@ _UNTIL_THE_END = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE
 
 
 class Reporter:
-    """Sends the reports of one vehicle: once a second, after a change of mode, link, alert, readiness or end, and in
-    take-off after each half metre.
+    """Sends the reports of one vehicle: once a second, after a change of mode, link, alert, readiness, start or end,
+    and in take-off after each half metre.
 
     It runs in its own task, so that vehicles are also reported on the ground and after their flight.
     """
@@ -157,6 +157,7 @@ class Reporter:
             self.outlook,
             self._ended,
             self._start_blockers,
+            self._mission,
             place_m and round(place_m[2] / _CLIMB_SENT_M),
         )
         if report != self._last_report or now_s - self._sent_s >= PERIOD_S:

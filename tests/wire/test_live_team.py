@@ -298,8 +298,7 @@ def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
     timed = [(team.time_s, team) for team in replayed.teams if team.time_s is not None]
     compared = 0
     for team in (each for each in scene.teams if each.ring_members == 3):
-        if team.time_s is None:  # before the first report of the mission's start, a second of the wall later at most
-            continue
+        assert team.time_s is not None
         (one_s, one), (other_s, other) = sorted(timed, key=lambda each: abs(each[0] - (team.time_s or 0.0)))[:2]
         assert abs(one_s - team.time_s) <= abs(other_s - one_s)
         for live, *later in zip(team.vehicles, one.vehicles, other.vehicles, strict=True):
