@@ -56,9 +56,11 @@ def test_diagrams_are_drawn_and_the_operators_sheet_prints_on_two_sides(site: Pa
     with launched() as browser:
         page = browser.new_page()
         page.on("request", lambda request: requests.append(request.url))
-        page.goto((site / "design.html").as_uri())
-        diagrams = (DOCS / "design.md").read_text(encoding="utf-8").count("```mermaid")
-        expect(page.locator("div.mermaid")).to_have_count(diagrams)  # what is not drawn stays a `pre`
+        for document in ("design", "notes/design"):
+            page.goto((site / f"{document}.html").as_uri())
+            diagrams = (DOCS / f"{document}.md").read_text(encoding="utf-8").count("```mermaid")
+            assert diagrams
+            expect(page.locator("div.mermaid")).to_have_count(diagrams)  # what is not drawn stays a `pre`
         page.goto((site / "operator.html").as_uri())
         page.evaluate("document.fonts.ready.then(() => null)")
         printed = page.pdf(prefer_css_page_size=True)

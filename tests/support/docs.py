@@ -104,11 +104,12 @@ def exit_codes() -> str:
 
 GENERATED: dict[str, dict[str, Callable[[], str]]] = {
     "commands.md": {"list": command_list, "common": common_arguments, "commands": command_sections},
-    "design.md": {"folders": folder_table, "tactics": _mermaid(tactic_diagram), "life": _mermaid(life_diagram)},
+    "design.md": {"folders": folder_table, "tactics": _mermaid(tactic_diagram)},
     "json.md": {"result": result_keys, "outputs": output_keys, "exits": exit_codes},
     "log-fields.md": {"fields": field_tables},
     "mission-keys.md": {"keys": mission_keys, "profile": profile_keys},
     "missions.md": {"missions": mission_table},
+    "notes/design.md": {"life": _mermaid(life_diagram)},
     "notes/paper.md": {"equations": equation_table},
     "notes/identification.md": {"identified": identified_keys},
     "notes/tuning.md": {"tuning": tuning_keys},
