@@ -1,7 +1,8 @@
-"""The gate of a session that listens with keys: it passes callers on to Zenoh's own listener, few strangers at a time.
+"""The gate of a session that listens with keys: it passes callers on to Zenoh's own listener, few of a host at a time.
 
 Zenoh's listener for TLS holds any number of silent connections, and accepts nothing for 100 ms after each failed
-handshake: strangers would keep operators out while they call, and for minutes afterwards. TLS stays between the peers:
+handshake: strangers would keep operators out while they call, and for minutes afterwards. Zenoh limits sessions for all
+together: one holder of keys, also of revoked ones, could take the places of all others. TLS stays between the peers:
 the gate passes bytes on, and learns from their number and from time alone who has authenticated.
 """
 
@@ -32,15 +33,17 @@ _HANDSHAKE, _CLIENT_HELLO, _RECORD_HEAD = 22, 1, 5
 class Gate:
     """Accepts connections at an endpoint such as `tls/0.0.0.0:7447`, and passes them to a listener of this computer."""
 
-    def __init__(self, endpoint: str) -> None:
-        """Take the endpoint; nothing is opened before `open`."""
+    def __init__(self, endpoint: str, host_max: int) -> None:
+        """Take the endpoint, and the most connections that a host may have; nothing is opened before `open`."""
         self._scheme, _, place = endpoint.partition("/")
         host, _, port = place.rpartition(":")
         self._place = host.strip("[]"), int(port)
+        self._host_max = host_max
         self._inner_port = 0
         self._callers: set[_Caller] = set()
         self._silent: dict[_Caller, str] = {}
         self._under_way: Counter[str] = Counter()
+        self._passed_on: Counter[str] = Counter()
         self._failed_s: dict[str, deque[float]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
@@ -93,9 +96,10 @@ class Gate:
         now_s = asyncio.get_running_loop().time()
         failed_s = self._failed_s.get(caller.host, ())
         failed = sum(now_s - each < FAILED_S for each in failed_s)
-        if self._under_way[caller.host] + failed >= FAILED_MAX:
+        if self._under_way[caller.host] + failed >= FAILED_MAX or self._passed_on[caller.host] >= self._host_max:
             return False
         self._under_way[caller.host] += 1
+        self._passed_on[caller.host] += 1
         return True
 
     def proved(self, host: str, *, failed: bool) -> None:
@@ -112,10 +116,14 @@ class Gate:
         """Take a caller that is being dropped."""
         self._silent.pop(caller, None)
 
-    def left(self, caller: "_Caller") -> None:
+    def left(self, caller: "_Caller", *, passed_on: bool) -> None:
         """Forget a caller that has left."""
         self._callers.discard(caller)
         self._silent.pop(caller, None)
+        if passed_on:
+            self._passed_on[caller.host] -= 1
+            if not self._passed_on[caller.host]:
+                del self._passed_on[caller.host]
 
     async def connect(self, caller: "_Caller") -> "_Inside":
         """Connect a caller to Zenoh; raises OSError."""
@@ -230,7 +238,7 @@ class _Caller(_Side):
     def connection_lost(self, error: Exception | None) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._gate.left(self)
+        self._gate.left(self, passed_on=self._passing is not None)
         self._prove(failed=True)
         super().connection_lost(error)
 

@@ -47,7 +47,9 @@ _PENDING = 10_000
 of operators as well; the default of 100 is a few strangers'.
 """
 _GUEST_SESSIONS = 32
-"""The largest number of connections to a vehicle from others than the team's vehicles."""
+"""The largest number of connections to a vehicle from one computer, beside as many as the team has vehicles."""
+_FULL_COMPUTERS = 4
+"""How many computers may have that many connections before none is left for others."""
 _REPEATED = (MemberState, StartProposal)
 """The messages whose rate Zenoh limits. It drops the newest of those that a busy computer reads at once: no loss where
 another one follows, but the last report of a flight would be lost.
@@ -113,7 +115,7 @@ class ZenohSession:
         self._team, self._security = team, security
         self._listen = listen
         self._connect = tuple(connect)
-        self._gate = None if security is None or listen is None else Gate(secured(listen))
+        self._gate = None if security is None or listen is None else Gate(secured(listen), _host_max(team.members))
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -289,6 +291,10 @@ def _settings(mode: _Mode, listen: Sequence[str], connect: Sequence[str]) -> dic
     }
 
 
+def _host_max(members: Collection[int]) -> int:
+    return len(members) + _GUEST_SESSIONS
+
+
 def _limits(prefix: str, members: Collection[int]) -> dict[str, object]:
     """Return Zenoh's limits by path, which act before messages reach Python.
 
@@ -297,7 +303,7 @@ def _limits(prefix: str, members: Collection[int]) -> dict[str, object]:
     keys = [f"{prefix}/{TOPICS[kind].name}/{member}" for kind in _REPEATED for member in members]
     return {
         "scouting/gossip/enabled": False,
-        "transport/unicast/max_sessions": len(members) + _GUEST_SESSIONS,
+        "transport/unicast/max_sessions": _FULL_COMPUTERS * _host_max(members),
         "transport/unicast/accept_pending": _PENDING,
         "transport/link/rx/max_message_size": _MESSAGE_LIMIT_BYTES,
         "downsampling": [

@@ -8,8 +8,8 @@ import sys
 import threading
 import time
 import tomllib
-from collections.abc import Iterator
-from contextlib import AsyncExitStack, contextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -39,7 +39,7 @@ from gcs.keys.key_folder import KeyFolder
 from tests.support.mission_text import CASE2
 from tests.support.paths import ROOT
 from tests.support.wire import free_port, until
-from tests.wire.security.test_keys import client_hello
+from tests.wire.security.test_keys import UnauthorisedClient, client_hello, with_keys
 
 pytestmark = pytest.mark.wire
 
@@ -198,7 +198,7 @@ async def test_without_it_a_participant_is_refused_with_the_next_step(
         assert "cordon router" in refused.value.next_step
 
 
-SILENT, FAILING = 1000, 40
+SILENT, FAILING, SESSIONS = 1000, 40, 45
 
 
 @contextmanager
@@ -266,3 +266,46 @@ async def test_strangers_shut_no_operator_out(tmp_path: Path, subtests: pytest.S
                 spent_s.append(await joins_within_s("after the attack"))
                 print(f"{name}: {', '.join(f'{each:.2f} s' for each in spent_s)}")
                 assert max(spent_s) < 6.0
+
+
+@asynccontextmanager
+async def seen_as(host: str, port: int) -> AsyncIterator[int]:
+    """Pass connections on to a port of this computer from another of its addresses; yield the port to call."""
+
+    async def copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(OSError):
+            while data := await reader.read(65_536):
+                writer.write(data)
+                await writer.drain()
+        writer.close()
+
+    async def pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(OSError):
+            there = await asyncio.open_connection("127.0.0.1", port, local_addr=(host, 0))
+            await asyncio.gather(copy(reader, there[1]), copy(there[0], writer))
+        writer.close()
+
+    async with await asyncio.start_server(pass_on, "127.0.0.1", 0) as server:
+        yield int(server.sockets[0].getsockname()[1])
+
+
+async def test_one_computer_with_keys_takes_no_operators_place(tmp_path: Path) -> None:
+    """An observer opens sessions without end."""
+    team = RoutedTeam(tmp_path)
+    team.keys.issue("observer", "tower", 1.0)
+    async with AsyncExitStack() as stack:
+        await team.router(stack)
+        one = await team.bus(vehicle(1), stack)
+        port = await stack.enter_async_context(seen_as("127.0.0.2", team.port))
+        settings = with_keys(team.security("observer", "tower"))
+        opening = [asyncio.to_thread(UnauthorisedClient, [f"127.0.0.1:{port}"], settings) for _ in range(SESSIONS)]
+        for stranger in await asyncio.gather(*opening):
+            stack.push_async_callback(asyncio.to_thread, stranger.close)
+        anna = await team.bus(Participant("operator", "anna"), stack)
+
+        def heard() -> bool:
+            anna.publish("command/hold", encode(OperatorCommand(time.time(), "hold", None, "anna", 1)))
+            return "command/hold/anna" in team.heard["1"]
+
+        await until(heard, waiting_for="the operator")
+        assert one.operated
