@@ -238,6 +238,7 @@ TABLE = (
         (Reaction.HOLD,),
         RESUME,
         "improve its link, then resume",
+        resumes=True,
         reported=_without_setpoints,
     ),
     Row(

@@ -493,7 +493,13 @@ def test_it_is_left_by_resume_alone_and_only_once_it_is_over(
     assert flight.told.alert == ""
 
 
-RESUMING = (Condition.TELEMETRY_STALE, Condition.BUS_LOST, Condition.PEERS_SILENT, Condition.LATE_TICKS)
+RESUMING = (
+    Condition.TELEMETRY_STALE,
+    Condition.SETPOINTS_LOST,
+    Condition.BUS_LOST,
+    Condition.PEERS_SILENT,
+    Condition.LATE_TICKS,
+)
 """Links and computers: what they leave behind is known once they are back."""
 RESUME_S = 2.5
 
