@@ -23,7 +23,15 @@ from estimation.state import Telemetry
 from gcs.link.batteries import Batteries, BatteryReport
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.heights import BAROMETER, GPS, GPS_SIGMA_M, RANGEFINDER, HeightComparison
-from gcs.link.received_fields import CHARGE, FLIGHT_TIME, GPS_HEIGHT_SIGMA, PITCH, ROLL
+from gcs.link.received_fields import (
+    BAROMETER_HEIGHT,
+    CHARGE,
+    CLEARANCE,
+    FLIGHT_TIME,
+    GPS_HEIGHT_SIGMA,
+    PITCH,
+    ROLL,
+)
 from gcs.link.self_reports import BATTERY, NOT_FOR_FLIGHT, SelfReports, tilt_deg
 from gcs.link.status_texts import HealthItem, StatusTexts
 
@@ -442,7 +450,7 @@ class VehicleFeed:
         """
         if self.motion is None or self._before_loss is not None or (origin_m := self.setpoint_origin_m) is None:
             return
-        height_m, barometer_m = self.motion.position_m[2], altitude.altitude_monotonic_m
+        height_m, barometer_m = self.motion.position_m[2], BAROMETER_HEIGHT.number(altitude.altitude_monotonic_m)
         stepped_m = height_m - barometer_m - self._barometer_off_m
         climbed_m = BAROMETER_LAG_S * abs(self.motion.velocity_m_s[2])
         if self._compares_height and abs(stepped_m) > JUMP_M + climbed_m:
@@ -451,7 +459,7 @@ class VehicleFeed:
         self._compares_height, self._barometer_off_m = False, height_m - barometer_m
         flies = self.status.armed
         self._heights.take(BAROMETER, height_m, barometer_m, flies=flies)
-        self._heights.take(RANGEFINDER, height_m, altitude.bottom_clearance_m, flies=flies)
+        self._heights.take(RANGEFINDER, height_m, CLEARANCE.number(altitude.bottom_clearance_m), flies=flies)
         self._report_height()
 
     def _take_gps(self, gps: Any) -> None:

@@ -30,6 +30,11 @@ class ReceivedField:
             return None
         return value if self.least <= value <= self.most and value != self.unknown else None
 
+    def number(self, value: object) -> float:
+        """Return a received value, NaN if it is unknown."""
+        known = self.known(value)
+        return nan if known is None else known
+
 
 CHARGE = ReceivedField(("BATTERY_STATUS", "SYS_STATUS"), "battery_remaining", -1, 0.0, 100.0)
 """The charge of a battery [%]. MAVSDK takes it from SYS_STATUS until the first BATTERY_STATUS."""
@@ -38,6 +43,9 @@ FLIGHT_TIME = ReceivedField(("BATTERY_STATUS",), "time_remaining", 0, 0.0)
 SATELLITES = ReceivedField(("GPS_RAW_INT",), "satellites_visible", 255, 0)
 GPS_HEIGHT_SIGMA = ReceivedField(("GPS_RAW_INT",), "v_acc", 0, 0.0)
 """The standard deviation of a GPS's height [m]."""
+BAROMETER_HEIGHT = ReceivedField(("ALTITUDE",), "altitude_monotonic", nan)
+CLEARANCE = ReceivedField(("ALTITUDE",), "bottom_clearance", -1, 0.0)
+"""The height above the ground [m], negative where nothing measures it."""
 ROLL = ReceivedField(("ATTITUDE",), "roll", nan)
 PITCH = ReceivedField(("ATTITUDE",), "pitch", nan)
 BUFFER_FREE = ReceivedField(("RADIO_STATUS",), "txbuf", 255, 0, 100)
@@ -61,6 +69,8 @@ RECEIVED_FIELDS = (
     FLIGHT_TIME,
     SATELLITES,
     GPS_HEIGHT_SIGMA,
+    BAROMETER_HEIGHT,
+    CLEARANCE,
     ROLL,
     PITCH,
     BUFFER_FREE,

@@ -83,6 +83,8 @@ def vehicle(monkeypatch: pytest.MonkeyPatch) -> Vehicle:
         (108.0, 2.0, (6.0, RANGEFINDER)),  # it is low, and its barometer drifts with the height
         (nan, 2.0, (6.0, RANGEFINDER)),
         (nan, nan, (None, "")),
+        (nan, -1.0, (None, "")),
+        (108.0, -1.0, (0.0, BAROMETER)),
         (108.0, 30.0, (0.0, BAROMETER)),  # a slope
         (101.0, 2.0, (7.0, BAROMETER)),
         (107.0, 2.0, (6.0, RANGEFINDER)),
