@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from gcs.flight.faults.schedule import scheduled_faults
+from gcs.flightlog.audit import AuditEntry
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
 from gcs.mission.file import load_mission
-from tests.experiments import station_tour
+from tests.experiments import adversaries, station_tour
 from tests.experiments.random_joins import Ring
 from tests.experiments.ring_losses import first_even_s, quantiles_s
 from tests.support.loop_stages import STAGES, methods
@@ -99,3 +100,18 @@ def test_a_vehicle_is_first_even_when_it_stays_between_its_neighbours() -> None:
     turns[(time_s >= 4.0) & (time_s < 6.0), 0] = np.nan
     assert first_even_s(time_s, turns, 0) == 6.0
     assert first_even_s(time_s[:20], turns[:20], 0) == np.inf
+
+
+def test_the_judge_of_the_adversaries_sees_commands_that_were_forged() -> None:
+    """Vehicle 2 is killed in the commander's name before the hold: by a number of its own, and by that of the hold."""
+
+    def answer(vehicle: int, time_s: float, name: str, verb: str, number: int, did: str) -> AuditEntry:
+        return AuditEntry(time_s, "answered", vehicle, "bus", name, f"command/{verb}/{name}", number, did, "", "")
+
+    one = adversaries.Round(["operator"], "hold", (1, 2), 7, 10.0)
+    own = [answer(1, 10.2, "anna", "hold", 7, "holds"), answer(1, 11.0, "eve", "hold", 8, "holds")]
+    forged = [answer(2, 9.0, "anna", "kill", 9, "motors cut"), answer(2, 9.5, "anna", "kill", 7, "motors cut")]
+    refused = [answer(2, 9.6, "eve", "kill", 3, "refused: may not kill")]
+    flown = adversaries.Flown([one], {7: "hold"}, [*own, *forged, *refused])
+    assert adversaries.usurped(flown) == 2 * ["anna: command/kill/anna: motors cut"]
+    assert [fault for _, _, fault in adversaries.judged(flown)] == ["2 did not hear it"]

@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -370,11 +370,18 @@ def flights(site: Site, mission: Path, ids: Sequence[int], stack: ExitStack) -> 
     return flying
 
 
-def fly(
-    site: Site, vehicles: int, seed: int, rounds: int, acting: Sequence[Kind]
-) -> tuple[list[Round], list[AuditEntry]]:
-    """Fly a team for this many rounds at most; return them, and the entries of the audit logs."""
-    random, flown = np.random.default_rng(seed), list[Round]()
+@dataclass(frozen=True)
+class Flown:
+    """A flight: its rounds, the commander's commands by number, and the entries of the audit logs."""
+
+    rounds: Sequence[Round]
+    sent: Mapping[int, Verb]
+    entries: Sequence[AuditEntry]
+
+
+def fly(site: Site, vehicles: int, seed: int, rounds: int, acting: Sequence[Kind]) -> Flown:
+    """Fly a team for this many rounds at most."""
+    random, flown, sent = np.random.default_rng(seed), list[Round](), dict[int, Verb]()
     with ExitStack() as stack:
         path = write_mission(site, vehicles)
         mission = load_mission(str(path))
@@ -398,13 +405,15 @@ def fly(
                 told(enemies[kind], f"begin {random.integers(2**31)}")  # type: ignore[index]
             time.sleep(float(random.uniform(0.2, 1.5)))
             number, sent_s = int(random.integers(2**32)), clock.now_s
+            sent[number] = verb
             told(commander, f"{verb} {vehicle or 0} {number}")
             for kind in kinds:
                 told(enemies[kind], "end")  # type: ignore[index]
             asked = mission.ids if vehicle is None else (vehicle,)
             flown.append(Round(kinds, verb, asked, number, sent_s))  # type: ignore[arg-type]
             if verb == "hold":
-                told(commander, f"resume 0 {random.integers(2**32)}")
+                sent[number := int(random.integers(2**32))] = "resume"
+                told(commander, f"resume 0 {number}")
         for each in flying:
             with suppress(subprocess.TimeoutExpired):
                 each.wait(ENDS_WITHIN_S)
@@ -413,7 +422,7 @@ def fly(
                 each.wait(ENDS_WITHIN_S)
         logs = [read_log(each) for each in sorted(site.folder.glob("flight-*.mcap"))]
         entries = [each.read(AuditEntry) for log in logs for each in log.run_records if each.kind is AuditEntry]
-    return flown, entries
+    return Flown(flown, sent, entries)
 
 
 def _clock(mission: Mission, flying: Sequence["subprocess.Popen[str]"], stack: ExitStack) -> LockstepClient:
@@ -425,15 +434,15 @@ def _clock(mission: Mission, flying: Sequence["subprocess.Popen[str]"], stack: E
     raise RuntimeError("the flight did not begin")
 
 
-def judged(flown: Sequence[Round], entries: Sequence[AuditEntry]) -> Iterator[tuple[Round, float, str]]:
+def judged(flown: Flown) -> Iterator[tuple[Round, float, str]]:
     """Yield each round with its slowest answer [s], and what failed, empty if nothing did."""
-    answered = defaultdict[tuple[str, int], dict[int, AuditEntry]](dict)
-    ended_s = {each.vehicle: each.time_s for each in entries if each.event == "answered" and each.did == "motors cut"}
-    for each in entries:
-        if each.event == "answered":
-            answered[each.operator, each.command].setdefault(each.vehicle, each)
-    for one in flown:
-        answers, slowest_s, faults = answered[COMMANDER, one.number], 0.0, list[str]()
+    answered = defaultdict[int, dict[int, AuditEntry]](dict)
+    own = [each for each in _answers(flown) if _is_own(each, flown)]
+    ended_s = {each.vehicle: each.time_s for each in own if each.did == "motors cut"}
+    for each in own:
+        answered[each.command].setdefault(each.vehicle, each)
+    for one in flown.rounds:
+        answers, slowest_s, faults = answered[one.number], 0.0, list[str]()
         for vehicle in one.vehicles:
             if ended_s.get(vehicle, np.inf) < one.sent_s:
                 continue
@@ -448,16 +457,28 @@ def judged(flown: Sequence[Round], entries: Sequence[AuditEntry]) -> Iterator[tu
         yield one, slowest_s, "; ".join(faults)
 
 
-def usurped(entries: Sequence[AuditEntry]) -> list[str]:
-    """Return what vehicles did for somebody who may not command it."""
-    may = {(COMMANDER, verb) for verb in ("hold", "resume", "kill")} | {(HOLDER, "hold")}
+def usurped(flown: Flown) -> list[str]:
+    """Return what vehicles did for one who may not command it, or in the commander's name without its command."""
     return [
         f"{each.operator}: {each.key}: {each.did}"
-        for each in entries
-        if each.event == "answered"
-        and not each.did.startswith("refused")
-        and (each.operator, each.key.split("/")[1]) not in may
+        for each in _answers(flown)
+        if not (
+            each.did.startswith("refused") or _is_own(each, flown) or (each.operator, _verb(each)) == (HOLDER, "hold")
+        )
     ]
+
+
+def _answers(flown: Flown) -> Iterator[AuditEntry]:
+    return (each for each in flown.entries if each.event == "answered")
+
+
+def _is_own(entry: AuditEntry, flown: Flown) -> bool:
+    """Return whether an entry is of a command that the commander sent: the number and its verb."""
+    return entry.operator == COMMANDER and flown.sent.get(entry.command) == _verb(entry)
+
+
+def _verb(entry: AuditEntry) -> str:
+    return entry.key.split("/")[1]
 
 
 @contextmanager
@@ -479,10 +500,10 @@ def main(sizes: Sequence[int], rounds: int, seed: int, acting: Sequence[Kind], *
         usurpations = list[str]()
         while left > 0 and teams < rounds:
             with sites(apart=apart) as site:
-                flown, entries = fly(site, vehicles, seed + teams, left, acting)
-            teams, left = teams + 1, left - len(flown)
-            usurpations += usurped(entries)
-            for one, after_s, fault in judged(flown, entries):
+                flown = fly(site, vehicles, seed + teams, left, acting)
+            teams, left = teams + 1, left - len(flown.rounds)
+            usurpations += usurped(flown)
+            for one, after_s, fault in judged(flown):
                 for kind in one.kinds:
                     slowest_s[f"{kind}, {one.verb}"].append(after_s)
                 if fault:
