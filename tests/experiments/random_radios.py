@@ -300,10 +300,11 @@ def _begins(event: dict[str, Any]) -> bool:
 
 
 def _refusals(said: str) -> str:
-    """Return what the refusals in a table of findings say, or the last message."""
+    """Return what the refusals in a table of findings say, or the last message, without its next step."""
     lines = [line.strip() for line in said.splitlines() if line.strip()]
     rows = [" ".join(line.split()[1:]) for line in lines if line.startswith("refuse ")]
-    return "; ".join(dict.fromkeys(rows or lines[-1:]))[:160]
+    messages = [line for line in lines if not line.startswith("next:")]
+    return "; ".join(dict.fromkeys(rows or messages[-1:]))[:160]
 
 
 def main(

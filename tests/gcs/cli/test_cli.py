@@ -214,6 +214,20 @@ def test_a_ring_from_which_no_sensor_sees_the_target_is_warned_of_before_it_flie
     assert warned.replace("warning: ", "warning: 2 of 3 missions, the first: ") in swept.err
 
 
+@pytest.mark.slow
+def test_a_ring_that_its_vehicles_left_fails_the_flight_and_is_named(run_here: RunHere) -> None:
+    seen = (*BLIND, "--set", "target.start_m=[14.0,0.0]", "--duration", "70")
+    flown = run_here("sim", "case2-field", *seen, "--seed", "0", "--json")
+    result = json.loads(flown.out)
+    assert (flown.code, result["verdicts"]["kept"]) == (Exit.VERDICT_FAILED, False)
+    left = {(each["vehicle"], each["place"], each["cause"]) for each in result["departures"]}
+    assert left == {(vehicle, "ring", "target stale") for vehicle in (1, 2, 3)}
+    swept = run_here("sweep", "case2-field", *seen, "--seeds", "0:1", "--workers", "1", "--out", "out", "--json")
+    assert swept.code == Exit.VERDICT_FAILED
+    assert (json.loads(swept.out)["hold"], json.loads(swept.out)["not_judged"]) == (0, 0)
+    assert "0 pass, 1 fails (kept 1)" in swept.err
+
+
 def test_a_vehicle_that_never_comes_near_enough_is_warned_of_before_it_flies(run_here: RunHere) -> None:
     near = ("--set", "vehicles[0].decision.distance_max_m=7.5")
     warned = "warning: vehicle 1: its least distance from the target in formation is "

@@ -188,7 +188,7 @@ def test_who_keeps_station_on_a_neighbour_can_hear_it() -> None:
     parsed(changed(far | {("formation", "station"): "line"}))
 
 
-@pytest.mark.parametrize(("shape", "apart_m"), [("wedge", 30.0), ("column", 60.0)])
+@pytest.mark.parametrize(("shape", "apart_m"), [("line", 30.0), ("wedge", 30.0), ("column", 60.0)])
 def test_neighbours_in_every_shape_hear_each_other(shape: str, apart_m: float) -> None:
     spaced: Changes = {("formation", "spacing_m"): 30.0, ("formation", "shape"): shape}
     (told,) = faults(changed(spaced | {("network", "range_m"): apart_m - 0.1}))
