@@ -10,10 +10,12 @@ import asyncio
 import socket
 import threading
 from collections import Counter, deque
+from contextlib import suppress
 from ipaddress import ip_network
 from typing import cast
 
-LOOPBACK = "127.0.0.1"
+from agents.shell.socket_filter import LOOPBACK, admit, listener_at
+
 BACKLOG = 1024
 HELLO_S = 3.0
 """By then a caller has sent the first message of TLS [wall s]."""
@@ -40,6 +42,9 @@ class Gate:
         self._place = host.strip("[]"), int(port)
         self._host_max = host_max
         self._inner_port = 0
+        self._inner: socket.socket | None = None
+        self._own_ports: set[int] = set()
+        self._admitting = threading.Lock()
         self._callers: set[_Caller] = set()
         self._silent: dict[_Caller, str] = {}
         self._under_way: Counter[str] = Counter()
@@ -62,6 +67,22 @@ class Gate:
         self._thread.start()
         return f"{self._scheme}/{LOOPBACK}:{self._inner_port}"
 
+    def keep_others_out(self) -> None:
+        """Let Zenoh, which listens now, take connections from this gate only, where the system can do that.
+
+        Its port is open to all users of this computer, and a few failed handshakes there keep everybody out.
+        """
+        with self._admitting:
+            self._inner = listener_at(self._inner_port)
+            try:
+                self._admit()
+            except OSError:  # a sandbox without filters: as on other systems
+                self._inner = None
+
+    def _admit(self) -> None:
+        if self._inner is not None:
+            admit(self._inner, self._own_ports)
+
     def _run(self, loop: asyncio.AbstractEventLoop, listener: socket.socket) -> None:
         serving = loop.create_server(lambda: _Caller(self, loop), sock=listener, backlog=BACKLOG)
         server = loop.run_until_complete(serving)
@@ -81,6 +102,8 @@ class Gate:
         if loop is not None and self._thread is not None:
             loop.call_soon_threadsafe(loop.stop)
             self._thread.join()
+        if self._inner is not None:
+            self._inner.close()
 
     def came(self, caller: "_Caller") -> None:
         """Take a caller that has said nothing yet."""
@@ -126,10 +149,28 @@ class Gate:
                 del self._passed_on[caller.host]
 
     async def connect(self, caller: "_Caller") -> "_Inside":
-        """Connect a caller to Zenoh; raises OSError."""
-        loop = asyncio.get_running_loop()
-        _, inside = await loop.create_connection(lambda: _Inside(caller), LOOPBACK, self._inner_port)
+        """Connect a caller to Zenoh, from a port that is admitted as long as it is bound; raises OSError."""
+        loop, own = asyncio.get_running_loop(), socket.socket()
+        try:
+            own.setblocking(False)
+            own.bind((LOOPBACK, 0))
+            port = own.getsockname()[1]
+            with self._admitting:
+                self._own_ports.add(port)
+                self._admit()
+            await loop.sock_connect(own, (LOOPBACK, self._inner_port))
+            _, inside = await loop.create_connection(lambda: _Inside(caller, port), sock=own)
+        except BaseException:
+            self.disconnected(own.getsockname()[1])
+            own.close()
+            raise
         return inside
+
+    def disconnected(self, port: int) -> None:
+        """Take the end of a connection to Zenoh, before its port is free for others."""
+        with self._admitting, suppress(OSError):  # Zenoh has closed its listener
+            self._own_ports.discard(port)
+            self._admit()
 
 
 def _host(address: tuple[object, ...] | None) -> str:
@@ -167,7 +208,7 @@ class _Side(asyncio.Protocol):
 
 class _Caller(_Side):
     def __init__(self, gate: Gate, loop: asyncio.AbstractEventLoop) -> None:
-        self._gate, self._loop = gate, loop
+        self.gate, self._loop = gate, loop
         self.host = ""
         self._hello = b""
         self._received = 0
@@ -179,11 +220,11 @@ class _Caller(_Side):
         super().connection_made(transport)
         self.host = _host(transport.get_extra_info("peername"))
         self._timer = self._loop.call_later(HELLO_S, self.refuse)
-        self._gate.came(self)
+        self.gate.came(self)
 
     def refuse(self) -> None:
         """Drop the connection."""
-        self._gate.dropped(self)
+        self.gate.dropped(self)
         self.transport.abort()
 
     def data_received(self, data: bytes) -> None:
@@ -202,7 +243,7 @@ class _Caller(_Side):
             self.refuse()
 
     def _greet(self) -> None:
-        if not self._gate.greeted(self):
+        if not self.gate.greeted(self):
             self.refuse()
             return
         assert self._timer is not None
@@ -213,7 +254,7 @@ class _Caller(_Side):
 
     async def _go_on(self) -> None:
         try:
-            self.other = await self._gate.connect(self)
+            self.other = await self.gate.connect(self)
         except OSError:  # Zenoh has closed
             self.refuse()
             return
@@ -233,12 +274,12 @@ class _Caller(_Side):
     def _prove(self, *, failed: bool = False) -> None:
         if self._passing is not None and not self._is_proven:
             self._is_proven = True
-            self._gate.proved(self.host, failed=failed)
+            self.gate.proved(self.host, failed=failed)
 
     def connection_lost(self, error: Exception | None) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._gate.left(self, passed_on=self._passing is not None)
+        self.gate.left(self, passed_on=self._passing is not None)
         self._prove(failed=True)
         super().connection_lost(error)
 
@@ -246,9 +287,14 @@ class _Caller(_Side):
 class _Inside(_Side):
     """The connection to Zenoh."""
 
-    def __init__(self, caller: _Caller) -> None:
+    def __init__(self, caller: _Caller, port: int) -> None:
         self.other = self._caller = caller
+        self._port = port
 
     def data_received(self, data: bytes) -> None:
         self._caller.count(len(data))
         super().data_received(data)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._caller.gate.disconnected(self._port)
+        super().connection_lost(error)

@@ -137,6 +137,8 @@ class ZenohSession:
             for path, value in self._settings().items():
                 config.insert_json5(path, json.dumps(value))
             session = zenoh.open(config)
+            if self._gate is not None:
+                self._gate.keep_others_out()
         except (zenoh.ZError, OSError) as error:
             self._close_gate()
             raise self._refusal(error) from error
