@@ -240,8 +240,9 @@ ATTACKS = {
     "begins": (b"\x16", SILENT, "127.0.0.1"),
     "no TLS": (b"GET / HTTP/1.1\r\n\r\n", FAILING, "127.0.0.1"),
     "no certificate": (client_hello(), FAILING, "127.0.0.2"),
-    "behind the gate": (b"GET / HTTP/1.1\r\n\r\n", FAILING, "127.0.0.1"),
 }
+if sys.platform == "linux":  # others have no filter
+    ATTACKS["behind the gate"] = (b"GET / HTTP/1.1\r\n\r\n", FAILING, "127.0.0.1")
 
 
 async def test_strangers_shut_no_operator_out(tmp_path: Path, subtests: pytest.Subtests) -> None:
