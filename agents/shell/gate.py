@@ -73,11 +73,15 @@ class Gate:
         Its port is open to all users of this computer, and a few failed handshakes there keep everybody out.
         """
         with self._admitting:
-            self._inner = listener_at(self._inner_port)
+            listener = listener_at(self._inner_port)
+            if listener is None:
+                return
             try:
-                self._admit()
+                admit(listener, self._own_ports)
             except OSError:  # a sandbox without filters: as on other systems
-                self._inner = None
+                listener.close()
+            else:
+                self._inner = listener
 
     def _admit(self) -> None:
         if self._inner is not None:

@@ -85,8 +85,8 @@ class Flight:
         return await until(condition, timeout_s, waiting_for, clock=self.clock)
 
     async def aloft(self) -> None:
-        """Wait until everybody is in offboard."""
-        await self.until(lambda: self.any_armed, 300.0, "a take-off")
+        """Wait until everybody is in offboard; by the wall for a process that starts, for which no clock waits."""
+        await until(lambda: self.any_armed, waiting_for="a take-off")
         with hurried(self.clock):
             await self.until(lambda: self.all_in_offboard, 300.0, "everybody in offboard")
             await self.clock.sleep(2.0)
