@@ -285,7 +285,7 @@ async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fl
         os.write(here, b"\x1a")
         await flight.clock.sleep(3.0)
         assert flight.all_in_offboard, "stopped by the terminal"
-        assert "offboard" in shown.decode(errors="replace"), "the live view is drawn"
+        await until(lambda: "offboard" in shown.decode(errors="replace"), waiting_for="the live view")
         began_s = flight.clock.now_s()
         os.write(here, b"\x03")
         out_s = await flight.until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
