@@ -205,6 +205,11 @@ class Agent:
         return self._start_agreement.clock_lags_s
 
     @property
+    def last_position(self) -> LastPosition | None:
+        """The newest position that has been received, None before the first."""
+        return self._reporter.last_position
+
+    @property
     def unaccounted(self) -> LastPosition | None:
         """The newest position of a vehicle whose flight ended without a report that it is down; None for all others.
 

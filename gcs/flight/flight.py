@@ -40,7 +40,7 @@ from gcs.keys.team_keys import flight_keys
 from gcs.link.hub import MavsdkHub
 from gcs.link.ports import fed_ports, flight_claims
 from gcs.link.signing_keys import signing_keys
-from gcs.metrics.ending import named
+from gcs.metrics.ending import Unaccounted, named
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
 from gcs.preflight.findings import Grade
@@ -48,6 +48,8 @@ from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import ClockError, Rank, new_clock
 
 _PERIOD_S = 0.1
+_POSITIONS_EVERY_S = 0.5
+"""How often positions are reported to the supervisor [wall s]."""
 _SHOWN_S = 0.3
 """Time to show the line that names a fault before the fault ends the process [wall s]."""
 
@@ -277,7 +279,8 @@ async def _fly(
         async with supervisor.follow(clock):
             with _at_speed(plan.speed, clock):
                 watch = Watch(team, report, hint)
-                outcomes = await _fly_members(team, watch, exchange, injector.run(team, stubs))
+                beside = (watch.run(), exchange.run(), injector.run(team, stubs), _report_positions(team, supervisor))
+                outcomes = await _fly_members(team, watch, exchange, beside)
         supervisor.report_unaccounted([i for i, outcome in outcomes.items() if outcome.unaccounted is not None])
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
@@ -321,13 +324,14 @@ async def _prepare(team: FlightTeam, target: TargetVehicle, report: FindingsRepo
 
 
 async def _fly_members(
-    team: FlightTeam, watch: Watch, exchange: AuditExchange, injection: Coroutine[None, None, None]
+    team: FlightTeam, watch: Watch, exchange: AuditExchange, beside: Sequence[Coroutine[None, None, None]]
 ) -> dict[int, Outcome]:
-    beside = [asyncio.create_task(each) for each in (watch.run(), exchange.run(), injection)]
+    """Fly until every vehicle's flight has ended; what runs beside is cancelled then."""
+    tasks = [asyncio.create_task(each) for each in beside]
     try:
         outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
     finally:
-        for task in beside:
+        for task in tasks:
             task.cancel()
         watch.end()
     await exchange.end()
@@ -335,6 +339,16 @@ async def _fly_members(
         member.vehicle.id: replace(outcome, unaccounted=member.agent.unaccounted)
         for member, outcome in zip(team.members, outcomes, strict=True)
     }
+
+
+async def _report_positions(team: FlightTeam, supervisor: SupervisorLink) -> None:
+    """Report the vehicles' positions to the supervisor, and who is unaccounted for, until cancelled."""
+    frame = team.plan.mission.mission_frame()
+    while True:
+        newest = ((member.vehicle.id, member.agent.last_position) for member in team.members)
+        supervisor.report_positions(Unaccounted.of(i, last, frame) for i, last in newest if last is not None)
+        supervisor.report_unaccounted([each.vehicle.id for each in team.members if each.agent.unaccounted is not None])
+        await asyncio.sleep(_POSITIONS_EVERY_S)
 
 
 async def _fly_member(team: FlightTeam, member: Member) -> Outcome:

@@ -6,7 +6,7 @@ import select
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from math import inf
@@ -23,7 +23,9 @@ from gcs.flight.supervision_protocol import (
     Beat,
     encode_beat,
     encode_clock,
+    encode_position,
 )
+from gcs.metrics.ending import Unaccounted
 from sitl.server.governed_clock import GovernedClock
 
 TICK_PERIOD_MIN_S = 0.04
@@ -48,7 +50,10 @@ class SupervisorLink(Protocol):
         """Call `request`, on another thread, for each request of the operator to end."""
 
     def report_unaccounted(self, vehicle_ids: Sequence[int]) -> None:
-        """Report the vehicles that are unaccounted for at the end of the flight."""
+        """Report the vehicles that are unaccounted for although their flights have ended."""
+
+    def report_positions(self, positions: Iterable[Unaccounted]) -> None:
+        """Report vehicles with their newest positions, for the case that this process is killed."""
 
     def follow(self, clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Let silences be measured on the flight's clock within a context."""
@@ -69,6 +74,9 @@ class Unsupervised:
 
     def report_unaccounted(self, _vehicle_ids: Sequence[int]) -> None:
         """Do nothing: no supervisor keeps a page open."""
+
+    def report_positions(self, _positions: Iterable[Unaccounted]) -> None:
+        """Do nothing: no supervisor would print them."""
 
     def follow(self, _clock: MissionClock) -> AbstractAsyncContextManager[None]:
         """Return a context without effect."""
@@ -129,9 +137,14 @@ class SupervisorHeartbeat:
             self._send_clock(None)
 
     def report_unaccounted(self, vehicle_ids: Sequence[int]) -> None:
-        """Report the vehicles that are unaccounted for at the end of the flight."""
+        """Report the vehicles that are unaccounted for although their flights have ended."""
         for vehicle_id in vehicle_ids:
             self._send(encode_beat(Beat.UNACCOUNTED, vehicle_id))
+
+    def report_positions(self, positions: Iterable[Unaccounted]) -> None:
+        """Report vehicles with their newest positions, for the case that this process is killed."""
+        for each in positions:
+            self._send(encode_position(each, time.monotonic()))
 
     def _now_s(self) -> float:
         return self._time.now_s()

@@ -22,7 +22,7 @@ from typing import Protocol
 from agents.flight_end import FlightEnd
 from gcs.errors import Exit
 from gcs.flight.supervision_protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
-from gcs.metrics.ending import SEARCH, UNACCOUNTED, LostFlight, TeamEnding, Unaccounted, named
+from gcs.metrics.ending import SEARCH, UNACCOUNTED, LostFlight, TeamEnding, named
 from gcs.metrics.json_output import json_output
 from gcs.preflight.priority import raise_supervisor
 from gcs.signals import relay
@@ -111,7 +111,7 @@ def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
     if lost is not None:
         page.lose(lost)
         if json and code < 0 and lost.vehicles:
-            _write(sys.stdout.fileno(), json_output({"ended": asdict(_ending(lost))}))
+            _write(sys.stdout.fileno(), json_output({"ended": asdict(_ending(lost, monitor))}))
     for line in (*terminal.restored(killed=code < 0), *lines):
         _write(sys.stderr.fileno(), line)
     return Exit.ENDED_IN_FLIGHT if monitor.has_flown else Exit.REFUSED
@@ -232,16 +232,18 @@ def _report(
     if silences_s:
         loops = ", ".join(f"vehicle {i} for {silence_s:.1f} s" for i, silence_s in silences_s.items())
         reason = f"no tick of the control loop of {loops}: the flying process {process_id} was killed"
-    elif monitor.flying:
+    elif monitor.flying or (monitor.unaccounted and code < 0):
         reason = f"the flying process {process_id} ended {ended} before its vehicles had landed"
     elif end_request.is_overdue:
         return [f"the flying process {process_id} was killed: it had not ended within {HEEDS_WITHIN_S:g} s"], None
     else:
         return [f"the flying process {process_id} ended {ended} while no vehicle flew"] if code < 0 else [], None
     reason += overload(os.getloadavg()[0], os.cpu_count() or 1)
-    lost = LostFlight(reason, monitor.flying, time.time())
+    lost = LostFlight(reason, tuple(sorted({*monitor.flying, *monitor.unaccounted})), time.time())
+    ending = _ending(lost, monitor)
+    places = [each.line for each in ending.unaccounted]
     flying = f"{named(lost.vehicles)}, {UNACCOUNTED}: " if lost.vehicles else ""
-    return [_ending(lost).headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
+    return [*places, ending.headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
 
 
 def _over(unaccounted: tuple[int, ...]) -> LostFlight:
@@ -249,9 +251,9 @@ def _over(unaccounted: tuple[int, ...]) -> LostFlight:
     return LostFlight("the flight is over", unaccounted, time.time(), "", SEARCH)
 
 
-def _ending(lost: LostFlight) -> TeamEnding:
+def _ending(lost: LostFlight, monitor: LoopMonitor) -> TeamEnding:
     reason = f"{lost.reason[:1].upper()}{lost.reason[1:]}."
-    return TeamEnding(FlightEnd.WATCHDOG, reason, lost.vehicles, tuple(map(Unaccounted, lost.vehicles)))
+    return TeamEnding(FlightEnd.WATCHDOG, reason, lost.vehicles, monitor.last_seen(lost.vehicles, time.monotonic()))
 
 
 def overload(load: float, cores: int) -> str:

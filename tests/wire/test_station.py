@@ -136,8 +136,9 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
     """A page stays with the vehicles' last state, until the operator closes it at the terminal."""
     address = f"{LOOPBACK}:{free_port()}"
     flight = ("fly", mission_file("case2", LOW), "--sitl", "--speed", "10", "--duration", "1000", "--no-log")
-    with cordon(*flight, "--station", "--station-address", address) as process:
+    with cordon(*flight, "--json", "--station", "--station-address", address) as process:
         assert process.stderr is not None
+        assert process.stdout is not None
         port, secret = entered(process.stderr.readline())
         async with stream(port, secret) as page:
             while {each["tactic"] for each in (await received(page, "team"))["vehicles"]} != {"formation"}:
@@ -163,6 +164,12 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
             assert process.poll() is None
             process.send_signal(signal.SIGINT)
             assert await asyncio.to_thread(process.wait, PATIENCE_S) == 4
+        unaccounted = {each["vehicle"]: each for each in json.loads(process.stdout.read())["ended"]["unaccounted"]}
+        with subtests.test("the last positions, on the page and in the result"):
+            assert unaccounted.keys() == {1, 2, 3}
+            for i, place_m in enumerate(places_m, 1):
+                assert dist(unaccounted[i]["position_m"], place_m) < 10.0, "in half a second at ten times the speed"
+                assert unaccounted[i]["latitude_deg"] is not None
         said = process.stderr.read()
         assert "Ended by the watchdog: vehicles 1, 2 and 3" in said
         assert "stays open" in said

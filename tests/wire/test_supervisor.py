@@ -14,10 +14,12 @@ import sys
 import termios
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from math import dist
 from pathlib import Path
 
 import pytest
 
+from estimation.frames import Geodetic, Triple
 from gcs.drill.flight import ProcessUnderTest
 from gcs.drill.process_under_test import SOCKET
 from gcs.flight.faults.team_faults import Hang, TeamFaults
@@ -34,7 +36,7 @@ FAST = 10.0
 OUT_OF_OFFBOARD_MAX_S = 2.0
 HOLD_S = 3.0
 """How long a vehicle holds before it comes down when somebody ends its flight."""
-
+LAST_PLACE = re.compile(r"Vehicle (\d) is unaccounted for: last at (\S+), (\S+), height (\S+) m, \d+ s ago")
 
 Fault = signal.Signals | Hang
 
@@ -45,6 +47,7 @@ class Flight:
     def __init__(self, process: asyncio.subprocess.Process, under_test: ProcessUnderTest, served: Served) -> None:
         self.process = process
         self.clock = served.clock
+        self.frame = served.stubs[1].config.frame
         self.under_test = under_test
         self._served = served
 
@@ -74,6 +77,11 @@ class Flight:
     @property
     def any_armed(self) -> bool:
         return any(vehicle.armed for vehicle in self._served.vehicles.values())
+
+    @property
+    def places_m(self) -> dict[int, Triple]:
+        """Where the vehicles truly are."""
+        return {i: vehicle.airframe.position_m for i, vehicle in self._served.vehicles.items()}
 
     @property
     def setpoints(self) -> int:
@@ -218,7 +226,10 @@ async def test_one_that_hangs_before_a_vehicle_flies_is_ended_by_ctrl_c(fly: Fly
 async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason: str, fly: Fly) -> None:
     flight = await fly()
     await flight.aloft()
-    pid, began_s = flight.flying_pid, flight.clock.now_s()
+    flight.clock.set_speed(1.0)
+    await flight.clock.sleep(1.0)  # positions are reported by the wall's clock
+    flight.clock.set_speed(FAST)
+    pid, began_s, places_m = flight.flying_pid, flight.clock.now_s(), flight.places_m
     flight.strike(fault)
     out_s = await flight.until(lambda: flight.none_in_offboard, 5.0, "everybody out of offboard")
     code, told = await flight.ended()
@@ -231,6 +242,11 @@ async def test_who_flies_no_more_is_out_of_offboard_in_time(fault: Fault, reason
         assert re.search(r"vehicle [12] for 0\.6 s", told)
     assert "vehicles 1 and 2, unaccounted for: only their autopilots control them now" in told
     assert "next: " in told
+    for vehicle, *where in LAST_PLACE.findall(told):
+        latitude_deg, longitude_deg, height_m = map(float, where)
+        x, y, _ = flight.frame.mission_from_geodetic(Geodetic(latitude_deg, longitude_deg, 488.0))
+        assert dist((x, y, height_m), places_m.pop(int(vehicle))) < 1.0, told
+    assert not places_m, told
     with pytest.raises(ProcessLookupError):  # a stopped process would fly on once it is continued
         os.kill(pid, signal.SIGCONT)
 

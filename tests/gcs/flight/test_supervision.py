@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from math import inf
 
 import pytest
@@ -22,7 +23,9 @@ from gcs.flight.supervision_protocol import (
     Beat,
     LoopMonitor,
     encode_beat,
+    encode_position,
 )
+from gcs.metrics.ending import Unaccounted
 from sitl.server import shared_clock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat, new_clock
@@ -76,9 +79,33 @@ def test_who_has_not_ticked_yet_or_has_ended_is_not_watched() -> None:
 def test_of_a_flight_that_is_over_those_unaccounted_for_are_known() -> None:
     monitor = LoopMonitor()
     monitor.receive(tick(1) + tick(2) + encode_beat(Beat.ENDED, 1) + encode_beat(Beat.ENDED, 2))
-    monitor.receive(encode_beat(Beat.UNACCOUNTED, 2))
+    for _ in range(2):
+        monitor.receive(encode_beat(Beat.UNACCOUNTED, 2))
     assert (LoopMonitor().has_flown, monitor.has_flown) == (False, True)
     assert (monitor.flying, monitor.unaccounted) == ((), (2,))
+
+
+@pytest.mark.parametrize("degrees", [(47.397742, 8.545594), (None, None)], ids=["geodetic", "local"])
+def test_a_killed_flight_has_the_last_place_also_of_one_whose_link_was_lost_before(
+    degrees: tuple[float | None, float | None],
+) -> None:
+    sent = Unaccounted(2, *degrees, (7.0, -8.0, 9.5), age_s=3.0)
+    older, newest = replace(sent, position_m=(0.0, 0.0, 0.0)), encode_position(sent, time.monotonic() - 30.0)
+    monitor = silent(1, 2)
+    for byte in encode_position(older, 0.0) + newest + encode_beat(Beat.ENDED, 2) + encode_beat(Beat.UNACCOUNTED, 2):
+        monitor.receive(bytes([byte]))
+    lines, lost = supervisor._report(77, -9, {}, monitor, supervisor._EndRequest())
+    assert lost is not None
+    assert lost.vehicles == (1, 2)
+    at = "x 7.0 m, y -8.0 m" if degrees[0] is None else "47.397742, 8.545594"
+    assert lines[:3] == [
+        "Vehicle 1 is unaccounted for: its last position is in the flight log",
+        f"Vehicle 2 is unaccounted for: last at {at}, height 9.5 m, 33 s ago",
+        "Ended by the watchdog: vehicles 1 and 2",
+    ]
+    monitor.receive(encode_beat(Beat.ENDED, 1))
+    assert supervisor._report(77, 4, {}, monitor, supervisor._EndRequest()) == ([], None), "told by that process"
+    assert supervisor._report(77, -9, {}, monitor, supervisor._EndRequest())[0][0] == lines[1]
 
 
 def test_heartbeats_may_arrive_in_pieces() -> None:
@@ -106,7 +133,7 @@ def silent(*vehicle_ids: int) -> LoopMonitor:
 def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0))
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    (headline, reason, *others), lost = supervisor._report(
+    (*_, headline, reason, alone, next_step), lost = supervisor._report(
         77, -9, {1: 0.6, 2: 0.7}, silent(1, 2), supervisor._EndRequest()
     )
     assert headline == "Ended by the watchdog: vehicles 1 and 2"
@@ -116,7 +143,7 @@ def test_an_overloaded_computer_is_named(load: float, overloaded: bool, monkeypa
     assert ("overloaded (load 6.2 on 2 cores)" in reason) is overloaded
     assert lost is not None
     assert (lost.reason, lost.vehicles) == (reason, (1, 2))
-    assert others == [f"vehicles 1 and 2, unaccounted for: {lost.autopilots}", f"next: {lost.next_step}"]
+    assert [alone, next_step] == [f"vehicles 1 and 2, unaccounted for: {lost.autopilots}", f"next: {lost.next_step}"]
     assert time.time() - lost.ended_s < 60.0
 
 
