@@ -160,6 +160,7 @@ class VehicleFeed:
         self._mode: Any = None
         self._origin_m: Triple | None = None
         self._located_m: Triple | None = None
+        self._home_m: Triple | None = None
         self._height_off_m = 0.0
         self._origin_before_m: Triple | None = None
         self._received: Telemetry | None = None
@@ -187,6 +188,7 @@ class VehicleFeed:
         telemetry.subscribe_battery(self._posting(self._take_battery))
         if not self._frame.is_local:
             self.reports.direct.subscribe_message("GPS_GLOBAL_ORIGIN", self._posting(self._take_origin))
+            self.reports.direct.subscribe_message("HOME_POSITION", self._posting(self._take_home))
             telemetry.subscribe_raw_gps(self._posting(self._take_gps))
         telemetry.subscribe_status_text(self._posting(self._take_text))
         telemetry.subscribe_attitude_euler(self._note_attitude)
@@ -486,17 +488,32 @@ class VehicleFeed:
 
     def _take_origin(self, message: Any) -> None:
         """Take an origin that the autopilot sends: the one in doubt, or one that has moved and is read again."""
-        with suppress(ValueError, KeyError, TypeError):  # malformed bytes are dropped here
+        place_m = self._place_m(message)
+        if place_m is None or (self.origin_m is None and not self.is_doubted):
+            return
+        x, y, z = place_m
+        height_m = z - self._height_off_m
+        if self.origin_m is None or dist((x, y, height_m), self.origin_m) <= ORIGIN_STEP_M:
+            self.locate(place_m)
+        else:
+            self.doubt()
+
+    def _take_home(self, message: Any) -> None:
+        """Take the vehicle's home. It is set at take-off: what moves it later may have moved the origin as well."""
+        if (home_m := self._place_m(message)) is None:
+            return
+        before_m, self._home_m = self._home_m, home_m if self.status.in_air else None
+        if self.status.in_air and before_m is not None and dist(home_m, before_m) > ORIGIN_STEP_M:
+            self.doubt()
+
+    def _place_m(self, message: Any) -> Triple | None:
+        """Return the place in a message in the mission frame [m], None if it is malformed or of another vehicle."""
+        with suppress(ValueError, KeyError, TypeError):
             fields = json.loads(message.fields_json)
             place = Geodetic(fields["latitude"] * 1e-7, fields["longitude"] * 1e-7, fields["altitude"] * 1e-3)
-            if message.system_id != self.reports.system_id or (self.origin_m is None and not self.is_doubted):
-                return
-            x, y, z = self._frame.mission_from_geodetic(place)
-            height_m = z - self._height_off_m
-            if self.origin_m is None or dist((x, y, height_m), self.origin_m) <= ORIGIN_STEP_M:
-                self.locate((x, y, z))
-            else:
-                self.doubt()
+            if message.system_id == self.reports.system_id:
+                return self._frame.mission_from_geodetic(place)
+        return None
 
     def _take_text(self, text: Any) -> None:
         self.texts.take(text.text, text.type)

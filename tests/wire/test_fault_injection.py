@@ -11,9 +11,11 @@ from pathlib import Path
 import pytest
 
 from estimation.state import Telemetry
+from gcs.cli.report import ReportOptions, report
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import Truth
 from gcs.mission.file import parse_mission
+from gcs.report.evidence.reading import read_flight
 from tests.support.mission_text import LOW
 from tests.support.wire import PATIENCE_S, cordon
 
@@ -64,6 +66,11 @@ def test_faults_come_at_their_times_and_the_team_reacts(
         assert hypot(north_m, east_m, up_m) == pytest.approx(10.0, abs=0.05)
         jump_m = [jumped["reference"][f"{name}_m"] for name in ("north", "east", "up")]
         assert jump_m == pytest.approx([0.0, 0.0, 6.0], abs=0.2)
+        html = tmp_path / "report.html"
+        report([log], options=ReportOptions(html=html))
+        logged = [each for each in read_flight([recorded]).evidence.record.events if each.reference is not None]
+        assert [each.to_dict()["reference"] for each in logged] == [moved["reference"], jumped["reference"]]
+        assert f"origin moved {north_m:.1f} m north, {east_m:.1f} m east, {up_m:.1f} m up" in html.read_text()
     for vehicle in (2, 3):
         with subtests.test("positions told are the true ones", vehicle=vehicle):
             true = {round(each.time_s, 1): each.position_m for each in recorded.of_kind(vehicle, Truth)}

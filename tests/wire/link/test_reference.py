@@ -11,7 +11,7 @@ from math import copysign, cos, dist, nan, sin, sqrt
 from typing import Any
 
 import pytest
-from pymavlink.dialects.v20.common import MAVLink, MAVLink_odometry_message
+from pymavlink.dialects.v20.common import MAVLink, MAVLink_home_position_message, MAVLink_odometry_message
 
 from agents.ports import FlightMode, Reference, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.safety.failsafe import Condition, reported_faults
@@ -113,6 +113,14 @@ def odometry(resets: int) -> bytes:
     return bytes(message.pack(MAVLink(None, 1, 1)))
 
 
+def home(position_m: Triple) -> bytes:
+    """Return a vehicle's HOME_POSITION."""
+    place = FRAME.geodetic_from_mission(position_m)
+    degrees = (round(place.latitude_deg * 1e7), round(place.longitude_deg * 1e7), round(place.altitude_m * 1e3))
+    message = MAVLink_home_position_message(*degrees, 0.0, 0.0, 0.0, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    return bytes(message.pack(MAVLink(None, 1, 1)))
+
+
 def raised_by_vehicle(status: VehicleStatus) -> list[Condition]:
     """Return the conditions of a status but that of the link, which loses messages on a busy computer."""
     return [each for each in reported_faults(status, FailsafeSettings()) if each is not Condition.LINK_DEGRADED]
@@ -143,12 +151,16 @@ async def test_of_an_autopilot_that_sends_its_origin(
             assert max(apart_s) > 1.5 * SAMPLED_S, "it was sent"
             assert max(dist(each.position_m, PLACE_M) for each in flight.telemetry) < STAYS_M
             assert flight.reference == Reference()
-        async with flight.judged(subtests, "an estimator that counts a reset is asked for its origin"):
+        async with flight.judged(subtests, "one that counts a reset or has a new home is asked for its origin"):
             monkeypatch.setattr(mavsdk_link, "find_origin", noted)
             for resets, readings in ((7, 0), (7, 0), (8, 1), (8, 1), (0, 2)):
                 flight.stub.endpoint.send([odometry(resets)])
                 assert await flight.hold(3.0) < STAYS_M
                 assert len(asked) == readings, resets
+            asked.clear()
+            flight.stub.endpoint.send([home((0.0, 8.0, 0.0))])  # the stub sends its own, which differs, at 0.5 Hz
+            assert await flight.hold(3.0) < STAYS_M
+            assert len(asked) == 2
             assert flight.reference == Reference()
         monkeypatch.undo()
         async with flight.judged(subtests, "a height that drifts is compared with the barometer") as before:
