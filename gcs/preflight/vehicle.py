@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
-from math import atan2, hypot, pi
+from math import atan2, hypot, inf, pi
 
 import numpy as np
 
@@ -21,8 +21,6 @@ from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, VehicleFac
 PLACE_LIMIT_M = 10.0
 HEIGHT_TOLERANCE_M = 2.0
 CLIMB_LEAST_M = 1.0
-LAYER_LEFT_SHARE = 0.5
-"""The least certain height difference of two layers, as a share of `safety.vertical_separation_m`."""
 ORIGIN_TOLERANCE_M = 1000.0
 """Beyond this distance the tangent planes of mission and vehicle differ by centimetres."""
 BATTERY_LOW, BATTERY_EMPTY = 0.5, 0.25
@@ -444,24 +442,25 @@ def _apart(mission: Mission, placed: dict[int, Triple], *, settled: bool) -> Fin
 def _standing_heights(mission: Mission, ground_m: dict[int, float], *, settled: bool) -> Finding:
     """Check the reported heights of the ground under two vehicles against the layers that separate them.
 
-    On level ground they differ by errors, and the vehicles are that much nearer to each other in height than they
-    report. Vehicles whose layers are less than `vertical_separation_m` apart evade each other, whatever their heights.
+    On level ground they differ by errors: the vehicle that reports the higher ground flies that much lower than it
+    reports. Vehicles whose layers are less than `vertical_separation_m` apart evade each other, whatever their heights.
     """
     apart_m, heights_m = mission.safety.vertical_separation_m, {i: _layers_m(mission, i) for i in ground_m}
-    left_m, minus_m, gap_m, one, other = min(
-        (gap_m - differs_m if gap_m >= apart_m else apart_m, -differs_m, gap_m, i, k)
+    judged_m, minus_m, gap_m, level_m, one, other = min(
+        (level_m if abs(above_m) >= apart_m else inf, -abs(differs_m), abs(above_m), level_m, i, k)
         for i, k in combinations(ground_m, 2)
-        for differs_m in [abs(ground_m[i] - ground_m[k])]
-        for gap_m in {abs(here - there) for here, there in zip(heights_m[i], heights_m[k], strict=True)}
+        for differs_m in [ground_m[i] - ground_m[k]]
+        for above_m in {here - there for here, there in zip(heights_m[i], heights_m[k], strict=True)}
+        for level_m in [abs(above_m - differs_m)]
     )
     return Finding.graded(
-        Grade.REFUSE if left_m < LAYER_LEFT_SHARE * apart_m else Grade.WARNING if left_m < apart_m else Grade.PASS,
+        Grade.REFUSE if judged_m < apart_m else Grade.PASS,
         MISSION,
         "standing heights",
         f"vehicles {one} and {other} report ground that differs by {-minus_m:.1f} m in height; "
-        f"their layers are {gap_m:g} m apart",
-        "if the ground is level, their layers are that much nearer to each other; they do not evade each other at "
-        f"safety.vertical_separation_m = {apart_m:g} m",
+        f"their layers are {gap_m:g} m apart, on level ground {level_m:.1f} m in truth",
+        "vehicles do not evade each other if the heights that they report differ by "
+        f"safety.vertical_separation_m = {apart_m:g} m or more",
         "on level ground, wait for better GPS or restart the autopilots; on a slope, set layers and altitude_m "
         f"{apart_m - minus_m:.1f} m apart",
         temporary=not settled,

@@ -173,14 +173,14 @@ def test_estimators_whose_sensors_disagree_and_versions_of_firmware(mission: Cal
 def test_altitudes_of_gps_that_would_invert_layers_are_refused(mission: Callable[..., Any], checked: Checked) -> None:
     path, team = mission(LAYERED)
     one, two, three = stub_configs(team)
-    with stubs([one, replace(two, height_error_m=1.9), replace(three, height_error_m=-1.9)]):
+    with stubs([one, replace(two, height_error_m=-1.9), replace(three, height_error_m=1.9)]):
 
         def attempt() -> None:
             code, findings = checked(path)
             assert code == 3
             ((subject, check, found),) = of(findings, "refuse")
             assert (subject, check) == ("mission", "standing heights")
-            assert facts_missing(found, "vehicles 2 and 3", "3.8 m", "3 m apart") == []
+            assert facts_missing(found, "vehicles 2 and 3", "3.8 m", "3 m apart", "0.8 m in truth") == []
 
         repeated_now(attempt)
 

@@ -377,11 +377,12 @@ def test_heights_of_the_ground_that_leave_too_little_between_layers(subtests: py
     # Layers of 3 m; vehicles 2 m apart in height do not evade each other.
     layered = changed(choreography={"layer_m": 3.0, "landing": "return"})
     for mission, heights_m, expected in (
-        (layered, (0.0, -1.1, 0.0), [("warning", "3.1 m apart")]),
+        (layered, (0.0, -1.0, 0.0), []),
+        (layered, (0.0, -1.1, 0.0), [("3.1 m apart", "1.9 m in truth")]),
         (layered, (1.9, 1.9, 1.9), []),
-        (layered, (0.0, 0.0, 3.8), [("refuse", "5.8 m apart")]),
+        (layered, (0.0, 0.0, 3.8), [("5.8 m apart", "0.8 m in truth")]),
         # The first and the last are two layers apart.
-        (layered, (0.0, 1.9, 3.8), [("warning", "3.9 m apart")]),
+        (layered, (0.0, 1.9, 3.8), [("3.9 m apart", "1.1 m in truth")]),
         (changed(choreography={"layer_m": 6.0}), (0.0, 0.0, 3.8), []),
         # At one height they keep their distances.
         (CASE2, (0.0, 0.0, 3.8), []),
@@ -393,10 +394,9 @@ def test_heights_of_the_ground_that_leave_too_little_between_layers(subtests: py
             ]
             found = [each for each in preflight(mission, facts) if each.check == "standing heights"]
             judged = [each for each in found if each.grade is not Grade.PASS]
-            assert [each.grade.value for each in judged] == [grade for grade, _ in expected]
-            assert [facts_missing(each.next_step, step) for each, (_, step) in zip(judged, expected, strict=True)] == [
-                [] for _ in expected
-            ]
+            assert [each.grade.value for each in judged] == ["refuse" for _ in expected]
+            for each, (step, left) in zip(judged, expected, strict=True):
+                assert facts_missing(each.next_step, step) == facts_missing(each.found, left) == []
 
 
 def test_px4_parameters(subtests: pytest.Subtests) -> None:
