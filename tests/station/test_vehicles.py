@@ -4,7 +4,9 @@ import math
 import re
 import time
 from collections.abc import Callable
+from functools import partial
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, Route, expect
@@ -254,12 +256,22 @@ def degrees(text: str) -> tuple[float, ...]:
     return tuple(map(float, text.split(", ")))
 
 
-def test_the_map_shows_what_is_stale_what_is_selected_and_what_a_reload_keeps(open_page: OpenPage) -> None:
-    """The circle about a lost target: 0.5 m/s for 40 s, and twice the deviation of its last estimate along any axis."""
-    reached_m = 0.5 * 40.0 + 2.0 * math.sqrt(0.4 + 0.2)
+REACH_M = """async ([mission, team]) => {
+  const { teamMarks } = await import("./marks.js");
+  const { features } = teamMarks(mission, team, { lonLat: (point_m) => point_m });
+  const [circle_m] = features.find((each) => each.properties.layer === "reach").geometry.coordinates;
+  const [x, y] = team.target.position_m;
+  const distances_m = circle_m.map((point_m) => Math.hypot(point_m[0] - x, point_m[1] - y));
+  return [Math.min(...distances_m), Math.max(...distances_m)];
+}"""
+"""The least and the largest radius of the circle that the map draws about a lost target."""
 
-    def cut(team: TeamPicture) -> TeamPicture:
-        lost = replace(team, target=replace(team.target, sighting_age_s=40.0, lost_speed_m_s=0.5))  # type: ignore[type-var]
+
+def test_the_map_shows_what_is_stale_what_is_selected_and_what_a_reload_keeps(open_page: OpenPage) -> None:
+    """The circle about a lost target grows by 0.5 m/s, from twice the deviation of its last estimate along any axis."""
+
+    def cut(team: TeamPicture, lost_for_s: float) -> TeamPicture:
+        lost = replace(team, target=replace(team.target, sighting_age_s=lost_for_s, lost_speed_m_s=0.5))  # type: ignore[type-var]
         return with_nothing_known(changed(lost, 1, is_stale=True, age_s=12.3))
 
     with station() as served:
@@ -269,7 +281,7 @@ def test_the_map_shows_what_is_stale_what_is_selected_and_what_a_reload_keeps(op
         page.locator(".symbol[data-vehicle='1']").click()
         expect(page.get_by_label("Select vehicle 1")).to_be_checked()
         expect(page.locator("#target-text")).to_have_text("To vehicle 1")
-        served.team = lambda _: cut(ring_team(ring_mission(), 130.0))
+        served.team = lambda _: cut(ring_team(ring_mission(), 130.0), 40.0)
         expect(label).to_have_text("1 · last seen 12\u00a0s ago")
         expect(page.locator(".symbol[data-vehicle='1'] .shape")).to_have_attribute("fill", "url(#hatch-1)")
         expect(page.locator(".symbol[data-vehicle='2']")).to_have_count(0)
@@ -277,8 +289,13 @@ def test_the_map_shows_what_is_stale_what_is_selected_and_what_a_reload_keeps(op
         expect(page.locator(".card[data-vehicle='1']")).to_have_attribute("data-trouble", "stale")
         expect(page.locator(".card[data-vehicle='1']")).to_have_attribute("data-current", "false")
         expect(page.locator(".symbol.target")).to_have_attribute("data-current", "false")
-        text = f"target, seen 40\u00a0s ago, within {reached_m:.1f}\u00a0m"
-        expect(page.locator(".symbol.target .label")).to_have_text(text)
+        for lost_for_s in (40.0, 50.0):
+            team, reached_m = cut(ring_team(ring_mission(), 130.0), lost_for_s), 0.5 * lost_for_s + 2.0 * math.sqrt(0.6)
+            served.team = partial(lambda team, _: team, team)
+            text = f"target, seen {lost_for_s:.0f}\u00a0s ago, within {reached_m:.1f}\u00a0m"
+            expect(page.locator(".symbol.target .label")).to_have_text(text)
+            pictures = [msgspec.to_builtins(each) for each in (ring_mission(), team)]
+            assert page.evaluate(REACH_M, pictures) == pytest.approx([reached_m] * 2)
         page.locator("#layers summary").click()
         expect(page.get_by_label("Map tiles")).to_have_count(0)
         expect(page.locator(".tiles-source")).to_have_count(0)
@@ -294,6 +311,10 @@ def test_the_map_shows_what_is_stale_what_is_selected_and_what_a_reload_keeps(op
         expect(page.get_by_label("Select vehicle 2")).not_to_be_checked()
         expect(page.locator("#target-text")).to_have_text("To all 3 vehicles")
         expect(page.locator(".symbol[data-vehicle][data-current='true']")).to_have_count(3)
+        rising = {"tactic": "", "mode": "take-off", "position_m": (0.0, 4.0, 2.5), "velocity_m_s": (0.0, 0.0)}
+        served.team = lambda time_s: changed(ring_team(ring_mission(), 130.0 + time_s), 1, **rising)
+        expect(label).to_have_text("1 \u00b7 2.5\u00a0m")
+        expect(page.locator(".card[data-vehicle='1']")).to_contain_text("take-off")
         assert served.requests == []
 
 
@@ -384,7 +405,7 @@ def test_labels_of_many_vehicles_do_not_cover_each_other(open_page: OpenPage) ->
 
         def attempt() -> None:
             shown = page.evaluate(SHOWN_LABELS)
-            assert shown["named"] == 32
+            assert shown["named"] == [f"{number}" for number in range(1, 33)], "colours repeat, numbers do not"
             assert 5 in shown["labelled"]
             assert shown["covered"] == []
 
@@ -410,7 +431,7 @@ SHOWN_LABELS = """() => {
     (labelled.includes(other) && overlap(label(symbol), label(other)))));
   const calm = labelled.filter((symbol) => symbol.dataset.trouble !== "alarm");
   return {
-    named: named.length,
+    named: named.map((symbol) => symbol.querySelector(".number").textContent),
     labelled: labelled.map((symbol) => Number(symbol.dataset.vehicle)),
     covered: calm.filter(isCovered).map((symbol) => label(symbol).textContent),
   };
