@@ -150,8 +150,11 @@ def test_one_flight_is_one_plant_whichever_log_it_is_read_from(
     path = tmp_path / "flight.tlog"
     path.write_bytes(bytes(station.log))
     (ground,) = read_vehicle_logs(path)
+    times_s = np.array(station.flown[0].time_s)
+    jump_m = np.outer(times_s >= times_s[-1] - 30.0, (25.0, 0.0, 0.0))
+    (jumped,) = read_vehicle_logs(written(tmp_path / "jumped.mcap", station.flown[0], jump_m=jump_m))
     true = (PLANT.x.a0_per_s2, PLANT.x.a1_per_s, PLANT.y.a0_per_s2, PLANT.y.a1_per_s, PLANT.delay_s)
-    for log in (own, ground):
+    for log in (own, ground, jumped):
         identified = identify([recording_of(log)])
         assert identified.found is not None, identified.reasons
         values = [interval.value for interval in intervals_of(identified.found)]
