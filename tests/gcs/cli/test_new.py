@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import sys
 import time
 import tomllib
@@ -124,20 +125,33 @@ def test_without_a_terminal_every_missing_option_is_named(new: RunHere, tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
+COLOUR = re.compile(r"\x1b\[[\d;]*m")
+ANSWERS = (
+    ("File to write? (my.toml)", ""),
+    ("(stub)", "udp"),
+    ("(px4)", ""),
+    ("LATITUDE,LONGITUDE,ALTITUDE of the ground?", ""),
+    ("--place: LATITUDE,LONGITUDE,ALTITUDE, such as", "47.1,8.2,450"),
+    ("(line)", ""),
+    ("Radius of the ring in m?", "20"),
+    ("(0.05 rad/s on 20 m: 1 m/s, a lap in 126 s)?", "0.1"),
+    ("ring: 0.1 rad/s on 20 m: 2 m/s, a lap in 63 s", ""),
+    ("Where is the target at first: ahead, or X,Y in m", "30,5"),
+)
+"""What `cordon new` asks of real vehicles and prints, and what is answered. A lap takes 2 pi / rate."""
+
+
 def test_ctrl_c_at_a_question_writes_nothing(tmp_path: Path) -> None:
     process, terminal = pty.fork()
     if process == 0:
         os.chdir(tmp_path)
         os.execv(sys.executable, [sys.executable, "-m", "gcs", "new", "--vehicles", "5"])
-    said = b""
-    while b"(my.toml)" not in said:
-        said += os.read(terminal, 4096)
-    os.write(terminal, b"\n")
-    while b"(stub)" not in said:
-        said += os.read(terminal, 4096)
-    os.write(terminal, b"udp\n")
-    while b"(px4)" not in said:
-        said += os.read(terminal, 4096)
+    for question, answer in (*ANSWERS, ("Margin to a fence", None)):
+        said = ""
+        while question not in " ".join(COLOUR.sub("", said).split()):
+            said += os.read(terminal, 4096).decode()
+        if answer is not None:
+            os.write(terminal, f"{answer}\n".encode())
     while psutil.Process(process).status() != psutil.STATUS_SLEEPING:
         time.sleep(
             0.01
