@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,14 +21,18 @@ from gcs.flight.stubs import stub_configs
 from gcs.link.hub import MavsdkHub
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from gcs.preflight import link_facts
 from gcs.preflight.findings import Grade
 from gcs.preflight.link_facts import gather_facts
 from gcs.preflight.preflight import preflight
 from sitl.mavlink.reports import EstimatorNoise
+from sitl.radio import RadioSpec
 from sitl.server.process import StubProcess
 from sitl.server.server import StubConfig
-from tests.support.wire import PATIENCE_S, repeated_now
+from tests.support.mission_text import with_first_vehicles
+from tests.support.wire import LOOPBACK, PATIENCE_S, repeated_now
 from tests.support.wording import facts_missing
+from tests.wire.link.test_radio import BAUD, emulated
 
 pytestmark = [
     pytest.mark.wire,
@@ -67,8 +72,8 @@ def checked(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 
 
 @contextmanager
-def stubs(configs: Sequence[StubConfig]) -> Iterator[None]:
-    process = StubProcess(configs, partial(WallClock, SPEED))
+def stubs(configs: Sequence[StubConfig], speed: float = SPEED) -> Iterator[None]:
+    process = StubProcess(configs, partial(WallClock, speed))
     process.start()
     try:
         yield
@@ -183,6 +188,24 @@ def test_altitudes_of_gps_that_would_invert_layers_are_refused(mission: Callable
             assert facts_missing(found, "vehicles 2 and 3", "3.8 m", "3 m apart", "0.8 m in truth") == []
 
         repeated_now(attempt)
+
+
+def test_a_line_whose_bursts_would_end_offboard_is_refused(
+    mission_file: Callable[..., str], checked: Checked, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link_facts, "LOSSES_S", 10.0)  # of so many losses a quarter of the time is enough
+    path, line = with_first_vehicles(mission_file("case2", ("leader = 2", "leader = 1")), 1), tmp_path / "line"
+    configs = stub_configs(load_mission(path))
+    url = f"udpin://{LOOPBACK}:{configs[0].client_port}"
+    file = Path(path)
+    file.write_text(file.read_text(encoding="utf-8").replace(url, f"serial://{line}:{BAUD}"), encoding="utf-8")
+    spec = RadioSpec(baud=BAUD, latency_ms=100.0, jitter_ms=30.0, loss=0.1, burst=6.0)
+    with stubs(configs, speed=1.0), emulated(spec, f"pty:{line}", url):
+        code, findings = checked(path)
+    assert code == 3
+    (losses,) = [each for each in findings if each["check"] == "losses"]
+    assert (losses["subject"], losses["grade"]) == ("vehicle 1", "refuse")
+    assert facts_missing(losses["why"], "1 s without setpoints it leaves offboard", "COM_OF_LOSS_T") == []
 
 
 def test_vehicles_that_are_silent_misplaced_or_carry_anothers_id(mission: Callable[..., Any], checked: Checked) -> None:
