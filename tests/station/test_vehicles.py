@@ -314,7 +314,7 @@ def test_the_map_shows_what_is_stale_what_is_selected_and_what_a_reload_keeps(op
         rising = {"tactic": "", "mode": "take-off", "position_m": (0.0, 4.0, 2.5), "velocity_m_s": (0.0, 0.0)}
         served.team = lambda time_s: changed(ring_team(ring_mission(), 130.0 + time_s), 1, **rising)
         expect(label).to_have_text("1 \u00b7 2.5\u00a0m")
-        expect(page.locator(".card[data-vehicle='1']")).to_contain_text("take-off")
+        expect(page.locator(".card[data-vehicle='1'] .tactic")).to_have_text("take-off")
         assert served.requests == []
 
 
