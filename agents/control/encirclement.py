@@ -49,6 +49,10 @@ def aim_for_acceleration(motion: Vector, acceleration_m_s2: Pair, disturbance_m_
 
 _APPROACH_GAIN_PER_S = 0.5
 _FREE = 1e20
+_FULL_AFTER_S = 0.5
+"""How long the acceleration takes from zero to its bound at least. The own filter takes what a vehicle's own bound on
+jerk withholds for a disturbance, and its compensation then keeps up a swing about the ring (docs/notes/control.md).
+"""
 _SLACK_WEIGHT = 100.0
 """Exceeding a bound by 1 m or 1 m/s costs as much as a radius error of 10 m."""
 
@@ -117,11 +121,13 @@ class EncirclementPlanner:
         self._reference_gain = _reference_gain(self._settings, self._times_s)
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         # The bounds of a plan, which are set before each.
-        self._pushes, self._limits = np.empty((2, 2)), np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
+        self._pushes = np.empty((self._settings.control_horizon, 2, 2))
+        self._limits = np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
+        moves_s = 1.0 / config.rate_hz + self._settings.prediction_step_s * np.arange(self._settings.control_horizon)
+        self._changes_m_s2: Vector = self._settings.acceleration_max_m_s2 / _FULL_AFTER_S * moves_s
         self._bearings_min, self._bearings_max = self._limits[..., 0]
-        # Of acceleration and speed, each radial and along the ring.
-        accelerations, speeds = np.split(self._pushes, 2, axis=1), np.moveaxis(self._limits[..., 1:], -1, 0)
-        self._symmetric = [(bounds[0], bounds[1]) for bounds in (*accelerations, *speeds)]
+        # Of the speed, radial and along the ring.
+        self._speeds = [(bounds[0], bounds[1]) for bounds in np.moveaxis(self._limits[..., 1:], -1, 0)]
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
@@ -188,16 +194,19 @@ class EncirclementPlanner:
         return reference
 
     def _bounds(self, polar: Polar, neighbours: Neighbours | None) -> Bounds:
-        """Bound the inputs by the acceleration, the states by the speed and the clearance to both neighbours."""
+        """Bound the inputs by acceleration and jerk, the states by the speed and the clearance to both neighbours."""
         acceleration_m_s2, speed_m_s = self._settings.acceleration_max_m_s2, self._settings.speed_max_m_s
         radial_m_s2, along_m_s2 = self._acceleration.tolist()
+        for component, before_m_s2, across_m_s2 in ((0, radial_m_s2, along_m_s2), (1, along_m_s2, radial_m_s2)):
+            most_m_s2 = across_m_s(acceleration_m_s2, across_m_s2)
+            lower, upper = self._pushes[:, 0, component], self._pushes[:, 1, component]
+            np.clip(before_m_s2 - self._changes_m_s2, -most_m_s2, most_m_s2, out=lower)
+            np.clip(before_m_s2 + self._changes_m_s2, -most_m_s2, most_m_s2, out=upper)
         most = (
-            across_m_s(acceleration_m_s2, along_m_s2),
-            across_m_s(acceleration_m_s2, radial_m_s2),
             across_m_s(speed_m_s, polar.radius_m * polar.angular_rate_rad_s),
             across_m_s(speed_m_s, polar.radial_speed_m_s),
         )
-        for (lower, upper), value in zip(self._symmetric, most, strict=True):
+        for (lower, upper), value in zip(self._speeds, most, strict=True):
             lower.fill(-value)
             upper.fill(value)
         if neighbours is None:

@@ -159,14 +159,21 @@ class PaperProblem:
         ring = self.config.encirclement
         most, before = ring.acceleration_max_m_s2, self.previous * [1.0, self.polar.radius_m]
         across = np.sqrt(np.maximum(most**2 - before[::-1] ** 2, 0.0))
-        limit = np.maximum(0.7 * most, across) / np.array([1.0, self.polar.radius_m])
+        limit = np.maximum(0.7 * most, across)
+        # The acceleration needs half a second from 0 to its bound. The first move is a tick after the last one.
+        moves_s = 1.0 / self.config.rate_hz + ring.prediction_step_s * np.arange(ring.control_horizon)
+        bounds = [
+            np.clip((last - 2.0 * most * time_s, last + 2.0 * most * time_s), -furthest, furthest) / size_m
+            for time_s in moves_s
+            for last, furthest, size_m in zip(before, limit, (1.0, self.polar.radius_m), strict=True)
+        ]
         corners = np.eye(2 * ring.control_horizon)
         result = minimize(
             self.cost,
             np.zeros(len(corners)),
             # Differences over any step are exact: the cost is quadratic, the constraints are linear.
             jac=lambda u: np.array([self.cost(u + corner) - self.cost(u - corner) for corner in corners]) / 2.0,
-            bounds=[(-value, value) for value in np.tile(limit, ring.control_horizon)],
+            bounds=bounds,
             constraints={
                 "type": "ineq",
                 "fun": self.slack,
