@@ -92,7 +92,7 @@ class RingFlight:
             place if self._joining.joined else None,
             plan.approach,
             news,
-            task.reference.bearing if self._joining.joined and mixing >= 1.0 else None,
+            task.reference.bearing if self._joining.joined else None,
         )
         if plan.approach is not Approach.ORBIT:
             self._reference.reset()
@@ -144,7 +144,7 @@ class RingFlight:
         way = RingWay(
             orbit,
             radius_m,
-            # Until it flies the ring's setpoints alone it keeps its bearing, as the others expect.
+            # Until it flies the ring's setpoints alone its bearing is the formation's to change.
             movers if mixing >= 1.0 else (self._joining.mover(0.0, polar.radius_m, orbit),),
             self._joining.acceleration,
             rates_rad_s,

@@ -79,7 +79,7 @@ def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, confi
     time_s = record.time_s
     first, after = np.searchsorted(time_s, (begin_s, begin_s + _TOGETHER_S))
     after = min(int(after), time_s.size - 1)
-    engaged = {}
+    engaged, on_ring_ids = {}, []
     for index in np.flatnonzero(motion.member[:, after]):
         at = int(first) + int(np.argmax(motion.member[index, first:]))
         since_s, until = float(time_s[at]) - begin_s, min(at + 1, time_s.size - 1)
@@ -91,9 +91,11 @@ def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, confi
         polar = Polar(float(radii_m[0]), bearing_rad, radial_m_s, rate_rad_s)
         if np.isfinite([polar.radius_m, polar.bearing_rad, polar.radial_speed_m_s]).all():
             engaged[record.vehicles[index].vehicle_id] = polar
+            if first > 0 and motion.member[index, first - 1]:
+                on_ring_ids.append(record.vehicles[index].vehicle_id)
     if not engaged:
         return None
-    predicted_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD)
+    predicted_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, on_ring_ids)
     return round(predicted_s, 6) if np.isfinite(predicted_s) else None
 
 
