@@ -80,7 +80,7 @@ NO_DROPS = Drops()
 
 
 Refusals = Mapping[tuple[str, str], int]
-"""How often something of a sender was refused, by topic and name of the sender, such as `command/anna`, and by why."""
+"""How often something was refused, by its sender, such as `command/anna` or `address 192.0.2.7`, and by why."""
 _KEY_LENGTH = 128
 _SENDERS_MAX = 64
 _OTHERS = "others"
@@ -104,12 +104,16 @@ class DropCounter:
             is_readable = len(key) <= _KEY_LENGTH and key.isprintable()
             self.refuse(f"{topic}/{name}" if is_readable else _OTHERS, reason.value.replace("_", " "))
 
-    def refuse(self, sender: str, why: str) -> None:
-        """Count a refusal for its sender only. Senders beyond a limit are counted together: they choose their names."""
+    def refuse(self, sender: str, why: str) -> tuple[str, int]:
+        """Count a refusal for its sender only; return the name it is counted under, and how many there are.
+
+        Senders beyond a limit are counted together: they choose their names.
+        """
         refusal = sender, why
         if refusal not in self._refusals and len(self._refusals) >= _SENDERS_MAX:
             refusal = _OTHERS, why
         self._refusals[refusal] += 1
+        return refusal[0], self._refusals[refusal]
 
     @property
     def refusals(self) -> Refusals:

@@ -10,6 +10,7 @@ import asyncio
 import socket
 import threading
 from collections import Counter, deque
+from collections.abc import Callable
 from contextlib import suppress
 from ipaddress import ip_network
 from typing import cast
@@ -35,12 +36,15 @@ _HANDSHAKE, _CLIENT_HELLO, _RECORD_HEAD = 22, 1, 5
 class Gate:
     """Accepts connections at an endpoint such as `tls/0.0.0.0:7447`, and passes them to a listener of this computer."""
 
-    def __init__(self, endpoint: str, host_max: int) -> None:
-        """Take the endpoint, and the most connections that a host may have; nothing is opened before `open`."""
+    def __init__(self, endpoint: str, host_max: int, refuse: Callable[[str, str], None]) -> None:
+        """Take the endpoint, and the most connections that a host may have; nothing is opened before `open`.
+
+        `refuse` counts callers beyond a limit, by their host and the limit, on the gate's thread.
+        """
         self._scheme, _, place = endpoint.partition("/")
         host, _, port = place.rpartition(":")
         self._place = host.strip("[]"), int(port)
-        self._host_max = host_max
+        self._host_max, self._refuse = host_max, refuse
         self._inner_port = 0
         self._inner: socket.socket | None = None
         self._own_ports: set[int] = set()
@@ -115,19 +119,21 @@ class Gate:
         self._silent[caller] = caller.host
         if len(self._silent) > SILENT_MAX:
             host, _ = Counter(self._silent.values()).most_common(1)[0]
-            next(each for each, other in self._silent.items() if other == host).refuse()
+            next(each for each, other in self._silent.items() if other == host).refuse("too many silent connections")
 
-    def greeted(self, caller: "_Caller") -> bool:
-        """Take a caller that has begun a handshake; return whether it may go on."""
+    def greeted(self, caller: "_Caller") -> str:
+        """Take a caller that has begun a handshake; return the limit that its host has reached, empty if none."""
         self._silent.pop(caller, None)
         now_s = asyncio.get_running_loop().time()
         failed_s = self._failed_s.get(caller.host, ())
         failed = sum(now_s - each < FAILED_S for each in failed_s)
-        if self._under_way[caller.host] + failed >= FAILED_MAX or self._passed_on[caller.host] >= self._host_max:
-            return False
+        if self._under_way[caller.host] + failed >= FAILED_MAX:
+            return "too many handshakes"
+        if self._passed_on[caller.host] >= self._host_max:
+            return "too many connections"
         self._under_way[caller.host] += 1
         self._passed_on[caller.host] += 1
-        return True
+        return ""
 
     def proved(self, host: str, *, failed: bool) -> None:
         """Take the end of a handshake."""
@@ -139,9 +145,11 @@ class Gate:
             if len(self._failed_s) > HOSTS_MAX:
                 del self._failed_s[next(iter(self._failed_s))]
 
-    def dropped(self, caller: "_Caller") -> None:
-        """Take a caller that is being dropped."""
+    def dropped(self, caller: "_Caller", limit: str) -> None:
+        """Take a caller that is being dropped, and the limit that its host or all have reached, empty if none."""
         self._silent.pop(caller, None)
+        if limit:
+            self._refuse(f"address {caller.host}", limit)
 
     def left(self, caller: "_Caller", *, passed_on: bool) -> None:
         """Forget a caller that has left."""
@@ -226,9 +234,9 @@ class _Caller(_Side):
         self._timer = self._loop.call_later(HELLO_S, self.refuse)
         self.gate.came(self)
 
-    def refuse(self) -> None:
-        """Drop the connection."""
-        self.gate.dropped(self)
+    def refuse(self, limit: str = "") -> None:
+        """Drop the connection, which may be one beyond a limit."""
+        self.gate.dropped(self, limit)
         self.transport.abort()
 
     def data_received(self, data: bytes) -> None:
@@ -247,8 +255,8 @@ class _Caller(_Side):
             self.refuse()
 
     def _greet(self) -> None:
-        if not self.gate.greeted(self):
-            self.refuse()
+        if limit := self.gate.greeted(self):
+            self.refuse(limit)
             return
         assert self._timer is not None
         self._timer.cancel()

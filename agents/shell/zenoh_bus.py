@@ -74,14 +74,14 @@ class ZenohBus:
         self._governed = clock is not None and clock.is_governed
         self.transit = None if clock is None else clock.bus_transit()
         self._now_s = clock.now_s if clock is not None and clock.is_governed else monotonic
+        self._mailbox = Mailbox(stations[0].vehicle_ids, team.members, rate_hz)
         ends = [*(each.listen for each in stations[1:] if each.listen is not None), *connect]
         self._sessions = [
-            ZenohSession(team, station.listen, connect if i else ends, station.security)
+            ZenohSession(team, station.listen, connect if i else ends, station.security, self._mailbox.refuse)
             for i, station in enumerate(stations)
         ]
         self._stations, self._team = stations, team.name
         self._names = {str(each): each for each in team.members}
-        self._mailbox = Mailbox(stations[0].vehicle_ids, team.members, rate_hz)
         self._admission = Admission()
         self._present: set[int] = set()
         self._loop: asyncio.AbstractEventLoop | None = None

@@ -106,8 +106,15 @@ class ZenohSession:
     linked by sockets that no other user reaches. All methods except `publish` block.
     """
 
-    def __init__(self, team: BusTeam, listen: str | None, connect: Sequence[str], security: BusSecurity | None) -> None:
-        """Take the settings; nothing is opened before `open`."""
+    def __init__(
+        self,
+        team: BusTeam,
+        listen: str | None,
+        connect: Sequence[str],
+        security: BusSecurity | None,
+        refuse: Callable[[str, str], None] = lambda _sender, _why: None,
+    ) -> None:
+        """Take the settings; nothing is opened before `open`. `refuse` counts callers that the gate refuses."""
         self._prefix = team.prefix
         self._router = team.router if listen != team.router else None
         if self._router is not None:
@@ -115,7 +122,9 @@ class ZenohSession:
         self._team, self._security = team, security
         self._listen = listen
         self._connect = tuple(connect)
-        self._gate = None if security is None or listen is None else Gate(secured(listen), _host_max(team.members))
+        self._gate: Gate | None = None
+        if security is not None and listen is not None:
+            self._gate = Gate(secured(listen), _host_max(team.members), refuse)
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}

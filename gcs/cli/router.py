@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from cyclopts import Parameter
 
+from agents.drops import DropCounter
 from gcs.cli.options import Changes, KeyName, MissionName, bus_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import ENDING, hold_back
@@ -38,7 +39,8 @@ def router(options: RouterOptions) -> Exit:
     if network.router is None:
         raise InputError(['network.router: the mission has none; next: [network] router = "tcp/ADDRESS:7447"'])
     security = team_keys(mission).identity("router", options.key).security
-    session = ZenohSession(BusTeam(network.team, mission.ids, network.router), network.router, (), security)
+    team, refuse = BusTeam(network.team, mission.ids, network.router), _RefusalPrinter()
+    session = ZenohSession(team, network.router, (), security, refuse)
     try:
         session.open(None, own=False, reports=False)
     except VehicleRefusedError as refusal:
@@ -49,6 +51,21 @@ def router(options: RouterOptions) -> Exit:
     signal.sigwait(ENDING)
     session.close()
     return Exit.HOLDS
+
+
+class _RefusalPrinter:
+    """Prints which callers are refused when they begin, and at each tenfold, on the thread of the gate."""
+
+    def __init__(self) -> None:
+        self._counter = DropCounter()
+
+    def __call__(self, sender: str, why: str) -> None:
+        """Count a caller that was refused."""
+        from gcs.console.terminal import print_line
+
+        sender, count = self._counter.refuse(sender, why)
+        if count == 10 ** (len(f"{count}") - 1):
+            print_line(f"bus: {sender} is refused: {why}; {count} times so far", "yellow")
 
 
 class _PresencePrinter:

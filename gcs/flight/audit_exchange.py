@@ -112,7 +112,7 @@ class AuditExchange:
             self._refusals_noted[sender, why] = count
             self._note("refused", 0, sender, count, why)
             if not noted:
-                line = f"bus: {sender} is refused: {why}; the audit log counts how often"
+                line = f"bus: {sender} is refused: {why}; {count} times so far, the audit log counts on"
                 self._team.view.print_line(line, "warning")
 
     def _note(self, event: Event, vehicle: int, sender: str, number: int, did: str, proof: str = "") -> None:

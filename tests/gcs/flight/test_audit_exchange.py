@@ -95,14 +95,17 @@ async def test_refusals_are_noted_when_they_begin_at_each_tenfold_and_at_the_end
     for count in range(1, 2500):
         flight.refusals = {anna: count}
         flight.exchange.note_refusals()
-    flight.refusals = {anna: 2499, ("head/2", "malformed"): 1}
+    stranger = ("address 192.0.2.7", "too many handshakes")
+    flight.refusals = {anna: 2499, ("head/2", "malformed"): 1, stranger: 345}
     await flight.exchange.end()
     noted = [(each.event, each.operator, each.did, each.command) for each in flight.entries]
     assert noted == [
         *(("refused", *anna, count) for count in (1, 10, 100, 1000, 2499)),
         ("refused", "head/2", "malformed", 1),
+        ("refused", "address 192.0.2.7", "too many handshakes", 345),
     ]
-    assert [line.partition(";")[0] for line in flight.lines] == [
-        "bus: command/anna is refused: not a member",
-        "bus: head/2 is refused: malformed",
+    assert [line.partition(" times")[0] for line in flight.lines] == [
+        "bus: command/anna is refused: not a member; 1",
+        "bus: head/2 is refused: malformed; 1",
+        "bus: address 192.0.2.7 is refused: too many handshakes; 345",
     ]

@@ -231,6 +231,7 @@ async def test_strangers_at_a_port_do_not_keep_a_program_of_the_same_user_out(ke
             await bus.open(lambda *_: None, lambda *_: None, note)
         await until(lambda: linked["here"] == {1, 2})
         assert linked["elsewhere"] == set()
+        assert team.buses[0].refusals["address 127.0.0.1", "too many handshakes"] > 0
         bus.publish("command/hold", encode(OperatorCommand(time.time(), "hold", None, "anna", 2)))
         await until(lambda: all("command/hold/anna" in heard for heard in team.heard))
 

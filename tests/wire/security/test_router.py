@@ -79,8 +79,8 @@ class RoutedTeam:
         """The router's port."""
         return int(self.endpoint.rpartition(":")[2])
 
-    def start_router(self, stack: AsyncExitStack, descriptors: int) -> int:
-        """Run the router in a process of its own, with that many descriptors; return its id."""
+    def start_router(self, stack: AsyncExitStack, descriptors: int) -> "subprocess.Popen[str]":
+        """Run the router in a process of its own, with that many descriptors."""
 
         def limit() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (descriptors, descriptors))
@@ -96,7 +96,7 @@ class RoutedTeam:
         assert process.stderr is not None
         stack.callback(process.stderr.close)
         assert "Ctrl-C" in process.stderr.readline()
-        return process.pid
+        return process
 
     async def router(self, stack: AsyncExitStack) -> None:
         session = ZenohSession(self.team, self.endpoint, (), self.security("router", "hill"))
@@ -264,7 +264,8 @@ async def test_strangers_shut_no_operator_out(tmp_path: Path, subtests: pytest.S
 
     allow_descriptors()  # this process is the strangers' as well
     async with AsyncExitStack() as stack:
-        (inner,) = listening(team.start_router(stack, descriptors=512)) - {team.port}
+        router = team.start_router(stack, descriptors=512)
+        (inner,) = listening(router.pid) - {team.port}
         one = await team.bus(vehicle(1), stack)
         for name, (says, count, host) in ATTACKS.items():
             with subtests.test(name):
@@ -276,6 +277,11 @@ async def test_strangers_shut_no_operator_out(tmp_path: Path, subtests: pytest.S
                 spent_s.append(await joins_within_s("after the attack"))
                 print(f"{name}: {', '.join(f'{each:.2f} s' for each in spent_s)}")
                 assert max(spent_s) < 6.0
+        with subtests.test("who is refused is told, few times"):
+            router.kill()
+            _, told = await asyncio.to_thread(router.communicate)
+            for refused in ("127.0.0.1 is refused: too many silent", "127.0.0.2 is refused: too many handshakes"):
+                assert 2 <= told.count(refused) <= 6, told
 
 
 @asynccontextmanager
