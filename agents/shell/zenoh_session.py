@@ -6,6 +6,7 @@ operator's `cordon/{team}/operator/{name}`.
 """
 
 import json
+import threading
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -40,6 +41,8 @@ _HANDSHAKE_MS: dict[_Mode, int] = {"peer": 2000, "client": 5000, "router": 5000}
 """The longest handshake of a connection, both ways, after which it is attempted again. Closing a session waits for
 those under way: another program may accept a connection at a vehicle's endpoint, and stay silent.
 """
+_GUEST_CLOSES_S = 0.25
+"""How long who listens nowhere waits for its session to close."""
 _MESSAGE_LIMIT_BYTES = 16 * PAYLOAD_LIMIT_BYTES
 """Zenoh drops larger messages before it has reassembled them."""
 _PENDING = 10_000
@@ -241,9 +244,11 @@ class ZenohSession:
         for name in tuple(self._tokens):
             self.disappear(name)
         if session is not None:
-            with suppress(zenoh.ZError):
-                # It waits for running callbacks, which do not wait for anything: no deadlock.
-                session.close()  # type: ignore[no-untyped-call]
+            closing = threading.Thread(target=_close, args=(session,), name="zenoh-close")
+            closing.start()
+            # Who listens leaves a port that is free. The links of a guest have ended; its process ends when the
+            # handshakes under way have, as Zenoh may not be interrupted.
+            closing.join(_GUEST_CLOSES_S if self._listen is None else None)
         self._close_gate()
 
     def _close_gate(self) -> None:
@@ -264,6 +269,12 @@ class ZenohSession:
         return VehicleRefusedError(
             f"peer endpoint {self._listen} cannot be opened: {error}", "check [network] in the mission"
         )
+
+
+def _close(session: zenoh.Session) -> None:
+    with suppress(zenoh.ZError):
+        # It waits for running callbacks, which do not wait for anything: no deadlock.
+        session.close()  # type: ignore[no-untyped-call]
 
 
 def _show(take: Callable[[str, bool], None], sample: zenoh.Sample) -> None:
