@@ -12,6 +12,8 @@ from functools import partial
 from math import inf
 from typing import TypeVar
 
+import pytest
+
 from agents.shell.clock import MissionClock
 from gcs.link.ports import free_ports
 from sitl.autopilot.autopilot import StubAutopilot
@@ -19,7 +21,7 @@ from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
 from sitl.server.server import Stub, StubConfig, serve
-from sitl.server.shared_clock import ClockName, Rank, new_clock
+from sitl.server.shared_clock import ClockName, Rank, Seat, new_clock
 
 ValueT = TypeVar("ValueT")
 LOOPBACK = "127.0.0.1"
@@ -63,6 +65,22 @@ class Served:
     def vehicles(self) -> dict[int, StubAutopilot]:
         """Their autopilots."""
         return {i: stub.autopilot for i, stub in self.stubs.items()}
+
+
+def computers_apart(monkeypatch: pytest.MonkeyPatch, *offsets_s: float) -> None:
+    """Give each flight of this process that joins a governed clock a computer's clock of its own: off by a time."""
+    offset_s = iter(offsets_s)
+
+    class ComputersSeat(Seat):
+        def __init__(self, name: ClockName, rank: Rank) -> None:
+            super().__init__(name, rank)
+            self._ahead_s = next(offset_s) if rank is Rank.AGENTS else 0.0
+
+        @property
+        def epoch_s(self) -> float:
+            return super().epoch_s + self._ahead_s
+
+    monkeypatch.setattr("sitl.server.governed_clock.Seat", ComputersSeat)
 
 
 @asynccontextmanager

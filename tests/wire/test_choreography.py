@@ -18,11 +18,9 @@ from gcs.mission.file import load_mission
 from gcs.preflight.findings import Finding, Grade
 from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.px4 import Px4
-from sitl.server.governed_clock import Alarm, GovernedClock
-from sitl.server.shared_clock import ClockName, Rank
 from tests.support.flights import unseen_view
 from tests.support.mission_text import LOW, with_first_vehicles
-from tests.support.wire import running, served, until
+from tests.support.wire import computers_apart, running, served, until
 from tests.support.wording import facts_missing
 
 pytestmark = pytest.mark.wire
@@ -68,20 +66,7 @@ def compare_clocks_when_all_are_heard(monkeypatch: pytest.MonkeyPatch, vehicles:
 async def test_two_that_are_started_together_and_differ_in_time_do_not_even_arm(
     mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offsets_s = iter((0.0, 0.7))
-
-    class ComputersClock(GovernedClock):
-        def __init__(self, name: ClockName, rank: Rank) -> None:
-            super().__init__(name, rank)
-            self._ahead_s = next(offsets_s)
-
-        def now_s(self) -> float:
-            return super().now_s() + self._ahead_s
-
-        def call_at(self, time_s: float, call: Callable[[], object]) -> Alarm:
-            return super().call_at(time_s - self._ahead_s, call)
-
-    monkeypatch.setattr("gcs.flight.flight.GovernedClock", ComputersClock)
+    computers_apart(monkeypatch, 0.0, 0.7)
     compare_clocks_when_all_are_heard(monkeypatch, 2)
     armings = list[StubAutopilot]()
     monkeypatch.setattr(StubAutopilot, "arm", armings.append)

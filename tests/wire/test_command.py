@@ -7,14 +7,20 @@ import pty
 import re
 import sys
 import termios
-from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from agents.flight_end import FlightEnd
 from agents.shell.outcome import Outcome
+from agents.shell.start_agreement import PeerClocks
+from agents.shell.zenoh_bus import ParticipantBus
+from agents.team.codec import encode
+from agents.team.messages import MissionIdentity, StartProposal
 from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.flight.flight import FlightOutcome
@@ -23,12 +29,15 @@ from gcs.flight.stubs import stub_configs
 from gcs.keys.team_keys import team_keys
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from gcs.station.broadcast import Published
+from gcs.station.live_team import LiveTeam
 from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.modes import NavMode
 from sitl.server.governed_clock import GovernedClock
 from tests.support.flights import flying, in_flight, unseen_view
-from tests.support.mission_text import LOW
-from tests.support.wire import hurried, served, until
+from tests.support.mission_text import LOW, with_first_vehicles
+from tests.support.page.station import asked, commanding, received, station
+from tests.support.wire import computers_apart, hurried, running, served, until
 
 pytestmark = pytest.mark.wire
 
@@ -41,8 +50,9 @@ SLOW = 0.5
 class Team:
     """A mission in flight on stubs of this process: what each vehicle does, and what was said about it."""
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, path: str) -> None:
         self.mission = mission
+        self.path = path
         self.clock: GovernedClock
         self.vehicles: dict[int, StubAutopilot] = {}
         self.tactics: dict[int, str] = {}
@@ -68,8 +78,9 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
 
     @asynccontextmanager
     async def in_formation() -> AsyncIterator[Team]:
-        mission = load_mission(mission_file("case2", LOW, ('name = "case2"', 'name = "commanded"')))
-        team = Team(mission)
+        path = mission_file("case2", LOW, ('name = "case2"', 'name = "commanded"'))
+        mission = load_mission(path)
+        team = Team(mission, path)
         view = unseen_view()
         monkeypatch.setattr(
             view, "update", lambda rows, *_: team.tactics.update({row.vehicle_id: row.tactic for row in rows})
@@ -92,10 +103,51 @@ def fly_team(mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch) 
     return in_formation
 
 
+LIAR, OTHER = 2, MissionIdentity("survey", "0" * 16)
+
+
+@contextmanager
+def lying(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let a vehicle of this process propose starts of another mission 100 times a second, in place of its own."""
+    publish, buses = ParticipantBus.publish, set[ParticipantBus]()
+
+    def published(bus: ParticipantBus, topic: str, payload: bytes) -> None:
+        if bus.vehicle_id == LIAR:
+            buses.add(bus)
+        if bus not in buses or topic != "start":
+            publish(bus, topic, payload)
+
+    async def lie() -> None:
+        while True:
+            for bus in buses:
+                publish(bus, "start", encode(StartProposal(LIAR, time.time(), None, mission=OTHER)))
+            await asyncio.sleep(0.01)
+
+    monkeypatch.setattr(ParticipantBus, "publish", published)
+    lies = asyncio.create_task(lie())
+    try:
+        yield
+    finally:
+        lies.cancel()
+
+
 async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_the_word(
-    fly_team: FlyTeam, subtests: pytest.Subtests, monkeypatch: pytest.MonkeyPatch
+    fly_team: FlyTeam, subtests: pytest.Subtests, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    async with fly_team() as team:
+    """One of the vehicles lies all the time."""
+    async with fly_team() as team, AsyncExitStack() as stack:
+        stack.enter_context(lying(monkeypatch))
+        with subtests.test("the operator is told who lies, by the command and by the page"):
+            ran = await stack.enter_async_context(running("command", "hold", "--mission", team.path))
+            _, told = await ran.communicate()
+            assert ran.returncode == 0, told.decode()
+            assert "vehicle 2 reports 'survey', not 'commanded'; hold was sent" in told.decode()
+            pictures = list[Published]()
+            watching = asyncio.create_task(LiveTeam(team.mission).run(pictures.append))
+            stack.callback(watching.cancel)
+            named = "vehicle 2 reports 'survey', not 'commanded'"
+            await until(lambda: getattr(pictures[-1], "link", "") == named if pictures else False)
+            assert set(await team.command("resume")) == {1, 2, 3}
         with subtests.test("every command is answered by what the vehicle does"):
             changes = dict.fromkeys((1, 2, 3), "takes its place in the shape 'wedge'")
             assert await team.command("formation", shape="wedge") == changes
@@ -110,24 +162,36 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
             assert set(await CommandClient(team.mission, sensor).send_sighting(sighting, 0.0)) == {1, 2, 3}
             await until(lambda: list(team.tactics.values()) == ["encircle"] * 3)
         with subtests.test("a kill cuts the motors, whatever the vehicle does"):
-            await _kill_all(team, monkeypatch)
+            await _kill_all(team, monkeypatch, tmp_path)
     for line in ("vehicle 2: formation by", "vehicle 2: hold by", "vehicle 3: kill by"):
         assert any(line in said for said in team.said), team.said
 
 
-async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...]) -> None:
+async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...], page: Path | None = None) -> None:
     """Kill a vehicle in the air; the others that are armed stay so."""
     killed = team.vehicles[vehicle_id]
     assert killed.armed
     assert not killed.landed, "it has to be in the air, or this shows nothing"
     fell = asyncio.create_task(until(lambda: not killed.armed))
-    assert await team.command("kill", vehicle_id) == {vehicle_id: "motors cut"}
+    if page is None:
+        assert await team.command("kill", vehicle_id) == {vehicle_id: "motors cut"}
+    else:
+        await _kill_by_page(team, vehicle_id, page)
     await fell
     await until(lambda: any(f"vehicle {vehicle_id}: kill by" in line for line in team.said))
     assert all(team.vehicles[i].armed for i in armed), "nobody else was meant"
 
 
-async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
+async def _kill_by_page(team: Team, vehicle_id: int, folder: Path) -> None:
+    async with station(team.mission, folder) as served_page, served_page.connected() as page:
+        await commanding(page)
+        await page.send(asked("k", "kill", [vehicle_id], confirmation="kill"))
+        while not (answer := await received(page, "answer"))["is_final"]:
+            pass
+    assert (answer["vehicle_id"], answer["did"]) == (vehicle_id, "motors cut")
+
+
+async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     """Kill one on its mission, one on its way down, and one that a pilot has and that does not obey at once."""
     disarm, refusals = StubAutopilot.disarm, 2
 
@@ -136,7 +200,7 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
         refusals -= force
         return disarm(autopilot, force=force and refusals < 0)
 
-    await _kill(team, 3, armed=(1, 2))
+    await _kill(team, 3, armed=(1, 2), page=folder)
     team.clock.set_speed(SLOW)
     assert await team.command("land", 2) == {2: "lands"}
     await until(lambda: team.vehicles[2].mode is NavMode.LAND)
@@ -151,6 +215,29 @@ async def _kill_all(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
     outcomes = await team.outcomes()
     assert {outcome.how for outcome in outcomes.values()} == {FlightEnd.KILLED}
     assert all(outcome.flew for outcome in outcomes.values())
+
+
+async def test_a_team_of_two_obeys_within_a_second_though_a_clock_is_a_minute_off(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each hovers: it waits for the other, whose time cannot be right. On the ground they would not have armed."""
+    computers_apart(monkeypatch, 0.0, 60.0)
+    monkeypatch.setattr(PeerClocks, "require_one_time", lambda _clocks: None)
+    mission = load_mission(with_first_vehicles(mission_file("case2", LOW), 2))
+    async with served(stub_configs(mission), SPEED) as stubs, AsyncExitStack() as stack:
+        for each in mission.vehicles:
+            plan = FlightPlan(mission, 300.0, (each,), speed=None, clock=stubs.clock.name)
+            await stack.enter_async_context(flying(plan))
+        vehicles = stubs.vehicles.values()
+        with hurried(stubs.clock):
+            await until(lambda: all(each.mode is NavMode.OFFBOARD and not each.landed for each in vehicles))
+            await stubs.clock.sleep(2.0)  # until their links report it
+        stubs.clock.set_speed(1.0)
+        for verb, did in (("hold", "holds"), ("kill", "motors cut")):
+            answers = await CommandClient(mission).command(verb, mission.ids, None)  # type: ignore[arg-type]
+            assert {i: answer and answer.did for i, answer in answers.items()} == dict.fromkeys((1, 2), did)
+            assert all(answer and answer.after_s < 1.0 for answer in answers.values()), answers
+        assert not any(each.armed for each in vehicles)
 
 
 async def test_keys_command_the_vehicles_of_their_own_process_and_of_the_others(
