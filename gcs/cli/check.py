@@ -42,14 +42,15 @@ def check(options: CheckOptions) -> Exit:
     from agents.shell.computer import computer_clock
     from gcs.cli.output import print_result
     from gcs.console.terminal import STDERR
-    from gcs.keys.team_keys import leaves_this_computer, team_keys
+    from gcs.keys.team_keys import leaves_this_computer, read_only_folders, team_keys
     from gcs.preflight.keys import KeyFacts
     from gcs.preflight.preflight import exit_code, findings_json, findings_view, preflight
 
     mission = bus_mission(options.mission, options.changes)
     clock = computer_clock() if leaves_this_computer(mission) else None
     holders = team_keys(mission).holders()
-    key_facts = None if holders is None else KeyFacts(holders, time() + mission.mission.duration_s)
+    ends_s = time() + mission.mission.duration_s
+    key_facts = None if holders is None else KeyFacts(holders, ends_s, read_only_folders(mission))
     facts, computer = asyncio.run(_facts(mission))
     findings = preflight(
         mission, facts, date.today(), bench=options.bench, clock=clock, computer=computer, key_facts=key_facts

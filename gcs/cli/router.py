@@ -32,12 +32,15 @@ def router(options: RouterOptions) -> Exit:
     from agents.ports import VehicleRefusedError
     from agents.shell.zenoh_session import BusTeam, ZenohSession
     from gcs.console.terminal import print_line, print_problem
-    from gcs.keys.team_keys import team_keys
+    from gcs.keys.team_keys import read_only_folders, team_keys
+    from gcs.preflight.keys import MAKE_WRITABLE, NOT_KEPT
 
     mission = bus_mission(options.mission, options.changes)
     network = mission.network
     if network.router is None:
         raise InputError(['network.router: the mission has none; next: [network] router = "tcp/ADDRESS:7447"'])
+    for folder in read_only_folders(mission):
+        print_problem(f"{folder} cannot be written to: {NOT_KEPT}", MAKE_WRITABLE)
     security = team_keys(mission).identity("router", options.key).security
     team, refuse = BusTeam(network.team, mission.ids, network.router), _RefusalPrinter()
     session = ZenohSession(team, network.router, (), security, refuse)

@@ -13,7 +13,7 @@ from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.keys.identity import user_name
 from gcs.keys.roster import Holder
-from gcs.keys.team_keys import leaves_this_computer
+from gcs.keys.team_keys import leaves_this_computer, read_only_folders
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer import ComputerFacts
 from gcs.preflight.findings import Finding, VehicleFacts
@@ -75,6 +75,9 @@ class FlightPlan:
         """Return the preflight findings about the mission, its vehicles, its keys and this computer, as measured."""
         alone = len(self.vehicles) < len(self.mission.vehicles) and leaves_this_computer(self.mission)
         clock = computer_clock() if alone else None
+        key_facts = None
+        if self.holders is not None:
+            key_facts = KeyFacts(self.holders, time() + self.duration_s, read_only_folders(self.mission))
         return preflight(
             self.mission,
             facts,
@@ -83,7 +86,7 @@ class FlightPlan:
             bench=self.bench,
             clock=clock,
             computer=computer,
-            key_facts=None if self.holders is None else KeyFacts(self.holders, time() + self.duration_s),
+            key_facts=key_facts,
         )
 
     def run(self, speed: float) -> Run:

@@ -1,5 +1,6 @@
 """A folder of keys on a computer of the team: one folder for each holder that uses this computer."""
 
+import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -73,6 +74,12 @@ class KeyFolder:
             if faults
             else InputError([f"{self.path}: no keys here; next: {self._next_step('vehicle', None)}"])
         )
+
+    @property
+    def read_only(self) -> Sequence[Path]:
+        """The folders here in which neither a newer roster nor its serial can be kept."""
+        folders = (file.parent for file in sorted(self.path.glob(f"*/{ROSTER_FILE}")))
+        return tuple(folder for folder in folders if not os.access(folder, os.W_OK))
 
     @property
     def authority_pem(self) -> bytes:

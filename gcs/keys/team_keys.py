@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from ipaddress import ip_address
+from pathlib import Path
 from typing import Protocol
 
 from agents.team.participant import Participant, Role
@@ -38,6 +39,12 @@ class TeamKeys(Protocol):
     def holders(self) -> Sequence[Holder] | None:
         """Return who is admitted to the bus, None before keys are made; raises InputError if keys are missing."""
         ...
+
+
+def read_only_folders(mission: Mission) -> Sequence[Path]:
+    """Return the folders of the mission's keys here in which no newer roster can be kept."""
+    keys = team_keys(mission)
+    return keys.read_only if isinstance(keys, KeyFolder) else ()
 
 
 class NoKeys:

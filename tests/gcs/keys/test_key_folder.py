@@ -1,12 +1,14 @@
 """Keys on disk: issued, copied to another computer, revoked; who may send what; and what is refused."""
 
+import json
 import os
 import re
 import shutil
 import stat
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from time import time
@@ -322,6 +324,45 @@ def test_an_older_roster_is_refused_where_a_newer_one_was_used(keys: AuthorityFo
     newest.write_bytes(older)
     with pytest.raises(InputError, match="older roster"):
         keys.issue("observer", "new", 1.0)
+
+
+@contextmanager
+def read_only(folder: Path) -> Iterator[None]:
+    """Let nobody write to a folder, as a container's mount does; to the superuser only a mount does that."""
+    if os.geteuid():
+        folder.chmod(0o500)
+        yield
+        folder.chmod(0o700)
+        return
+    try:
+        subprocess.run(["mount", "--bind", folder, folder], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("mounts are not permitted here")
+    try:
+        subprocess.run(["mount", "-o", "remount,bind,ro", folder], check=True)
+        yield
+    finally:
+        subprocess.run(["umount", folder], check=True)
+
+
+def test_a_check_finds_keys_that_expire_within_the_mission_and_a_folder_that_keeps_no_newer_roster(
+    keys: AuthorityFolder, mission_file: Callable[..., str], run_here: RunHere
+) -> None:
+    mission = mission_file("case2", (FIRST, f'[network]\nsecurity = {{ keys = "keys" }}\n\n{FIRST}'))
+    keys.issue("vehicle", "1", 1.0)
+    keys.issue("vehicle", "2", 0.5 / 24.0)
+    folder = keys.path / "vehicle-1"
+    with read_only(folder):
+        assert KeyFolder(keys.path).identity("vehicle", "1").security is not None, "it can be used"
+        code, out, _ = run_here("check", mission, "--json")
+    assert code == Exit.REFUSED
+    found = {
+        (each["grade"], each["subject"], each["found"])
+        for each in json.loads(out)["findings"]
+        if each["check"] == "keys"
+    }
+    assert ("warning", "mission", f"{folder} cannot be written to") in found
+    assert {about for grade, about, _ in found if grade == "refuse"} == {"vehicle 2"}
 
 
 def test_a_roster_of_the_version_before_is_signed_by_who_has_the_authority(

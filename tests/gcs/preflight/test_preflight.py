@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from io import StringIO
 from math import hypot, pi, sin
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -817,3 +818,11 @@ def test_keys_have_to_outlast_the_mission(subtests: pytest.Subtests) -> None:
             found = preflight(mission, (well(1), well(2), well(3)), key_facts=KeyFacts(holders, ends_s))
             assert grave(tuple(each for each in found if each.check == "keys")) == expected
             assert {each.check for each in found} >= {"keys"}
+    with subtests.test("no newer roster can be kept"):
+        facts = KeyFacts(vehicles, ends_s, (Path("keys/vehicle-2"),))
+        (found_here,) = [
+            each
+            for each in preflight(CASE2, (well(1), well(2), well(3)), key_facts=facts)
+            if each.check == "keys" and each.grade is Grade.WARNING
+        ]
+        assert "keys/vehicle-2" in found_here.found
