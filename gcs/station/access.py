@@ -148,9 +148,12 @@ def checked_access(address: Address, token: str | None, tls: tuple[Path, Path] |
         faults.append(f"--token-file: other computers can reach {address.host}: it needs a token")
     if tls is not None:
         try:
+            private_files.read_private(tls[1])
             ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*tls, password=lambda: "")
         except OSError as error:  # an ssl.SSLError is one
             faults.append(f"--tls: {tls[0]}, {tls[1]}: {error.strerror or error}")
+        except InputError as error:
+            faults += [f"--tls: {fault}" for fault in error.faults]
     if faults:
         raise InputError(faults)
     name = f"{secrets.token_hex(8)}{_OWN_NAMES}" if tls is None and address.host in _LOOPBACK else ""

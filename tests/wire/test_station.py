@@ -18,8 +18,11 @@ import msgspec
 import psutil
 import pytest
 
+from agents.ports import VehicleRefusedError
 from gcs.metrics.ending import UNACCOUNTED
+from gcs.station import station_process
 from gcs.station.picture import FlightPicture
+from gcs.station.station_process import run_station
 from tests.support.mission_text import LOW
 from tests.support.page.map_tiles import png, tile_folder
 from tests.support.page.station import entered, received, requested, stream, tickets
@@ -105,22 +108,40 @@ async def test_a_simulation_is_shown_from_its_log_until_ctrl_c(
             assert "Traceback" not in err
 
 
-def test_a_signal_ends_a_flight_whose_page_does_not_start(mission_file: Callable[..., str], tmp_path: Path) -> None:
-    """The page's process hangs: it is told to, by a module that Python imports at its start."""
-    module = tmp_path / "sitecustomize.py"
-    module.write_text(
+@pytest.fixture
+def hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Let every page's process hang, by a module that Python imports at its start; return the file that it makes."""
+    file = tmp_path / "hangs"
+    (tmp_path / "sitecustomize.py").write_text(
         "import os, pathlib, signal, sys\n"
         "if os.environ.get('CORDON_STATION_PIPE'):\n"
-        f"    pathlib.Path({str(tmp_path / 'hangs')!r}).touch()\n"
+        f"    pathlib.Path({str(file)!r}).touch()\n"
         "    signal.pause()\n"
     )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    return file
+
+
+def test_a_page_that_does_not_start_is_given_up(hangs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(station_process, "START_TIMEOUT_S", 0.5)
+    with (
+        pytest.raises(VehicleRefusedError, match=r"page did not start within 0\.5 s"),
+        run_station(["--mission", "case2"]),
+    ):
+        pytest.fail("it has started")
+    assert not [each for each in psutil.Process().children() if "station" in each.cmdline()], hangs
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_flight_whose_page_does_not_start(
+    mission_file: Callable[..., str], hangs: Path, sent: signal.Signals
+) -> None:
     command = [sys.executable, "-m", "gcs", "fly", mission_file("case2"), "--sitl", "--station", "--no-log"]
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT) as flight:
-        until_now((tmp_path / "hangs").exists, "the start of the page's process")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=ROOT) as flight:
+        until_now(hangs.exists, "the start of the page's process")
         (page,) = psutil.Process(flight.pid).children()
         try:
-            flight.send_signal(signal.SIGTERM)
+            flight.send_signal(sent)
             flight.communicate(timeout=PATIENCE_S)
             assert flight.returncode == 3
             assert not page.is_running()

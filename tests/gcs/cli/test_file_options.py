@@ -6,6 +6,7 @@ import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,6 +14,8 @@ import pytest
 from cyclopts import App
 
 from gcs.cli import VERBS, app, main
+from gcs.flight.recording import default_path
+from gcs.keys.private_files import create
 from tests.support.flight_logs import engaging, record_simulation
 from tests.support.verb_runs import VerbRun
 from tests.wire.test_verbs import ALL
@@ -145,9 +148,11 @@ def test_what_is_written_is_the_user_s_own(
             with pytest.raises(SystemExit) as ended:
                 main()
             assert ended.value.code in (0, 1), capsys.readouterr().err
+        create(default_path("case2", None, datetime.now())).close()  # the log of a flight without --log
     finally:
         os.umask(before)
-    written = [path for path in tmp_path.rglob("*") if path != tmp_path / "logs"]
+    written = [*tmp_path.rglob("*")]
+    assert tmp_path / "logs" in written
     made = {path.suffix for path in written}
     assert made >= {".mcap", ".png", ".webp", ".html", ".toml", ".jsonl", ".parquet"}
     open_to_others = [str(path) for path in written if stat.S_IMODE(path.stat().st_mode) & 0o077]

@@ -20,6 +20,7 @@ def tls(tmp_path: Path) -> tuple[Path, Path]:
     certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
     certificate.write_bytes(keys.certificate_pem)
     key.write_bytes(keys.private_key_pem)
+    key.chmod(0o600)
     return certificate, key
 
 
@@ -54,6 +55,9 @@ def test_a_certificate_that_cannot_be_used_is_bad_input(tls: tuple[Path, Path], 
     for pair in ((tls[0], tls[0]), (tls[1], tls[0]), (tmp_path / "none", tls[1])):
         with pytest.raises(InputError, match="--tls"):
             checked_access(HERE, TOKEN, pair)
+    tls[1].chmod(0o640)
+    with pytest.raises(InputError, match=r"--tls: .*chmod 600"):
+        checked_access(HERE, TOKEN, tls)
 
 
 def test_a_token_is_long_and_closed_to_others(tmp_path: Path) -> None:

@@ -151,6 +151,7 @@ async def test_connections_that_do_not_enter_end_by_themselves(
         tls = (tmp_path / "certificate.pem", tmp_path / "key.pem")
         tls[0].write_bytes(keys.certificate_pem)
         tls[1].write_bytes(keys.private_key_pem)
+        tls[1].chmod(0o600)
     monkeypatch.setattr(connections, "SILENT_MAX_S", 0.5)
     monkeypatch.setattr(connections, "ASKED_MAX_S", 0.5)
     access = checked_access(Address(LOOPBACK, free_port()), None, tls)
