@@ -4,11 +4,14 @@ The drill: `tests/wire/security/test_hostile_folder.py`; the flight for identifi
 """
 
 import json
+import os
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from tests.support.hostile_modules import imported, write_modules
 from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.verb_runs import (
     AFTER,
@@ -26,7 +29,7 @@ from tests.support.verb_runs import (
     commands,
     fault,
     finished,
-    finished_here,
+    finished_in_turn,
     write_missions,
 )
 
@@ -48,34 +51,38 @@ def test_other_codes_keys_and_tracebacks_are_faults() -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of missions from elsewhere, whose modules no process may import."""
     made = tmp_path_factory.mktemp("verbs")
     write_missions(made)
+    write_modules(made)
     return made
 
 
-def judge(ran: Sequence[Ran], subtests: pytest.Subtests) -> None:
+def judge(ran: Sequence[Ran], folder: Path, subtests: pytest.Subtests) -> None:
     for each in ran:
         with subtests.test(command=each.run.command):
             assert each.fault == "", each.err
+    assert imported(folder) == ""
 
 
 @pytest.mark.wire
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens")
-def test_commands_that_run_alone(
-    folder: Path, subtests: pytest.Subtests, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    judge(
-        [finished(run, folder) if run.lasts else finished_here(run, folder, monkeypatch, capsys)[0] for run in ALONE],
-        subtests,
-    )
+def test_commands_that_run_alone(folder: Path, subtests: pytest.Subtests) -> None:
+    ran = finished_in_turn([run for run in ALONE if not run.lasts], folder)
+    judge([*ran, *(finished(run, folder) for run in ALONE if run.lasts)], folder, subtests)
 
 
 @pytest.mark.wire
 def test_commands_beside_stubs(folder: Path, subtests: pytest.Subtests) -> None:
-    judge(list(beside(STUBS, BESIDE_STUBS, folder)), subtests)
+    judge(list(beside(STUBS, BESIDE_STUBS, folder)), folder, subtests)
 
 
 @pytest.mark.wire
 def test_commands_beside_a_flight_and_on_its_log(folder: Path, subtests: pytest.Subtests) -> None:
-    judge([*beside(FLIGHT, BESIDE, folder), finished(AFTER, folder)], subtests)
+    before = os.umask(0o022)
+    try:
+        ran = [*beside(FLIGHT, BESIDE, folder), finished(AFTER, folder)]
+    finally:
+        os.umask(before)
+    judge(ran, folder, subtests)
+    assert stat.S_IMODE((folder / "fly.mcap").stat().st_mode) == 0o600

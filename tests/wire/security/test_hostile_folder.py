@@ -1,4 +1,7 @@
-"""Commands started in a folder from elsewhere, which holds modules with the names of cordon's and of Python's."""
+"""Commands started in a folder from elsewhere, which holds modules with the names of cordon's and of Python's.
+
+The runs of every command are in such a folder as well (`tests/wire/test_verbs.py`).
+"""
 
 import json
 import os
@@ -9,21 +12,12 @@ from pathlib import Path
 import pytest
 
 from gcs.link.ports import free_ports
+from tests.support.hostile_modules import PACKAGES, imported, write_modules
 from tests.support.paths import ROOT
-from tests.support.verb_runs import DRILL, fault, words, write_missions
+from tests.support.verb_runs import DRILL, SCRIPT, fault, words, write_missions
 from tests.support.wire import PATIENCE_S
 
 pytestmark = pytest.mark.wire
-
-MODULES = ("json", "multiprocessing", "numpy", "sitecustomize", "socket", "zenoh")
-PACKAGES = ("agents", "gcs")
-MARKS = "import os, pathlib\npathlib.Path(os.environ['MARKER']).open('a').write(f'{__name__} in {os.getpid()}\\n')\n"
-SCRIPT = """
-import sys
-from cordon.__main__ import main
-if __name__ == "__main__":
-    sys.exit(main())
-"""
 
 
 @pytest.fixture
@@ -32,12 +26,7 @@ def hostile(tmp_path: Path) -> Path:
     folder = tmp_path / "missions"
     folder.mkdir()
     write_missions(folder)
-    for name in MODULES:
-        (folder / f"{name}.py").write_text(MARKS, encoding="utf-8")
-    for name in PACKAGES:
-        (folder / name).mkdir()
-        for file in ("__init__.py", "__main__.py"):
-            (folder / name / file).write_text(MARKS, encoding="utf-8")
+    write_modules(folder)
     return folder
 
 
@@ -51,24 +40,23 @@ def script(hostile: Path) -> str:
 
 def run(folder: Path, *command: str) -> tuple[subprocess.CompletedProcess[str], str]:
     """Run a program there as a user does; return how it ended, and which of the folder's modules were imported."""
-    marker = folder.parent / "marker"
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
     ended = subprocess.run(
         [sys.executable, *command],
         cwd=folder,
-        env={**environment, "MARKER": str(marker)},
+        env=environment,
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=10 * PATIENCE_S,
         check=False,
     )
-    return ended, marker.read_text(encoding="utf-8") if marker.exists() else ""
+    return ended, imported(folder)
 
 
 def test_the_modules_leave_marks(hostile: Path) -> None:
-    _, imported = run(hostile, "-c", "import json, gcs")
-    assert imported.split()[::3] == ["json", "gcs"]
+    _, marks = run(hostile, "-c", "import json, gcs")
+    assert marks.split()[::3] == ["json", "gcs"]
 
 
 @pytest.mark.parametrize(
@@ -80,14 +68,14 @@ def test_the_modules_leave_marks(hostile: Path) -> None:
     ids=lambda arguments: arguments.partition(" ")[0],
 )
 def test_no_process_of_a_command_imports_them(hostile: Path, script: str, arguments: str) -> None:
-    ended, imported = run(hostile, script, *arguments.format(page=free_ports(1)[0]).split())
-    assert imported == "", ended.stderr
+    ended, marks = run(hostile, script, *arguments.format(page=free_ports(1)[0]).split())
+    assert marks == "", ended.stderr
     assert ended.returncode in (0, 1), ended.stderr
 
 
 def test_a_drill_imports_none_either_and_tells_its_progress_and_its_table(hostile: Path, script: str) -> None:
-    ended, imported = run(hostile, script, *words(DRILL))
-    assert imported == "", ended.stderr
+    ended, marks = run(hostile, script, *words(DRILL))
+    assert marks == "", ended.stderr
     assert fault(DRILL, ended.returncode, ended.stdout, ended.stderr) == "", ended.stderr
     result = json.loads(ended.stdout)
     assert (result["mission"], result["holds"]) == ("case2", True)
@@ -103,8 +91,8 @@ def test_a_drill_imports_none_either_and_tells_its_progress_and_its_table(hostil
 def test_python_m_imports_none_but_what_it_is_told_to(hostile: Path, module: str) -> None:
     for name in PACKAGES:
         (hostile / name).rename(hostile / f"no-{name}")
-    ended, imported = run(hostile, "-m", module, "sim", "ring.toml", "--duration", "2")
-    assert (ended.returncode in (0, 1), imported) == (True, ""), ended.stderr
+    ended, marks = run(hostile, "-m", module, "sim", "ring.toml", "--duration", "2")
+    assert (ended.returncode in (0, 1), marks) == (True, ""), ended.stderr
 
 
 def test_figures_do_not_follow_its_settings(hostile: Path, tmp_path: Path) -> None:
@@ -113,8 +101,8 @@ def test_figures_do_not_follow_its_settings(hostile: Path, tmp_path: Path) -> No
     for folder in (tmp_path, hostile):
         path = tmp_path / f"{len(drawn)}.svg"
         arguments = ("sim", str(hostile / "ring.toml"), "--duration", "2", "--plot", str(path))
-        ended, imported = run(folder, "-P", "-m", "cordon", *arguments)
-        assert imported == ""
+        ended, marks = run(folder, "-P", "-m", "cordon", *arguments)
+        assert marks == ""
         assert "matplotlibrc" not in ended.stderr
         assert "\x1b" not in ended.stderr
         drawn.append(path.read_bytes())
