@@ -5,7 +5,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
@@ -125,6 +125,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     others = [item for item in items if item.get_closest_marker("long") is None]
     first, last = others[: -len(long) or None], others[::-1][: len(long)]
     items[:] = [item for pair in zip_longest(long, last) for item in pair if item is not None] + first
+
+
+REQUIRED = "CORDON_REQUIRE_ALL"
+FIRMWARE = {"px4", "ardupilot"}
+"""Marks of tests that need a simulator of an autopilot, which no package index has."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Where CORDON_REQUIRE_ALL is set, as in CI, fail tests that are skipped for a missing right or tool."""
+    report = yield
+    if report.skipped and os.environ.get(REQUIRED) and not FIRMWARE & {mark.name for mark in item.iter_markers()}:
+        assert isinstance(report.longrepr, tuple)
+        report.outcome, report.longrepr = "failed", f"{report.longrepr[2]} ({REQUIRED} is set)"
+    return report
 
 
 @pytest.fixture(autouse=True, scope="session")

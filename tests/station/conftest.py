@@ -64,7 +64,7 @@ OpenPage = Callable[..., Page]
 
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """Return a browser; without one the test is skipped, and fails where CORDON_REQUIRE_BROWSER is set."""
+    """Return a browser; without one the test is skipped."""
     with launched() as browser:
         yield browser
 
