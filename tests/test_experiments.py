@@ -103,13 +103,17 @@ def test_a_vehicle_is_first_even_when_it_stays_between_its_neighbours() -> None:
 
 
 def test_the_judge_of_the_adversaries_sees_commands_that_were_forged() -> None:
-    """Vehicle 2 is killed in the commander's name before the hold: by a number of its own, and by that of the hold."""
+    """Vehicle 2 is killed in the commander's name before the hold: by a number of its own, and by that of the hold.
+
+    Vehicle 1 refuses the hold for its date and carries it out as it is repeated.
+    """
 
     def answer(vehicle: int, time_s: float, name: str, verb: str, number: int, did: str) -> AuditEntry:
         return AuditEntry(time_s, "answered", vehicle, "bus", name, f"command/{verb}/{name}", number, did, "", "")
 
     one = adversaries.Round(["operator"], "hold", (1, 2), 7, 10.0)
-    own = [answer(1, 10.2, "anna", "hold", 7, "holds"), answer(1, 11.0, "eve", "hold", 8, "holds")]
+    misdated = answer(1, 10.1, "anna", "hold", 7, "refused: it is dated 256 s ahead of this vehicle's clock")
+    own = [misdated, answer(1, 10.2, "anna", "hold", 7, "holds"), answer(1, 11.0, "eve", "hold", 8, "holds")]
     forged = [answer(2, 9.0, "anna", "kill", 9, "motors cut"), answer(2, 9.5, "anna", "kill", 7, "motors cut")]
     refused = [answer(2, 9.6, "eve", "kill", 3, "refused: may not kill")]
     flown = adversaries.Flown([one], {7: "hold"}, [*own, *forged, *refused])

@@ -40,6 +40,7 @@ from gcs.errors import InputError
 from gcs.flight.stubs import url_ports
 from gcs.flightlog.audit import AuditEntry
 from gcs.flightlog.reader import read_log
+from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.key_folder import KeyFolder
 from gcs.link.ports import free_ports
 from gcs.mission.file import load_mission
@@ -338,15 +339,13 @@ def write_mission(site: Site, vehicles: int) -> Path:
     if site.vehicles is not None:
         text = text.replace("tcp/127.0.0.1", f"tcp/{site.vehicles.address}")
     path.write_text(f'{text}\n[network.security]\nkeys = "keys"\n', encoding="utf-8")
-    for line in (
-        "init",
-        *(f"issue vehicle {i + 1}" for i in range(vehicles)),
-        f"issue operator {COMMANDER} --may hold,resume,kill",
-        f"issue operator {HOLDER} --may hold",
-        f"issue sensor {SENSOR}",
-    ):
-        command = [sys.executable, "-m", "gcs", "keys", *line.split(), "--keys", str(folder / "keys")]
-        subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    keys = AuthorityFolder(folder / "keys")
+    keys.init(10.0)
+    for number in range(vehicles):
+        keys.issue("vehicle", str(number + 1), 1.0)
+    keys.issue("operator", COMMANDER, 1.0, ("hold", "resume", "kill"))
+    keys.issue("operator", HOLDER, 1.0, ("hold",))
+    keys.issue("sensor", SENSOR, 1.0)
     return path
 
 
@@ -440,7 +439,9 @@ def judged(flown: Flown) -> Iterator[tuple[Round, float, str]]:
     own = [each for each in _answers(flown) if _is_own(each, flown)]
     ended_s = {each.vehicle: each.time_s for each in own if each.did == "motors cut"}
     for each in own:
-        answered[each.command].setdefault(each.vehicle, each)
+        before = answered[each.command].setdefault(each.vehicle, each)
+        if before.did.startswith("refused"):  # for its date, and carried out as it is repeated
+            answered[each.command][each.vehicle] = each
     for one in flown.rounds:
         answers, slowest_s, faults = answered[one.number], 0.0, list[str]()
         for vehicle in one.vehicles:
