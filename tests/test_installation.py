@@ -2,9 +2,11 @@
 
 import inspect
 import pydoc
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,9 @@ from native_build import compiled_files, no_compiler
 from tests.structure import PACKAGES
 from tests.support.installation import compiled, fault, place
 from tests.support.paths import ROOT
+
+PINNED = re.compile(r"^([\w.-]+)==([^\s;]+)(.*\\\n(?: {4}--hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)?", re.MULTILINE)
+"""A line of constraints.txt, or an entry of requirements.txt with its hashes."""
 
 HELP = """
 import sys, pydoc, cordon
@@ -34,6 +39,31 @@ def test_processes_have_the_same_packages_wherever_they_start() -> None:
         program = "import agents.core; print(agents.core.__file__)"
         done = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == agents.core.__file__
+
+
+def test_the_requirements_with_hashes_have_the_versions_of_the_constraints() -> None:
+    """CONTRIBUTING.md has the command that writes them. What only builds is not in the constraints."""
+    constraints, requirements = (
+        {_normal(name): (version, hashes) for name, version, hashes in PINNED.findall((ROOT / file).read_text())}
+        for file in ("constraints.txt", "requirements.txt")
+    )
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    needed = [*project["project"]["dependencies"], *project["build-system"]["requires"], "mypy", "setuptools"]
+    assert {_normal(re.split("[<>=]", each)[0]) for each in needed} <= set(requirements)
+    assert [name for name, (_, hashes) in requirements.items() if not hashes] == []
+    both = constraints.keys() & requirements.keys()
+    assert {name: requirements[name][0] for name in both} == {name: constraints[name][0] for name in both}
+    assert set(requirements) - both == {
+        "hatch-fancy-pypi-readme",
+        "hatchling",
+        "setuptools",
+        "tomlkit",
+        "trove-classifiers",
+    }
+
+
+def _normal(name: str) -> str:
+    return re.sub("[-_.]+", "-", name).lower()
 
 
 @pytest.fixture
