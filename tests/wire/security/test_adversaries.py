@@ -17,8 +17,8 @@ ROUNDS, SEED = 6, 300
 def test_an_authorised_hold_or_kill_arrives_within_a_second_and_no_other_acts() -> None:
     with sites(apart=False) as site:
         flown = fly(site, 3, SEED, ROUNDS, KINDS)
+    assert [(one.kinds, fault) for one, _, fault in judged(flown) if fault] == []
+    assert usurped(flown) == []
     assert {(one.verb, kind) for one in flown.rounds for kind in one.kinds} == {
         (verb, kind) for verb in ("hold", "kill") for kind in get_args(Kind)
     }
-    assert [(one.kinds, fault) for one, _, fault in judged(flown) if fault] == []
-    assert usurped(flown) == []
