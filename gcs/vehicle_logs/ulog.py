@@ -397,5 +397,7 @@ def _system_id(topics: dict[str, Columns], raw: RawLog) -> int:
 
 
 def _firmware(ulog: Any) -> str:
-    release, commit = ulog.get_version_info_str(), str(ulog.msg_info_dict.get("ver_sw", ""))[:8]
+    is_number = isinstance(ulog.msg_info_dict.get("ver_sw_release"), int)
+    release = ulog.get_version_info_str() if is_number else ""
+    commit = str(ulog.msg_info_dict.get("ver_sw", ""))[:8]
     return " ".join(part for part in (release, commit) if part)
