@@ -9,8 +9,8 @@ from tests.experiments.adversaries import KINDS, Kind, fly, judged, sites, usurp
 
 pytestmark = [pytest.mark.wire, pytest.mark.long]
 
-ROUNDS, SEED = 6, 300
-"""With this seed each kind of adversary acts during a hold and during a kill."""
+ROUNDS, SEED = 6, 30006
+"""With this seed each kind acts during a hold and a kill, an operator floods, and a vehicle names another mission."""
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may become another user")
