@@ -10,6 +10,8 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PT
 def main() -> None:
     """Run the command line; neither it nor its processes import modules of the current folder."""
     leave_current_folder()
+    # OpenBLAS, as numpy is imported, would start threads that do not block Ctrl-C, which then interrupts the main one.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from gcs.cli import main as run  # noqa: PLC0415 - not before the current folder is left
 
     run()

@@ -238,7 +238,8 @@ def finished_in_turn(runs: Sequence[VerbRun], folder: Path) -> list[Ran]:
 
 def _environment() -> dict[str, str]:
     environment = {**os.environ, "TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "200"}
-    environment.pop("PYTHONSAFEPATH", None)  # of commands that ran in this process
+    for name in ("PYTHONSAFEPATH", "OPENBLAS_NUM_THREADS"):  # the tests set them, users do not
+        environment.pop(name, None)
     return environment
 
 
