@@ -124,7 +124,8 @@ class EncirclementPlanner:
         self._pushes = np.empty((self._settings.control_horizon, 2, 2))
         self._limits = np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
         moves_s = 1.0 / config.rate_hz + self._settings.prediction_step_s * np.arange(self._settings.control_horizon)
-        self._changes_m_s2: Vector = self._settings.acceleration_max_m_s2 / _FULL_AFTER_S * moves_s
+        jerk_m_s3 = self._settings.acceleration_max_m_s2 / _FULL_AFTER_S
+        self._changes_m_s2: Vector = np.asarray(jerk_m_s3 * moves_s, dtype=np.float64)
         self._bearings_min, self._bearings_max = self._limits[..., 0]
         # Of the speed, radial and along the ring.
         self._speeds = [(bounds[0], bounds[1]) for bounds in np.moveaxis(self._limits[..., 1:], -1, 0)]
