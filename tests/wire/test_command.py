@@ -7,7 +7,6 @@ import pty
 import re
 import sys
 import termios
-import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
@@ -107,8 +106,11 @@ LIAR, OTHER = 2, MissionIdentity("survey", "0" * 16)
 
 
 @contextmanager
-def lying(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Let a vehicle of this process propose starts of another mission 100 times a second, in place of its own."""
+def lying(clock: GovernedClock, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let a vehicle of this process propose starts of another mission 100 times a second, in place of its own.
+
+    Its time is right: it obeys commands, which are dated by it.
+    """
     publish, buses = ParticipantBus.publish, set[ParticipantBus]()
 
     def published(bus: ParticipantBus, topic: str, payload: bytes) -> None:
@@ -120,7 +122,7 @@ def lying(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     async def lie() -> None:
         while True:
             for bus in buses:
-                publish(bus, "start", encode(StartProposal(LIAR, time.time(), None, mission=OTHER)))
+                publish(bus, "start", encode(StartProposal(LIAR, clock.now_s(), None, mission=OTHER)))
             await asyncio.sleep(0.01)
 
     monkeypatch.setattr(ParticipantBus, "publish", published)
@@ -136,7 +138,7 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
 ) -> None:
     """One of the vehicles lies all the time."""
     async with fly_team() as team, AsyncExitStack() as stack:
-        stack.enter_context(lying(monkeypatch))
+        stack.enter_context(lying(team.clock, monkeypatch))
         with subtests.test("the operator is told who lies, by the command and by the page"):
             ran = await stack.enter_async_context(running("command", "hold", "--mission", team.path))
             _, told = await ran.communicate()
