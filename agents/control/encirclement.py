@@ -121,11 +121,12 @@ class EncirclementPlanner:
         self._reference_gain = _reference_gain(self._settings, self._times_s)
         self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
         # The bounds of a plan, which are set before each.
-        self._pushes = np.empty((self._settings.control_horizon, 2, 2))
+        self._pushes = np.empty((self._settings.control_horizon, 2, 2))  # least and most, radial and along the ring
         self._limits = np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
         moves_s = 1.0 / config.rate_hz + self._settings.prediction_step_s * np.arange(self._settings.control_horizon)
         jerk_m_s3 = self._settings.acceleration_max_m_s2 / _FULL_AFTER_S
-        self._changes_m_s2: Vector = np.asarray(jerk_m_s3 * moves_s, dtype=np.float64)
+        # In plain numbers: arrays of two cost five times as much a tick.
+        self._moves = [(*bounds, jerk_m_s3 * at_s) for bounds, at_s in zip(self._pushes, moves_s.tolist(), strict=True)]
         self._bearings_min, self._bearings_max = self._limits[..., 0]
         # Of the speed, radial and along the ring.
         self._speeds = [(bounds[0], bounds[1]) for bounds in np.moveaxis(self._limits[..., 1:], -1, 0)]
@@ -200,14 +201,14 @@ class EncirclementPlanner:
         radial_m_s2, along_m_s2 = self._acceleration.tolist()
         for component, before_m_s2, across_m_s2 in ((0, radial_m_s2, along_m_s2), (1, along_m_s2, radial_m_s2)):
             most_m_s2 = across_m_s(acceleration_m_s2, across_m_s2)
-            lower, upper = self._pushes[:, 0, component], self._pushes[:, 1, component]
-            np.clip(before_m_s2 - self._changes_m_s2, -most_m_s2, most_m_s2, out=lower)
-            np.clip(before_m_s2 + self._changes_m_s2, -most_m_s2, most_m_s2, out=upper)
-        most = (
+            for least, most, change_m_s2 in self._moves:
+                least[component] = min(max(before_m_s2 - change_m_s2, -most_m_s2), most_m_s2)
+                most[component] = min(max(before_m_s2 + change_m_s2, -most_m_s2), most_m_s2)
+        fastest_m_s = (
             across_m_s(speed_m_s, polar.radius_m * polar.angular_rate_rad_s),
             across_m_s(speed_m_s, polar.radial_speed_m_s),
         )
-        for (lower, upper), value in zip(self._speeds, most, strict=True):
+        for (lower, upper), value in zip(self._speeds, fastest_m_s, strict=True):
             lower.fill(-value)
             upper.fill(value)
         if neighbours is None:

@@ -139,7 +139,7 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
     """One of the vehicles lies all the time."""
     async with fly_team() as team, AsyncExitStack() as stack:
         stack.enter_context(lying(team.clock, monkeypatch))
-        with subtests.test("the operator is told who lies, by the command and by the page"):
+        with subtests.test("command and page name the vehicle that lies"):
             ran = await stack.enter_async_context(running("command", "hold", "--mission", team.path))
             _, told = await ran.communicate()
             assert ran.returncode == 0, told.decode()

@@ -328,7 +328,7 @@ def test_an_older_roster_is_refused_where_a_newer_one_was_used(keys: AuthorityFo
 
 @contextmanager
 def read_only(folder: Path) -> Iterator[None]:
-    """Let nobody write to a folder, as a container's mount does; to the superuser only a mount does that."""
+    """Make a folder read-only, as a container's mount does; to the superuser only a mount does that."""
     if os.geteuid():
         folder.chmod(0o500)
         yield

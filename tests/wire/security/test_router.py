@@ -277,7 +277,7 @@ async def test_strangers_shut_no_operator_out(tmp_path: Path, subtests: pytest.S
                 spent_s.append(await joins_within_s("after the attack"))
                 print(f"{name}: {', '.join(f'{each:.2f} s' for each in spent_s)}")
                 assert max(spent_s) < 6.0
-        with subtests.test("who is refused is told, few times"):
+        with subtests.test("the router prints the refused addresses, few times"):
             router.kill()
             _, told = await asyncio.to_thread(router.communicate)
             for refused in ("127.0.0.1 is refused: too many silent", "127.0.0.2 is refused: too many handshakes"):
