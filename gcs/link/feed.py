@@ -499,11 +499,14 @@ class VehicleFeed:
             self.doubt()
 
     def _take_home(self, message: Any) -> None:
-        """Take the vehicle's home. It is set at take-off: what moves it later may have moved the origin as well."""
+        """Take the vehicle's home. It is set at take-off: what moves it later may have moved the origin as well.
+
+        Its height does not count: for two minutes after a take-off PX4 corrects it by its barometer, by up to a metre.
+        """
         if (home_m := self._place_m(message)) is None:
             return
         before_m, self._home_m = self._home_m, home_m if self.status.in_air else None
-        if self.status.in_air and before_m is not None and dist(home_m, before_m) > ORIGIN_STEP_M:
+        if self.status.in_air and before_m is not None and dist(home_m[:2], before_m[:2]) > ORIGIN_STEP_M:
             self.doubt()
 
     def _place_m(self, message: Any) -> Triple | None:

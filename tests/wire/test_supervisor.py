@@ -307,9 +307,9 @@ async def test_ctrl_c_on_a_terminal_counts_once_and_ctrl_z_stops_nothing(fly: Fl
         out_s = await flight.until(lambda: flight.none_in_offboard, 10.0, "everybody out of offboard")
         assert out_s - began_s >= HOLD_S, "they hold first: in a hurry they would not"
         code, _ = await flight.ended()
-    assert code == 4
-    assert flight.all_down
     text = shown.decode(errors="replace")
+    assert code == 4, text
+    assert flight.all_down, text
     assert "holding, then landing; Ctrl-C again: land at once" in text
     assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l"), "the cursor is there again"
 
