@@ -39,7 +39,7 @@ class Dialect:
     `rates_hz` the default streams, `streams` the messages of REQUEST_DATA_STREAM by stream, `estimator` the fields
     of the message of the estimator's status, `truth` those of the simulator's message of the true motion. With a
     value in its `hil_parameter` it reports that its body is simulated. If its `origin_may_move` in flight, it is sent
-    when it has.
+    when it has. If it `corrects_home`, the height of its home follows noisy sensors in the air.
     """
 
     autopilot: int
@@ -60,6 +60,7 @@ class Dialect:
     take_off_from_home: bool = False
     hil_parameter: str = ""
     origin_may_move: bool = False
+    corrects_home: bool = False
 
     def mode_of(self, main: float, sub: float) -> NavMode | None:
         """Return the mode of DO_SET_MODE's second and third parameters, None if there is none."""

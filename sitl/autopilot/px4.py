@@ -109,6 +109,7 @@ class Px4(StubAutopilot):
         parameters_bytewise=True,
         hil_parameter="SYS_HITL",
         origin_may_move=True,
+        corrects_home=True,
     )
     TABLE = ParameterTable(DEFAULTS, _limits)
     BOOT_MODE = NavMode.HOLD  # without a remote control

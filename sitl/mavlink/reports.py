@@ -34,6 +34,8 @@ SENSORS = (
 """Without the GPS."""
 POSITION_GATE_M, VELOCITY_GATE_M_S = 2.5, 1.5
 """The gates of the estimators' tests: five standard deviations of a GPS with errors of 0.5 m and 0.3 m/s."""
+HOME_CORRECTED_M = 0.5
+"""By how much a corrected height of home varies. PX4 corrects it for two minutes after a take-off."""
 MOTION_MESSAGES = frozenset({MessageId.ATTITUDE, MessageId.LOCAL_POSITION_NED, MessageId.GLOBAL_POSITION_INT})
 """The messages with the vehicle's position and motion, beside that with the truth."""
 
@@ -241,7 +243,10 @@ class TelemetryFields:
     def _home_position(self) -> Fields | None:
         if not self._on_globe:
             return None
-        home = self._autopilot.home_m
+        x, y, z = self._autopilot.home_m
+        if self._dialect.corrects_home and not self._autopilot.landed:
+            z += HOME_CORRECTED_M * sin(self._autopilot.time_s)
+        home = x, y, z
         local = self._ned_from_mission_place(home)
         return *self._place(home), *local, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, self._boot_ms * 1000
 
