@@ -359,6 +359,7 @@ def _facts(status: VehicleStatus) -> tuple[str, ...]:
         "in the air" if status.in_air else "on the ground",
         f"mode {status.mode.value}",
         f"{status.restarts} restarts" if status.restarts else "",
+        "" if status.reference.is_known else "origin of its positions is read again",
     )
 
 

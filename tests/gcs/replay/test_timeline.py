@@ -12,7 +12,7 @@ import pytest
 
 from agents.inputs import AutopilotStatus, Bus, CoreInput, LateTicks, Message, TacticEvent, Tick, TimeScale
 from agents.notes import Note, TacticChange
-from agents.ports import FlightMode, VehicleStatus
+from agents.ports import FlightMode, Reference, VehicleStatus
 from agents.tactics import Event
 from agents.team.messages import MemberState
 from estimation.state import Telemetry
@@ -256,17 +256,21 @@ def test_ticks_beside_a_landing_are_not_late() -> None:
 
 
 def test_an_autopilot_is_told_of_when_more_changes_than_its_battery() -> None:
-    def said(battery: float, mode: FlightMode) -> AutopilotStatus:
-        return AutopilotStatus(VehicleStatus(connected=True, armed=True, in_air=True, mode=mode, battery=battery))
+    def said(battery: float, mode: FlightMode, *, known: bool = True) -> AutopilotStatus:
+        status = VehicleStatus(connected=True, armed=True, in_air=True, mode=mode, battery=battery)
+        return AutopilotStatus(msgspec.structs.replace(status, reference=Reference(is_known=known)))
 
     turns = [
         turn(1.0, said(0.9, FlightMode.HOLD)),
         turn(2.0, said(0.8, FlightMode.HOLD)),
         turn(3.0, said(0.7, FlightMode.OFFBOARD)),
+        turn(4.0, said(0.7, FlightMode.OFFBOARD, known=False)),
+        turn(4.1, said(0.7, FlightMode.OFFBOARD)),
     ]
     assert [(line.time_s, line.text, line.because) for line in lines(AutopilotEvents(), turns)] == [
         (1.0, "connected, armed, in the air, mode hold", "battery 90%"),
         (3.0, "mode offboard", "battery 70%"),
+        (4.0, "origin of its positions is read again", "battery 70%"),
     ]
 
 
