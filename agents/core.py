@@ -101,7 +101,7 @@ class VehicleCore:
         self._restarts = 0
         self._now_s = 0.0
         self._time_scale = 1.0
-        self._was_armed = self._ends = self._is_over = False
+        self._was_armed = self._was_in_air = self._ends = self._is_over = False
         self._takes: dict[type, Callable[[Any], None]] = {
             TimeScale: self._take_time_scale,
             Start: self._take_start,
@@ -358,6 +358,9 @@ class VehicleCore:
     @property
     def _resume_refused(self) -> str | None:
         """Why the vehicle must not resume, None if it may."""
+        status = self._vehicle.status
+        if self._was_in_air and status.connected and not status.in_air:  # its motors still turn for some seconds
+            return "it has flown and is on the ground: end the flight, then take off again"
         if self._reference is not None and not self._reference.is_known:
             return "the origin of its positions is being read again"
         return self._failsafe.refuse_resume()
@@ -392,6 +395,7 @@ class VehicleCore:
         self._follow_reference(item.status.reference)
         self._estimator.follow_link(item.status.round_trip_s)
         self._was_armed = self._was_armed or item.status.armed
+        self._was_in_air = self._was_in_air or item.status.in_air
         if item.status.lost is not Connection.NONE or item.status.mode_by is not ModeSource.UNKNOWN:
             self._name_override()
 

@@ -70,6 +70,7 @@ SITUATIONS: Mapping[str, Situation] = {
     "stopped": reached(Phase.STOPPING),
     "mission over, held": reached(Phase.RETURNING),
     "handed over": reached(Phase.PILOT_OVERRIDE),
+    "handed over, on the ground": changed(Phase.PILOT_OVERRIDE, mode=FlightMode.LAND, in_air=False),
     "handed over, landed": changed(Phase.PILOT_OVERRIDE, mode=FlightMode.LAND, armed=False, in_air=False),
     "being taken back": reached(Phase.TAKING_BACK),
     "link lost": changed(Phase.FLYING, connected=False),
@@ -104,6 +105,7 @@ def answered(situation: Situation, *verbs: Verb) -> list[tuple[str, Tactic]]:
 NOT_WAITING = "did not wait for its start"
 GROUND, LANDS, RETURNS = "refused: it waits on the ground for its start", "refused: it is landing", "returns and lands"
 DOWN = "refused: it has flown and is disarmed: end the flight, then take off again"
+STANDS = "refused: it has flown and is on the ground: end the flight, then take off again"
 HANDED_OVER = "refused: cordon has handed it over: resume takes it back, kill cuts its motors"
 CUT = "refused: its motors are being cut"
 RETURNING = "refused: it is on its way to land"
@@ -136,6 +138,7 @@ ANSWERS: Mapping[str, tuple[str, ...]] = {
         "was holding already", "continues its return", "lands", RETURNS, f"was holding already{IN_5_S}", OVER,
     ),
     "handed over": (HANDED_OVER, f"resumes its mission{LATER}", *(HANDED_OVER,) * 3, LATER_PLACE),
+    "handed over, on the ground": (HANDED_OVER, STANDS, *(HANDED_OVER,) * 3, LATER_PLACE),
     "handed over, landed": (DOWN,) * 6,
     "being taken back": (
         f"holds{LATER}", f"resumes its mission{LATER}", "lands", RETURNS + LATER, f"holds{LATER}{IN_5_S}", LATER_PLACE,
