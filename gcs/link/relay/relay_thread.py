@@ -112,6 +112,8 @@ class RelayThread:
         with self._running:
             if not self._relays:
                 self._thread = None
+                self._waits += 1
+                self._running.notify_all()
             return [(relay, relay.watched()) for relay in self._relays]
 
     def _turn(self, relay: Turns, readable: Container[int]) -> None:

@@ -85,6 +85,25 @@ def test_a_port_is_free_as_soon_as_its_relay_is_removed_and_closed(thread: Relay
         other.socket.close()
 
 
+def test_the_last_relay_is_removed_at_once_between_two_turns(
+    thread: RelayThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    each, between, take_next = Echo(), threading.Event(), thread._next
+
+    def next_one() -> object:
+        between.set()
+        time.sleep(0.1)
+        return take_next()
+
+    monkeypatch.setattr(thread, "_next", next_one)
+    thread.add(each)
+    assert between.wait(PATIENCE_S)
+    began_s = time.monotonic()
+    thread.remove(each)
+    assert time.monotonic() - began_s < PATIENCE_S / 2.0
+    each.socket.close()
+
+
 def test_a_turn_comes_when_it_is_due_although_nothing_arrives(
     thread: RelayThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
