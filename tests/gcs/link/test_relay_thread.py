@@ -92,7 +92,8 @@ def test_the_last_relay_is_removed_at_once_between_two_turns(
 
     def next_one() -> object:
         between.set()
-        time.sleep(0.1)
+        while each in thread._relays:
+            time.sleep(0.001)
         return take_next()
 
     monkeypatch.setattr(thread, "_next", next_one)
