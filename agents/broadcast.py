@@ -9,7 +9,7 @@ from agents.situation.own_sensor import OwnSensor
 from agents.situation.situation import Situation
 from agents.situation.task import Task
 from agents.team.codec import encode
-from agents.team.messages import TOPICS, CommandAnswer, MemberState, NeighbourAngle, TargetPackage
+from agents.team.messages import TOPICS, CommandAnswer, CommandedRing, MemberState, NeighbourAngle, TargetPackage
 from agents.team.send_rate import SendRate
 from agents.team.team import Team
 from estimation.frames import wrap_signed_rad
@@ -21,6 +21,7 @@ class StateBroadcast:
     """Makes one vehicle's state messages and decides when they are sent.
 
     `often` is set while another vehicle is, or soon comes, close enough to need states at the full rate.
+    `commanded_ring` is the ring that operators commanded, None if they did not.
     """
 
     def __init__(self, config: AgentConfig, team: Team, own_sensor: OwnSensor) -> None:
@@ -29,6 +30,7 @@ class StateBroadcast:
         self._team, self._own_sensor = team, own_sensor
         self._rate = SendRate(config.rate_hz)
         self.often = True
+        self.commanded_ring: CommandedRing | None = None
 
     def messages(
         self, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
@@ -79,6 +81,7 @@ class StateBroadcast:
             drops,
             angle,
             self._sightings(situation),
+            self.commanded_ring,
         )
 
     def _sightings(self, situation: Situation) -> tuple[TargetPackage, ...]:

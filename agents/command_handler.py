@@ -13,7 +13,16 @@ import msgspec
 from agents.notes import CommandOutcome, Notes
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
-from agents.team.messages import DID_LIMIT, TOPICS, CommandAnswer, CommandKey, OperatorCommand, Outcome
+from agents.team.messages import (
+    DID_LIMIT,
+    MISSION_RING,
+    TOPICS,
+    CommandAnswer,
+    CommandKey,
+    OperatorCommand,
+    Outcome,
+    RingValues,
+)
 from agents.team.text import printable
 from agents.team.verbs import VERBS, VerbRow
 
@@ -34,13 +43,15 @@ class Circumstances(NamedTuple):
     """What decides, beside the tactic, whether and when a vehicle carries out a command.
 
     `age_s` is the time since the command was sent [wall s], by the vehicle's clock: negative if dated ahead of it.
-    `resume_refused` is why the vehicle must not resume, empty if it may. It `is_down` if it was armed and no longer is,
+    `resume_refused` is why the vehicle must not resume, empty if it may; `ring_refused` why it cannot fly the commanded
+    ring. It `is_down` if it was armed and no longer is,
     and `follows` setpoints unless it takes off or was handed over. The flight `ends` once the operator has stopped it;
     its mission `is_over` from the return on.
     """
 
     age_s: float = 0.0
     resume_refused: str = ""
+    ring_refused: str = ""
     is_down: bool = False
     follows: bool = True
     link_lost: bool = False
@@ -78,6 +89,8 @@ class CommandHandler:
         self._shapes = shapes
         self.reshaping: Reshaping | None = None
         """The newest change of the formation that this vehicle has received."""
+        self.commanded_ring = MISSION_RING
+        """The newest values of the ring that this vehicle has received from operators."""
         self.start_blockers: str | None = None
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
@@ -166,8 +179,9 @@ class CommandHandler:
                 return _refused(hindrance), None
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s, circumstances)
-            case "formation":
-                return self._reshape(command, tactic, circumstances), None
+            case "formation" | "ring":
+                change = self._reshape if command.verb == "formation" else self._change_ring
+                return change(command, tactic, circumstances), None
             case _:
                 return self._steer(row, tactic, circumstances)
 
@@ -206,14 +220,23 @@ class CommandHandler:
         if shape is None or shape not in self._shapes:
             known = ", ".join(self._shapes) or "none"
             return _refused(f"the mission's formation cannot be '{shape}' (shapes: {known})")
-        if circumstances.ends or circumstances.is_over:
-            return _refused("its mission is over")
-        if tactic in (Tactic.RETURN_AND_LAND, Tactic.LAND):
-            return _refused(_WHY_NOT[tactic])
+        if reason := _over(tactic, circumstances):
+            return _refused(reason)
         self.reshaping = Reshaping(command.time_s, shape)
         in_formation = tactic is Tactic.FORMATION and circumstances.follows
         place = "takes its place" if in_formation else "will take its place, once in formation,"
         return _Answer(f"{place} in the shape '{shape}'")
+
+    def _change_ring(self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances) -> _Answer:
+        """Change the ring; a vehicle that is not on it flies the changed one once it comes to it."""
+        values = command.ring
+        if values is None or values == RingValues():
+            return _refused("the command names no value of the ring")
+        if reason := _over(tactic, circumstances) or circumstances.ring_refused:
+            return _refused(reason)
+        self.commanded_ring = self.commanded_ring.commanded(values, command.time_s)
+        on_ring = tactic is Tactic.ENCIRCLE and circumstances.follows
+        return _Answer(f"{'changes to' if on_ring else 'will fly, once it encircles,'} a ring of {values.text}")
 
     def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, Event | None]:
         resumes = row.event is Event.RESUME
@@ -240,6 +263,13 @@ class CommandHandler:
             self._unanswered.pop(dropped, None)
         is_refused = answer.outcome in ("refused", "misdated")
         self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
+
+
+def _over(tactic: Tactic, circumstances: Circumstances) -> str:
+    """Return why nothing of the mission can be changed any more, empty if it can."""
+    if circumstances.ends or circumstances.is_over:
+        return "its mission is over"
+    return _WHY_NOT[tactic] if tactic in (Tactic.RETURN_AND_LAND, Tactic.LAND) else ""
 
 
 def _misdated(row: VerbRow, age_s: float) -> str:

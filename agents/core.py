@@ -33,12 +33,14 @@ from agents.inputs import (
     TacticEvent,
     TimeScale,
 )
-from agents.notes import Notes, ReferenceChange, ResumeRefusal, Revocation, ShapeChange, TacticChange
+from agents.notes import Notes, ReferenceChange, ResumeRefusal, Revocation, RingCommanded, ShapeChange, TacticChange
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
+from agents.ring.commanded_ring import ring_refusal
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
+from agents.safety.fence import Fence
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
@@ -51,12 +53,21 @@ from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reas
 from agents.team.clock_watch import ClockWatch
 from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
-from agents.team.messages import CONDITIONS_LIMIT, CommandAnswer, MemberState, NextChange, OperatorCommand, Outlook
+from agents.team.messages import (
+    CONDITIONS_LIMIT,
+    MISSION_RING,
+    CommandAnswer,
+    CommandedRing,
+    MemberState,
+    NextChange,
+    OperatorCommand,
+    Outlook,
+)
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 _NOTHING_DUE = Outlook()
-_GOES_ON = ("start", "resume", "formation")
+_GOES_ON = ("start", "resume", "formation", "ring")
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -92,6 +103,7 @@ class VehicleCore:
         self._start_s = inf
         self._formed_s: float | None = None
         self._reshaping: Reshaping | None = None
+        self._commanded_ring = MISSION_RING
         self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
@@ -455,6 +467,8 @@ class VehicleCore:
                 self._team.receive(message)
                 if message.shape is not None:
                     self._reshape(Reshaping(message.shaped_s, message.shape))
+                if message.ring is not None:
+                    self._change_ring(message.ring)
             case OperatorCommand():
                 sent_s = message.sent_s(self._config.vehicle_id)
                 self._command(message, now_s, (now_s - sent_s) / self._time_scale)
@@ -476,10 +490,14 @@ class VehicleCore:
         if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
             self._failsafe.leave_to_operator()
         circumstances = self._circumstances(now_s)._replace(age_s=age_s)
+        if command.ring is not None:
+            ring = self._commanded_ring.commanded(command.ring, command.time_s)
+            circumstances = circumstances._replace(ring_refused=self._ring_refusal(ring))
         if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
+        self._change_ring(self.commands.commanded_ring)
 
     def _circumstances(self, now_s: float) -> Circumstances:
         status = self._vehicle.status
@@ -516,3 +534,27 @@ class VehicleCore:
             self._config = self._config.reshaped(wanted.shape)
             self._planner.reshape(self._config)
             self._notes.add(self._now_s, ShapeChange(wanted.shape))
+
+    def _change_ring(self, commanded: CommandedRing) -> None:
+        """Take the newest values of the ring, from an operator or a peer's state, unless the vehicle cannot fly it."""
+        newest = self._commanded_ring.with_(commanded)
+        if newest == self._commanded_ring or self._ring_refusal(newest):
+            return
+        self._commanded_ring = self._broadcast.commanded_ring = newest
+        before, self._config = self._config.encirclement, self._with_ring(newest)
+        ring = self._config.encirclement
+        if ring != before:
+            self._planner.change_ring(self._config)
+            self._notes.add(self._now_s, RingCommanded(ring.radius_m, ring.angular_rate_rad_s))
+
+    def _ring_refusal(self, commanded: CommandedRing) -> str:
+        """Return why the vehicle cannot fly a commanded ring about the present target, empty if it can."""
+        target_m, fence_m = self._estimator.target_m, self._config.safety.fence_m
+        reach_m = inf if target_m is None or not fence_m else Fence(fence_m).clearance_m(target_m)
+        return ring_refusal(self._with_ring(commanded), reach_m)
+
+    def _with_ring(self, commanded: CommandedRing) -> AgentConfig:
+        ring = self._config.encirclement
+        radius_m = ring.radius_m if commanded.radius_m is None else commanded.radius_m
+        rate_rad_s = ring.angular_rate_rad_s if commanded.angular_rate_rad_s is None else commanded.angular_rate_rad_s
+        return self._config.with_ring(radius_m, rate_rad_s)

@@ -238,5 +238,6 @@ def _message_text(message: PeerMessage) -> str:
 
 def _command_text(command: OperatorCommand) -> str:
     receiver = "all vehicles" if command.vehicle is None else f"vehicle {command.vehicle}"
-    verb = command.verb if command.shape is None else f"{command.verb} {command.shape}"
+    argument = command.shape or ("" if command.ring is None else command.ring.text)
+    verb = f"{command.verb} {argument}".rstrip()
     return f"{command.origin} to {receiver}: {verb} (command {command.number})"

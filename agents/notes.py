@@ -92,6 +92,19 @@ class ShapeChange(msgspec.Struct, frozen=True):
         return f"the formation's shape is '{self.shape}'"
 
 
+class RingCommanded(msgspec.Struct, frozen=True):
+    """The ring that operators have commanded, from now on."""
+
+    kind: ClassVar[Kind] = "command"
+    radius_m: float
+    angular_rate_rad_s: float
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        return f"the ring's radius is {self.radius_m:g} m, its rate {self.angular_rate_rad_s:g} rad/s"
+
+
 class RingChange(msgspec.Struct, frozen=True):
     """How the flown ring differs from the mission's from now on, and why; empty if it does not."""
 
@@ -159,6 +172,7 @@ NotedEvent = (
     | CommandOutcome
     | ShapeChange
     | RingChange
+    | RingCommanded
     | GuardAction
     | ReferenceChange
     | Revocation
@@ -177,6 +191,7 @@ class Note(msgspec.Struct, frozen=True):
     command: CommandOutcome | None = None
     reference: ReferenceChange | None = None
     guard: GuardAction | None = None
+    ring: RingCommanded | None = None
 
 
 class Notes:
@@ -197,6 +212,7 @@ class Notes:
             event if isinstance(event, CommandOutcome) else None,
             event if isinstance(event, ReferenceChange) else None,
             event if isinstance(event, GuardAction) else None,
+            event if isinstance(event, RingCommanded) else None,
         )
         self._notes.append(note)
 

@@ -49,7 +49,7 @@ class Flight:
         """
         from gcs.report.figure import drawn_figure, save_figure  # noqa: PLC0415 - matplotlib
 
-        of_flight = self.record, self.metrics, ring_reference(self.mission)
+        of_flight = self.record, self.metrics, ring_reference(self.mission, self.record.events)
         formation = formation_reference(self.mission)
         if path is None:
             return drawn_figure(*of_flight, formation)

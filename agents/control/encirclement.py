@@ -14,8 +14,8 @@ import numpy as np
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
 from agents.control.lmpc_cost import RING_CONSTRAINED, ring_programme
+from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
-from agents.ring.feasibility import Orbit
 from agents.ring.place import Neighbours
 from agents.ring.reference import RingPoint, across_m_s
 from agents.settings.config import AgentConfig

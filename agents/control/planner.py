@@ -80,6 +80,10 @@ class Planner:
         """Change the shape of the formation."""
         self._station.reshape(config)
 
+    def change_ring(self, config: AgentConfig) -> None:
+        """Change the ring."""
+        self._ring.change(config)
+
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Start the transition to the ring: from the formation, or from a place (2,) off it."""
         self._engaged_s = now_s

@@ -6,8 +6,9 @@ from math import copysign, cos, hypot, sin, tau
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
+from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
-from agents.ring.feasibility import Orbit, RingFeasibility
+from agents.ring.feasibility import RingFeasibility
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, even_places, neighbours, place_errors_rad, ring_place, weights_of
 from agents.ring.reference import RingReference, RingWay
@@ -72,6 +73,12 @@ class RingFlight:
         self._reference.reset()
         self._feasibility.reset()
         self._joining.reset()
+
+    def change(self, config: AgentConfig) -> None:
+        """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
+        self._feasibility.change(config.encirclement)
+        self._reference.change(config.encirclement)
+        self._joining.change(config)
 
     def sent(self, *, guarded: bool) -> None:
         """Record whether the guard has changed the aim of the last plan."""

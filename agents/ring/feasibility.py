@@ -5,9 +5,10 @@ All members fly the most restricted of these, so they have the same rate and kee
 """
 
 from math import inf, sqrt
-from typing import Final
 
+from agents.ring.commanded_ring import ChangingRing
 from agents.settings.config import AgentConfig
+from agents.settings.sections import EncirclementSettings
 from agents.team.ring_members import FULL_RING, RingScale
 
 RESERVE = 0.95
@@ -22,15 +23,7 @@ _UNKNOWN_S = 3.0
 """For this long after the first sighting the estimated speed is unreliable: two outliers can determine it."""
 _RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
 _LITTLE = 0.1
-"""A mission's ring that leaves less than this share of its speed for the target's motion is the cause by itself."""
-
-
-class Orbit:
-    """The flown ring: radius and angular rate."""
-
-    def __init__(self, radius_m: float, angular_rate_rad_s: float) -> None:
-        self.radius_m: Final = radius_m
-        self.angular_rate_rad_s: Final = angular_rate_rad_s
+"""A ring that leaves less than this share of its speed for the target's motion is the cause by itself."""
 
 
 class RingFeasibility:
@@ -38,10 +31,9 @@ class RingFeasibility:
 
     def __init__(self, config: AgentConfig) -> None:
         ring, safety = config.encirclement, config.safety
-        self._ring = ring
+        self._ring = ChangingRing(ring)
         self._speed_m_s = RESERVE * min(ring.speed_max_m_s, safety.speed_max_m_s)
         self._acceleration_m_s2 = min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2)
-        self._whole = Orbit(ring.radius_m, ring.angular_rate_rad_s)
         self._easy_m_s = self._slow_enough_m_s()
         self._target_m_s = 0.0
         self._is_relaxing = False
@@ -50,14 +42,20 @@ class RingFeasibility:
         self._time_s: float | None = None
         self._began_s = -inf
         self.needed = FULL_RING
-        self.orbit = self._whole
+        self.orbit = self._ring.orbit(1.0, 1.0)
 
     def reset(self) -> None:
         """Restart, when the vehicle comes to a new ring."""
         self.needed = self._flown = FULL_RING
-        self.orbit = self._whole
+        self._ring.arrive()
+        self.orbit = self._ring.orbit(1.0, 1.0)
         self._worse_s = self._better_s = inf
         self._time_s = None
+
+    def change(self, ring: EncirclementSettings) -> None:
+        """Begin the way to another ring."""
+        self._ring.change(ring)
+        self._easy_m_s = self._slow_enough_m_s()
 
     def find(self, target_m_s: float, others: RingScale, now_s: float, *, joined: bool = True) -> str | None:
         """Update the ring for the target's speed; return a description of what has changed, None if nothing.
@@ -70,21 +68,32 @@ class RingFeasibility:
         if self._time_s is None:
             self._began_s = now_s
         self._time_s = now_s
+        changed = self._change(step_s)
         if target_m_s <= self._easy_m_s and before == self._flown == others == FULL_RING:
             self._worse_s = inf
+            if changed:
+                self.orbit = self._ring.orbit(1.0, 1.0)
             return None
         if now_s - self._began_s >= _UNKNOWN_S:
             self._need(self.shares(target_m_s), target_m_s, now_s)
         wanted = self.needed.with_(others)
-        if wanted is not self._flown and wanted != self._flown:
+        if changed or (wanted is not self._flown and wanted != self._flown):
             self._flown = RingScale(
                 _nearer(self._flown.rate, wanted.rate, _RATE_PER_S * step_s),
                 _nearer(self._flown.radius, wanted.radius, _RADIUS_PER_S * step_s),
             )
-            self.orbit = Orbit(
-                self._flown.radius * self._ring.radius_m, self._flown.rate * self._ring.angular_rate_rad_s
-            )
+            self.orbit = self._ring.orbit(self._flown.radius, self._flown.rate)
         return None if self.needed == before else self.words
+
+    def _change(self, step_s: float) -> bool:
+        """Continue the way to a commanded ring; return whether the ring has changed."""
+        if not self._ring.changes:
+            return False
+        if step_s == inf:
+            self._ring.arrive()
+        elif step_s > 0.0:
+            self._ring.advance(step_s)
+        return True
 
     def shares(self, target_m_s: float) -> RingScale:
         """Return the feasible shares of the mission's ring at a target speed, in whole steps.
@@ -94,7 +103,7 @@ class RingFeasibility:
         fall behind by V²/A, which is limited to a share of the radius. The rate is lowered first, down to a floor; then
         the radius is raised; then the rate is lowered to what the speed limit allows.
         """
-        radius_m, rate_rad_s = self._ring.radius_m, abs(self._ring.angular_rate_rad_s)
+        radius_m, rate_rad_s = self._ring.settings.radius_m, abs(self._ring.settings.angular_rate_rad_s)
         turning = target_m_s**2 / BROKEN_MAX
         left_m_s2 = max(self._acceleration_m_s2 - turning / radius_m, 0.0)
         rate = min(1.0, _share(sqrt(left_m_s2 / radius_m), rate_rad_s))
@@ -111,9 +120,9 @@ class RingFeasibility:
 
     def _slow_enough_m_s(self) -> float:
         """Return the target speed up to which the mission's ring is flown."""
-        along_m_s = abs(self._ring.angular_rate_rad_s) * self._ring.radius_m
-        left_m_s2 = self._acceleration_m_s2 - along_m_s**2 / self._ring.radius_m
-        return min(self._speed_m_s - along_m_s, sqrt(max(left_m_s2, 0.0) * BROKEN_MAX * self._ring.radius_m))
+        along_m_s = abs(self._ring.settings.angular_rate_rad_s) * self._ring.settings.radius_m
+        left_m_s2 = self._acceleration_m_s2 - along_m_s**2 / self._ring.settings.radius_m
+        return min(self._speed_m_s - along_m_s, sqrt(max(left_m_s2, 0.0) * BROKEN_MAX * self._ring.settings.radius_m))
 
     @property
     def words(self) -> str:
@@ -126,7 +135,7 @@ class RingFeasibility:
 
     def _why(self) -> str:
         target = f"the target moves at {self._target_m_s:.1f} m/s"
-        along_m_s = abs(self._ring.angular_rate_rad_s) * self._ring.radius_m
+        along_m_s = abs(self._ring.settings.angular_rate_rad_s) * self._ring.settings.radius_m
         if self._target_m_s >= self._speed_m_s:
             return f"{target}, faster than the vehicles can follow"
         if self._is_relaxing:
@@ -139,7 +148,7 @@ class RingFeasibility:
                 f"{self._speed_m_s:.2f} m/s for the motion of the target"
             )
         return (
-            f"the mission's ring needs {along_m_s**2 / self._ring.radius_m:.2f} m/s² of the vehicles' "
+            f"the mission's ring needs {along_m_s**2 / self._ring.settings.radius_m:.2f} m/s² of the vehicles' "
             f"{self._acceleration_m_s2:.2f} m/s², which leaves too little for the motion of the target"
         )
 

@@ -6,10 +6,10 @@ for which the ring has no room waits outside, and does not publish its bearing.
 """
 
 from math import sqrt
-from typing import Final
 
+from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import MARGIN_M
-from agents.ring.feasibility import RESERVE, Orbit
+from agents.ring.feasibility import RESERVE
 from agents.ring.place import RingPlace, chord_m
 from agents.ring.transition import SLOWEST_SHARE, TRACKED_SHARE, AccelerationBound, Mover, transition_of
 from agents.settings.config import AgentConfig
@@ -33,25 +33,30 @@ class Joining:
     """Decides when one vehicle joins the ring, and when it may enter.
 
     `ring_m` is the ring's present radius, and `inside` whether the vehicle has entered it. The ring's capacity and the
-    room for a vehicle are those of the mission's ring, to which it returns.
+    room for a vehicle are those of the configured ring, to which it returns if it was widened.
     """
 
     def __init__(self, config: AgentConfig) -> None:
         ring = config.encirclement
-        self._mission_ring_m = self.ring_m = ring.radius_m
+        self.ring_m = ring.radius_m
         self._separation_m = config.safety.separation_m
         self._waiting_m = WAITING * self._separation_m
-        self._room_rad = _ROOM * config.clearance_rad
-        self._transition = transition_of(ring)
         self._speed_m_s = RESERVE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
         self._acceleration_m_s2 = _TURNING_SHARE * min(ring.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
-        self.acceleration: Final = AccelerationBound(
+        self.joined = False
+        self.inside = False
+        self.change(config)
+        self._aside_m = self._waiting_m
+
+    def change(self, config: AgentConfig) -> None:
+        """Join the ring of another configuration from now on."""
+        self._configured_m = config.encirclement.radius_m
+        self._room_rad = _ROOM * config.clearance_rad
+        self._transition = transition_of(config.encirclement)
+        self.acceleration = AccelerationBound(
             self._separation_m, self._transition.acceleration_m_s2, self._acceleration_m_s2
         )
         """The bound on the acceleration: a vehicle that comes in can brake for the smaller one at the ring."""
-        self.joined = False
-        self.inside = False
-        self._aside_m = self._waiting_m
 
     @property
     def waiting_m(self) -> float:
@@ -76,7 +81,7 @@ class Joining:
 
     def look(self, polar: Polar, places: float) -> bool:
         """Join if the ring has room for so many even places; return whether the vehicle has joined."""
-        fits = places == 1.0 or chord_m(self._mission_ring_m, places) >= self._separation_m
+        fits = places == 1.0 or chord_m(self._configured_m, places) >= self._separation_m
         if not self.joined:
             self.joined = fits or polar.radius_m <= self.ring_m + self._separation_m
             self._aside_m = min(self._waiting_m, polar.radius_m - self.ring_m)

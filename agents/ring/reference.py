@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from typing import Final
 
-from agents.ring.feasibility import RESERVE, Orbit
+from agents.ring.commanded_ring import Orbit
+from agents.ring.feasibility import RESERVE
 from agents.ring.transition import (
     TRACKED_SHARE,
     AccelerationBound,
@@ -85,6 +86,10 @@ class RingReference:
         """Restart, when the vehicle comes from another tactic or from far off the ring."""
         self._point = None
 
+    def change(self, settings: EncirclementSettings) -> None:
+        """Move on the ring of other settings from now on."""
+        self._settings, self._transition = settings, transition_of(settings)
+
     def bearing_rad(self, polar: Polar, at_s: float) -> float:
         """Return the bearing of the reference at a time, before `advance`."""
         return polar.bearing_rad if self._point is None else self._point.bearing_rad(at_s)
@@ -130,7 +135,7 @@ class RingReference:
             across_m_s(fastest_m_s, around_m_s),
             way.acceleration.braked_m_s(radius.value - ring_m, way.radius_m - ring_m),
         )
-        speed_m_s = limited(_RADIAL_GAIN_PER_S * missing_m, fastest_in_m_s)
+        speed_m_s = way.orbit.radius_rate_m_s + limited(_RADIAL_GAIN_PER_S * missing_m, fastest_in_m_s)
         across_max_m_s = across_m_s(fastest_m_s, max(abs(radius.rate), abs(speed_m_s)))
         rate_rad_s = limited(rate_rad_s, across_max_m_s / size_m)
         rate_rad_s = min(max(rate_rad_s, way.rates_rad_s[0]), way.rates_rad_s[1])

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from math import inf, tau
 
-from agents.ring.feasibility import Orbit
+from agents.ring.commanded_ring import Orbit
 from agents.ring.joining import Joining
 from agents.ring.place import place_errors_rad, ring_place, weights_of
 from agents.ring.reference import RingReference, RingWay

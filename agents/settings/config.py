@@ -76,6 +76,11 @@ class AgentConfig:
         """Return a copy with another shape of the formation."""
         return replace(self, formation=self.formation.model_copy(update={"shape": shape}))
 
+    def with_ring(self, radius_m: float, angular_rate_rad_s: float) -> "AgentConfig":
+        """Return a copy with another ring."""
+        values = {"radius_m": radius_m, "angular_rate_rad_s": angular_rate_rad_s}
+        return replace(self, encirclement=self.encirclement.model_copy(update=values))
+
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
         """Return the slot of `vehicle_id` relative to that of another member [m]."""
         (x, y), (other_x, other_y) = self._slot_m(vehicle_id), self._slot_m(relative_to)

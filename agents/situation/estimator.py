@@ -128,6 +128,11 @@ class Estimator:
         """The assumed frequency of the ring-frequency disturbance, 0 off the ring."""
         return self._ring_frequency.rate_rad_s
 
+    @property
+    def target_m(self) -> Pair | None:
+        """The position of the target at the last tick, None without an estimate."""
+        return None if self._seen is None else (float(self._seen.mean[0]), float(self._seen.mean[1]))
+
     def measure(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""
         self._height_m = telemetry.position_m[2]

@@ -6,7 +6,7 @@ Text with control characters is refused there.
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
 import msgspec
 
@@ -90,6 +90,57 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True):
     frame_correlation_s: Annotated[_Seconds, PAIRED] = 0.0
 
 
+class RingValues(msgspec.Struct, frozen=True, array_like=True):
+    """The values of the ring that the verb ring commands, None for one that stays."""
+
+    radius_m: _Radius | None = None
+    angular_rate_rad_s: _AngularRate | None = None
+
+    @property
+    def text(self) -> str:
+        """The values as text: "15 m, -0.1 rad/s"."""
+        radius = [] if self.radius_m is None else [f"{self.radius_m:g} m"]
+        rate = [] if self.angular_rate_rad_s is None else [f"{self.angular_rate_rad_s:g} rad/s"]
+        return ", ".join(radius + rate)
+
+
+class CommandedRing(msgspec.Struct, frozen=True, array_like=True):
+    """The values of the ring that operators commanded last, each with the time of its command; None is the mission's.
+
+    Each value has its own time: a vehicle that did not receive the command of one takes it from a peer, also if it
+    received a later command of the other.
+    """
+
+    radius_m: _Radius | None = None
+    radius_s: Annotated[TimeS, PAIRED] = 0.0
+    angular_rate_rad_s: _AngularRate | None = None
+    rate_s: Annotated[TimeS, PAIRED] = 0.0
+
+    def commanded(self, values: RingValues, time_s: float) -> "CommandedRing":
+        """Return the ring after a command at a time, in the units in which states have it: all fly the same values."""
+        radius_m, rate_rad_s = values.radius_m, values.angular_rate_rad_s
+        radius = (None, 0.0) if radius_m is None else (round(radius_m, 3), time_s)
+        rate = (None, 0.0) if rate_rad_s is None else (round(rate_rad_s, 6), time_s)
+        return self.with_(CommandedRing(*radius, *rate))
+
+    def with_(self, other: "CommandedRing") -> "CommandedRing":
+        """Return the newest values of two; of two of the same time the larger one, so that all vehicles agree."""
+        return CommandedRing(
+            *_newest((self.radius_m, self.radius_s), (other.radius_m, other.radius_s)),
+            *_newest((self.angular_rate_rad_s, self.rate_s), (other.angular_rate_rad_s, other.rate_s)),
+        )
+
+
+def _newest(one: tuple[float | None, float], other: tuple[float | None, float]) -> tuple[float | None, float]:
+    if one[0] is None or other[0] is None:
+        return one if other[0] is None else other
+    return max(one, other, key=lambda each: (each[1], each[0]))
+
+
+MISSION_RING: Final = CommandedRing()
+"""The ring of the mission: no value was commanded."""
+
+
 class MemberState(msgspec.Struct, frozen=True, array_like=True):
     """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers.
 
@@ -97,7 +148,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
 
     `position_sigma_m` is the standard deviation of the position, `alert` the active failsafe condition, empty if none;
     `shape` is the formation's shape that operators commanded last, at `shaped_s`; None is the mission's. `drops` are
-    the messages that it has dropped so far.
+    the messages that it has dropped so far. `ring` is the ring that operators commanded.
     """
 
     sender: VehicleId
@@ -115,6 +166,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     drops: Drops = NO_DROPS
     angle: NeighbourAngle | None = None
     sightings: tuple[TargetPackage, ...] = ()
+    ring: Annotated[CommandedRing | None, Added(1)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
@@ -150,8 +202,9 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     """An operator's command to one vehicle, or to all (None), dated by the team's clock; `origin` is the operator.
 
     It is repeated, with a new date, until it is answered: `origin`, `verb` and `number` identify it. `shape` is the
-    argument of the verb formation. `times_s` holds the date by each vehicle's own clock that the operator has received:
-    a team's clocks may differ, and what one vehicle tells must not make the command too old for another.
+    argument of the verb formation, `ring` that of the verb ring. `times_s` holds the date by each vehicle's own clock
+    that the operator has received: a team's clocks may differ, and what one vehicle tells must not make the command too
+    old for another.
     """
 
     time_s: TimeS
@@ -161,6 +214,7 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     number: _Number
     shape: Shape | None = None
     times_s: tuple[tuple[VehicleId, TimeS], ...] = ()
+    ring: RingValues | None = None
 
     @property
     def key(self) -> "CommandKey":

@@ -82,6 +82,7 @@ def task_goes_on(before: MemberState, state: MemberState) -> bool:
         state.tactic == before.tactic
         and state.alert == before.alert
         and state.shaped_s == before.shaped_s
+        and state.ring == before.ring
         and place_goes_on(before.angle, state.angle)
     )
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 from agents.tactics import Event, Tactic
 
-CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation"]
+CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring"]
 """The verbs of `cordon command`."""
 Verb = Literal["start", CommandVerb]
 Confirmation = Literal["none", "at once", "pilots", "all", "word"]
@@ -59,6 +59,7 @@ _ON_MISSION = dict.fromkeys((Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE), 
 _RESUMED = {Tactic.STANDBY: "was waiting for the start already", **_ON_MISSION}
 _RETURNS = {Tactic.RETURN_AND_LAND: "was returning to land already"}
 _ABORTS = "hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort"
+_RESIZES = "change radius and rate, clockwise if negative"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
     VerbRow("start", "start", did="takes off", needs_mission=True),
@@ -71,6 +72,7 @@ _ROWS = (
         "kill", "kill", "k", 6, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
     ),
     VerbRow("formation", "change formation", help="change the shape of the formation", needs_mission=True),
+    VerbRow("ring", "change ring", help=_RESIZES, needs_mission=True),
 )
 VERBS: Mapping[Verb, VerbRow] = {row.name: row for row in _ROWS}
 """The verbs by their names, in the order of lists."""

@@ -1,18 +1,21 @@
 """`cordon command`: an operator's command to a running team."""
 
 import asyncio
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Annotated, get_args
 
 from cyclopts import Parameter
 
-from agents.settings.shapes import Shape
+from agents.settings.shapes import SHAPES
 from agents.team.verbs import VERBS, CommandVerb, Verb, VerbRow
 from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chosen_vehicle
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
+    from agents.settings.shapes import Shape
+    from agents.team.messages import RingValues
     from gcs.console.command_client import CommandClient, CommandResult
     from gcs.keys.identity import Identity
     from gcs.mission.mission import Mission
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandOptions:
-    """Options of `cordon command`, without the verb and a shape."""
+    """Options of `cordon command`, without the verb and its arguments."""
 
     vehicle: Annotated[int | None, Parameter(help="Send the command to this vehicle only, not to all.")] = None
     mission: RunningMission = "case2"
@@ -35,16 +38,15 @@ _DEFAULTS = CommandOptions()
 
 def command(
     verb: CommandVerb,
-    shape: Annotated[Shape | None, Parameter(help="The formation's new shape.")] = None,
     /,
-    *,
+    *arguments: Annotated[str, Parameter(help="formation: the shape; ring: radius=METRES, rate=RAD_S or both.")],
     options: CommandOptions = _DEFAULTS,
 ) -> Exit:
     """Command a running team: {labels}. Shows each vehicle's answer.
 
     {helps}
 
-    Example: cordon command formation wedge --mission mixed-team
+    Example: cordon command ring radius=15 rate=-0.1
     """
     from agents.ports import VehicleRefusedError
     from gcs.cli.output import confirmed
@@ -53,15 +55,14 @@ def command(
 
     mission, vehicle = bus_mission(options.mission, options.changes), options.vehicle
     vehicles = mission.ids if vehicle is None else (chosen_vehicle(mission, vehicle, "--vehicle").id,)
-    if faults := list(_shape_faults(mission, verb, shape, vehicle)):
-        raise InputError(faults)
+    argument = _argument(mission, verb, arguments, vehicle)
     row = VERBS[verb]
     if row.confirmation == "word" and not options.yes and not confirmed(_question(row, vehicles, mission)):
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
     try:
         operator = CommandClient(mission, granted_operator(mission, verb, options.key))
-        answers = asyncio.run(operator.command(verb, vehicles, vehicle, shape))
+        answers = asyncio.run(operator.command(verb, vehicles, vehicle, argument))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
@@ -112,21 +113,54 @@ def _show(
     )
 
 
-def _shape_faults(mission: "Mission", verb: Verb, shape: Shape | None, vehicle: int | None) -> Iterator[str]:
-    if verb != "formation":
-        if shape is not None:
-            yield f"shape: '{shape}' belongs to the verb formation, not to {verb}"
-        return
-    shapes = mission.agent_config(mission.vehicles[0]).shapes
-    if shape is None:
-        yield f"shape: this argument is missing (shapes: {', '.join(shapes)})"
-    elif shape not in shapes:
-        near = mission.formation.spacing_m < mission.safety.separation_m
-        why = "formation.spacing_m is less than safety.separation_m" if near else "neighbours exceed network.range_m"
-        why = "its vehicles have no slot_m" if shape == "free" else why
-        yield f"shape: no '{shape}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"
+def _argument(mission: "Mission", verb: Verb, given: Sequence[str], vehicle: int | None) -> "Shape | RingValues | None":
+    """Return the argument of a verb for the whole team, None of any other; raises InputError."""
+    if verb not in ("formation", "ring"):
+        if given:
+            raise InputError([f"{' '.join(given)}: {verb} has no argument"])
+        return None
     if vehicle is not None:
-        yield f"--vehicle: formation commands the whole team: leave this option out (given: {vehicle})"
+        raise InputError([f"--vehicle: {verb} commands the whole team: leave this option out (given: {vehicle})"])
+    return _shape(mission, given) if verb == "formation" else _ring_values(mission, given)
+
+
+def _shape(mission: "Mission", given: Sequence[str]) -> "Shape":
+    shapes = mission.agent_config(mission.vehicles[0]).shapes
+    if len(given) != 1:
+        raise InputError([f"give one shape (shapes: {', '.join(shapes)}; given: {' '.join(given) or 'nothing'})"])
+    if (shape := next((each for each in shapes if each == given[0]), None)) is not None:
+        return shape
+    if given[0] not in SHAPES:
+        raise InputError([f"shape: there is no '{given[0]}' (shapes: {', '.join(shapes)})"])
+    near = mission.formation.spacing_m < mission.safety.separation_m
+    why = "formation.spacing_m is less than safety.separation_m" if near else "neighbours exceed network.range_m"
+    why = "its vehicles have no slot_m" if given[0] == "free" else why
+    raise InputError([f"shape: no '{given[0]}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"])
+
+
+_RING_KEYS = {"radius": "radius_m", "rate": "angular_rate_rad_s"}
+
+
+def _ring_values(mission: "Mission", given: Sequence[str]) -> "RingValues":
+    from agents.team.messages import RingValues
+    from gcs.preflight.mission import ring_change_faults
+
+    values = dict[str, float]()
+    for each in given:
+        name, _, text = each.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = nan
+        if name not in _RING_KEYS or not isfinite(value) or _RING_KEYS[name] in values:
+            raise InputError([f"{each}: give radius=METRES, rate=RAD_S or both, as in radius=15 rate=-0.1"])
+        values[_RING_KEYS[name]] = value
+    if not values:
+        raise InputError(["ring: give the values to change, as in radius=15 rate=-0.1"])
+    wanted = RingValues(**values)
+    if faults := ring_change_faults(mission, wanted):
+        raise InputError(faults)
+    return wanted
 
 
 def _question(row: VerbRow, vehicles: Sequence[int], mission: "Mission") -> str:

@@ -220,7 +220,9 @@ def present(
         from gcs.report.figure import save_figure
 
         with writing("--plot", plot):
-            save_figure(record, result, ring_reference(mission), plot, formation_reference(mission), figure)
+            save_figure(
+                record, result, ring_reference(mission, record.events), plot, formation_reference(mission), figure
+            )
         print_line(f"figure: {plot}")
     if json:
         print_result((result if timed else result.untimed()).to_json())

@@ -87,7 +87,10 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
 
         html, shown = options.html, replay_flight(*read)
         evidence = replace(flight.evidence, plants=plants)
-        _write(html, lambda: write_report(evidence, _result(flight), criteria_of(flight.mission), shown, html))
+        _write(
+            html,
+            lambda: write_report(evidence, _result(flight), criteria_of(flight.mission, evidence.record), shown, html),
+        )
     if options.animate is not None:
         _animate(flight, options.animate)
     verdict = present(
@@ -116,7 +119,7 @@ def _animate(flight: "LoggedFlight", path: Path) -> None:
     record = flight.evidence.record
     if not (record.time_s.size > 1 and record.vehicles):
         raise InputError([f"--animate: {path}: the log holds no motion to draw"])
-    ring = ring_reference(flight.mission)
+    ring = ring_reference(flight.mission, record.events)
     sheet = Sheet(record, _result(flight), ring, None, ring_motion(record, ring.gaps))
     with writing("--animate", path), AnimationProgress(path) as progress:
         save_animation(sheet, path, progress.update)
@@ -174,7 +177,8 @@ def _compared(name: str, flight: "LoggedFlight") -> "ComparedFlight":
     from gcs.report.charts.panels import Sheet
     from gcs.report.compare import POINTS_MAX, ComparedFlight
 
-    record, ring = flight.evidence.record, ring_reference(flight.mission)
+    record = flight.evidence.record
+    ring = ring_reference(flight.mission, record.events)
     sheet = Sheet(record, _result(flight), ring, None, ring_motion(record, ring.gaps), POINTS_MAX)
     return ComparedFlight(name, flight.mission, sheet)
 

@@ -25,6 +25,7 @@ from agents.team.messages import (
     CommandKey,
     MemberState,
     OperatorCommand,
+    RingValues,
     StartProposal,
     VehicleReport,
 )
@@ -145,7 +146,7 @@ class CommandClient:
         verb: Verb,
         vehicles: Collection[int],
         vehicle: int | None,
-        shape: Shape | None = None,
+        argument: Shape | RingValues | None = None,
         on_answer: OnAnswer = lambda _vehicle, _answer: None,
         number: int | None = None,
     ) -> dict[int, CommandResult | None]:
@@ -163,7 +164,9 @@ class CommandClient:
                 await self._until(lambda: self._missions.is_same or self._missions.is_other, _MISSION_TIMEOUT_S)
                 self._missions.refuse_other()
             number = randrange(2**32) if number is None else number
-            command = OperatorCommand(0.0, verb, vehicle, self._identity.participant.name, number, shape)
+            ring = argument if isinstance(argument, RingValues) else None
+            shape = None if isinstance(argument, RingValues) else argument
+            command = OperatorCommand(0.0, verb, vehicle, self._identity.participant.name, number, shape, ring=ring)
             sent = self._sent[command.key] = _Sent(monotonic(), on_answer)
             try:
                 await self._repeat(command, sent, vehicles)

@@ -31,10 +31,10 @@ NONE_ENGAGES = EngagementReference()
 
 def evaluated(mission: Mission, record: FlightRecord) -> FlightResult:
     """Return the metrics and verdicts of a flight of the mission."""
-    references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
+    references = ring_reference(mission, record.events), formation_reference(mission), verdict_tolerances(mission)
     result = evaluate(record, *references, engagement_reference(mission))
     config = mission.agent_config(mission.vehicles[0])
-    return replace(result, transitions=predicted(result.transitions, record, config))
+    return replace(result, transitions=predicted(result.transitions, record, config, references[0]))
 
 
 def evaluate(
@@ -47,8 +47,8 @@ def evaluate(
     """Compute the metrics and verdicts of a flight; without a reference no vehicle was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
     each_engaged_s, motion = engagement_times_s(record), ring_motion(record, ring.gaps)
-    engaged_s = [time_s for time_s in each_engaged_s if time_s is not None]
-    window_s, ring_result = judged_ring(record.time_s, motion, ring, engaged_s)
+    began_s = ring.began_s(each_engaged_s)
+    window_s, ring_result = judged_ring(record.time_s, motion, ring, began_s)
     window = within(record.time_s, window_s)
     result = FlightResult(
         mission=record.mission,
@@ -59,7 +59,7 @@ def evaluate(
         window_s=window_s,
         vehicles=vehicle_results(record, motion, ring, formation, window),
         ring=ring_result,
-        transitions=transitions(record, motion, ring, engaged_s),
+        transitions=transitions(record, motion, ring, began_s),
         reynolds=_reynolds(record, window),
         closest_approach_m=_closest_approach_m(record),
         guard_interventions=None if record.guard is None else record.guard.interventions,
@@ -87,9 +87,9 @@ def _estimate_result(record: FlightRecord, ring: DesiredRing, window: Mask) -> E
         return None
     estimated = replace(record, vehicles=record.estimates)
     motion = ring_motion(estimated, ring.gaps)
-    engaged_s = [time_s for time_s in engagement_times_s(estimated) if time_s is not None]
+    began_s = ring.began_s(engagement_times_s(estimated))
     vehicles = estimated_vehicles(record, motion, ring, window)
-    whole = estimated_ring(record.time_s, motion, ring, engaged_s, window)
+    whole = estimated_ring(record.time_s, motion, ring, began_s, window)
     return EstimateResult(vehicles, whole, _closest_approach_m(estimated))
 
 

@@ -10,7 +10,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.notes import AlertChange, CommandOutcome, GuardAction, Kind, Note, ReferenceChange, TacticChange
+from agents.notes import (
+    AlertChange,
+    CommandOutcome,
+    GuardAction,
+    Kind,
+    Note,
+    ReferenceChange,
+    RingCommanded,
+    TacticChange,
+)
 from agents.safety.guard import Guarded
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
@@ -79,6 +88,7 @@ class FlightEvent:
     tactic: TacticChange | None = None
     reference: ReferenceChange | None = None
     guard: GuardAction | None = None
+    ring: RingCommanded | None = None
 
     @classmethod
     def of(cls, vehicle_id: int, note: Note) -> "FlightEvent":
@@ -93,12 +103,14 @@ class FlightEvent:
             note.tactic,
             note.reference,
             note.guard,
+            note.ring,
         )
 
     def to_dict(self) -> dict[str, object]:
-        """Return it as plain data; `alert`, `command`, `reference` and `guard` only where the event has one."""
+        """Return it as plain data; `alert`, `command`, `reference`, `guard` and `ring` only where it has one."""
         plain = {"time_s": self.time_s, "vehicle": self.vehicle, "kind": self.kind, "text": self.text}
-        values = {"alert": self.alert, "command": self.command, "reference": self.reference, "guard": self.guard}
+        names = ("alert", "command", "reference", "guard", "ring")
+        values = {name: getattr(self, name) for name in names}
         return plain | {name: msgspec.structs.asdict(each) for name, each in values.items() if each is not None}
 
 

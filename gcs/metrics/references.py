@@ -1,16 +1,19 @@
 """The references of a mission, from which its flights may deviate by the tolerances of the verdicts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from pydantic import Field
 
+from agents.ring.commanded_ring import change_s
 from agents.ring.place import Gaps
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.ending import named
-from gcs.metrics.record import FlightRecord, VehicleTrack
+from gcs.metrics.record import FlightEvent, FlightRecord, Mask, VehicleTrack
 from gcs.mission.mission import Mission, VerdictSection
 
 GRACE_S = 30.0
@@ -110,16 +113,55 @@ def _passed(record: FlightRecord, track: VehicleTrack, allowed_m: float) -> tupl
     return bool(near.size), bool(record.time_s[free[-1]] - record.time_s[due] >= GRACE_S)
 
 
+class EarlierRing(NamedTuple):
+    """A ring that was desired until operators commanded the next one, and how long the change to that takes."""
+
+    until_s: float
+    radius_m: float
+    angular_rate_rad_s: float
+    change_s: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class DesiredRing:
     """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
 
-    The angles between vehicles are in proportion to the weights `gaps`.
+    It is the last one that was commanded; `earlier` are those before it, in order. The angles between vehicles are in
+    proportion to the weights `gaps`.
     """
 
     radius_m: float
     angular_rate_rad_s: float
     gaps: Gaps = field(default_factory=dict)
+    earlier: tuple[EarlierRing, ...] = ()
+
+    @property
+    def changed_s(self) -> list[float]:
+        """When another ring was commanded."""
+        return [each.until_s for each in self.earlier]
+
+    def changes(self, time_s: Vector) -> Mask:
+        """Return when (T,) the ring was on its way from one to the next."""
+        mask = np.zeros(time_s.shape, dtype=np.bool_)
+        for each in self.earlier:
+            mask |= (time_s >= each.until_s) & (time_s < each.until_s + each.change_s)
+        return mask
+
+    def began_s(self, engaged_s: Iterable[float | None]) -> list[float]:
+        """Return when the ring began to settle: at every engagement, and when another ring was commanded after one."""
+        known_s = [each for each in engaged_s if each is not None]
+        return known_s + [each for each in self.changed_s if known_s and each >= min(known_s)]
+
+    def over_m(self, time_s: Vector) -> Vector:
+        """Return the desired radius (T,) over time."""
+        return self._over(time_s, [*(each.radius_m for each in self.earlier), self.radius_m])
+
+    def over_rad_s(self, time_s: Vector) -> Vector:
+        """Return the desired angular rate (T,) over time."""
+        return self._over(time_s, [*(each.angular_rate_rad_s for each in self.earlier), self.angular_rate_rad_s])
+
+    def _over(self, time_s: Vector, values: Sequence[float]) -> Vector:
+        return np.array(values)[np.searchsorted(self.changed_s, time_s, side="right")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,9 +181,18 @@ class VerdictTolerances(VerdictSection):
     separation_m: float = Field(gt=0.0)
 
 
-def ring_reference(mission: Mission) -> DesiredRing:
-    """Return the ring of the mission."""
-    return DesiredRing(mission.encirclement.radius_m, mission.encirclement.angular_rate_rad_s, mission.gaps)
+def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> DesiredRing:
+    """Return the ring of the mission, changed by the commands among the events of a flight."""
+    ring, earlier = mission.encirclement, []
+    for event in events:
+        if event.ring is None:
+            continue
+        commanded = ring.model_copy(update=msgspec.structs.asdict(event.ring))
+        if commanded != ring:  # each vehicle notes the command that all have received
+            change = change_s(ring, commanded)
+            earlier.append(EarlierRing(event.time_s, ring.radius_m, ring.angular_rate_rad_s, change))
+            ring = commanded
+    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier))
 
 
 def formation_reference(mission: Mission) -> FormationReference:

@@ -85,20 +85,21 @@ def ring_motion(record: FlightRecord, gaps: Gaps = EVEN) -> RingMotion:
     )
 
 
-def off_ring(motion: RingMotion, ring: DesiredRing) -> Mask:
-    """Return the samples (T,) with a radius or a spacing outside of what counts as settled."""
-    radius_error_m = np.abs(motion.radius_m - ring.radius_m)
+def off_ring(time_s: Vector, motion: RingMotion, ring: DesiredRing) -> Mask:
+    """Return the samples (T,) with a radius or a spacing outside of what counts as settled, or a ring on its way."""
+    desired_m = ring.over_m(time_s)
     spacing_error_rad = np.abs(motion.lead_rad - motion.desired_spacing_rad)
-    off_radius = (radius_error_m > SETTLED_RADIUS_FRACTION * ring.radius_m).any(axis=0)
-    return np.asarray(off_radius | (spacing_error_rad > SETTLED_SPACING_RAD).any(axis=0))
+    off_radius = (np.abs(motion.radius_m - desired_m) > SETTLED_RADIUS_FRACTION * desired_m).any(axis=0)
+    return np.asarray(off_radius | (spacing_error_rad > SETTLED_SPACING_RAD).any(axis=0) | ring.changes(time_s))
 
 
-def on_ring(motion: RingMotion, ring: DesiredRing, mixing_samples: int = 0) -> Mask:
+def on_ring(time_s: Vector, motion: RingMotion, ring: DesiredRing, mixing_samples: int = 0) -> Mask:
     """Return where (V, T) a vehicle has reached the radius since it became a member.
 
     The radius counts from so many samples as a member on.
     """
-    near = np.abs(motion.radius_m - ring.radius_m) <= SETTLED_RADIUS_FRACTION * ring.radius_m
+    desired_m = ring.over_m(time_s)
+    near = np.abs(motion.radius_m - desired_m) <= SETTLED_RADIUS_FRACTION * desired_m
     index = np.arange(motion.member.shape[1])
     out = np.maximum.accumulate(np.where(motion.member, -1, index), axis=1)
     reached = np.maximum.accumulate(np.where(motion.member & near & (index - out > mixing_samples), index, -1), axis=1)
@@ -163,10 +164,10 @@ SETTLED_FOR_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class RingResult:
-    """The ring as a whole: time from the last engagement to settling, and the spacings between neighbours.
+    """The ring as a whole: time to settle after the last engagement or commanded ring, and the spacings of neighbours.
 
-    `unsettled_at_s` is when a ring that had settled left its limits for the last time, None if it never did after the
-    last engagement; `first_settled_at_s` is when it had settled first, None without that.
+    `unsettled_at_s` is when a ring that had settled left its limits for the last time, None if it never did after it
+    began; `first_settled_at_s` is when it had settled first, None without that.
     `judged_s` is the time in the window of the ring metrics with a ring of which every vehicle was measured,
     `judged_from_s` its begin, None without any, `judged_share` its share of all time with a vehicle on the ring, and
     `members_min` the fewest vehicles on the ring in it.
@@ -184,47 +185,50 @@ class RingResult:
 
 
 def judged_ring(
-    time_s: Vector, motion: RingMotion, ring: DesiredRing, engaged_s: list[float]
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, began_s: list[float]
 ) -> tuple[tuple[float, float] | None, RingResult]:
-    """Return the window of the ring metrics, None where none engaged, and the ring as a whole."""
-    if not engaged_s:
+    """Return the window of the ring metrics, None where none engaged, and the ring as a whole.
+
+    `began_s` are the times at which it began to settle: see `DesiredRing.began_s`.
+    """
+    if not began_s:
         return None, RingResult()
-    settled_s = _settled_at_s(time_s, motion, ring, max(engaged_s))
+    settled_s = _settled_at_s(time_s, motion, ring, max(began_s))
     window_s = _window_s(time_s, settled_s)
-    settling_time_s = None if settled_s is None else grid_time(settled_s - max(engaged_s))
+    settling_time_s = None if settled_s is None else grid_time(settled_s - max(began_s))
     window = within(time_s, window_s)
-    errors_deg, unsettled_s = _spacing_errors_deg(motion, window), _unsettled(time_s, motion, ring, max(engaged_s))
+    errors_deg, unsettled_s = _spacing_errors_deg(motion, window), _unsettled(time_s, motion, ring, max(began_s))
     judged_s, from_s, share, members = _judged(time_s, motion, window)
     return window_s, RingResult(settling_time_s, *errors_deg, *unsettled_s, judged_s, from_s, share, members)
 
 
 def estimated_ring(
-    time_s: Vector, motion: RingMotion, ring: DesiredRing, engaged_s: list[float], window: Mask
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, began_s: list[float], window: Mask
 ) -> RingResult:
     """Return the ring by the vehicles' estimates, its spacings in the window of the truth."""
-    settled_s = _settled_at_s(time_s, motion, ring, max(engaged_s)) if engaged_s else None
-    settling_time_s = None if settled_s is None else grid_time(settled_s - max(engaged_s))
+    settled_s = _settled_at_s(time_s, motion, ring, max(began_s)) if began_s else None
+    settling_time_s = None if settled_s is None else grid_time(settled_s - max(began_s))
     return RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
 
 
-def _settled_at_s(time_s: Vector, motion: RingMotion, ring: DesiredRing, last_engaged_s: float) -> float | None:
-    """Return the time after the last engagement from which the ring stays within its limits to the end, or None."""
-    outside = np.flatnonzero(off_ring(motion, ring))
+def _settled_at_s(time_s: Vector, motion: RingMotion, ring: DesiredRing, last_began_s: float) -> float | None:
+    """Return the time after it began from which the ring stays within its limits to the end, or None."""
+    outside = np.flatnonzero(off_ring(time_s, motion, ring))
     # Settling starts at a sample at which every member of the ring was measured.
-    valid = motion.measured & (time_s >= last_engaged_s - TIME_GRAIN_S)
+    valid = motion.measured & (time_s >= last_began_s - TIME_GRAIN_S)
     valid[: outside[-1] + 1 if outside.size else 0] = False
     return float(time_s[np.argmax(valid)]) if valid.any() else None
 
 
 def _unsettled(
-    time_s: Vector, motion: RingMotion, ring: DesiredRing, last_engaged_s: float
+    time_s: Vector, motion: RingMotion, ring: DesiredRing, last_began_s: float
 ) -> tuple[float | None, float | None]:
     """Return when the ring had settled first, and when it left its limits last after that; None if it never did.
 
     It counts as settled once it was within its limits for `SETTLED_FOR_S`.
     """
-    off = off_ring(motion, ring)
-    known = (off | motion.measured) & (time_s >= last_engaged_s - TIME_GRAIN_S)
+    off = off_ring(time_s, motion, ring)
+    known = (off | motion.measured) & (time_s >= last_began_s - TIME_GRAIN_S)
     off, at_s = off[known], time_s[known]
     changes = np.flatnonzero(np.diff(off)) + 1
     begins, ends = np.append(0, changes), np.append(changes, off.size)

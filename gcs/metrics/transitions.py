@@ -24,12 +24,13 @@ _STILL_RAD = np.radians(0.25)
 
 @dataclass(frozen=True, slots=True)
 class TransitionResult:
-    """The transition after an engagement, until the ring has settled or the next engagement.
+    """The transition after an engagement or a commanded ring, until the ring has settled or the next one.
 
     Motion is relative to the target: the highest speed on the ring, the lowest speed along it in its direction
-    (negative: backwards), the largest acceleration. `spacing_overshoot_deg` is how far a spacing overshot the wanted
-    one, `spacing_monotonic` whether V (18) never increased from 5 s on. `settling_predicted_s` is what the law and its
-    bounds predict from the motion at the engagement (`agents/ring/settling.py`), None if the ring would not settle.
+    (negative: backwards, as at first after a reversal), the largest acceleration. `spacing_overshoot_deg` is how far a
+    spacing overshot the wanted one, `spacing_monotonic` whether V (18) never increased from 5 s on.
+    `settling_predicted_s` is what the law and its bounds predict from the motion at the begin
+    (`agents/ring/settling.py`), None if the ring would not settle.
     """
 
     begins_at_s: float
@@ -53,10 +54,10 @@ class RelativeMotion:
 
 
 def transitions(
-    record: FlightRecord, motion: RingMotion, ring: DesiredRing, engaged_s: list[float]
+    record: FlightRecord, motion: RingMotion, ring: DesiredRing, began_s: list[float]
 ) -> tuple[TransitionResult, ...]:
-    """Return a result for each engagement, from it until the ring has settled or the next one."""
-    begins_s = [at for at, after in pairwise([*sorted(engaged_s), np.inf]) if after - at > _TOGETHER_S]
+    """Return a result for each engagement and commanded ring, from it until the ring has settled or the next one."""
+    begins_s = [at for at, after in pairwise([*sorted(began_s), np.inf]) if after - at > _TOGETHER_S]
     relative = relative_motion(record, motion, ring)
     return tuple(
         _transition(record.time_s, motion, ring, relative, begin_s, end_s)
@@ -65,17 +66,28 @@ def transitions(
 
 
 def predicted(
-    results: tuple[TransitionResult, ...], record: FlightRecord, config: AgentConfig
+    results: tuple[TransitionResult, ...], record: FlightRecord, config: AgentConfig, ring: DesiredRing
 ) -> tuple[TransitionResult, ...]:
-    """Return the results with the predicted settling times, for the ring of a vehicle's configuration."""
+    """Return the results with the predicted settling times, for the configuration of a vehicle on the desired ring."""
     motion = ring_motion(record, config.gaps)
+    begins_s = np.array([result.begins_at_s for result in results])
+    rings = zip(ring.over_m(begins_s).tolist(), ring.over_rad_s(begins_s).tolist(), strict=True)
+    changes_s = {each.until_s: each.change_s for each in ring.earlier}
     return tuple(
-        replace(result, settling_predicted_s=_predicted_s(result.begins_at_s, record, motion, config))
-        for result in results
+        replace(
+            result,
+            settling_predicted_s=_predicted_s(
+                result.begins_at_s, record, motion, config.with_ring(*each), changes_s.get(result.begins_at_s, 0.0)
+            ),
+        )
+        for result, each in zip(results, rings, strict=True)
     )
 
 
-def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, config: AgentConfig) -> float | None:
+def _predicted_s(
+    begin_s: float, record: FlightRecord, motion: RingMotion, config: AgentConfig, change_s: float
+) -> float | None:
+    """Return the predicted time, at least that in which the ring changes; None without motion to predict from."""
     time_s = record.time_s
     first, after = np.searchsorted(time_s, (begin_s, begin_s + _TOGETHER_S))
     after = min(int(after), time_s.size - 1)
@@ -96,7 +108,7 @@ def _predicted_s(begin_s: float, record: FlightRecord, motion: RingMotion, confi
     if not engaged:
         return None
     predicted_s = settling_s(config, engaged, SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, on_ring_ids)
-    return round(predicted_s, 6) if np.isfinite(predicted_s) else None
+    return round(max(predicted_s, change_s), 6) if np.isfinite(predicted_s) else None
 
 
 def relative_motion(record: FlightRecord, motion: RingMotion, ring: DesiredRing) -> RelativeMotion:
@@ -109,7 +121,7 @@ def relative_motion(record: FlightRecord, motion: RingMotion, ring: DesiredRing)
     change_m_s = np.full(velocity_m_s.shape, np.nan)
     if record.time_s.size > 2 * half:
         change_m_s[:, half:-half] = velocity_m_s[:, 2 * half :] - velocity_m_s[:, : -2 * half]
-    direction = -1.0 if ring.angular_rate_rad_s < 0.0 else 1.0
+    direction = np.where(ring.over_rad_s(record.time_s) < 0.0, -1.0, 1.0)
     return RelativeMotion(
         np.hypot(velocity_m_s[..., 0], velocity_m_s[..., 1]),
         direction * motion.rate_rad_s * motion.radius_m,
@@ -121,7 +133,7 @@ def _transition(
     time_s: Vector, motion: RingMotion, ring: DesiredRing, relative: RelativeMotion, begin_s: float, end_s: float
 ) -> TransitionResult:
     inside = (time_s >= begin_s) & (time_s < end_s)
-    outside = np.flatnonzero(inside & off_ring(motion, ring))
+    outside = np.flatnonzero(inside & off_ring(time_s, motion, ring))
     last = int(outside[-1]) + 1 if outside.size else int(np.argmax(inside))
     settled = bool(last < time_s.size and inside[last])
     moving = inside & (np.arange(time_s.size) <= (last if settled else time_s.size))
@@ -134,7 +146,7 @@ def _transition(
         speed_max_m_s=_most(relative.speed_m_s, transiting),
         forwards_min_m_s=_least(relative.forwards_m_s, transiting),
         acceleration_max_m_s2=_most(relative.acceleration_m_s2, transiting),
-        spacing_overshoot_deg=overshoot_deg(motion, on_ring(motion, ring), slice(*_ends(inside))),
+        spacing_overshoot_deg=overshoot_deg(motion, on_ring(time_s, motion, ring), slice(*_ends(inside))),
         spacing_monotonic=_monotonic(time_s[inside] - begin_s, error_rad[:, inside]),
     )
 

@@ -58,9 +58,10 @@ def vehicle_results(
     engaged_s = engagement_times_s(record)
     speed_error_m_s, spacing_error_m = formation_errors(record, formation)
     known = measured(record)
+    desired_m, desired_rad_s = ring.over_m(record.time_s), ring.over_rad_s(record.time_s)
     results = []
     for row, track in enumerate(record.vehicles):
-        radius_error_m = motion.radius_m[row, window] - ring.radius_m
+        radius_error_m = (motion.radius_m[row] - desired_m)[window]
         rate_rad_s, bearing_rad = motion.rate_rad_s[row, window], motion.bearing_rad[row, window]
         last_tactic = track.tactic[known[row]][-1:]
         result = VehicleResult(
@@ -70,7 +71,7 @@ def vehicle_results(
             radius_error_rms_m=rms(radius_error_m),
             radius_error_max_m=largest(radius_error_m),
             angular_rate_mean_rad_s=_mean_rate_rad_s(record.time_s[window], bearing_rad, rate_rad_s),
-            angular_rate_error_rms_rad_s=rms(rate_rad_s - ring.angular_rate_rad_s),
+            angular_rate_error_rms_rad_s=rms(rate_rad_s - desired_rad_s[window]),
             formation_speed_error_rms_m_s=rms(speed_error_m_s[row]),
             formation_spacing_error_rms_m=rms(spacing_error_m[row]),
         )
@@ -83,8 +84,9 @@ def estimated_vehicles(
 ) -> tuple[EstimatedVehicleResult, ...]:
     """Return the ring metrics of every vehicle by estimate, and the errors of the estimates."""
     vehicles = []
+    desired_m = ring.over_m(record.time_s)
     for row, (estimate, true) in enumerate(zip(record.estimates, record.vehicles, strict=True)):
-        radius_error_m = motion.radius_m[row, window] - ring.radius_m
+        radius_error_m = (motion.radius_m[row] - desired_m)[window]
         off_m = np.hypot(*(estimate.position_m - true.position_m).T)[window]
         bearing_rad, rate_rad_s = motion.bearing_rad[row, window], motion.rate_rad_s[row, window]
         result = EstimatedVehicleResult(

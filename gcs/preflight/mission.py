@@ -3,14 +3,17 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import asin, floor, hypot, inf, pi, sqrt
 
+import msgspec
 import numpy as np
 
 from agents.control.excitation import preview
 from agents.ring.place import chord_m, even_places
 from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
+from agents.team.messages import RingValues
 from estimation.polar import polar_of
 from gcs.autopilots.registry import advice
+from gcs.errors import InputError
 from gcs.link.config import link_paces
 from gcs.link.rates import (
     FRAMES_MIN,
@@ -150,6 +153,21 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
     yield _formation_speed(mission)
     for vehicle in mission.vehicles:
         yield _lead(mission, vehicle)
+
+
+def ring_change_faults(mission: Mission, values: RingValues) -> list[str]:
+    """Return why a team must not be commanded to other values of its ring: the checks that only the mission passes.
+
+    A value that the command leaves out is the mission's here; the vehicles check the ring that they fly.
+    """
+    given = msgspec.structs.asdict(values)
+    try:
+        changed = mission.replace(encirclement={key: value for key, value in given.items() if value is not None})
+    except InputError as error:
+        return list(error.faults)
+    before = {found.check: found.grade for found in feasibility(mission)}
+    worse = (found for found in feasibility(changed) if before.get(found.check) is Grade.PASS is not found.grade)
+    return [f"{found.check}: {found.found}; {found.why}; next: {found.next_step}" for found in worse]
 
 
 def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]:

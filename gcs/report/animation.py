@@ -85,7 +85,7 @@ class _Scene:
         self._target.set_data(*target_m[sample : sample + 1].T)
         engaged_s = [vehicle.engaged_at_s for vehicle in self._sheet.result.vehicles]
         on_ring = any(each is not None and each <= now_s for each in engaged_s)
-        self._ring.set_data(*(target_m[sample] + self._sheet.ring.radius_m * _CIRCLE).T if on_ring else ([], []))
+        self._ring.set_data(*(target_m[sample] + self._sheet.desired_m[sample] * _CIRCLE).T if on_ring else ([], []))
         for row, track in enumerate(record.vehicles):
             self._paths[row].set_data(*track.position_m[: since + 1].T)
             self._recent[row].set_data(*track.position_m[since : sample + 1].T)

@@ -109,7 +109,7 @@ class Error(NamedTuple):
 
 ERRORS = {
     "radius": Error(
-        "Largest radius error", "error [m]", 1e-4, lambda sheet: _largest(sheet.motion.radius_m - sheet.ring.radius_m)
+        "Largest radius error", "error [m]", 1e-4, lambda sheet: _largest(sheet.motion.radius_m - sheet.desired_m)
     ),
     "spacing": Error(
         "Largest spacing error",

@@ -107,7 +107,8 @@ class LostPicture(msgspec.Struct, frozen=True):
 class TeamPicture(_Picture, frozen=True, tag="team"):
     """The team at one time: `time_s` since the mission's start (None before), `wall_s` in Unix time.
 
-    `ring_members` is the number of vehicles on the ring. `ending` is how the flight ended, empty before.
+    `ring_members` is the number of vehicles on the ring, `ring_radius_m` its radius if it was commanded in flight.
+    `ending` is how the flight ended, empty before.
     `link` is the fault of the link to the team, empty without one. `remaining_s` is the rest of the mission, None
     before its start. `lost` is set from the loss of a flight in the air until the next messages.
     """
@@ -121,6 +122,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     link: str = ""
     remaining_s: float | None = None
     lost: LostPicture | None = None
+    ring_radius_m: float | None = None
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):

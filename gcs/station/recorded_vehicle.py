@@ -43,11 +43,15 @@ class _Tick(NamedTuple):
 
 
 class RecordedVehicle:
-    """A vehicle's records, read once; `events` holds the events so far: time, text and severity."""
+    """A vehicle's records, read once; `events` holds the events so far: time, text and severity.
+
+    `rings` holds when another ring was commanded so far, and its radius.
+    """
 
     def __init__(self, log: FlightLog, vehicle_id: int) -> None:
         self.vehicle_id = vehicle_id
         self.events: list[tuple[float, str, Severity]] = []
+        self.rings: list[tuple[float, float]] = []
         self._records = log.vehicles.get(vehicle_id, [])
         self._speed = log.run.speed
         self._end = next(log.of_kind(vehicle_id, VehicleEnd), None)
@@ -73,7 +77,9 @@ class RecordedVehicle:
         for record in self._records:
             if record.kind is Decision:
                 decision = record.message()
-                self.events += [(each.time_s, each.text, event_severity(each)) for each in notes_of(decision)]
+                notes = notes_of(decision)
+                self.events += [(each.time_s, each.text, event_severity(each)) for each in notes]
+                self.rings += [(each.time_s, each.ring.radius_m) for each in notes if each.ring is not None]
                 yield _Tick(decision, status, altitude_m, motion_s)
             elif record.kind is AutopilotStatus:
                 before, status = status, record.read(AutopilotStatus).status

@@ -9,7 +9,7 @@ from statistics import median_high
 from msgspec.structs import replace
 
 from agents.ring.place import ring_place
-from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport
+from agents.team.messages import MISSION_RING, BusMessage, MemberState, OperatorCommand, VehicleReport
 from gcs.console.advice import Severity
 from gcs.console.team_state import SILENT_AFTER_S, TeamState
 from gcs.console.vehicle_view import (
@@ -184,7 +184,16 @@ class TeamPictures:
             (link if lost is None else "") or self._silence(now_s, is_over=is_over),
             self._remaining_s,
             lost,
+            self._ring_radius_m(),
         )
+
+    def _ring_radius_m(self) -> float | None:
+        """Return the radius of the ring that operators commanded last, None if they did not."""
+        commanded = MISSION_RING
+        for each in self._received.values():
+            if each.state is not None and each.state.ring is not None and not each.ended:
+                commanded = commanded.with_(each.state.ring)
+        return commanded.radius_m
 
     def _found_unaccounted(self, *, is_gone: bool) -> set[int]:
         """Return the vehicles that nothing accounts for: by their reports, or because the flight `is_gone`."""

@@ -93,7 +93,7 @@ def flown(
             for vehicle in vehicles:
                 if vehicle.present:
                     vehicle.core.take(Message(now_s, command))
-                    if command.verb == "formation":
+                    if command.verb in ("formation", "ring"):
                         break  # one vehicle receives it; it reaches the others in peers' states
 
     return observed(scene.mission, seed, observe, duration_s=scene.duration_s, vehicles=vehicles, progress=tell)

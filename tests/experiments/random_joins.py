@@ -22,7 +22,7 @@ from agents.settings.shapes import SHAPES, SPACED_SHAPES, Shape, offset_m
 from agents.tactics import NO_TACTIC
 from agents.team.messages import OperatorCommand
 from estimation.state import POSITION, VELOCITY, Vector
-from gcs.metrics.record import FlightRecord, LoopStatistics, Mask, VehicleTrack
+from gcs.metrics.record import FlightEvent, FlightRecord, LoopStatistics, Mask, VehicleTrack, in_order
 from gcs.metrics.references import ring_reference
 from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, on_ring, ring_motion
 from gcs.metrics.transitions import ACCELERATION_SPAN_S, RelativeMotion, overshoot_deg, relative_motion
@@ -204,11 +204,13 @@ def recorded(scene: Scene, seed: int) -> tuple[FlightRecord, SimulatedFlight, Ma
     mission = scene.mission
     tactics = np.full((len(mission.ids), round(scene.duration_s * mission.mission.rate_hz) + 1), NO_TACTIC, "<U16")
     guarded = np.zeros(tactics.shape, dtype=np.bool_)
+    events = list[FlightEvent]()
     acts = round(GUARD_ACTS_S * mission.mission.rate_hz)
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
         status = output.status
         tactics[vehicle, tick] = status.tactic.value
+        events.extend(FlightEvent.of(status.vehicle_id, note) for note in status.notes)
         if status.guarded is not None and status.guarded.causes:
             guarded[vehicle, tick : tick + acts] = True
 
@@ -228,6 +230,7 @@ def recorded(scene: Scene, seed: int) -> tuple[FlightRecord, SimulatedFlight, Ma
         ),
         loop=LoopStatistics(mission.mission.rate_hz, flight.tick_us.size, 0),
         wall_time_s=0.0,
+        events=in_order(events),
     )
     return record, flight, guarded
 
@@ -269,7 +272,7 @@ class Ring:
         self.relative: RelativeMotion = relative_motion(record, self.motion, reference)
         self.off_share = np.abs(self.motion.radius_m / reference.radius_m - 1.0)
         mixed = round(self.settings.smoothing_time_s * mission.mission.rate_hz)
-        self.on = on_ring(self.motion, reference, mixed)
+        self.on = on_ring(self.time_s, self.motion, reference, mixed)
         self._places = np.array([record.relative(track)[0] for track in record.vehicles]) @ np.array([1.0, 1.0j])
 
     def spans(self) -> Iterator[slice]:

@@ -144,7 +144,8 @@ def _default(argument: Argument) -> str:
     if argument.required:
         return ""
     default = argument.field_info.default
-    hidden = argument.parameter.show_default is False or default is None or default is False or default == ()
+    absent = default is None or default is False or default == () or default is argument.field_info.empty
+    hidden = absent or argument.parameter.show_default is False
     return "" if hidden else f"`{default}`"
 
 

@@ -9,18 +9,21 @@ import sys
 import termios
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, contextmanager
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from agents.flight_end import FlightEnd
+from agents.settings.shapes import Shape
 from agents.shell.outcome import Outcome
 from agents.shell.start_agreement import PeerClocks
 from agents.shell.zenoh_bus import ParticipantBus
 from agents.team.codec import encode
-from agents.team.messages import MissionIdentity, StartProposal
+from agents.team.messages import MissionIdentity, RingValues, StartProposal
 from agents.team.perception import ExternalSighting
+from agents.team.verbs import Verb
 from gcs.console.command_client import CommandClient
 from gcs.flight.flight import FlightOutcome
 from gcs.flight.plan import FlightPlan
@@ -61,9 +64,11 @@ class Team:
     async def outcomes(self) -> dict[int, Outcome]:
         return (await self.flight).outcomes
 
-    async def command(self, verb: str, vehicle: int | None = None, shape: str | None = None) -> dict[int, str]:
+    async def command(
+        self, verb: Verb, vehicle: int | None = None, argument: Shape | RingValues | None = None
+    ) -> dict[int, str]:
         asked = self.mission.ids if vehicle is None else (vehicle,)
-        answers = await CommandClient(self.mission).command(verb, asked, vehicle, shape)  # type: ignore[arg-type]
+        answers = await CommandClient(self.mission).command(verb, asked, vehicle, argument)
         assert None not in answers.values(), answers
         return {i: answer.did for i, answer in answers.items() if answer is not None}
 
@@ -152,7 +157,7 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
             assert set(await team.command("resume")) == {1, 2, 3}
         with subtests.test("every command is answered by what the vehicle does"):
             changes = dict.fromkeys((1, 2, 3), "takes its place in the shape 'wedge'")
-            assert await team.command("formation", shape="wedge") == changes
+            assert await team.command("formation", argument="wedge") == changes
             assert await team.command("hold") == dict.fromkeys((1, 2, 3), "holds")
             await until(lambda: team.tactics == dict.fromkeys((1, 2, 3), "hold"))
             assert await team.command("resume", 1) == {1: "resumes its mission"}
@@ -162,11 +167,24 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
             sensor, unsure = team_keys(team.mission).identity("sensor"), (0.25, 0.0, 0.25)
             sighting = ExternalSighting("mission", (8.0, 0.0), unsure, 0.8, 0.2)
             assert set(await CommandClient(team.mission, sensor).send_sighting(sighting, 0.0)) == {1, 2, 3}
+            pointing_out = asyncio.create_task(CommandClient(team.mission, sensor).send_sighting(sighting, 60.0))
+            stack.callback(pointing_out.cancel)
             await until(lambda: list(team.tactics.values()) == ["encircle"] * 3)
+        with subtests.test("all fly the ring that is commanded, and the page shows it"):
+            wanted = await team.command("ring", argument=RingValues(7.0, -0.1))
+            assert wanted == dict.fromkeys((1, 2, 3), "changes to a ring of 7 m, -0.1 rad/s")
+            await until(lambda: getattr(pictures[-1], "ring_radius_m", None) == 7.0)
+            await until(lambda: all(abs(rate_rad_s + 0.1) < 0.005 for rate_rad_s in rates_rad_s(pictures[-1])))
         with subtests.test("a kill cuts the motors, whatever the vehicle does"):
             await _kill_all(team, monkeypatch, tmp_path)
     for line in ("vehicle 2: formation by", "vehicle 2: hold by", "vehicle 3: kill by"):
         assert any(line in said for said in team.said), team.said
+
+
+def rates_rad_s(picture: Published) -> list[float]:
+    """Return the angular rates of the vehicles in a picture, infinite for one off the ring."""
+    rates = [each.angular_rate_rad_s for each in getattr(picture, "vehicles", ())]
+    return [inf if each is None else each for each in rates] or [inf]
 
 
 async def _kill(team: Team, vehicle_id: int, armed: tuple[int, ...], page: Path | None = None) -> None:

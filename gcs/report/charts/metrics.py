@@ -40,14 +40,14 @@ def running_rms(values: Vector, samples: int) -> Vector:
 def draw_radius_error(axes: "Axes", sheet: Sheet, criteria: Criteria) -> None:
     """Draw the running rms error of the radii."""
     title(axes, "Radius error", "")
-    error_m = sheet.motion.radius_m - sheet.ring.radius_m
+    error_m = sheet.motion.radius_m - sheet.desired_m
     _draw_error(axes, sheet, "radius error [m]", error_m, criteria.tolerances.radius_error_rms_m)
 
 
 def draw_rate_error(axes: "Axes", sheet: Sheet, criteria: Criteria) -> None:
     """Draw the running rms error of the angular velocities; verdict C2 uses the error of their mean."""
     title(axes, "Angular velocity error", "")
-    error_rad_s = sheet.motion.rate_rad_s - sheet.ring.angular_rate_rad_s
+    error_rad_s = sheet.motion.rate_rad_s - sheet.desired_rad_s
     tolerance_rad_s = criteria.tolerances.angular_rate_error_rad_s
     _draw_error(axes, sheet, "rate error [rad/s]", error_rad_s, tolerance_rad_s, "tolerance of the mean")
 

@@ -40,6 +40,16 @@ class Sheet:
         """Return the points to draw of a quantity over time."""
         return (time_s, values) if self.points_max is None else thinned(time_s, values, self.points_max)
 
+    @property
+    def desired_m(self) -> Vector:
+        """The desired radius (T,)."""
+        return self.ring.over_m(self.record.time_s)
+
+    @property
+    def desired_rad_s(self) -> Vector:
+        """The desired angular rate (T,)."""
+        return self.ring.over_rad_s(self.record.time_s)
+
     def path(self, position_m: Vector) -> Vector:
         """Return the points (K, 2) to draw of a path."""
         return position_m if self.points_max is None else thinned_path(position_m, self.points_max)
@@ -150,7 +160,7 @@ def draw_radii(axes: "Axes", sheet: Sheet) -> None:
     axes.set(xlabel="time [s]", ylabel="radius [m]")
     errors_m = [v.radius_error_rms_m for v in sheet.result.vehicles if v.radius_error_rms_m is not None]
     title(axes, "Radius about the target", f"largest error {max(errors_m):.2g} m rms" if errors_m else "")
-    _draw_ring_panel(axes, sheet, sheet.motion.radius_m, sheet.ring.radius_m)
+    _draw_ring_panel(axes, sheet, sheet.motion.radius_m, sheet.desired_m)
 
 
 def draw_rates(axes: "Axes", sheet: Sheet) -> None:
@@ -158,12 +168,13 @@ def draw_rates(axes: "Axes", sheet: Sheet) -> None:
     axes.set(xlabel="time [s]", ylabel="angular velocity [rad/s]")
     means_rad_s = [v.angular_rate_mean_rad_s for v in sheet.result.vehicles if v.angular_rate_mean_rad_s is not None]
     title(axes, "Angular velocity", f"mean {np.mean(means_rad_s):.4f} rad/s" if means_rad_s else "")
-    desired_rad_s = sheet.ring.angular_rate_rad_s
+    desired_rad_s = sheet.desired_rad_s
     _draw_ring_panel(axes, sheet, sheet.motion.rate_rad_s, desired_rad_s)
     # The rate of a vehicle that passes close to the target is far out of scale.
     low_rad_s, high_rad_s = axes.get_ylim()
-    reach_rad_s = 4.0 * max(abs(desired_rad_s), 0.05)
-    axes.set_ylim(max(low_rad_s, desired_rad_s - reach_rad_s), min(high_rad_s, desired_rad_s + reach_rad_s))
+    least_rad_s, most_rad_s = min(desired_rad_s, default=0.0), max(desired_rad_s, default=0.0)
+    reach_rad_s = 4.0 * max(abs(least_rad_s), abs(most_rad_s), 0.05)
+    axes.set_ylim(max(low_rad_s, least_rad_s - reach_rad_s), min(high_rad_s, most_rad_s + reach_rad_s))
 
 
 def draw_spacings(axes: "Axes", sheet: Sheet) -> None:

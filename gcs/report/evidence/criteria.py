@@ -7,6 +7,7 @@ import numpy as np
 from estimation.plant.model import Plant
 from estimation.plant.watch import DELAY_MAX_S, effect_delay_s, watch
 from estimation.state import POSITION, Vector
+from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import (
     DesiredRing,
     EngagementReference,
@@ -79,10 +80,10 @@ class Criteria:
     engagement: EngagementReference = field(default_factory=EngagementReference)
 
 
-def criteria_of(mission: Mission) -> Criteria:
-    """Return the criteria of a mission."""
+def criteria_of(mission: Mission, record: FlightRecord) -> Criteria:
+    """Return the criteria of a flight of a mission."""
     return Criteria(
-        ring_reference(mission),
+        ring_reference(mission, record.events),
         formation_reference(mission),
         verdict_tolerances(mission),
         mission.encirclement.spacing_gain_per_s,

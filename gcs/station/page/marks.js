@@ -24,9 +24,10 @@ export function teamMarks(mission, team, frame) {
   return collection([...target, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
 }
 
-function targetMarks(mission, { target, vehicles }, frame) {
+function targetMarks(mission, { target, vehicles, ring_radius_m }, frame) {
   const centre = target.position_m;
-  const marks = [line("ring", [circle(centre, mission.ring_radius_m)], frame), ...whereabouts(target, centre, frame)];
+  const ring = circle(centre, ring_radius_m ?? mission.ring_radius_m);
+  const marks = [line("ring", [ring], frame), ...whereabouts(target, centre, frame)];
   if (mission.keep_out_m > 0) marks.push(area("keep-out", circle(centre, mission.keep_out_m), frame));
   const flown = flownRadius(vehicles);
   return flown === null ? marks : [...marks, line("flown", [circle(centre, flown)], frame)];

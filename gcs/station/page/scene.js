@@ -183,7 +183,8 @@ export class Scene {
     const seen = this.team ? this.team.vehicles.map((each) => each.position_m).filter(Boolean) : [];
     const points = seen.length ? seen : this.mission.vehicles.map((planned) => planned.start_m);
     const target = this.team?.target;
-    return target ? [...points, ...around(target.position_m, this.mission.ring_radius_m)] : points;
+    const ring = this.team?.ring_radius_m ?? this.mission.ring_radius_m;
+    return target ? [...points, ...around(target.position_m, ring)] : points;
   }
 
   #keepInView(team) {

@@ -13,8 +13,8 @@ from scipy.optimize import minimize
 
 from agents.control.encirclement import Approach, EncirclementPlan, EncirclementPlanner, RingTask
 from agents.control.lmpc import QpStatus
+from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import MARGIN_M, Obstacle
-from agents.ring.feasibility import Orbit
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, place_errors_rad, ring_place
 from agents.ring.reference import RingPoint, RingReference, RingWay

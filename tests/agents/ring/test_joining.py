@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m
-from agents.ring.feasibility import Orbit
 from agents.ring.joining import WAITING, Joining
 from agents.ring.place import RingPlace
 from agents.ring.transition import SLOWEST_SHARE, TRACKED_SHARE, Mover, transition_of

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from agents.ring.feasibility import Orbit
+from agents.ring.commanded_ring import Orbit
 from agents.ring.joining import Joining
 from agents.ring.place import RingPlace, place_errors_rad
 from agents.ring.reference import RingReference, RingWay

@@ -11,7 +11,7 @@ from agents.settings.shapes import Shape
 from agents.shell.life import Phase
 from agents.tactics import Tactic
 from agents.team.codec import decode
-from agents.team.messages import CommandAnswer, OperatorCommand
+from agents.team.messages import CommandAnswer, OperatorCommand, RingValues
 from agents.team.verbs import VERBS, Verb
 from tests.agents.shell.test_agent import reach
 from tests.support.fake_flight import FakeFlight
@@ -87,7 +87,8 @@ def answered(situation: Situation, *verbs: Verb) -> list[tuple[str, Tactic]]:
         flight, found = await situation(), list[tuple[str, Tactic]]()
         for number, verb in enumerate(verbs, NUMBER):
             shape: Shape | None = "wedge" if verb == "formation" else None
-            flight.bus.deliver(OperatorCommand(flight.clock.now_s(), verb, None, "anna", number, shape))
+            ring = RingValues(radius_m=12.0) if verb == "ring" else None
+            flight.bus.deliver(OperatorCommand(flight.clock.now_s(), verb, None, "anna", number, shape, ring=ring))
             await asyncio.sleep(MOMENT_S)
             sent = (decode(payload) for topic, payload in flight.bus.published if topic == "answer")
             answers = [each.did for each in sent if isinstance(each, CommandAnswer) and each.number == number]
@@ -113,45 +114,49 @@ LATER = ", once it is in offboard"
 IN_5_S = ", lands in 5 s unless resumed"
 WEDGE = "in the shape 'wedge'"
 PLACE, LATER_PLACE = f"takes its place {WEDGE}", f"will take its place, once in formation, {WEDGE}"
+RING = "will fly, once it encircles, a ring of 12 m"
 OVER = "refused: its mission is over"
 LOST = "; its link is lost"
 ANSWERS: Mapping[str, tuple[str, ...]] = {
-    # hold, resume, land, rtl, abort, formation
-    "waiting on the ground": (GROUND,) * 6,
+    # hold, resume, land, rtl, abort, formation, ring
+    "waiting on the ground": (GROUND,) * 7,
     "take-off": (
         f"holds{LATER}", "was waiting for the start already", "lands", RETURNS + LATER, f"holds{LATER}{IN_5_S}",
-        LATER_PLACE,
+        LATER_PLACE, RING,
     ),
     "take-off, held": (
         f"holds{LATER}", f"resumes its mission{LATER}", "lands", RETURNS + LATER, f"holds{LATER}{IN_5_S}", LATER_PLACE,
+        RING,
     ),
-    "flying": ("holds", "was on its mission already", "lands", RETURNS, f"holds{IN_5_S}", PLACE),
+    "flying": ("holds", "was on its mission already", "lands", RETURNS, f"holds{IN_5_S}", PLACE, RING),
     "held": (
         "was holding already", "resumes its mission", "lands", RETURNS, f"was holding already{IN_5_S}", LATER_PLACE,
+        RING,
     ),
-    "returning": ("holds", RETURNING, "lands", "was returning to land already", f"holds{IN_5_S}", RETURNING),
+    "returning": ("holds", RETURNING, "lands", "was returning to land already", f"holds{IN_5_S}", RETURNING, RETURNING),
     "stopped": (
         "was holding already", "refused: the operator ends the flight", "lands", RETURNS,
-        "was holding already, lands in 5 s", OVER,
+        "was holding already, lands in 5 s", OVER, OVER,
     ),
     "mission over, held": (
-        "was holding already", "continues its return", "lands", RETURNS, f"was holding already{IN_5_S}", OVER,
+        "was holding already", "continues its return", "lands", RETURNS, f"was holding already{IN_5_S}", OVER, OVER,
     ),
-    "handed over": (HANDED_OVER, f"resumes its mission{LATER}", *(HANDED_OVER,) * 3, LATER_PLACE),
-    "handed over, on the ground": (HANDED_OVER, STANDS, *(HANDED_OVER,) * 3, LATER_PLACE),
-    "handed over, landed": (DOWN,) * 6,
+    "handed over": (HANDED_OVER, f"resumes its mission{LATER}", *(HANDED_OVER,) * 3, LATER_PLACE, RING),
+    "handed over, on the ground": (HANDED_OVER, STANDS, *(HANDED_OVER,) * 3, LATER_PLACE, RING),
+    "handed over, landed": (DOWN,) * 7,
     "being taken back": (
         f"holds{LATER}", f"resumes its mission{LATER}", "lands", RETURNS + LATER, f"holds{LATER}{IN_5_S}", LATER_PLACE,
+        RING,
     ),
     "link lost": (
         f"holds{LOST}", f"was on its mission already{LOST}", f"lands{LOST}", RETURNS + LOST, f"holds{IN_5_S}{LOST}",
-        PLACE + LOST,
+        PLACE + LOST, RING + LOST,
     ),
-    "landing": (LANDS, LANDS, "was landing already", LANDS, "was landing already", LANDS),
-    "motors being cut": (CUT,) * 6,
-    "ended": (DOWN,) * 6,
+    "landing": (LANDS, LANDS, "was landing already", LANDS, "was landing already", LANDS, LANDS),
+    "motors being cut": (CUT,) * 7,
+    "ended": (DOWN,) * 7,
 }  # fmt: skip
-STEERING: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "formation")
+STEERING: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "formation", "ring")
 BECOMES = {
     "holds": {Tactic.HOLD},
     "resumes": {Tactic.FORMATION},

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from agents.team.messages import MemberState, NeighbourAngle, TargetPackage
+from agents.team.messages import CommandedRing, MemberState, NeighbourAngle, TargetPackage
 from agents.team.send_rate import HEARTBEAT_S, SendRate, goes_on, place_goes_on
 
 RATE_HZ = 20.0
@@ -62,6 +62,7 @@ def test_what_is_new_is_repeated_at_the_full_rate_and_what_goes_on_is_a_heartbea
         {"tactic": "hold"},
         {"alert": "battery low"},
         {"shape": "wedge", "shaped_s": 11.0},
+        {"ring": CommandedRing(12.0, 11.0)},
         {"angle": None},
         {"altitude_m": 0.25},
         {"position_sigma_m": 0.15},

@@ -10,13 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from agents.notes import RingCommanded
 from estimation.state import Vector
 from gcs.metrics.metrics import evaluate
-from gcs.metrics.record import FlightRecord, GuardTally, LoopStatistics, VehicleTrack
-from gcs.metrics.references import DesiredRing, FormationReference
+from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack
+from gcs.metrics.references import DesiredRing, EarlierRing, FormationReference, ring_reference
 from gcs.metrics.result import FlightResult, window_line
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
 from gcs.metrics.ring import SETTLED_FOR_S, RingResult, judged_ring, ring_motion
+from gcs.mission.file import load_mission
 from gcs.report.evidence.lyapunov import lyapunov_rad2
 from tests.support.report_evidence import TOLERANCES
 from tests.support.result_keys import RESULT_KEYS
@@ -228,6 +230,51 @@ def test_an_empty_record_has_a_result() -> None:
     result = evaluate(nothing, RING, FORMATION, TOLERANCES)
     assert (result.duration_s, result.realtime_factor, result.vehicles[0].tactic) == (0.0, None, "unknown")
     assert evaluate(replace(nothing, vehicles=()), RING, FORMATION, TOLERANCES).vehicles == ()
+
+
+def test_a_ring_commanded_in_flight_is_judged_by_itself_from_its_command_on() -> None:
+    """At 300 s another radius and rate, flown from 330 s on: 30 s to settle, and no error before or after."""
+    changed_s, settled_s = 300.0, 330.0
+    late = settled_s - 1e-9 <= TIME_S
+    radius_m = np.where(late, 15.0, 10.0)
+    turned_rad = np.where(late, 0.05 * settled_s - 0.02 * (TIME_S - settled_s), 0.05 * TIME_S)
+    vehicles = []
+    for index in range(3):
+        track = orbit(index + 1, index * tau / 3 + turned_rad, radius_m, 0.0)
+        rate = np.where(late, -0.02, 0.05)[:, None]
+        offset_m = track.position_m - TARGET_M
+        forward = np.column_stack((-offset_m[:, 1], offset_m[:, 0]))
+        vehicles.append(replace(track, velocity_m_s=TARGET_M_S + rate * forward))
+    told = [FlightEvent(changed_s + i / 10.0, i, "command", "", ring=RingCommanded(15.0, -0.02)) for i in (1, 2, 3)]
+    mission = load_mission("case2")
+    ring = ring_reference(mission, told)
+    (earlier,) = ring.earlier
+    assert replace(ring, earlier=()) == DesiredRing(15.0, -0.02, mission.gaps)
+    assert earlier[:3] == (300.1, 10.0, 0.05)
+    assert 5.0 / 1.0 < earlier.change_s < settled_s - 300.1  # 5 m at 1 m/s at most
+    result = judged(*vehicles, ring=ring)
+    assert result.ring.settling_time_s == pytest.approx(settled_s - 300.1)
+    assert result.window_s == (settled_s, 600.0)
+    for vehicle in result.vehicles:
+        assert vehicle.radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
+        assert vehicle.angular_rate_mean_rad_s == pytest.approx(-0.02)
+        assert vehicle.angular_rate_error_rms_rad_s == pytest.approx(0.0, abs=1e-9)
+    assert [(each.begins_at_s, each.members) for each in result.transitions] == [(0.0, 3), (300.1, 3)]
+    assert result.transitions[0].settling_time_s == 0.0
+    # The same flight misses the mission's own ring.
+    assert judged(*vehicles).ring.settling_time_s is None
+
+
+def test_a_ring_has_not_settled_while_its_rate_changes() -> None:
+    """Radii and spacings are right all the time, and the rate is still another one."""
+    ring = DesiredRing(10.0, 0.05, earlier=(EarlierRing(300.0, 10.0, -0.05, 12.0),))
+    assert judged(*ring_of_three(), ring=ring).window_s == (312.0, 600.0)
+
+
+def test_a_ring_commanded_before_any_vehicle_engages_begins_no_transition() -> None:
+    ring = DesiredRing(10.0, 0.05, earlier=(EarlierRing(50.0, 20.0, 0.1),))
+    result = judged(*ring_of_three(engaged_s=100.0), ring=ring)
+    assert (result.ring.settling_time_s, [each.begins_at_s for each in result.transitions]) == (0.0, [100.0])
 
 
 # --- formation ---

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.control.encirclement import EncirclementPlanner, RingTask
-from agents.ring.feasibility import Orbit
+from agents.ring.commanded_ring import Orbit
 from agents.ring.reference import RingPoint
 from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig

@@ -10,6 +10,7 @@ from agents.safety.failsafe import Condition
 from agents.team.messages import (
     AutopilotReport,
     CommandAnswer,
+    CommandedRing,
     MemberState,
     NeighbourAngle,
     NextChange,
@@ -119,6 +120,17 @@ def test_every_field_is_that_of_the_messages() -> None:
     assert (team.time_s, team.remaining_s, team.ring_members) == (20.0, 580.0, 3)
     leads_rad = [each.lead_rad for each in team.vehicles]
     assert leads_rad == pytest.approx([0.5, 0.5, 2.0 * pi - 1.0])
+
+
+def test_a_ring_commanded_in_flight_is_shown_until_the_next_flight() -> None:
+    page = Page()
+    page.hears(10.0, report(1, START_S), state(1, START_S, (0.0, 0.0)))
+    assert page.team(10.1).ring_radius_m is None
+    page.hears(11.0, state(1, START_S + 1.0, (0.0, 0.0), ring=CommandedRing(15.0, START_S)))
+    page.hears(11.0, state(2, START_S + 1.0, (9.0, 0.0), ring=CommandedRing(12.0, START_S - 1.0)))
+    assert page.team(11.1).ring_radius_m == 15.0
+    page.hears(200.0, state(1, START_S + 190.0, (0.0, 0.0)), state(2, START_S + 190.0, (9.0, 0.0)))
+    assert page.team(200.1).ring_radius_m is None
 
 
 def test_what_is_not_known_is_null_and_never_zero() -> None:

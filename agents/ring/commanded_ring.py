@@ -1,0 +1,125 @@
+"""The ring that operators command in flight: whether a vehicle can fly it, and the way to it from the present ring."""
+
+from math import degrees, sqrt
+from typing import Final
+
+from agents.ring.place import chord_m, even_places, weights_of
+from agents.ring.transition import TRACKED_SHARE, ShapedCoordinate, braked_rate, transition_of
+from agents.settings.config import AgentConfig
+from agents.settings.sections import EncirclementSettings
+from estimation.vectors import limited
+
+_GAIN_PER_S = 1.0
+_SHARE = 0.8
+"""The share of a transition's acceleration and jerk with which the ring changes: vehicles that follow have the rest."""
+_REACHED_M, _REACHED_M_S = 0.01, 0.005
+_STEP_S, _LONGEST_S = 0.05, 600.0
+_BUILT_UP_S = 0.5
+"""How long the jerk takes to its bound as the speed along the ring changes."""
+
+
+class Orbit:
+    """The flown ring: radius, angular rate, and the rate at which its radius changes."""
+
+    def __init__(self, radius_m: float, angular_rate_rad_s: float, radius_rate_m_s: float = 0.0) -> None:
+        self.radius_m: Final = radius_m
+        self.angular_rate_rad_s: Final = angular_rate_rad_s
+        self.radius_rate_m_s: Final = radius_rate_m_s
+
+
+class ChangingRing:
+    """The ring of the settings, or one on its way to it, which every vehicle computes alike.
+
+    Radius and speed along the ring change within the bounds of a transition. The rate is their quotient, so no
+    ring between two is faster than both, and a reversal passes through a ring at rest. The acceleration towards the
+    target stays below the larger one of the two rings.
+    """
+
+    def __init__(self, settings: EncirclementSettings) -> None:
+        self.settings = settings
+        self._transition = transition_of(settings)
+        self._radius = self._speed = ShapedCoordinate(0.0, 0.0)
+        self.arrive()
+
+    @property
+    def changes(self) -> bool:
+        """Whether the ring is still on its way."""
+        return self._radius.value != self.settings.radius_m or self._speed.value != self._wanted_m_s
+
+    def change(self, settings: EncirclementSettings) -> None:
+        """Begin the way to the ring of other settings."""
+        self.settings, self._transition = settings, transition_of(settings)
+
+    def arrive(self) -> None:
+        """End the way at once: a vehicle that is not on the ring does not change with it."""
+        self._radius = ShapedCoordinate(self.settings.radius_m, 0.0)
+        self._speed = ShapedCoordinate(self._wanted_m_s, 0.0)
+
+    def advance(self, step_s: float) -> None:
+        """Move by a time step."""
+        bounds, radius, speed = self._transition, self._radius, self._speed
+        acceleration_m_s2, jerk_m_s3 = _SHARE * bounds.acceleration_m_s2, _SHARE * bounds.jerk_m_s3
+        missing_m = self.settings.radius_m - radius.value
+        fastest_m_s = min(TRACKED_SHARE * bounds.speed_m_s, braked_rate(missing_m, acceleration_m_s2))
+        radius = radius.follow(limited(_GAIN_PER_S * missing_m, fastest_m_s), acceleration_m_s2, jerk_m_s3, step_s)
+        inwards_m_s2 = max(self._wanted_m_s**2 / self.settings.radius_m, speed.value**2 / radius.value)
+        missing_m_s = limited(self._wanted_m_s, sqrt(inwards_m_s2 * radius.value)) - speed.value
+        wanted_m_s2 = limited(_GAIN_PER_S * missing_m_s, acceleration_m_s2)
+        speed = speed.follow(wanted_m_s2, jerk_m_s3, jerk_m_s3 / _BUILT_UP_S, step_s)
+        self._radius, self._speed = radius, speed
+        if abs(missing_m) < _REACHED_M and abs(self._wanted_m_s - speed.value) < _REACHED_M_S:
+            self.arrive()
+
+    def orbit(self, radius_share: float, rate_share: float) -> Orbit:
+        """Return the ring with shares of its radius and rate."""
+        if not self.changes:
+            radius_m, rate_rad_s = self.settings.radius_m, self.settings.angular_rate_rad_s
+        else:
+            radius_m, rate_rad_s = self._radius.value, self._speed.value / self._radius.value
+        return Orbit(radius_share * radius_m, rate_share * rate_rad_s, radius_share * self._radius.rate)
+
+    @property
+    def _wanted_m_s(self) -> float:
+        return self.settings.angular_rate_rad_s * self.settings.radius_m
+
+
+def change_s(before: EncirclementSettings, after: EncirclementSettings) -> float:
+    """Return how long the ring takes from rest at one to another."""
+    ring, steps = ChangingRing(before), 0
+    ring.change(after)
+    while ring.changes and steps * _STEP_S < _LONGEST_S:
+        ring.advance(_STEP_S)
+        steps += 1
+    return steps * _STEP_S
+
+
+def ring_refusal(config: AgentConfig, reach_m: float) -> str:
+    """Return why a vehicle cannot fly the ring of its configuration, with the nearest that it could; empty if it can.
+
+    `reach_m` is the distance from the target to the fence, infinite if that is not known. What radios and sensors allow
+    is not asked here, but by the checks of missions (`gcs/mission/cross_checks.py`).
+    """
+    ring, safety = config.encirclement, config.safety
+    radius_m, rate_rad_s = ring.radius_m, abs(ring.angular_rate_rad_s)
+    least_m = max(ring.radius_min_m, safety.keep_out_m, _least_m(config))
+    if radius_m < least_m or radius_m in (ring.radius_min_m, safety.keep_out_m):
+        return f"a ring of {radius_m:g} m has no room for the team: more than {least_m:.1f} m is needed"
+    if radius_m >= ring.radius_far_m:
+        return f"a ring of {radius_m:g} m is larger than its law's reach: less than {ring.radius_far_m:g} m is possible"
+    fastest_m_s = min(ring.speed_max_m_s, safety.speed_max_m_s)
+    strongest_m_s2 = min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2)
+    most_rad_s = min(fastest_m_s / radius_m, sqrt(strongest_m_s2 / radius_m))
+    if rate_rad_s > most_rad_s:
+        return f"{rate_rad_s:g} rad/s at {radius_m:g} m is faster than it may fly: at most {most_rad_s:.3f} rad/s"
+    if ring.yaw == "target" and degrees(rate_rad_s) > safety.yaw_rate_max_deg_s:
+        return f"its nose cannot follow {rate_rad_s:g} rad/s: at most {safety.yaw_rate_max_deg_s:g} degrees/s"
+    if radius_m > reach_m:
+        return f"a ring of {radius_m:g} m leaves the fence: at most {max(reach_m, 0.0):.1f} m about the target"
+    return ""
+
+
+def _least_m(config: AgentConfig) -> float:
+    """Return the radius at which the whole team is a separation apart."""
+    if len(config.slots) < 2:
+        return 0.0
+    return config.safety.separation_m / chord_m(1.0, even_places(weights_of(config.slots, config.gaps)))
