@@ -72,7 +72,6 @@ class Traffic:
     reports; `delay_grown_s` is by how much the newest round trips are longer than the shortest [s].
     """
 
-    up_bytes: int = 0
     down_bytes: int = 0
     received: int = 0
     missed: int = 0

@@ -226,7 +226,7 @@ class Relay:
         self._round_trip_next_s = -inf
         self._outgoing = FrameStream()
         self._queue: TransmitQueue | None = None
-        self._up_bytes = self._down_bytes = 0
+        self._down_bytes = 0
         self._listener = InnerListener()
         self._inner: InnerConnection | None = None
 
@@ -299,7 +299,6 @@ class Relay:
         with self._lock:
             every = [claim.sequences for claim in self._gate.claims.values()]
             return Traffic(
-                self._up_bytes,
                 self._down_bytes,
                 sum(each.received for each in every),
                 sum(each.missed for each in every),
@@ -352,8 +351,8 @@ class Relay:
         sent = self._outbound(inner.read() or b"") if inner.descriptor in readable else []
         outgoing = self._paced([*sent, *self._requests(), *self._heartbeats()])
         for frame, address in (*self._signed_all(outgoing), *self._calls()):
-            if not self._is_muted(frame) and self._carrier.send(frame, address):
-                self._up_bytes += len(frame)
+            if not self._is_muted(frame):
+                self._carrier.send(frame, address)
         arrives = any(descriptor in readable for descriptor in self._carrier.watched())
         received = list(self._carrier.receive()) if arrives else []
         for frames in (b"", *self._inbound(received)):
