@@ -68,8 +68,3 @@ class ExternalPositions:
         poses = (pose for pose in message.poses if pose.vehicle == self._vehicle_id)
         pose = next(poses, None)
         return None if pose is None else ExternalPosition(time_s, pose.position_m, pose.yaw_rad)
-
-
-def encode_poses(message: ExternalPoses) -> bytes:
-    """Return the payload of a message."""
-    return msgspec.json.encode(message)

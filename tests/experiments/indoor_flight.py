@@ -17,11 +17,12 @@ from math import atan2, cos, hypot, radians
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from pymavlink import mavutil
 
 from agents.ports import VehicleRefusedError
-from agents.team.external_positions import TOPIC, ExternalPose, ExternalPoses, encode_poses
+from agents.team.external_positions import TOPIC, ExternalPose, ExternalPoses
 from estimation.frames import Triple
 from gcs.console.team_bus import guest_bus
 from gcs.errors import InputError
@@ -171,9 +172,8 @@ async def publish(mission: Mission, cameras: Cameras, ended: threading.Event) ->
     while not ended.is_set():
         seen = cameras.seen(time.time() - DELAY_S)
         if seen is not None:
-            bus.publish(
-                TOPIC, encode_poses(ExternalPoses((ExternalPose(1, seen.position_m, seen.yaw_rad),), seen.time_s))
-            )
+            poses = ExternalPoses((ExternalPose(1, seen.position_m, seen.yaw_rad),), seen.time_s)
+            bus.publish(TOPIC, msgspec.json.encode(poses))
         next_s += 1.0 / RATE_HZ
         await asyncio.sleep(max(next_s - time.monotonic(), 0.0))
     await bus.close()

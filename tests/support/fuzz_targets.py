@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega, common
 from starlette.types import Message
 
 from agents.team.codec import decode, encode
-from agents.team.external_positions import ExternalPose, ExternalPoses, ExternalPositions, encode_poses
+from agents.team.external_positions import ExternalPose, ExternalPoses, ExternalPositions
 from agents.team.messages import (
     CommandAnswer,
     MemberState,
@@ -122,7 +122,7 @@ def _sensor(_: Path) -> Target:
     def read(data: bytes) -> object:
         return perception.take(data, NOW_S, 1.0), positions.take(data, NOW_S)
 
-    return Target("sensor", [*map(encode_sighting, sightings), encode_poses(poses)], read, (), 1000)
+    return Target("sensor", [*map(encode_sighting, sightings), msgspec.json.encode(poses)], read, (), 1000)
 
 
 # Files of users.
