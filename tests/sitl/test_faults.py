@@ -1,20 +1,18 @@
 """Faults of one stub vehicle: what it tells and where it flies with a silent motion, or an estimate that is off."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
 
 import pytest
 from pymavlink.dialects.v20.common import MAVLink_set_gps_global_origin_message
 
-from agents.drops import NO_DROPS, Refusals
 from agents.shell.clock import WallClock
-from agents.team.messages import BusMessage, MemberState, OperatorCommand
+from agents.team.messages import MemberState, OperatorCommand
 from gcs.flight.faults.failing_equipment import FailingBus
 from gcs.flight.faults.team_faults import PresentFaults, TeamFaults
 from sitl.autopilot.modes import NavMode
 from sitl.faults import VehicleFaults
 from tests.sitl.test_protocol import SYSTEM_ID, Client, fly, follow
+from tests.support.fake_flight import FakeBus
 
 MOTION = {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"}
 
@@ -93,35 +91,6 @@ def test_a_velocity_of_zero_is_a_setpoint_to_stop(client: Client) -> None:
 # The flying process
 
 
-class Bus:
-    """A peer bus of which one end is seen: what is put in is delivered."""
-
-    alive = True
-    drops = NO_DROPS
-    operated = False
-    revoked: tuple[str, ...] = ()
-    refusals: Refusals = MappingProxyType({})
-    heads: Mapping[str, bytes] = MappingProxyType({})
-
-    def __init__(self) -> None:
-        self.deliver: Callable[[BusMessage], None] = lambda _message: None
-        self.sight: Callable[[str, bytes], None] = lambda *_: None
-
-    async def open(
-        self,
-        on_message: Callable[[BusMessage], None],
-        on_sensor: Callable[[str, bytes], None],
-        on_presence: Callable[[int, bool], None],
-    ) -> None:
-        self.deliver, self.sight = on_message, on_sensor
-
-    def publish(self, topic: str, payload: bytes) -> None:
-        pass
-
-    async def close(self) -> None:
-        pass
-
-
 def member(sender: int) -> MemberState:
     return MemberState(sender, 1.0, "formation", (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
@@ -129,7 +98,7 @@ def member(sender: int) -> MemberState:
 COMMAND = OperatorCommand(1.0, "hold", None, "somebody", 7)
 
 
-async def opened(bus: Bus) -> tuple[PresentFaults, list[object]]:
+async def opened(bus: FakeBus) -> tuple[PresentFaults, list[object]]:
     """Open a failing bus; return its receiver of faults, and what comes through."""
     receiver, heard = PresentFaults(), list[object]()
 
@@ -141,7 +110,7 @@ async def opened(bus: Bus) -> tuple[PresentFaults, list[object]]:
 
 
 async def test_a_bus_loses_the_given_share() -> None:
-    bus = Bus()
+    bus = FakeBus()
     receiver, heard = await opened(bus)
     for _ in range(1000):
         bus.deliver(member(1))
@@ -151,16 +120,16 @@ async def test_a_bus_loses_the_given_share() -> None:
         bus.deliver(member(1))
     assert 1450 < len(heard) < 1550
     for _ in range(1000):
-        bus.sight("perception", b"noise")
+        bus.sense("perception", b"noise")
     assert 400 < heard.count(b"noise") < 600
 
 
 async def test_who_is_unheard_is_and_operators_are_not() -> None:
-    bus = Bus()
+    bus = FakeBus()
     receiver, heard = await opened(bus)
     receiver.now = TeamFaults(not_received=frozenset({1, 2}))
     for sender in (1, 2, 3):
         bus.deliver(member(sender))
     bus.deliver(COMMAND)
-    bus.sight("perception", b"noise")
+    bus.sense("perception", b"noise")
     assert heard == [member(3), COMMAND, b"noise"]

@@ -186,7 +186,7 @@ async def _within(event: asyncio.Event, longest_s: float) -> bool:
 
 
 class FakeBus:
-    """A bus that keeps published messages; the test sends the peers' messages."""
+    """A bus that keeps published messages; the test sends what others do."""
 
     alive = True
     operated = False
@@ -198,6 +198,7 @@ class FakeBus:
     def __init__(self) -> None:
         self.published: list[tuple[str, bytes]] = []
         self.deliver: Callable[[BusMessage], None] = lambda _message: None
+        self.sense: Callable[[str, bytes], None] = lambda _topic, _payload: None
         self.appear: Callable[[int, bool], None] = lambda _vehicle_id, _present: None
 
     async def open(
@@ -206,7 +207,7 @@ class FakeBus:
         on_sensor: Callable[[str, bytes], None],
         on_presence: Callable[[int, bool], None],
     ) -> None:
-        self.deliver, self.appear = on_message, on_presence
+        self.deliver, self.sense, self.appear = on_message, on_sensor, on_presence
 
     def publish(self, topic: str, payload: bytes) -> None:
         self.published.append((topic, payload))
