@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from signal import SIGINT
 
-import pytest
 import tomli_w
 from cyclopts import App
 
-from gcs.cli import VERBS, app, main
+from gcs.cli import VERBS, app
 from gcs.link.ports import free_ports
 from tests.support.mission_text import CASE2, LOW, LOW_M
 from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
@@ -214,7 +213,7 @@ if __name__ == "__main__":
 """Commands one after the other in one process, which is faster."""
 
 
-def _script(folder: Path, text: str) -> str:
+def script(folder: Path, text: str) -> str:
     """Write a script into a folder of its own, where Python looks for modules; return its path."""
     path = folder / "bin" / ("cordon" if text is SCRIPT else "in-turn")
     path.parent.mkdir(exist_ok=True)
@@ -226,7 +225,7 @@ def finished_in_turn(runs: Sequence[VerbRun], folder: Path) -> list[Ran]:
     """Run commands to their ends, all in one process."""
     lines = json.dumps([[_name(run), *words(run)] for run in runs])
     subprocess.run(
-        [sys.executable, _script(folder, IN_TURN), lines],
+        [sys.executable, script(folder, IN_TURN), lines],
         cwd=folder,
         stdin=subprocess.DEVNULL,
         env=_environment(),
@@ -243,22 +242,10 @@ def _environment() -> dict[str, str]:
     return environment
 
 
-def finished_here(
-    run: VerbRun, folder: Path, patch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> tuple[Ran, str]:
-    """Run a command to its end in this process, which is faster, and return its standard output as well."""
-    patch.chdir(folder)
-    patch.setattr(sys, "argv", ["cordon", *words(run)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    code, (out, err) = int(ended.value.code or 0), capsys.readouterr()
-    return Ran(run, code, 0.0, fault(run, code, out, err), err), out
-
-
 @contextmanager
 def running(run: VerbRun, folder: Path) -> Iterator[tuple["subprocess.Popen[bytes]", float]]:
     """Run a command in a folder, with its output in files there."""
-    command = [sys.executable, _script(folder, SCRIPT), *words(run)]
+    command = [sys.executable, script(folder, SCRIPT), *words(run)]
     with ExitStack() as stack:
         out, err = (stack.enter_context((folder / f"{_name(run)}.{end}").open("wb")) for end in ("out", "err"))
         process = subprocess.Popen(

@@ -10,17 +10,12 @@ from gcs.flightlog.reader import read_log
 from gcs.flightlog.run import mission_of
 from gcs.mission.file import load_mission
 from gcs.replay.cores import replay
-from tests.support.verb_runs import EXCITE, EXCITED, finished, finished_here, write_missions
+from tests.support.verb_runs import EXCITE, EXCITED, finished, finished_in_turn, write_missions
 
-pytestmark = [
-    pytest.mark.wire,
-    pytest.mark.filterwarnings("ignore:Cyclopts application invoked without tokens"),
-]
+pytestmark = pytest.mark.wire
 
 
-def test_a_vehicle_is_excited_alone_inside_its_box_and_its_log_can_be_replayed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_vehicle_is_excited_alone_inside_its_box_and_its_log_can_be_replayed(tmp_path: Path) -> None:
     write_missions(tmp_path)
     done = finished(EXCITE, tmp_path)
     assert done.fault == "", done.err
@@ -43,8 +38,8 @@ def test_a_vehicle_is_excited_alone_inside_its_box_and_its_log_can_be_replayed(
     [vehicle] = replay(recorded).vehicles
     assert (vehicle.difference, vehicle.failure, vehicle.gap) == (None, None, "")
     assert vehicle.identical == vehicle.compared > 10 * told["preview"]["duration_s"] / 2.0
-    (report, printed), (identified, _) = (finished_here(run, tmp_path, monkeypatch, capsys) for run in EXCITED)
+    report, identified = finished_in_turn(EXCITED, tmp_path)
     assert (report.fault, identified.fault) == ("", ""), (report.err, identified.err)
-    evaluated = json.loads(printed)
+    evaluated = json.loads((tmp_path / "report.out").read_text(encoding="utf-8"))
     assert evaluated["ring"]["settling_time_s"] is None
     assert set(evaluated["verdicts"].values()) == {None}

@@ -14,7 +14,7 @@ import pytest
 from gcs.link.ports import free_ports
 from tests.support.hostile_modules import PACKAGES, imported, write_modules
 from tests.support.paths import ROOT
-from tests.support.verb_runs import DRILL, SCRIPT, fault, words, write_missions
+from tests.support.verb_runs import DRILL, SCRIPT, fault, script, words, write_missions
 from tests.support.wire import PATIENCE_S
 
 pytestmark = pytest.mark.wire
@@ -28,14 +28,6 @@ def hostile(tmp_path: Path) -> Path:
     write_missions(folder)
     write_modules(folder)
     return folder
-
-
-@pytest.fixture
-def script(hostile: Path) -> str:
-    """Return a script like the one that pip makes."""
-    path = hostile.parent / "cordon"
-    path.write_text(SCRIPT, encoding="utf-8")
-    return str(path)
 
 
 def run(folder: Path, *command: str) -> tuple[subprocess.CompletedProcess[str], str]:
@@ -67,14 +59,14 @@ def test_the_modules_leave_marks(hostile: Path) -> None:
     ],
     ids=lambda arguments: arguments.partition(" ")[0],
 )
-def test_no_process_of_a_command_imports_them(hostile: Path, script: str, arguments: str) -> None:
-    ended, marks = run(hostile, script, *arguments.format(page=free_ports(1)[0]).split())
+def test_no_process_of_a_command_imports_them(hostile: Path, arguments: str) -> None:
+    ended, marks = run(hostile, script(hostile.parent, SCRIPT), *arguments.format(page=free_ports(1)[0]).split())
     assert marks == "", ended.stderr
     assert ended.returncode in (0, 1), ended.stderr
 
 
-def test_a_drill_imports_none_either_and_tells_its_progress_and_its_table(hostile: Path, script: str) -> None:
-    ended, marks = run(hostile, script, *words(DRILL))
+def test_a_drill_imports_none_either_and_tells_its_progress_and_its_table(hostile: Path) -> None:
+    ended, marks = run(hostile, script(hostile.parent, SCRIPT), *words(DRILL))
     assert marks == "", ended.stderr
     assert fault(DRILL, ended.returncode, ended.stdout, ended.stderr) == "", ended.stderr
     result = json.loads(ended.stdout)
