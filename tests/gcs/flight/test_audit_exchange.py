@@ -14,8 +14,8 @@ from gcs.flight.team import FlightTeam
 from gcs.flightlog.audit import AuditEntry, AuditHead
 from gcs.keys.authority_folder import AuthorityFolder
 from gcs.keys.certificates import KeyPair, signed
-from gcs.keys.key_folder import KeyFolder
 from gcs.keys.team_keys import NoKeys
+from tests.gcs.keys.test_key_folder import security_of
 
 
 def keys_in(path: Path) -> AuthorityFolder:
@@ -29,30 +29,24 @@ def keys_in(path: Path) -> AuthorityFolder:
     return folder
 
 
-def security_of(folder: AuthorityFolder, label: str) -> BusSecurity:
-    role, _, name = label.partition("-")
-    security = KeyFolder(folder.path).identity(role, name).security  # type: ignore[arg-type]
-    assert security is not None
-    return security
-
-
 def signed_head(security: BusSecurity, head: AuditHead) -> bytes:
     return signed(KeyPair(security.certificate_pem, security.private_key_pem), msgspec.msgpack.encode(head))
 
 
 def test_a_head_counts_if_its_vehicle_has_signed_it(tmp_path: Path, subtests: pytest.Subtests) -> None:
     folder, others = keys_in(tmp_path / "keys"), keys_in(tmp_path / "others")
-    own, head = security_of(folder, "vehicle-1"), AuditHead(2, 100.0, 7, "ab" * 32)
-    payload = signed_head(security_of(folder, "vehicle-2"), head)
+    own, peer = security_of(folder, "vehicle", "1"), security_of(folder, "vehicle", "2")
+    head = AuditHead(2, 100.0, 7, "ab" * 32)
+    payload = signed_head(peer, head)
     assert verified(own, "2", payload) == ("vehicle-2", head)
     assert len(payload) < 750
     forged = {
         "altered": payload.replace(b"ab", b"cd", 1),
         "by another vehicle": signed_head(own, head),
-        "by a router": signed_head(security_of(folder, "router-hill"), head),
-        "by an operator": signed_head(security_of(folder, "operator-anna"), head),
-        "by another authority": signed_head(security_of(others, "vehicle-2"), head),
-        "of another vehicle": signed_head(security_of(folder, "vehicle-2"), msgspec.structs.replace(head, vehicle=1)),
+        "by a router": signed_head(security_of(folder, "router", "hill"), head),
+        "by an operator": signed_head(security_of(folder, "operator", "anna"), head),
+        "by another authority": signed_head(security_of(others, "vehicle", "2"), head),
+        "of another vehicle": signed_head(peer, msgspec.structs.replace(head, vehicle=1)),
         "no head": signed(KeyPair(own.certificate_pem, own.private_key_pem), b"\x01"),
         "no message": b"\xc1",
         "no certificate": msgspec.msgpack.encode((b"", b"", b"")),

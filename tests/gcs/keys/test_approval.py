@@ -12,6 +12,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 
+from agents.team.participant import Role
 from gcs.errors import Exit, InputError
 from gcs.keys.approval import APPROVAL_FILE, KILL_KEY_FILE, ApproverFolder, KillGrant
 from gcs.keys.authority_folder import AuthorityFolder
@@ -21,6 +22,7 @@ from gcs.keys.key_folder import KeyFolder
 from gcs.keys.roster import ROSTER_FILE, Roster, digest, write_roster
 from tests.conftest import Ran, RunHere
 from tests.gcs.keys.test_certificates import context, greeted
+from tests.gcs.keys.test_key_folder import security_of
 
 FIRST = "[[vehicles]]\nid = 1\n"
 
@@ -57,11 +59,9 @@ def approve(keys: AuthorityFolder, carol: ApproverFolder) -> Path:
     return folder / APPROVAL_FILE
 
 
-def granted(keys: AuthorityFolder, holder: tuple[str, str] = ("vehicle", "3")) -> set[str]:
+def granted(keys: AuthorityFolder, holder: tuple[Role, str] = ("vehicle", "3")) -> set[str]:
     """Return the keys on which a peer receives commands."""
-    security = KeyFolder(keys.path).identity(*holder).security  # type: ignore[arg-type]
-    assert security is not None
-    return {key for grant in security.grants for key in grant.topics if key.startswith("command/")}
+    return {key for grant in security_of(keys, *holder).grants for key in grant.topics if key.startswith("command/")}
 
 
 def bob(keys: AuthorityFolder) -> Identity:
@@ -69,7 +69,7 @@ def bob(keys: AuthorityFolder) -> Identity:
 
 
 def authority_of(keys: AuthorityFolder) -> CertificateAuthority:
-    """Return the authority, to sign what no command signs."""
+    """Return the authority, to issue and sign what no command does."""
     return CertificateAuthority(
         KeyPair(*((keys.path / "authority" / name).read_bytes() for name in ("certificate.pem", "private-key.pem")))
     )
@@ -86,7 +86,7 @@ def signed_alone(keys: AuthorityFolder, *approvals: KillGrant) -> None:
 def test_the_authority_alone_grants_no_kill(
     keys: AuthorityFolder, mission_file: Callable[..., str], run_here: RunHere, subtests: pytest.Subtests
 ) -> None:
-    peers = ("vehicle", "3"), ("operator", "anna"), ("operator", "bob")
+    peers: tuple[tuple[Role, str], ...] = ("vehicle", "3"), ("operator", "anna"), ("operator", "bob")
     for holder in peers:
         with subtests.test(holder=holder):
             assert "command/kill/bob" not in granted(keys, holder)

@@ -10,8 +10,8 @@ import pytest
 
 from gcs.errors import Exit, InputError
 from gcs.keys.authority_folder import AuthorityFolder
-from gcs.keys.key_folder import KeyFolder
 from tests.conftest import RunHere
+from tests.gcs.keys.test_key_folder import security_of
 
 MODULE = Path(os.environ.get("CORDON_SOFTHSM2", "/usr/lib/softhsm/libsofthsm2.so"))
 PIN = b"1234"
@@ -42,9 +42,7 @@ def test_an_authority_on_a_token_issues_and_revokes(uri: str, tmp_path: Path, su
     keys.issue("vehicle", "3", 1.0)
     keys.issue("operator", "bob", 1.0)
     keys.revoke("operator-bob")
-    security = KeyFolder(keys.path).identity("vehicle", "3").security
-    assert security is not None
-    assert [grant.common_name for grant in security.grants] == ["vehicle-3"]
+    assert [grant.common_name for grant in security_of(keys, "vehicle", "3").grants] == ["vehicle-3"]
     openssl = ["openssl", "verify", "-CAfile", str(keys.path / "authority" / "certificate.pem")]
     if shutil.which("openssl") is not None:
         subprocess.run([*openssl, str(keys.path / "vehicle-3" / "certificate.pem")], check=True, capture_output=True)

@@ -44,7 +44,7 @@ from agents.team.messages import (
     VehicleReport,
     key_of,
 )
-from agents.team.participant import Role, vehicle
+from agents.team.participant import vehicle
 from gcs.cli.log import audit
 from gcs.console.live import LiveView
 from gcs.errors import Exit
@@ -57,13 +57,14 @@ from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
 from gcs.keys.approval import APPROVAL_FILE, KILL_KEY_FILE, ApproverFolder, KillGrant
 from gcs.keys.authority_folder import AuthorityFolder
-from gcs.keys.certificates import CertificateAuthority, KeyPair
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.run_keys import RunKeys
 from gcs.keys.team_keys import NoKeys, TeamKeys
 from gcs.link.ports import free_ports
 from gcs.mission.file import load_mission
 from tests.conftest import Ran, RunHere
+from tests.gcs.keys.test_approval import authority_of
+from tests.gcs.keys.test_key_folder import security_of
 from tests.support.mission_text import LOW
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, until
@@ -80,7 +81,7 @@ LINK_S = 1.0
 """How long a stranger has that is to get no link: who has keys gets one in a fifth of that."""
 
 
-def member(vehicle_id: int, tactic: str) -> bytes:
+def member(vehicle_id: int, tactic: str = "hold") -> bytes:
     return encode(MemberState(vehicle_id, time.time(), tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
 
 
@@ -118,19 +119,6 @@ def keys(tmp_path: Path) -> AuthorityFolder:
     folder.issue("positions", "cameras", 1.0)
     folder.issue("observer", "tower", 1.0)
     return folder
-
-
-def security_of(keys: AuthorityFolder, role: Role, name: str) -> BusSecurity:
-    security = KeyFolder(keys.path).identity(role, name).security
-    assert security is not None
-    return security
-
-
-def authority_of(keys: AuthorityFolder) -> CertificateAuthority:
-    """Return the authority, to issue what no command issues."""
-    return CertificateAuthority(
-        KeyPair(*((keys.path / "authority" / name).read_bytes() for name in ("certificate.pem", "private-key.pem")))
-    )
 
 
 class Peers:

@@ -29,26 +29,21 @@ from agents.team.messages import (
     OPERATORS_TOPIC,
     ROSTER_TOPIC,
     BusMessage,
-    MemberState,
     OperatorCommand,
     VehicleReport,
     key_of,
 )
 from agents.team.participant import Participant, Role, vehicle
 from gcs.keys.authority_folder import AuthorityFolder
-from gcs.keys.key_folder import KeyFolder
+from tests.gcs.keys.test_key_folder import security_of
 from tests.support.mission_text import CASE2
 from tests.support.paths import ROOT
 from tests.support.wire import free_port, until
-from tests.wire.security.test_keys import UnauthorisedClient, client_hello, with_keys
+from tests.wire.security.test_keys import UnauthorisedClient, client_hello, member, with_keys
 
 pytestmark = pytest.mark.wire
 
 FORGED, FORGED_NUMBER = "pilot override", 99
-
-
-def state(vehicle_id: int, tactic: str = "hold") -> bytes:
-    return encode(MemberState(vehicle_id, time.time(), tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
 
 
 class RoutedTeam:
@@ -70,9 +65,7 @@ class RoutedTeam:
         self.forged: list[BusMessage] = []
 
     def security(self, role: Role, name: str) -> BusSecurity:
-        security = KeyFolder(self.keys.path).identity(role, name).security
-        assert security is not None
-        return replace(security, sockets=None)  # as on a computer of its own
+        return replace(security_of(self.keys, role, name), sockets=None)  # as on a computer of its own
 
     @property
     def port(self) -> int:
@@ -128,7 +121,7 @@ async def test_all_is_heard_through_it_and_nobody_speaks_for_another(tmp_path: P
         await until(lambda: one.operated and two.operated, waiting_for="the operator's presence")
 
         def said() -> bool:
-            one.publish("member", state(1))
+            one.publish("member", member(1))
             one.publish("@report", encode(VehicleReport(1, time.time(), "hold")))
             anna.publish("command/start", encode(OperatorCommand(time.time(), "start", None, "anna", 1)))
             return "member/1" in team.heard["2"] and {"@report/1", "member/1"} <= team.heard["anna"]
@@ -143,9 +136,9 @@ async def test_all_is_heard_through_it_and_nobody_speaks_for_another(tmp_path: P
         await asyncio.to_thread(liar.appear, "bob", OPERATORS_TOPIC)
 
         def lied() -> bool:
-            liar.publish("member/1", state(1, FORGED))
+            liar.publish("member/1", member(1, FORGED))
             liar.publish("command/land/anna", encode(OperatorCommand(time.time(), "land", None, "anna", FORGED_NUMBER)))
-            liar.publish("member/3", state(3))
+            liar.publish("member/3", member(3))
             return "member/3" in team.heard["1"] & team.heard["2"]
 
         await until(lied, waiting_for="vehicle 3 as itself")
@@ -163,7 +156,7 @@ async def test_keys_revoked_in_flight_are_dropped_behind_it(tmp_path: Path) -> N
         bob, lost = await team.bus(Participant("operator", "bob"), stack), await team.bus(vehicle(3), stack)
 
         def said() -> bool:
-            lost.publish("member", state(3))
+            lost.publish("member", member(3))
             return "member/3" in team.heard["1"] & team.heard["2"]
 
         await until(said, waiting_for="vehicle 3")
@@ -179,9 +172,9 @@ async def test_keys_revoked_in_flight_are_dropped_behind_it(tmp_path: Path) -> N
             heard.clear()
 
         def others_said() -> bool:
-            lost.publish("member", state(3))
-            one.publish("member", state(1))
-            two.publish("member", state(2))
+            lost.publish("member", member(3))
+            one.publish("member", member(1))
+            two.publish("member", member(2))
             return "member/1" in team.heard["2"] and "member/2" in team.heard["1"]
 
         dropped = one.drops.not_a_member
@@ -254,7 +247,7 @@ async def test_strangers_shut_no_operator_out(tmp_path: Path, subtests: pytest.S
             anna = await team.bus(Participant("operator", "anna"), stack)
 
             def heard() -> bool:
-                one.publish("member", state(1))
+                one.publish("member", member(1))
                 anna.publish("command/hold", encode(OperatorCommand(time.time(), "hold", None, "anna", 1)))
                 return "member/1" in team.heard["anna"] and "command/hold/anna" in team.heard["1"]
 
