@@ -15,9 +15,9 @@ class Situation:
     The centre of the ring is the target's estimate, or a point that catches up with it (`TargetBlend`). `polar` is the
     vehicle's polar state about the centre now, for reports; the planner computes its own at the acting time.
     `authority`, in (0, 1], is the share of feedback and compensation that the consistency of the own filter allows;
-    `height_m` is the altitude from the latest telemetry; `offset_variance_m2` is the variance per axis of the
-    autopilot's offset from the team's frame, in which all positions are given (`TeamFrame`). `position_sigma_m` is the
-    standard deviation of the own position, the larger one of the two axes.
+    `height_m` is the altitude from the latest telemetry. Positions are in the team's frame (`TeamFrame`), which the
+    autopilot's differs from by an offset of variance `offset_variance_m2` per axis; `position_sigma_m` is the standard
+    deviation of the own position there, the larger one of the two axes.
     """
 
     def __init__(
@@ -46,7 +46,6 @@ class Situation:
         self.acting_centre: Final = acting_centre
         self.authority: Final = authority
         self.height_m: Final = height_m
-        self.offset_variance_m2: Final = offset_variance_m2
         self.position_sigma_m: Final = sqrt(own.position_sigma_m**2 + offset_variance_m2)
 
     @property
