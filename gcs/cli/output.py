@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Self
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from gcs.cli.options import only_file
-from gcs.console.result import show_result, verdict_of
+from gcs.console.summary import show_result, verdict_of
 from gcs.console.terminal import STDERR, discard, print_line, printable_lines
 from gcs.errors import Exit, InputError
 from gcs.metrics.record import FlightRecord

@@ -1,4 +1,4 @@
-"""Terminal output of a result: how the flight ended, verdicts with their measurements, and a table of the vehicles."""
+"""A result as terminal output - ending, verdicts with measurements, a table of the vehicles - and as an exit code."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,13 @@ from rich.table import Table
 from rich.text import Text
 
 from gcs.console.table_view import TACTIC_STYLES
+from gcs.console.terminal import STDERR
+from gcs.errors import Exit
 from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Criterion, Metric, VerdictState, evidence
 from gcs.metrics.departures import departures_line
 from gcs.metrics.ending import TeamEnding
+from gcs.metrics.metrics import evaluated
+from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import engaged_line
 from gcs.metrics.result import (
     EstimateResult,
@@ -21,6 +25,7 @@ from gcs.metrics.result import (
     window_line,
 )
 from gcs.metrics.reynolds import ReynoldsResult, phases
+from gcs.mission.mission import Mission
 
 VERDICT_STYLES = {
     VerdictState.PASSES: "bold green",
@@ -28,6 +33,20 @@ VERDICT_STYLES = {
     VerdictState.NOT_JUDGED: "bold yellow",
     VerdictState.NOT_ASKED: "dim",
 }
+
+
+def show_result(mission: Mission, record: FlightRecord) -> FlightResult:
+    """Evaluate a flight against its mission and print the summary."""
+    result = evaluated(mission, record)
+    STDERR.print(summary(result))
+    return result
+
+
+def verdict_of(result: FlightResult) -> Exit:
+    """Return the exit code of a flight: its ending takes precedence over its verdicts."""
+    if result.ended_early:
+        return Exit.ENDED_IN_FLIGHT
+    return Exit.HOLDS if result.all_hold else Exit.VERDICT_FAILED
 
 
 def summary(result: FlightResult) -> RenderableType:

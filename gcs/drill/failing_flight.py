@@ -6,7 +6,7 @@ import threading
 
 import msgspec
 
-from gcs.console.result import show_result, verdict_of
+from gcs.console.summary import show_result, verdict_of
 from gcs.errors import Exit
 from gcs.flight.faults.failing_equipment import FailingEquipment
 from gcs.flight.faults.team_faults import PresentFaults, TeamFaults

@@ -12,8 +12,8 @@ from rich.console import Console
 from agents.flight_end import FlightEnd, LastPosition
 from estimation.state import Telemetry
 from gcs.cli.report import ReportOptions, report
-from gcs.console.result import verdict_of
 from gcs.console.summary import summary as terminal_summary
+from gcs.console.summary import verdict_of
 from gcs.errors import Exit
 from gcs.flightlog.reader import FlightLog, LogRecord, read_log
 from gcs.flightlog.records import VehicleEnd
