@@ -99,12 +99,11 @@ class RingTask:
 
 
 class EncirclementPlan:
-    """The aim (2,), the vehicle's region, its desired angular rate, and the solver's status."""
+    """The aim (2,), the vehicle's region, and the solver's status."""
 
-    def __init__(self, aim_m: Vector, approach: Approach, rate_wanted_rad_s: float, status: QpStatus) -> None:
+    def __init__(self, aim_m: Vector, approach: Approach, status: QpStatus) -> None:
         self.aim_m: Final = aim_m
         self.approach: Final = approach
-        self.rate_wanted_rad_s: Final = rate_wanted_rad_s
         self.status: Final = status
 
 
@@ -140,7 +139,6 @@ class EncirclementPlanner:
         """Return the aim (2,) of the polar acceleration of least cost, found by feedback linearisation - (11), (23)."""
         if task.orbit is not self._orbit:
             self._take(task.orbit)
-        wanted = task.reference.bearing.rate
         motion, polar = task.motion, task.polar
         if task.authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
             motion = damped_motion(task)
@@ -149,7 +147,7 @@ class EncirclementPlanner:
         if approach is not Approach.ORBIT:
             self.reset()
             aim = self._radial_aim(motion, polar, task)
-            return EncirclementPlan(aim, approach, wanted, QpStatus.INTERIOR)
+            return EncirclementPlan(aim, approach, QpStatus.INTERIOR)
         # Along the ring the optimiser counts in metres at the vehicle's radius: it acts as fast far outside as there.
         radius_m = polar.radius_m
         state = np.array([radius_m, 0.0, polar.radial_speed_m_s, radius_m * polar.angular_rate_rad_s])
@@ -158,7 +156,7 @@ class EncirclementPlanner:
         self._acceleration = plan.first_input
         radial, along = self._acceleration.tolist()
         aim = aim_for(motion, polar, (radial, along / radius_m), task.compensation_m_s2, self._plant)
-        return EncirclementPlan(aim, approach, wanted, plan.status)
+        return EncirclementPlan(aim, approach, plan.status)
 
     def _take(self, orbit: Orbit) -> None:
         self._orbit = orbit
