@@ -90,6 +90,7 @@ class VehicleCore:
         self._vehicle = self._fault_detector.vehicle
         self._failsafe = FailsafeMonitor(config)
         self._planner = planner_of(config, self._team, planner)
+        self._has_plug_in = planner is not None
         self._slew_limit = SlewLimit(config)
         self._neighbours = Neighbours(config)
         self._guard = Guard(config)
@@ -549,6 +550,8 @@ class VehicleCore:
 
     def _ring_refusal(self, commanded: CommandedRing) -> str:
         """Return why the vehicle cannot fly a commanded ring about the present target, empty if it can."""
+        if self._has_plug_in:
+            return "its plug-in planner flies a ring of its own"
         target_m, fence_m = self._estimator.target_m, self._config.safety.fence_m
         reach_m = inf if target_m is None or not fence_m else Fence(fence_m).clearance_m(target_m)
         return ring_refusal(self._with_ring(commanded), reach_m)

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from agents.core import VehicleCore
 from agents.inputs import Message
 from agents.settings.config import AgentConfig
+from agents.situation.task import Task
 from agents.team.codec import decode, encode
-from agents.team.messages import MISSION_RING, CommandedRing, MemberState, OperatorCommand, RingValues
+from agents.team.messages import MISSION_RING, CommandAnswer, CommandedRing, MemberState, OperatorCommand, RingValues
 from estimation.state import POSITION, Vector
 from sitl.simulation.simulation import Absence
 from tests.experiments.membership_scenes import Scene, flown
@@ -23,6 +24,15 @@ from tests.experiments.ring_commands import measured
 from tests.support.mission_text import CASE2, content, parsed
 
 Maker = Callable[..., AgentConfig]
+
+
+class ReturnsNone:
+    """A plug-in planner that leaves every plan to cordon."""
+
+    def plan(self, task: Task) -> None:
+        return None
+
+
 TIMES_S = st.sampled_from([0.0, 10.0, 20.0])
 COMMANDED = st.builds(
     CommandedRing,
@@ -114,6 +124,14 @@ def test_a_peer_with_a_ring_that_cannot_be_flown_changes_nothing(
         core.take(Message(20.0 + number, peer(20.0 + number, told)))
     notes = [note.ring for note in core.tick(21.1).status.notes if note.ring is not None]
     assert [(each.radius_m, each.angular_rate_rad_s) for each in notes] == [(12.0, 0.05)]
+
+
+def test_a_plug_in_planner_keeps_its_own_ring(make_config: Maker) -> None:
+    core = VehicleCore(make_config(vehicle_id=2), lambda _config: ReturnsNone())
+    core.take(Message(10.0, ring(10.0, 1, 12.0, None)))
+    (answer,) = (decode(each.payload) for each in core.tick(10.1).messages)
+    assert isinstance(answer, CommandAnswer)
+    assert answer.did == "refused: its plug-in planner flies a ring of its own"
 
 
 def test_a_command_without_a_value_or_of_a_ring_that_cannot_be_flown_is_refused(make_config: Maker) -> None:

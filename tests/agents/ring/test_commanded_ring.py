@@ -5,12 +5,15 @@ from itertools import pairwise
 from math import inf, pi, sin
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from agents.ring.commanded_ring import ChangingRing, Orbit, ring_refusal
+from agents.ring.reference import RingReference, RingWay
+from agents.ring.transition import AccelerationBound, Mover
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
+from estimation.polar import Polar
 
 Maker = Callable[..., AgentConfig]
 STEP_S = 0.05
@@ -30,6 +33,7 @@ def way(ring: ChangingRing, longest_s: float = 200.0) -> list[Orbit]:
     return orbits
 
 
+@example(before=(6.0, 0.3), after=(30.0, 2.0))
 @given(st.tuples(RADII_M, SPEEDS_M_S), st.tuples(RADII_M, SPEEDS_M_S))
 def test_no_ring_on_the_way_is_harder_to_fly_than_both_ends(
     before: tuple[float, float], after: tuple[float, float]
@@ -75,6 +79,25 @@ def test_a_command_before_the_last_one_is_flown_continues_from_there(
     orbits = way(ring)
     assert (orbits[0].radius_m, orbits[0].radius_rate_m_s) == (there.radius_m, there.radius_rate_m_s)
     assert orbits[-1].radius_m == second[0]
+
+
+def test_a_reference_is_on_the_ring_while_that_changes() -> None:
+    """One that followed the radius alone, at 0.5 1/s of the way that is left, would be 2 m behind a ring at 1 m/s."""
+    before, after = settings(10.0, 1.0), settings(20.0, 1.0)
+    ring, reference = ChangingRing(before), RingReference(before)
+    mover, bound = Mover(0.0, 0.1, 0.04, 0.03), AccelerationBound(3.0, 0.6, 0.6)
+    ring.change(after)
+    reference.change(after)
+    polar, time_s, off_m = Polar(10.0, 0.0, 0.0, 0.1), 0.0, [0.0]
+    while ring.changes:
+        orbit = ring.orbit(1.0, 1.0)
+        point = reference.advance(polar, RingWay(orbit, orbit.radius_m, [mover], bound), time_s)
+        polar = Polar(point.radius.value, point.bearing.value, point.radius.rate, point.bearing.rate)
+        off_m.append(abs(point.radius.value - orbit.radius_m))
+        ring.advance(STEP_S)
+        time_s += STEP_S
+    assert time_s > 8.0
+    assert max(off_m) < 0.3
 
 
 def test_a_vehicle_off_the_ring_has_the_commanded_one_at_once() -> None:

@@ -129,6 +129,8 @@ def test_a_ring_commanded_in_flight_is_shown_until_the_next_flight() -> None:
     page.hears(11.0, state(1, START_S + 1.0, (0.0, 0.0), ring=CommandedRing(15.0, START_S)))
     page.hears(11.0, state(2, START_S + 1.0, (9.0, 0.0), ring=CommandedRing(12.0, START_S - 1.0)))
     assert page.team(11.1).ring_radius_m == 15.0
+    page.hears(12.0, report(1, START_S + 2.0, ended="landed"), report(2, START_S + 2.0, ended="landed"))
+    assert page.team(12.1).ring_radius_m is None
     page.hears(200.0, state(1, START_S + 190.0, (0.0, 0.0)), state(2, START_S + 190.0, (9.0, 0.0)))
     assert page.team(200.1).ring_radius_m is None
 
