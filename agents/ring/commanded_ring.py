@@ -3,6 +3,8 @@
 from math import degrees, sqrt
 from typing import Final
 
+import msgspec
+
 from agents.ring.place import chord_m, even_places, weights_of
 from agents.ring.transition import TRACKED_SHARE, ShapedCoordinate, braked_rate, transition_of
 from agents.settings.config import AgentConfig
@@ -93,26 +95,49 @@ def change_s(before: EncirclementSettings, after: EncirclementSettings) -> float
     return steps * _STEP_S
 
 
+class RingBounds(msgspec.Struct, frozen=True):
+    """What a ring keeps: its radius, the speed along it, and the acceleration towards the target.
+
+    The radius is between the two, and not equal to one.
+    """
+
+    radius_min_m: float
+    radius_max_m: float
+    speed_max_m_s: float
+    acceleration_max_m_s2: float
+
+    def rate_max_rad_s(self, radius_m: float) -> float:
+        """Return the largest angular rate at a radius."""
+        return min(self.speed_max_m_s / radius_m, sqrt(self.acceleration_max_m_s2 / radius_m))
+
+
+def ring_bounds(config: AgentConfig) -> RingBounds:
+    """Return the bounds of the rings that a vehicle can fly about a target at rest, with room for its whole team."""
+    ring, safety = config.encirclement, config.safety
+    return RingBounds(
+        max(ring.radius_min_m, safety.keep_out_m, _least_m(config)),
+        ring.radius_far_m,
+        min(ring.speed_max_m_s, safety.speed_max_m_s),
+        min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2),
+    )
+
+
 def ring_refusal(config: AgentConfig, reach_m: float) -> str:
     """Return why a vehicle cannot fly the ring of its configuration, with the nearest that it could; empty if it can.
 
     `reach_m` is the distance from the target to the fence, infinite if that is not known. What radios and sensors allow
     is not asked here, but by the checks of missions (`gcs/mission/cross_checks.py`).
     """
-    ring, safety = config.encirclement, config.safety
+    ring, bounds, turns_deg_s = config.encirclement, ring_bounds(config), config.safety.yaw_rate_max_deg_s
     radius_m, rate_rad_s = ring.radius_m, abs(ring.angular_rate_rad_s)
-    least_m = max(ring.radius_min_m, safety.keep_out_m, _least_m(config))
-    if radius_m < least_m or radius_m in (ring.radius_min_m, safety.keep_out_m):
-        return f"a ring of {radius_m:g} m has no room for the team: more than {least_m:.1f} m is needed"
-    if radius_m >= ring.radius_far_m:
-        return f"a ring of {radius_m:g} m is larger than its law's reach: less than {ring.radius_far_m:g} m is possible"
-    fastest_m_s = min(ring.speed_max_m_s, safety.speed_max_m_s)
-    strongest_m_s2 = min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2)
-    most_rad_s = min(fastest_m_s / radius_m, sqrt(strongest_m_s2 / radius_m))
-    if rate_rad_s > most_rad_s:
+    if radius_m <= bounds.radius_min_m:
+        return f"a ring of {radius_m:g} m has no room for the team: more than {bounds.radius_min_m:.1f} m is needed"
+    if radius_m >= bounds.radius_max_m:
+        return f"a ring of {radius_m:g} m is beyond its law's reach: less than {bounds.radius_max_m:g} m is possible"
+    if rate_rad_s > (most_rad_s := bounds.rate_max_rad_s(radius_m)):
         return f"{rate_rad_s:g} rad/s at {radius_m:g} m is faster than it may fly: at most {most_rad_s:.3f} rad/s"
-    if ring.yaw == "target" and degrees(rate_rad_s) > safety.yaw_rate_max_deg_s:
-        return f"its nose cannot follow {rate_rad_s:g} rad/s: at most {safety.yaw_rate_max_deg_s:g} degrees/s"
+    if ring.yaw == "target" and degrees(rate_rad_s) > turns_deg_s:
+        return f"its nose cannot follow {rate_rad_s:g} rad/s: at most {turns_deg_s:g} degrees/s"
     if radius_m > reach_m:
         return f"a ring of {radius_m:g} m leaves the fence: at most {max(reach_m, 0.0):.1f} m about the target"
     return ""

@@ -29,7 +29,8 @@ class VerbRow:
     Without a `key` it is not on the keyboard; `button` is its place on the page, 0 for none. `event` is its effect on
     the tactic, None if it has another effect. `did` answers it, and `already` in tactics that its event does not
     change. `done` is a second answer, after `did`, once the effect is confirmed. A verb that `needs_mission` depends on
-    the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name.
+    the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name. What a verb
+    `takes` is its argument; it commands the whole team.
     """
 
     name: Verb
@@ -45,6 +46,7 @@ class VerbRow:
     help: str = ""
     needs_mission: bool = False
     is_dangerous: bool = False
+    takes: Literal["", "shape", "ring"] = ""
 
     @property
     def acts_late(self) -> bool:
@@ -59,6 +61,7 @@ _ON_MISSION = dict.fromkeys((Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE), 
 _RESUMED = {Tactic.STANDBY: "was waiting for the start already", **_ON_MISSION}
 _RETURNS = {Tactic.RETURN_AND_LAND: "was returning to land already"}
 _ABORTS = "hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort"
+_RESHAPES = "change the shape of the formation"
 _RESIZES = "change radius and rate, clockwise if negative"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
@@ -69,10 +72,10 @@ _ROWS = (
     VerbRow("rtl", "return", "t", 3, "all", Event.RETURN, "returns and lands", _RETURNS, does="return and land"),
     VerbRow("abort", "abort", "a", 5, "at once", help=_ABORTS),
     VerbRow(
-        "kill", "kill", "k", 6, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
+        "kill", "kill", "k", 7, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
     ),
-    VerbRow("formation", "change formation", help="change the shape of the formation", needs_mission=True),
-    VerbRow("ring", "change ring", help=_RESIZES, needs_mission=True),
+    VerbRow("formation", "change formation", help=_RESHAPES, needs_mission=True, takes="shape"),
+    VerbRow("ring", "change ring", button=6, help=_RESIZES, needs_mission=True, takes="ring"),
 )
 VERBS: Mapping[Verb, VerbRow] = {row.name: row for row in _ROWS}
 """The verbs by their names, in the order of lists."""

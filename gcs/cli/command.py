@@ -115,13 +115,14 @@ def _show(
 
 def _argument(mission: "Mission", verb: Verb, given: Sequence[str], vehicle: int | None) -> "Shape | RingValues | None":
     """Return the argument of a verb for the whole team, None of any other; raises InputError."""
-    if verb not in ("formation", "ring"):
+    takes = VERBS[verb].takes
+    if not takes:
         if given:
             raise InputError([f"{' '.join(given)}: {verb} has no argument"])
         return None
     if vehicle is not None:
         raise InputError([f"--vehicle: {verb} commands the whole team: leave this option out (given: {vehicle})"])
-    return _shape(mission, given) if verb == "formation" else _ring_values(mission, given)
+    return _shape(mission, given) if takes == "shape" else _ring_values(mission, given)
 
 
 def _shape(mission: "Mission", given: Sequence[str]) -> "Shape":

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from agents.control.excitation import preview
+from agents.ring.commanded_ring import RingBounds, ring_bounds
 from agents.ring.place import chord_m, even_places
 from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
@@ -153,6 +154,19 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
     yield _formation_speed(mission)
     for vehicle in mission.vehicles:
         yield _lead(mission, vehicle)
+
+
+def commanded_ring_bounds(mission: Mission) -> RingBounds:
+    """Return the bounds of the rings that the whole team can be commanded to fly about the mission's target."""
+    every = [ring_bounds(mission.agent_config(vehicle)) for vehicle in mission.vehicles]
+    is_seen = mission.target.source == "simulated"
+    ranges_m = [mission.sensor(vehicle_id).range_m for vehicle_id in mission.ids] if is_seen else []
+    return RingBounds(
+        max(each.radius_min_m for each in every),
+        min([each.radius_max_m for each in every] + ranges_m),
+        RESERVE * min(each.speed_max_m_s for each in every) - mission.target.motion.speed_max_m_s,
+        RESERVE * min(each.acceleration_max_m_s2 for each in every),
+    )
 
 
 def ring_change_faults(mission: Mission, values: RingValues) -> list[str]:

@@ -17,6 +17,7 @@ from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
+from gcs.preflight.mission import ring_change_faults
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights
 
 NO_ANSWER = "no answer"
@@ -115,6 +116,10 @@ class Commands:
             yield f"operator {self.rights.name} may not command {request.verb} from this page"
         if len(self._under_way) >= UNDER_WAY_MAX:
             yield f"{UNDER_WAY_MAX} commands are in progress: try again"
+        if VERBS[request.verb].takes and request.vehicles is not None:
+            yield f"{request.verb} commands the whole team"
+        if VERBS[request.verb].takes == "ring" and request.ring is None:
+            yield "the request names no value of the ring"
         if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
             yield f"select vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
         asked = self._mission.ids if request.vehicles is None else request.vehicles
@@ -133,7 +138,10 @@ class Commands:
 
     async def _carry_out(self, taken: _Taken, client: CommandClient) -> None:
         """Send a request to all vehicles at once, or to each that it names."""
-        vehicles = taken.request.vehicles
+        vehicles, ring = taken.request.vehicles, taken.request.ring
+        if ring is not None and (faults := await asyncio.to_thread(ring_change_faults, self._mission, ring)):
+            taken.answer(None, f"{_REFUSED}{faults[0]}", is_obeyed=False, is_final=True)
+            return
         try:
             if vehicles is None:
                 await self._send(taken, client, self._mission.ids, None)
@@ -149,7 +157,7 @@ class Commands:
         def answered(sender: int, result: CommandResult) -> None:
             taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=result.is_final)
 
-        results = await client.command(verb, asked, vehicle, None, answered)
+        results = await client.command(verb, asked, vehicle, taken.request.ring, answered)
         for vehicle_id, result in results.items():
             if result is None or not result.is_final:
                 did = NO_ANSWER if result is None else f"{result.did}: not confirmed"

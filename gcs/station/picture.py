@@ -9,11 +9,14 @@ from typing import Literal
 
 import msgspec
 
+from agents.ring.commanded_ring import RingBounds
+from agents.team.messages import RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
 from gcs.console.vehicle_view import Pair, VehicleView
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.mission import commanded_ring_bounds
 from gcs.style import COLOURS
 
 FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
@@ -53,7 +56,8 @@ class TilesPicture(msgspec.Struct, frozen=True):
 class MissionPicture(_Picture, frozen=True, tag="mission"):
     """The constant part of a flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
 
-    `x_bearing_deg` is the bearing of the x axis, clockwise from north. `tiles` is None without map tiles.
+    `x_bearing_deg` is the bearing of the x axis, clockwise from north. `ring_bounds` are those of the rings that can be
+    commanded. `tiles` is None without map tiles.
     """
 
     mission: str
@@ -64,6 +68,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     x_bearing_deg: float
     ring_radius_m: float
     ring_rate_rad_s: float
+    ring_bounds: RingBounds
     separation_m: float
     keep_out_m: float
     altitude_min_m: float | None
@@ -107,8 +112,8 @@ class LostPicture(msgspec.Struct, frozen=True):
 class TeamPicture(_Picture, frozen=True, tag="team"):
     """The team at one time: `time_s` since the mission's start (None before), `wall_s` in Unix time.
 
-    `ring_members` is the number of vehicles on the ring, `ring_radius_m` its radius if it was commanded in flight.
-    `ending` is how the flight ended, empty before.
+    `ring_members` is the number of vehicles on the ring, `ring_radius_m` and `ring_rate_rad_s` are what was
+    commanded in flight. `ending` is how the flight ended, empty before.
     `link` is the fault of the link to the team, empty without one. `remaining_s` is the rest of the mission, None
     before its start. `lost` is set from the loss of a flight in the air until the next messages.
     """
@@ -123,6 +128,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     remaining_s: float | None = None
     lost: LostPicture | None = None
     ring_radius_m: float | None = None
+    ring_rate_rad_s: float | None = None
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):
@@ -169,7 +175,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     """A page's command to these vehicles (None: all). `request` identifies it, so that it is not sent twice.
 
     `confirmation` is the word typed for a kill, `overrides_pilot` whether a vehicle may be taken back
-    from its pilot.
+    from its pilot, `ring` what the verb ring takes.
     """
 
     request: str
@@ -177,6 +183,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     vehicles: tuple[int, ...] | None
     confirmation: str = ""
     overrides_pilot: bool = False
+    ring: RingValues | None = None
 
 
 class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):
@@ -199,6 +206,7 @@ def mission_picture(
         x_bearing_deg=frame.x_bearing_deg,
         ring_radius_m=ring.radius_m,
         ring_rate_rad_s=ring.angular_rate_rad_s,
+        ring_bounds=commanded_ring_bounds(mission),
         separation_m=safety.separation_m,
         keep_out_m=safety.keep_out_m,
         altitude_min_m=safety.altitude_min_m,

@@ -97,9 +97,9 @@ def recorded_flight(
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
     teams[-1] = replace(teams[-1], ending=_ending(logs))
-    for commanded_s, radius_m in sorted(ring for each in vehicles for ring in each.rings):
+    for commanded_s, radius_m, rate_rad_s in sorted(ring for each in vehicles for ring in each.rings):
         first = sum(time_s < commanded_s for time_s in clock.times_s())
-        teams[first:] = [replace(team, ring_radius_m=radius_m) for team in teams[first:]]
+        teams[first:] = [replace(team, ring_radius_m=radius_m, ring_rate_rad_s=rate_rad_s) for team in teams[first:]]
     planned = mission_picture(mission, "log", duration_s)
     return FlightPicture(planned, tuple(teams), tuple(_events(clock, vehicles)))
 

@@ -184,16 +184,16 @@ class TeamPictures:
             (link if lost is None else "") or self._silence(now_s, is_over=is_over),
             self._remaining_s,
             lost,
-            self._ring_radius_m(),
+            *self._commanded_ring(),
         )
 
-    def _ring_radius_m(self) -> float | None:
-        """Return the radius of the ring that operators commanded last, None if they did not."""
+    def _commanded_ring(self) -> tuple[float | None, float | None]:
+        """Return radius and rate of the ring that operators commanded last, None for what they did not."""
         commanded = MISSION_RING
         for each in self._received.values():
             if each.state is not None and each.state.ring is not None and not each.ended:
                 commanded = commanded.with_(each.state.ring)
-        return commanded.radius_m
+        return commanded.radius_m, commanded.angular_rate_rad_s
 
     def _found_unaccounted(self, *, is_gone: bool) -> set[int]:
         """Return the vehicles that nothing accounts for: by their reports, or because the flight `is_gone`."""

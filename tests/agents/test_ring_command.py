@@ -142,5 +142,5 @@ def test_a_command_without_a_value_or_of_a_ring_that_cannot_be_flown_is_refused(
     assert [(each.outcome, each.did) for each in answers] == [  # type: ignore[union-attr]
         ("refused", "refused: the command names no value of the ring"),
         ("refused", "refused: the command names no value of the ring"),
-        ("refused", "refused: a ring of 1000 m is larger than its law's reach: less than 60 m is possible"),
+        ("refused", "refused: a ring of 1000 m is beyond its law's reach: less than 60 m is possible"),
     ]

@@ -6,6 +6,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
+from agents.team.messages import RingValues
 from gcs.station.picture import AnswerPicture, CommandRequest, LostPicture, OperatorRights, ReceiptPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
@@ -100,6 +101,44 @@ def test_a_selection_is_for_one_command_and_ends_after_ten_seconds_but_not_under
         page.mouse.down()
         page.mouse.up()
     assert [(request.verb, request.vehicles) for request in sent(page, served)] == [("resume", None)]
+
+
+def set_slider(page: Page, label: str, value: float) -> None:
+    page.get_by_role("slider", name=label).evaluate(
+        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')); }", value
+    )
+
+
+def test_a_ring_is_chosen_within_what_the_team_can_fly(page: Page, served: CannedStation) -> None:
+    """At 10 m 2 m/s and 0.5 m/s² allow 0.2 and 0.224 rad/s, at 40 m 0.05 and 0.112 rad/s."""
+    page.get_by_label("Select vehicle 2").check()
+    expect(page.get_by_role("button", name="Change ring… all 3")).to_be_visible()
+    verb(page, "ring")()
+    dialog, change = page.get_by_role("dialog"), page.get_by_role("button", name="Change the ring")
+    expect(dialog).to_contain_text("10.0 m (2.5 to 39.5 m)")
+    expect(dialog).to_contain_text("0.050 rad/s (up to 0.200 either way)")
+    expect(dialog).to_contain_text("0.50 m/s along the ring, counter-clockwise, one turn in 126 s")
+    expect(change).to_be_disabled()
+    set_slider(page, "Angular rate", -0.9)
+    expect(dialog).to_contain_text("2.00 m/s along the ring, clockwise, one turn in 31 s")
+    change.click()
+    expect(dialog).to_be_hidden()
+    (request,) = sent(page, served)
+    assert (request.verb, request.vehicles, request.ring) == ("ring", None, RingValues(None, -0.2))
+    served.team = lambda time_s: replace(by_pilot(1)(time_s), ring_rate_rad_s=-0.2)
+    expect(page.locator(".card .tactic").first).to_have_text("pilot override")
+    verb(page, "ring")()
+    expect(dialog).to_contain_text("-0.200 rad/s")
+    set_slider(page, "Radius", 39.5)
+    expect(dialog).to_contain_text("-0.050 rad/s (up to 0.050 either way)")
+    change.click()
+    assert [each.ring for each in sent(page, served)] == [RingValues(39.5, -0.05)]
+    verb(page, "ring")()
+    page.get_by_role("button", name="Cancel").click()
+    verb(page, "ring")()
+    page.keyboard.press("h")  # a hold closes the dialog
+    expect(dialog).to_be_hidden()
+    assert [each.verb for each in sent(page, served)] == ["hold"]
 
 
 def test_hold_all_is_for_all_whatever_is_selected(page: Page, served: CannedStation) -> None:

@@ -2,7 +2,7 @@
 
 import { byId, element, setText } from "./dom.js";
 import { actWhenHeld, ignoreKeyRepeat } from "./hold_button.js";
-import { KillPrompt, PilotPrompt } from "./prompts.js";
+import { KillPrompt, PilotPrompt, RingPrompt } from "./prompts.js";
 import { age, vehicleNames } from "./units.js";
 
 const REQUESTS_MAX = 20;
@@ -19,6 +19,7 @@ export class Commands {
     this.requests = new Map();
     this.kill = new KillPrompt((verb, target, word) => this.#request(verb, target, { confirmation: word }));
     this.pilot = new PilotPrompt((verb, target, overrides) => this.#request(verb, target, { overrides_pilot: overrides }));
+    this.ring = new RingPrompt((verb, target, ring) => this.#request(verb, target, { ring }));
     selection.changed(() => this.#showTarget());
     byId("select-all").addEventListener("click", () => selection.clear());
     byId("hold-all").addEventListener("click", () => this.#hold(this.#everyone()));
@@ -30,6 +31,7 @@ export class Commands {
 
   /** Show the commands that the operator of a mission may give. */
   start(mission) {
+    this.mission = mission;
     const offered = mission.verbs.filter(({ name, button }) => button && mission.operator.may.includes(name));
     const names = offered.map(({ name }) => name).join();
     offered.sort((first, second) => first.button - second.button);
@@ -90,8 +92,8 @@ export class Commands {
 
   #button(verb) {
     const isHeld = verb.confirmation === "all";
-    const name = element("span", { class: "verb" }, `${title(verb)}${verb.confirmation === "word" ? "…" : ""}`);
-    const button = element("button", { type: "button", "data-verb": verb.name, class: isHeld ? "held" : "" }, name);
+    const name = element("span", { class: "verb" }, `${title(verb)}${verb.confirmation === "word" || verb.takes ? "…" : ""}`);
+    const button = element("button", { type: "button", "data-verb": verb.name, "data-takes": verb.takes, class: isHeld ? "held" : "" }, name);
     if (isHeld) actWhenHeld(button, () => this.#request(verb, this.#target(), {}));
     else button.addEventListener("click", () => this.#press(verb));
     button.append(element("span", { class: "whom" }));
@@ -122,6 +124,10 @@ export class Commands {
   }
 
   #press(verb) {
+    if (verb.takes) {
+      this.ring.ask(verb, this.#everyone(), this.mission.ring_bounds, this.#flownRing());
+      return;
+    }
     const target = this.#target();
     if (verb.confirmation !== "at once" && this.selection.hasJustEnded) {
       this.#add(verb, target, "The selection had just ended: press again for all.");
@@ -131,6 +137,12 @@ export class Commands {
     if (verb.confirmation === "word") this.kill.ask(verb, target);
     else if (flown.length) this.pilot.ask(verb, target, flown);
     else this.#request(verb, target, {});
+  }
+
+  /** The ring that was commanded last, or the mission's: radius and rate. */
+  #flownRing() {
+    const { ring_radius_m, ring_rate_rad_s } = this.mission;
+    return [this.team?.ring_radius_m ?? ring_radius_m, this.team?.ring_rate_rad_s ?? ring_rate_rad_s];
   }
 
   #flownByPilots(vehicle_ids) {
@@ -186,7 +198,8 @@ export class Commands {
     this.#showRest();
     for (const button of byId("verbs").children) {
       const how = button.classList.contains("held") ? ", hold 1 s" : button.dataset.verb === HOLD.verb ? `, key ${HOLD.key}` : "";
-      setText(button.querySelector(".whom"), shortNames(vehicles, all) + how);
+      const whom = button.dataset.takes ? all : vehicles; // a verb that takes something is for the whole team
+      setText(button.querySelector(".whom"), shortNames(whom, all) + how);
       button.disabled = all.length === 0 || this.#processesEnded;
     }
   }

@@ -123,7 +123,7 @@ TEAM = {
         (10.0, -0.2, inf, ""),
         (1.8, 0.05, inf, "no room for the team"),  # three that are 3 m apart need 3/(2 sin 60°) = 1.73 m, but 2 m clear
         (2.5, 0.05, inf, ""),
-        (61.0, 0.01, inf, "larger than its law's reach: less than 60 m"),
+        (61.0, 0.01, inf, "beyond its law's reach: less than 60 m"),
         (20.0, 0.13, inf, "at most 0.125 rad/s"),  # 2.5 m/s
         (10.0, 0.23, inf, "at most 0.224 rad/s"),  # 0.5 m/s² at 10 m
         (10.0, 0.2, 9.0, "leaves the fence: at most 9.0 m"),

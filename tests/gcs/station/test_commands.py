@@ -95,6 +95,9 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
         "no vehicle": (asked("5", "hold", []), "vehicles"),
         "a foreign vehicle": (asked("6", "hold", [1, 9]), "vehicles"),
         "a verb that needs more": (asked("7", "formation"), "may not"),
+        "a ring without values": (asked("11", "ring"), "no value"),
+        "a ring of some": (asked("12", "ring", [1], ring=[12.0, None]), "the whole team"),
+        "a ring out of sight of the target": (asked("13", "ring", ring=[20.0, None]), "sensor range"),
     }
     async with running.connected() as page:
         await commanding(page)
@@ -113,6 +116,8 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             await page.send(asked("9", "resume", [2], overrides_pilot=True))
             await page.send(asked("10", "resume", [1, 3]))
             await until(lambda: len(team.numbers("kill")) == 1 and len(team.numbers("resume")) == 3)
+            await page.send(asked("14", "ring", ring=[12.0, -0.05]))
+            await until(lambda: len(team.numbers("ring")) == 1)
 
 
 async def test_a_request_is_sent_once_and_to_its_end_though_its_page_is_gone(

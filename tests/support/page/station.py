@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 import websockets
 from websockets.asyncio.client import ClientConnection
 
+from agents.ring.commanded_ring import RingBounds
 from agents.shell.zenoh_bus import single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
@@ -48,7 +49,10 @@ class CannedSource:
         self.recovered.append(vehicle_id)
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
-        return MissionPicture("canned", "sitl", 60.0, 10.0, None, 0.0, 10.0, 0.05, 3.0, 2.0, None, None, (), operator)
+        bounds = RingBounds(2.0, 40.0, 2.0, 0.5)
+        return MissionPicture(
+            "canned", "sitl", 60.0, 10.0, None, 0.0, 10.0, 0.05, bounds, 3.0, 2.0, None, None, (), operator
+        )
 
     async def run(self, publish: Callable[[Published], None]) -> None:
         self.publish, self.runs = publish, True

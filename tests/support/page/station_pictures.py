@@ -4,6 +4,7 @@ import math
 
 from msgspec.structs import replace
 
+from agents.ring.commanded_ring import RingBounds
 from agents.team.messages import AutopilotReport
 from agents.team.verbs import VERBS, Verb
 from gcs.console.vehicle_view import VehicleView
@@ -34,6 +35,7 @@ def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = tuple(VERBS)) -> Mis
         x_bearing_deg=90.0,
         ring_radius_m=radius_m,
         ring_rate_rad_s=SPEED_M_S / radius_m,
+        ring_bounds=RingBounds(2.3, 40.0, 2.0, 0.5),
         separation_m=3.0,
         keep_out_m=4.0,
         altitude_min_m=2.0,
