@@ -44,9 +44,8 @@ class Circumstances(NamedTuple):
 
     `age_s` is the time since the command was sent [wall s], by the vehicle's clock: negative if dated ahead of it.
     `resume_refused` is why the vehicle must not resume, empty if it may; `ring_refused` why it cannot fly the commanded
-    ring. It `is_down` if it was armed and no longer is,
-    and `follows` setpoints unless it takes off or was handed over. The flight `ends` once the operator has stopped it;
-    its mission `is_over` from the return on.
+    ring. It `is_down` if it was armed and no longer is, and `follows` setpoints unless it takes off or was handed over.
+    The flight `ends` once the operator has stopped it; its mission `is_over` from the return on.
     """
 
     age_s: float = 0.0

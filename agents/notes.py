@@ -106,7 +106,7 @@ class RingCommanded(msgspec.Struct, frozen=True):
 
 
 class RingChange(msgspec.Struct, frozen=True):
-    """How the flown ring differs from the mission's from now on, and why; empty if it does not."""
+    """How the flown ring differs from the planned one from now on, and why; empty if it does not."""
 
     kind: ClassVar[Kind] = "ring"
     differs: str
@@ -114,7 +114,7 @@ class RingChange(msgspec.Struct, frozen=True):
     @property
     def text(self) -> str:
         """It as text."""
-        return self.differs or "ring as in the mission"
+        return self.differs or "the whole ring"
 
 
 class GuardAction(msgspec.Struct, frozen=True):

@@ -96,14 +96,15 @@ class RingFeasibility:
         return True
 
     def shares(self, target_m_s: float) -> RingScale:
-        """Return the feasible shares of the mission's ring at a target speed, in whole steps.
+        """Return the feasible shares of the whole ring at a target speed, in whole steps.
 
         On one side of the ring the speeds of target and ring add up. A target that turns by 90 degrees changes its
         velocity by the root of two times its speed V: vehicles that respond with the acceleration A left by the ring
         fall behind by V²/A, which is limited to a share of the radius. The rate is lowered first, down to a floor; then
         the radius is raised; then the rate is lowered to what the speed limit allows.
         """
-        radius_m, rate_rad_s = self._ring.settings.radius_m, abs(self._ring.settings.angular_rate_rad_s)
+        ring = self._ring.settings
+        radius_m, rate_rad_s = ring.radius_m, abs(ring.angular_rate_rad_s)
         turning = target_m_s**2 / BROKEN_MAX
         left_m_s2 = max(self._acceleration_m_s2 - turning / radius_m, 0.0)
         rate = min(1.0, _share(sqrt(left_m_s2 / radius_m), rate_rad_s))
@@ -119,14 +120,15 @@ class RingFeasibility:
         return RingScale(_whole_step(min(rate, fast), up=False), radius)
 
     def _slow_enough_m_s(self) -> float:
-        """Return the target speed up to which the mission's ring is flown."""
-        along_m_s = abs(self._ring.settings.angular_rate_rad_s) * self._ring.settings.radius_m
-        left_m_s2 = self._acceleration_m_s2 - along_m_s**2 / self._ring.settings.radius_m
-        return min(self._speed_m_s - along_m_s, sqrt(max(left_m_s2, 0.0) * BROKEN_MAX * self._ring.settings.radius_m))
+        """Return the target speed up to which the whole ring is flown."""
+        ring = self._ring.settings
+        along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
+        left_m_s2 = self._acceleration_m_s2 - along_m_s**2 / ring.radius_m
+        return min(self._speed_m_s - along_m_s, sqrt(max(left_m_s2, 0.0) * BROKEN_MAX * ring.radius_m))
 
     @property
     def words(self) -> str:
-        """How the flown ring differs from the mission's, and why, as text; empty if it does not."""
+        """How the flown ring differs from the whole one, and why, as text; empty if it does not."""
         if self.needed == FULL_RING:
             return ""
         rate, radius = self.needed.rate, self.needed.radius
@@ -135,7 +137,8 @@ class RingFeasibility:
 
     def _why(self) -> str:
         target = f"the target moves at {self._target_m_s:.1f} m/s"
-        along_m_s = abs(self._ring.settings.angular_rate_rad_s) * self._ring.settings.radius_m
+        ring = self._ring.settings
+        along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
         if self._target_m_s >= self._speed_m_s:
             return f"{target}, faster than the vehicles can follow"
         if self._is_relaxing:
@@ -144,11 +147,11 @@ class RingFeasibility:
             return target
         if self._speed_m_s - along_m_s <= self._easy_m_s:
             return (
-                f"the mission's ring of {along_m_s:.2f} m/s leaves {max(self._easy_m_s, 0.0):.2f} m/s of the vehicles' "
+                f"the whole ring of {along_m_s:.2f} m/s leaves {max(self._easy_m_s, 0.0):.2f} m/s of the vehicles' "
                 f"{self._speed_m_s:.2f} m/s for the motion of the target"
             )
         return (
-            f"the mission's ring needs {along_m_s**2 / self._ring.settings.radius_m:.2f} m/s² of the vehicles' "
+            f"the whole ring needs {along_m_s**2 / ring.radius_m:.2f} m/s² of the vehicles' "
             f"{self._acceleration_m_s2:.2f} m/s², which leaves too little for the motion of the target"
         )
 

@@ -78,13 +78,13 @@ def test_a_feasible_ring_is_reported_once_adopted_soon_and_relaxed_late(make_con
 def test_what_slows_the_ring_is_told(make_config: Maker, subtests: pytest.Subtests) -> None:
     with subtests.test("a ring at the limit of the speed: 16 m at 0.1 rad/s leave 0.015 m/s of 0.95 * 1.7 m/s"):
         ring = RING | {"radius_m": 16.0, "angular_rate_rad_s": 0.1, "speed_max_m_s": 1.7}
-        text = "ring at 90% of its rate: the mission's ring of 1.60 m/s leaves 0.01 m/s of the vehicles' 1.61 m/s"
+        text = "ring at 90% of its rate: the whole ring of 1.60 m/s leaves 0.01 m/s of the vehicles' 1.61 m/s"
         (told,) = fly(RingFeasibility(make_config(encirclement=ring)), 0.03, -4.0, 10.0)
         assert told == f"{text} for the motion of the target"
     with subtests.test("a ring at the limit of the acceleration: 10 m at 0.15 rad/s need 0.225 m/s²"):
         ring = RING | {"acceleration_max_m_s2": 0.226}
         (told,) = fly(RingFeasibility(make_config(encirclement=ring)), 0.08, -4.0, 10.0)
-        assert told.startswith("ring at 90% of its rate: the mission's ring needs 0.23 m/s² of the vehicles' 0.23 m/s²")
+        assert told.startswith("ring at 90% of its rate: the whole ring needs 0.23 m/s² of the vehicles' 0.23 m/s²")
     with subtests.test("a target that has stopped"):
         ring_feasibility = RingFeasibility(make_config(encirclement=RING | {"acceleration_max_m_s2": 4.0}))
         fly(ring_feasibility, 2.0, -4.0, 10.0)
