@@ -11,7 +11,7 @@ from typing import Any
 from mypy_extensions import mypyc_attr
 
 from agents.broadcast import StateBroadcast, command_answer, received_sighting
-from agents.command_handler import Circumstances, CommandHandler, Reshaping
+from agents.command_handler import AHEAD_MAX_S, Circumstances, CommandHandler, Reshaping
 from agents.control.aims import shifted
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, PlannerFactory
@@ -104,7 +104,7 @@ class VehicleCore:
         self._start_s = inf
         self._formed_s: float | None = None
         self._reshaping: Reshaping | None = None
-        self._commanded_ring = MISSION_RING
+        self._commanded_ring, self._mission_ring = MISSION_RING, config
         self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
@@ -468,7 +468,7 @@ class VehicleCore:
                 self._team.receive(message)
                 if message.shape is not None:
                     self._reshape(Reshaping(message.shaped_s, message.shape))
-                if message.ring is not None:
+                if message.ring is not None and message.ring.is_dated_by(message.time_s + AHEAD_MAX_S):
                     self._change_ring(message.ring)
             case OperatorCommand():
                 sent_s = message.sent_s(self._config.vehicle_id)
@@ -537,9 +537,9 @@ class VehicleCore:
             self._notes.add(self._now_s, ShapeChange(wanted.shape))
 
     def _change_ring(self, commanded: CommandedRing) -> None:
-        """Take the newest values of the ring, from an operator or a peer's state, unless the vehicle cannot fly it."""
+        """Take the newest values of the ring, from an operator or a peer's state."""
         newest = self._commanded_ring.with_(commanded)
-        if newest == self._commanded_ring or self._ring_refusal(newest):
+        if newest == self._commanded_ring or self._has_plug_in:
             return
         self._commanded_ring = self._broadcast.commanded_ring = newest
         before, self._config = self._config.encirclement, self._with_ring(newest)
@@ -554,10 +554,27 @@ class VehicleCore:
             return "its plug-in planner flies a ring of its own"
         target_m, fence_m = self._estimator.target_m, self._config.safety.fence_m
         reach_m = inf if target_m is None or not fence_m else Fence(fence_m).clearance_m(target_m)
-        return ring_refusal(self._with_ring(commanded), reach_m)
+        return ring_refusal(changed(self._mission_ring, commanded), reach_m)
 
     def _with_ring(self, commanded: CommandedRing) -> AgentConfig:
-        ring = self._config.encirclement
-        radius_m = ring.radius_m if commanded.radius_m is None else commanded.radius_m
-        rate_rad_s = ring.angular_rate_rad_s if commanded.angular_rate_rad_s is None else commanded.angular_rate_rad_s
-        return self._config.with_ring(radius_m, rate_rad_s)
+        """Return the configuration with the commanded ring.
+
+        Two operators may command values that do not go together, each to vehicles that have not received the other's.
+        All then fly the earlier one, with the later one if that is possible, whatever they have received first.
+        """
+        wanted = changed(self._mission_ring, commanded)
+        if not ring_refusal(wanted, inf):
+            return self._config.with_ring(wanted.encirclement.radius_m, wanted.encirclement.angular_rate_rad_s)
+        flown = self._mission_ring
+        for each in commanded.in_order():
+            wanted = changed(flown, each)
+            flown = flown if ring_refusal(wanted, inf) else wanted
+        return self._config.with_ring(flown.encirclement.radius_m, flown.encirclement.angular_rate_rad_s)
+
+
+def changed(config: AgentConfig, commanded: CommandedRing) -> AgentConfig:
+    """Return a configuration with the commanded values of its ring."""
+    ring = config.encirclement
+    radius_m = ring.radius_m if commanded.radius_m is None else commanded.radius_m
+    rate_rad_s = ring.angular_rate_rad_s if commanded.angular_rate_rad_s is None else commanded.angular_rate_rad_s
+    return config.with_ring(radius_m, rate_rad_s)

@@ -123,6 +123,20 @@ class CommandedRing(msgspec.Struct, frozen=True, array_like=True):
         rate = (None, 0.0) if rate_rad_s is None else (round(rate_rad_s, 6), time_s)
         return self.with_(CommandedRing(*radius, *rate))
 
+    def is_dated_by(self, time_s: float) -> bool:
+        """Return whether no value is newer than this: one dated ahead would keep all later commands from a vehicle."""
+        return max(self.radius_s, self.rate_s) <= time_s
+
+    def in_order(self) -> list["CommandedRing"]:
+        """Return the commands that it consists of, each alone, in the order of their times."""
+        if self.radius_s == self.rate_s:
+            return [self]
+        alone = (
+            CommandedRing(self.radius_m, self.radius_s),
+            CommandedRing(None, 0.0, self.angular_rate_rad_s, self.rate_s),
+        )
+        return sorted(alone, key=lambda each: max(each.radius_s, each.rate_s))
+
     def with_(self, other: "CommandedRing") -> "CommandedRing":
         """Return the newest values of two; of two of the same time the larger one, so that all vehicles agree."""
         return CommandedRing(

@@ -115,7 +115,7 @@ def test_a_vehicle_that_hears_of_a_command_flies_the_same_numbers(
 
 
 @pytest.mark.parametrize(("radius_m", "rate_rad_s"), [(1000.0, None), (0.5, None), (None, 5.0), (None, -5.0)])
-def test_a_peer_with_a_ring_that_cannot_be_flown_changes_nothing(
+def test_a_peer_with_a_ring_that_cannot_be_flown_is_not_followed(
     make_config: Maker, radius_m: float | None, rate_rad_s: float | None
 ) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
@@ -123,7 +123,37 @@ def test_a_peer_with_a_ring_that_cannot_be_flown_changes_nothing(
         told = MISSION_RING.commanded(values, 10.0 + number)
         core.take(Message(20.0 + number, peer(20.0 + number, told)))
     notes = [note.ring for note in core.tick(21.1).status.notes if note.ring is not None]
-    assert [(each.radius_m, each.angular_rate_rad_s) for each in notes] == [(12.0, 0.05)]
+    last = notes[-1]
+    assert (last.radius_m, last.angular_rate_rad_s) == (10.0 if radius_m else 12.0, 0.05)
+
+
+def test_a_peer_cannot_date_a_ring_ahead_of_its_message(make_config: Maker) -> None:
+    """It would be newer than every later command."""
+    core = VehicleCore(make_config(vehicle_id=2))
+    core.take(Message(20.0, peer(20.0, MISSION_RING.commanded(RingValues(14.0), 22.0))))
+    core.take(Message(20.1, ring(20.1, 1, 12.0, None)))
+    notes = [note.ring for note in core.tick(20.2).status.notes if note.ring is not None]
+    assert [each.radius_m for each in notes] == [12.0]
+
+
+def test_values_of_two_operators_that_do_not_go_together_leave_one_ring(make_config: Maker) -> None:
+    """25 m at 0.18 rad/s would be 4.5 m/s: all fly the earlier value, whichever they receive first."""
+    earlier, later = ring(80.0, 1, 25.0, None), ring(80.1, 2, None, 0.18)
+    cores = {i: VehicleCore(make_config(vehicle_id=i, slots=(1, 2, 3))) for i in (1, 2)}
+    for i, orders in ((1, (earlier, later)), (2, (later, earlier))):
+        for order in orders:
+            cores[i].take(Message(80.2, order))
+    held = {i: core._broadcast.commanded_ring for i, core in cores.items()}
+    for i, other in ((1, 2), (2, 1)):
+        told = held[other]
+        assert told is not None
+        zero = (0.0, 0.0)
+        cores[i].take(Message(80.4, MemberState(other, 80.4, "encircle", zero, zero, zero, zero, ring=told)))
+    rings = {
+        i: [note.ring for note in core.tick(80.5).status.notes if note.ring is not None][-1]
+        for i, core in cores.items()
+    }
+    assert {(each.radius_m, each.angular_rate_rad_s) for each in rings.values()} == {(25.0, 0.05)}
 
 
 def test_a_plug_in_planner_keeps_its_own_ring(make_config: Maker) -> None:
