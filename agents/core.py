@@ -493,7 +493,9 @@ class VehicleCore:
         circumstances = self._circumstances(now_s)._replace(age_s=age_s)
         if command.ring is not None:
             ring = self._commanded_ring.commanded(command.ring, command.time_s)
-            circumstances = circumstances._replace(ring_refused=self._ring_refusal(ring))
+            newer = ring.is_newer_than(command.ring, command.time_s)
+            refused = "a newer command of the ring applies" if newer else self._ring_refusal(ring)
+            circumstances = circumstances._replace(ring_refused=refused)
         if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:

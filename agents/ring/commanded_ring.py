@@ -1,6 +1,6 @@
 """The ring that operators command in flight: whether a vehicle can fly it, and the way to it from the present ring."""
 
-from math import degrees, sqrt
+from math import ceil, degrees, sqrt
 from typing import Final
 
 import msgspec
@@ -16,6 +16,7 @@ _SHARE = 0.8
 """The share of a transition's acceleration and jerk with which the ring changes: vehicles that follow have the rest."""
 _REACHED_M, _REACHED_M_S = 0.01, 0.005
 _STEP_S, _LONGEST_S = 0.05, 600.0
+_PART_MAX_S = 0.25
 _BUILT_UP_S = 0.5
 """How long the jerk takes to its bound as the speed along the ring changes."""
 
@@ -58,7 +59,13 @@ class ChangingRing:
         self._speed = ShapedCoordinate(self._wanted_m_s, 0.0)
 
     def advance(self, step_s: float) -> None:
-        """Move by a time step."""
+        """Move by a time step: a long one, after a pause of the vehicle's ticks, in parts."""
+        parts = max(1, ceil(step_s / _PART_MAX_S))
+        for _ in range(parts):
+            if self.changes:
+                self._advance(step_s / parts)
+
+    def _advance(self, step_s: float) -> None:
         bounds, radius, speed = self._transition, self._radius, self._speed
         acceleration_m_s2, jerk_m_s3 = _SHARE * bounds.acceleration_m_s2, _SHARE * bounds.jerk_m_s3
         missing_m = self.settings.radius_m - radius.value

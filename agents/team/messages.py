@@ -127,6 +127,14 @@ class CommandedRing(msgspec.Struct, frozen=True, array_like=True):
         """Return whether no value is newer than this: one dated ahead would keep all later commands from a vehicle."""
         return max(self.radius_s, self.rate_s) <= time_s
 
+    def is_newer_than(self, values: RingValues, time_s: float) -> bool:
+        """Return whether all values of a command of this time have been replaced by those of newer commands."""
+        times_s = (
+            *([] if values.radius_m is None else [self.radius_s]),
+            *([] if values.angular_rate_rad_s is None else [self.rate_s]),
+        )
+        return bool(times_s) and min(times_s) > time_s
+
     def in_order(self) -> list["CommandedRing"]:
         """Return the commands that it consists of, each alone, in the order of their times."""
         if self.radius_s == self.rate_s:

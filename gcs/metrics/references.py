@@ -184,14 +184,19 @@ class VerdictTolerances(VerdictSection):
 def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> DesiredRing:
     """Return the ring of the mission, changed by the commands among the events of a flight."""
     ring, earlier = mission.encirclement, []
+    noted, at = [ring], dict[int, int]()  # the rings in order, and the last one that each vehicle has noted
     for event in events:
         if event.ring is None:
             continue
         commanded = ring.model_copy(update=msgspec.structs.asdict(event.ring))
-        if commanded != ring:  # each vehicle notes the command that all have received
-            change = change_s(ring, commanded)
-            earlier.append(EarlierRing(event.time_s, ring.radius_m, ring.angular_rate_rad_s, change))
-            ring = commanded
+        later = range(at.get(event.vehicle, 0) + 1, len(noted))
+        # Every vehicle notes the ring, the last one perhaps after the first has noted the next.
+        if (known := next((k for k in later if noted[k] == commanded), None)) is not None:
+            at[event.vehicle] = known
+        elif commanded != ring:
+            earlier.append(EarlierRing(event.time_s, ring.radius_m, ring.angular_rate_rad_s, change_s(ring, commanded)))
+            noted.append(commanded)
+            ring, at[event.vehicle] = commanded, len(noted) - 1
     return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier))
 
 

@@ -57,7 +57,8 @@ def transitions(
     record: FlightRecord, motion: RingMotion, ring: DesiredRing, began_s: list[float]
 ) -> tuple[TransitionResult, ...]:
     """Return a result for each engagement and commanded ring, from it until the ring has settled or the next one."""
-    begins_s = [at for at, after in pairwise([*sorted(began_s), np.inf]) if after - at > _TOGETHER_S]
+    known_s = [at for at in sorted(began_s) if record.time_s.size and at <= record.time_s[-1]]
+    begins_s = [at for at, after in pairwise([*known_s, np.inf]) if after - at > _TOGETHER_S]
     relative = relative_motion(record, motion, ring)
     return tuple(
         _transition(record.time_s, motion, ring, relative, begin_s, end_s)

@@ -164,6 +164,27 @@ def test_a_plug_in_planner_keeps_its_own_ring(make_config: Maker) -> None:
     assert answer.did == "refused: its plug-in planner flies a ring of its own"
 
 
+def test_an_operator_whose_command_is_older_than_anothers_learns_that(make_config: Maker) -> None:
+    core = VehicleCore(make_config(vehicle_id=2))
+    core.take(Message(100.5, ring(100.4, 1, 15.0, None)))
+    core.take(Message(101.0, ring(100.3, 2, 20.0, None)))
+    answers = [decode(each.payload) for each in core.tick(101.1).messages]
+    assert [each.did for each in answers if isinstance(each, CommandAnswer)] == [
+        "will fly, once it encircles, a ring of 15 m",
+        "refused: a newer command of the ring applies",
+    ]
+
+
+def test_a_command_that_a_peer_has_passed_on_before_is_obeyed(make_config: Maker) -> None:
+    core, order = VehicleCore(make_config(vehicle_id=2)), ring(20.0, 1, 12.0, -0.05)
+    assert order.ring is not None
+    core.take(Message(20.2, peer(20.2, MISSION_RING.commanded(order.ring, 20.0))))
+    core.take(Message(20.4, order))
+    (answer,) = (decode(each.payload) for each in core.tick(20.5).messages)
+    assert isinstance(answer, CommandAnswer)
+    assert (answer.outcome, answer.did) == ("obeyed", "will fly, once it encircles, a ring of 12 m, -0.05 rad/s")
+
+
 def test_a_command_without_a_value_or_of_a_ring_that_cannot_be_flown_is_refused(make_config: Maker) -> None:
     core = VehicleCore(make_config(vehicle_id=2))
     for number, values in enumerate((None, RingValues(), RingValues(radius_m=1000.0))):

@@ -100,6 +100,23 @@ def test_a_reference_is_on_the_ring_while_that_changes() -> None:
     assert max(off_m) < 0.3
 
 
+@given(st.tuples(RADII_M, SPEEDS_M_S), st.tuples(RADII_M, SPEEDS_M_S), st.floats(0.5, 60.0), st.integers(0, 100))
+def test_after_a_pause_the_ring_is_where_it_would_be(
+    before: tuple[float, float], after: tuple[float, float], pause_s: float, ticks: int
+) -> None:
+    paused, went_on = ChangingRing(settings(*before)), ChangingRing(settings(*before))
+    for ring in (paused, went_on):
+        ring.change(settings(*after))
+        for _ in range(ticks):
+            ring.advance(STEP_S)
+    paused.advance(pause_s)
+    for _ in range(round(pause_s / STEP_S)):
+        went_on.advance(STEP_S)
+    one, other = paused.orbit(1.0, 1.0), went_on.orbit(1.0, 1.0)
+    assert one.radius_m == pytest.approx(other.radius_m, abs=0.5)
+    assert one.angular_rate_rad_s * one.radius_m == pytest.approx(other.angular_rate_rad_s * other.radius_m, abs=0.2)
+
+
 def test_a_vehicle_off_the_ring_has_the_commanded_one_at_once() -> None:
     ring = ChangingRing(settings(10.0, 0.5))
     ring.change(settings(20.0, -1.0))

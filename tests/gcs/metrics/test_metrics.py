@@ -271,6 +271,23 @@ def test_a_ring_has_not_settled_while_its_rate_changes() -> None:
     assert judged(*ring_of_three(), ring=ring).window_s == (312.0, 600.0)
 
 
+def test_rings_in_quick_succession_count_once_though_vehicles_note_them_late() -> None:
+    rings = [RingCommanded(12.0, -0.08), RingCommanded(15.0, 0.1), RingCommanded(15.0, -0.08)]
+    told = [
+        *(FlightEvent(80.0 + 0.2 * k, 1, "command", "", ring=each) for k, each in enumerate(rings)),
+        *(FlightEvent(80.5 + 0.2 * k, 2, "command", "", ring=each) for k, each in enumerate(rings)),
+        FlightEvent(81.5, 3, "command", "", ring=rings[-1]),
+        FlightEvent(99.0, 3, "command", "", ring=rings[0]),
+    ]
+    ring = ring_reference(load_mission("case2"), told)
+    assert ring.changed_s == pytest.approx([80.0, 80.2, 80.4, 99.0])
+
+
+def test_a_ring_commanded_after_the_last_sample_begins_no_transition() -> None:
+    ring = DesiredRing(12.0, 0.05, earlier=(EarlierRing(600.05, 10.0, 0.05, 5.0),))
+    assert [each.begins_at_s for each in judged(*ring_of_three(), ring=ring).transitions] == [0.0]
+
+
 def test_a_ring_commanded_before_any_vehicle_engages_begins_no_transition() -> None:
     ring = DesiredRing(10.0, 0.05, earlier=(EarlierRing(50.0, 20.0, 0.1),))
     result = judged(*ring_of_three(engaged_s=100.0), ring=ring)
