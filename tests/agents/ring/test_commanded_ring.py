@@ -34,6 +34,7 @@ def way(ring: ChangingRing, longest_s: float = 200.0) -> list[Orbit]:
 
 
 @example(before=(6.0, 0.3), after=(30.0, 2.0))
+@example(before=(6.0, 0.0), after=(7.0, 0.0))
 @given(st.tuples(RADII_M, SPEEDS_M_S), st.tuples(RADII_M, SPEEDS_M_S))
 def test_no_ring_on_the_way_is_harder_to_fly_than_both_ends(
     before: tuple[float, float], after: tuple[float, float]
