@@ -95,22 +95,22 @@ class StateBroadcast:
 def neighbour_angle(
     vehicle_id: int, situation: Situation, polar: Polar, ring: RingReport, references: int
 ) -> NeighbourAngle:
-    """Return the vehicle's place on the ring, that of its reference, and the ring that it can fly.
+    """Return where the vehicle is about the target, its place on the ring, and the ring that it can fly.
 
-    `references` is the digest of those that its law takes into account.
+    Its rate is that of its reference, which has no noise, or the measured one. `references` is the digest of those that
+    its law takes into account.
     """
     reference, needed, now_s = ring.reference, ring.needed, situation.now_s
-    ahead_s = situation.acting_s - now_s
     return NeighbourAngle(
         vehicle_id,
         now_s,
         polar.bearing_rad,
-        polar.angular_rate_rad_s,
+        polar.angular_rate_rad_s if reference is None else reference.bearing.rate,
         polar.radius_m,
         needed.rate,
         needed.radius,
-        None if reference is None else wrap_signed_rad(reference.value - reference.rate * ahead_s),
-        0.0 if reference is None else reference.rate,
+        None if reference is None else wrap_signed_rad(reference.place_rad(now_s)),
+        0.0 if reference is None else reference.place.rate,
         0 if reference is None else references,
     )
 

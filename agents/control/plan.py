@@ -9,7 +9,7 @@ from agents.control.encirclement import Approach
 from agents.control.lmpc import QpStatus
 from agents.notes import RingChange
 from agents.ring.place import RingPlace
-from agents.ring.transition import ShapedCoordinate
+from agents.ring.reference import RingPoint
 from agents.settings.config import AgentConfig
 from agents.situation.task import Task
 from agents.team.ring_members import RingScale
@@ -23,7 +23,7 @@ class RingReport(msgspec.Struct, frozen=True):
     `mixing` is the share of the encirclement in the aim, `rate_rad_s` the angular rate at which the ring is flown.
     `slowed` states how the flown ring differs from the mission's and why, `news` any change of that, else None.
     `needed` is the ring that this vehicle can fly, `joined` whether it is a member of the ring; `place` and `approach`
-    are None while it waits for room or has no target.
+    are None while it waits for room or has no target, and so is the `reference` that it follows.
     """
 
     mixing: float
@@ -34,7 +34,7 @@ class RingReport(msgspec.Struct, frozen=True):
     place: RingPlace | None = None
     approach: Approach | None = None
     news: RingChange | None = None
-    reference: ShapedCoordinate | None = None
+    reference: RingPoint | None = None
 
 
 class Plan(msgspec.Struct, frozen=True):

@@ -11,6 +11,7 @@ from agents.control.return_and_land import Homing
 from agents.control.ring_flight import RingFlight
 from agents.control.station_keeping import StationKeeping
 from agents.ring.place import ring_place, weights_of
+from agents.ring.reference import RingPoint
 from agents.ring.transition import ShapedCoordinate
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
@@ -189,6 +190,8 @@ class PluggedPlanner(Planner):
         polar, rate_rad_s = polar_from_motion(situation.acting_motion, centre), self.ring_rate_rad_s
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
         weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
+        radius = ShapedCoordinate(polar.radius_m, polar.radial_speed_m_s)
+        bearing = ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s)
         return RingReport(
             mixing=1.0,
             rate_rad_s=rate_rad_s,
@@ -196,7 +199,7 @@ class PluggedPlanner(Planner):
             needed=FULL_RING,
             joined=True,
             place=ring_place(polar.bearing_rad, list(bearings_rad.values()), weights),
-            reference=ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s),
+            reference=RingPoint(radius, bearing, situation.acting_s),
         )
 
 

@@ -33,7 +33,7 @@ _OFF_THE_RING = frozenset(
 _ENCIRCLE, _RETURN = Tactic.ENCIRCLE.value, Tactic.RETURN_AND_LAND.value
 _HEADWAY = 1.6
 """In separations: a little more than the room that a vehicle needs to enter."""
-_ABREAST, _PASSED = 2.0, 1.25
+_ABREAST, _PASSED = 1.2, 1.25
 """Vehicles whose radii differ by more may pass each other: in headways for one that comes in, and in separations for
 one on the ring, which passes those that wait outside of it.
 """
@@ -56,7 +56,7 @@ class RingFlight:
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._team = team
         self._encirclement = EncirclementPlanner(config)
-        self._reference = RingReference(config.encirclement)
+        self._reference = RingReference(config)
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
         self._neighbours = Neighbours(config)
@@ -77,7 +77,7 @@ class RingFlight:
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
         self._feasibility.change(config.encirclement)
-        self._reference.change(config.encirclement)
+        self._reference.change(config)
         self._joining.change(config)
 
     def sent(self, *, guarded: bool) -> None:
@@ -99,7 +99,7 @@ class RingFlight:
             place if self._joining.joined else None,
             plan.approach,
             news,
-            task.reference.bearing if self._joining.joined else None,
+            task.reference if self._joining.joined else None,
         )
         if plan.approach is not Approach.ORBIT:
             self._reference.reset()
@@ -184,7 +184,7 @@ class RingFlight:
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
     def _movers(self, situation: Situation, polar: Polar, orbit: Orbit, *, joined: bool) -> Sequence[Mover]:
-        """Return how far the references on the ring are from their places, and their bounds, the vehicle's own first.
+        """Return how far the vehicles' places are from even ones, and their bounds, the vehicle's own first.
 
         While the vehicles on the ring do not all know the same references, a place among those that it knows is none
         among all: the vehicle then corrects towards the middle between its neighbours, as (22) states.
@@ -194,7 +194,7 @@ class RingFlight:
         mover = self._joining.mover
         if not joined:
             return (mover(0.0, polar.radius_m, orbit),)
-        own_rad, ring = self._reference.bearing_rad(polar, situation.acting_s), self._team.ring
+        own_rad, ring = self._reference.place_rad(polar, orbit, situation.acting_s), self._team.ring
         others = ring.others(situation.acting_s)
         if not ring.is_known_to_all(self._vehicle_id):
             weights = weights_of((self._vehicle_id, *(each for each, _, _ in others)), self._gaps)

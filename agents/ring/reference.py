@@ -2,8 +2,13 @@
 
 The law gives an angular rate. Applied directly, it would saturate the acceleration whenever a vehicle joins or
 leaves. Instead it moves a reference within the bounds of a transition, and the LMPC keeps the vehicle on the reference.
-The spacing errors are those of the references, which vehicles publish. The spacing loop therefore contains neither
+The spacing errors are those of the places, which vehicles publish. The spacing loop therefore contains neither
 noise nor the vehicles' dynamics, and its errors decay as in (20) while no bound is active.
+
+On the ring, and on the waiting circle, the reference is at its place. A vehicle that comes in from farther out flies to
+where its place will be: the place is behind the reference by as much as the ring turns until the vehicle comes to the
+waiting circle, `w (r - r_waiting) / v` at its largest speed v. It flies straight in while its place turns with the
+ring, and the others make room for it meanwhile.
 """
 
 from collections.abc import Sequence
@@ -12,6 +17,7 @@ from typing import Final
 
 from agents.ring.commanded_ring import Orbit
 from agents.ring.feasibility import RESERVE
+from agents.ring.joining import WAITING
 from agents.ring.transition import (
     TRACKED_SHARE,
     AccelerationBound,
@@ -20,7 +26,7 @@ from agents.ring.transition import (
     transition_of,
     transition_rate_rad_s,
 )
-from agents.settings.sections import EncirclementSettings
+from agents.settings.config import AgentConfig
 from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
 from estimation.vectors import Pair, limited
@@ -32,16 +38,22 @@ _ACROSS_SHARE = 0.7
 
 
 class RingPoint:
-    """The reference about the target at `time_s`: radius [m] and bearing [rad]."""
+    """The reference about the target at `time_s`: radius [m], bearing [rad], and the bearing [rad] of its place.
 
-    def __init__(self, radius: ShapedCoordinate, bearing: ShapedCoordinate, time_s: float) -> None:
+    Without a place it is there.
+    """
+
+    def __init__(
+        self, radius: ShapedCoordinate, bearing: ShapedCoordinate, time_s: float, place: ShapedCoordinate | None = None
+    ) -> None:
         self.radius: Final = radius
         self.bearing: Final = bearing
         self.time_s: Final = time_s
+        self.place: Final = bearing if place is None else place
 
-    def bearing_rad(self, at_s: float) -> float:
-        """Return the bearing at a time, extrapolated at its rate."""
-        return self.bearing.value + self.bearing.rate * (at_s - self.time_s)
+    def place_rad(self, at_s: float) -> float:
+        """Return the bearing of the place at a time, extrapolated at its rate."""
+        return self.place.value + self.place.rate * (at_s - self.time_s)
 
 
 class RingWay:
@@ -77,22 +89,25 @@ class RingWay:
 class RingReference:
     """Moves the reference of one vehicle. It starts with the vehicle's position and motion."""
 
-    def __init__(self, settings: EncirclementSettings) -> None:
-        self._settings = settings
-        self._transition = transition_of(settings)
+    def __init__(self, config: AgentConfig) -> None:
+        self._waiting_m = WAITING * config.safety.separation_m
         self._point: RingPoint | None = None
+        self.change(config)
 
     def reset(self) -> None:
         """Restart, when the vehicle comes from another tactic or from far off the ring."""
         self._point = None
 
-    def change(self, settings: EncirclementSettings) -> None:
-        """Move on the ring of other settings from now on."""
-        self._settings, self._transition = settings, transition_of(settings)
+    def change(self, config: AgentConfig) -> None:
+        """Move on the ring of another configuration from now on."""
+        self._settings, self._transition = config.encirclement, transition_of(config.encirclement)
 
-    def bearing_rad(self, polar: Polar, at_s: float) -> float:
-        """Return the bearing of the reference at a time, before `advance`."""
-        return polar.bearing_rad if self._point is None else self._point.bearing_rad(at_s)
+    def place_rad(self, polar: Polar, orbit: Orbit, at_s: float) -> float:
+        """Return the bearing of the place at a time, before `advance`."""
+        if self._point is not None:
+            return self._point.place_rad(at_s)
+        outside_m = self._outside_m(polar.radius_m, orbit)
+        return polar.bearing_rad - self._turned_rad_m(outside_m, orbit) * outside_m
 
     def advance(self, polar: Polar, way: RingWay, at_s: float) -> RingPoint:
         """Return the reference at a time for a vehicle at `polar`.
@@ -111,12 +126,23 @@ class RingReference:
         along_max_m = 0.0 if way.waits else lead_max_m
         along_max_rad = along_max_m / max(polar.radius_m, self._settings.radius_min_m)
         near_rad = bearing.value - wrap_signed_rad(bearing.value - polar.bearing_rad)
-        self._point = RingPoint(
-            radius.near(polar.radius_m - way.bend_m, polar.radial_speed_m_s, lead_max_m, way.share),
-            bearing.near(near_rad, polar.angular_rate_rad_s, along_max_rad, way.share),
-            at_s,
+        radius = radius.near(polar.radius_m - way.bend_m, polar.radial_speed_m_s, lead_max_m, way.share)
+        bearing = bearing.near(near_rad, polar.angular_rate_rad_s, along_max_rad, way.share)
+        outside_m, out_m_s = self._outside_m(radius.value, way.orbit), radius.rate - way.orbit.radius_rate_m_s
+        turned_rad_m = self._turned_rad_m(outside_m, way.orbit)
+        place = ShapedCoordinate(
+            bearing.value - turned_rad_m * outside_m, bearing.rate - turned_rad_m * out_m_s, bearing.acceleration
         )
+        self._point = RingPoint(radius, bearing, at_s, place)
         return self._point
+
+    def _outside_m(self, radius_m: float, orbit: Orbit) -> float:
+        """Return how far a radius is outside the waiting circle, on which a vehicle may have to stay."""
+        return radius_m - orbit.radius_m - self._waiting_m
+
+    def _turned_rad_m(self, outside_m: float, orbit: Orbit) -> float:
+        """Return how far the ring turns while a vehicle that comes in flies a metre [rad/m]; 0 where it may wait."""
+        return orbit.angular_rate_rad_s / self._settings.speed_max_m_s if outside_m > 0.0 else 0.0
 
     def _moved(self, before: RingPoint, way: RingWay, step_s: float) -> tuple[ShapedCoordinate, ShapedCoordinate]:
         settings, transition = self._settings, self._transition
@@ -128,19 +154,20 @@ class RingReference:
         gentle_m_s2, missing_m = way.acceleration.at_m_s2(radius.value - ring_m), way.radius_m - radius.value
         # On its way to the ring a vehicle accelerates in two directions, and is briefly faster than its reference.
         fastest_m_s = settings.speed_max_m_s * (1.0 - (1.0 - RESERVE) * min(1.0, abs(missing_m)))
-        rate_rad_s = transition_rate_rad_s(way.movers, ring_rad_s, transition.gain_per_s)
+        towards_m_s = limited(
+            _RADIAL_GAIN_PER_S * missing_m,
+            min(fastest_m_s, way.acceleration.braked_m_s(radius.value - ring_m, way.radius_m - ring_m)),
+        )
+        turning_rad_s = self._turned_rad_m(self._outside_m(radius.value, way.orbit), way.orbit) * towards_m_s
+        rate_rad_s = turning_rad_s + transition_rate_rad_s(way.movers, ring_rad_s, transition.gain_per_s)
         # Both may rise together: the one leaves the other the room for what it is to be, not only for what it is.
         around_m_s = max(abs(bearing.rate), min(abs(rate_rad_s), _ACROSS_SHARE * fastest_m_s / size_m)) * size_m
-        fastest_in_m_s = min(
-            across_m_s(fastest_m_s, around_m_s),
-            way.acceleration.braked_m_s(radius.value - ring_m, way.radius_m - ring_m),
-        )
-        speed_m_s = way.orbit.radius_rate_m_s + limited(_RADIAL_GAIN_PER_S * missing_m, fastest_in_m_s)
+        speed_m_s = way.orbit.radius_rate_m_s + limited(towards_m_s, across_m_s(fastest_m_s, around_m_s))
         across_max_m_s = across_m_s(fastest_m_s, max(abs(radius.rate), abs(speed_m_s)))
         rate_rad_s = limited(rate_rad_s, across_max_m_s / size_m)
         rate_rad_s = min(max(rate_rad_s, way.rates_rad_s[0]), way.rates_rad_s[1])
         acceleration, jerk = self._bounds(_beyond(radius.rate, speed_m_s), gentle_m_s2, step_s)
-        along_m_s = abs(bearing.rate - ring_rad_s) * size_m
+        along_m_s = abs(bearing.rate - turning_rad_s - ring_rad_s) * size_m
         most_m_s = max(way.movers[0].ahead_max_rad_s, way.movers[0].back_max_rad_s) * size_m / TRACKED_SHARE
         turning, turning_jerk = self._bounds(along_m_s if along_m_s > most_m_s else 0.0, gentle_m_s2, step_s)
         return (

@@ -22,7 +22,11 @@ class _OnReference:
         self._from_s, self._radius_min_m = from_s, config.encirclement.radius_min_m
         self.joining = Joining(config)
         self.joining.look(engaged, 1.0)
-        self._reference = RingReference(config.encirclement)
+        self._reference = RingReference(config)
+
+    def place_rad(self, orbit: Orbit, at_s: float) -> float:
+        """Return the bearing of its place at a time."""
+        return self._reference.place_rad(self.polar, orbit, at_s)
 
     def advance(self, way: RingWay, at_s: float) -> None:
         """Move to a time."""
@@ -56,7 +60,8 @@ def settling_s(
     weights = weights_of(ids, config.gaps)
     for tick in range(round(_LONGEST_S / _STEP_S)):
         bearings_rad = [flight.polar.bearing_rad for flight in flights]
-        errors_rad = place_errors_rad(bearings_rad, ids, config.gaps)
+        places_rad = [flight.place_rad(orbit, tick * _STEP_S) for flight in flights]
+        errors_rad = place_errors_rad(places_rad, ids, config.gaps)
         places = [
             ring_place(own, bearings_rad[:i] + bearings_rad[i + 1 :], [weights[i], *weights[:i], *weights[i + 1 :]])
             for i, own in enumerate(bearings_rad)

@@ -54,7 +54,8 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
     It is a part of its sender's state. The shares are the ring that the sender can fly (`agents/ring/feasibility.py`),
-    `references` a digest of the vehicles whose references its law takes into account, 0 if that is not known.
+    the reference is its place, which it has not reached while it comes in, and `references` a digest of the vehicles
+    whose references its law takes into account, 0 if that is not known.
     """
 
     sender: Annotated[VehicleId, SHARED]

@@ -84,7 +84,7 @@ class RingMembers:
         """
         size_m = max(radius_m, within_m)
         return [
-            (_bearing_rad(angle, at_s), _rate_rad_s(angle), (within_m - sqrt(within_m**2 - off_m**2)) / size_m)
+            (_bearing_rad(angle, at_s), angle.angular_rate_rad_s, (within_m - sqrt(within_m**2 - off_m**2)) / size_m)
             for angle in self._on_ring()
             if (off_m := abs(angle.radius_m - radius_m)) < within_m
         ]
@@ -127,9 +127,4 @@ class RingMembers:
 
 
 def _bearing_rad(angle: NeighbourAngle, at_s: float) -> float:
-    return angle.bearing_rad + _rate_rad_s(angle) * (at_s - angle.time_s)
-
-
-def _rate_rad_s(angle: NeighbourAngle) -> float:
-    """Return the rate at which a bearing goes on: that of the reference, which has no noise, or the measured one."""
-    return angle.angular_rate_rad_s if angle.reference_rad is None else angle.reference_rate_rad_s
+    return angle.bearing_rad + angle.angular_rate_rad_s * (at_s - angle.time_s)

@@ -422,9 +422,13 @@ def test_off_a_full_ring_it_waits_outside_and_does_not_publish_its_bearing(
         assert hypot(*pilot.motion[:2]) == pytest.approx(5.0 + WAITING * 3.0, abs=0.1)
 
 
-def test_it_publishes_its_bearing_and_its_reference_from_the_engagement_on(make_config: Maker) -> None:
-    """The others make room while it is still far away, and while its motion is still the formation's."""
-    pilot = Pilot(make_config(safety={"separation_m": 3.0, "guard": False}, decision={"distance_max_m": 50.0}))
+def test_it_publishes_its_bearing_and_its_place_from_the_engagement_on(make_config: Maker) -> None:
+    """The others make room while it is still far away, and while its motion is still the formation's.
+
+    Its place is where the ring has to be now to have it at the vehicle's bearing when that comes to the waiting circle.
+    """
+    config = make_config(safety={"separation_m": 3.0, "guard": False}, decision={"distance_max_m": 50.0})
+    ring, pilot = config.encirclement, Pilot(config)
     pilot.core.take(sighting(0.0, 30.0, 0.0))
     outputs = []
     for tick in range(50):
@@ -437,7 +441,8 @@ def test_it_publishes_its_bearing_and_its_reference_from_the_engagement_on(make_
             assert angle is not None
             assert angle.radius_m == pytest.approx(hypot(*(pilot.motion[:2] - (30.0, 0.0))), abs=6.0)
             assert angle.reference_rad is not None
-            assert abs(angle.reference_rad) == pytest.approx(pi, abs=0.2)
+            arrives_s = (angle.radius_m - ring.radius_m - WAITING * 3.0) / ring.speed_max_m_s
+            assert angle.reference_rad % tau == pytest.approx(pi - ring.angular_rate_rad_s * arrives_s, abs=0.1)
 
 
 def test_what_others_saw_is_believed_and_not_passed_on(make_config: Maker) -> None:

@@ -250,7 +250,7 @@ class Flyer:
         self.motion = motion_from_polar(polar, TARGET)
         self.own = OwnFilter(config.plant, config.own_filter)
         self.planner = EncirclementPlanner(config)
-        self.joining, self.reference = Joining(config), RingReference(config.encirclement)
+        self.joining, self.reference = Joining(config), RingReference(config)
         self.point: RingPoint | None = None
         self.plans: list[EncirclementPlan] = []
 
@@ -264,9 +264,10 @@ class Flyer:
         bearings = [polar_from_motion(other.motion, target_at(now_s)).bearing_rad + drift for other in others]
         polar, at_s = polar_from_motion(acting, target), now_s + PERIOD_S / 2.0
         place, ring = ring_place(polar.bearing_rad, bearings), self.config.encirclement
-        references = [other.point.bearing_rad(at_s) for other in others if other.point is not None]
-        errors = place_errors_rad([self.reference.bearing_rad(polar, at_s), *references], range(len(references) + 1))
+        references = [other.point.place_rad(at_s) for other in others if other.point is not None]
         orbit, joining = Orbit(ring.radius_m, ring.angular_rate_rad_s), self.joining
+        own_rad = self.reference.place_rad(polar, orbit, at_s)
+        errors = place_errors_rad([own_rad, *references], range(len(references) + 1))
         movers = [joining.mover(error, polar.radius_m, orbit) for error in errors]
         way = RingWay(orbit, ring.radius_m, movers, joining.acceleration)
         self.point = self.reference.advance(polar, way, at_s)

@@ -68,7 +68,7 @@ def reference_rad(status: CoreStatus) -> float:
     assert status.plan is not None
     assert status.plan.ring is not None
     assert status.plan.ring.reference is not None
-    return status.plan.ring.reference.value
+    return status.plan.ring.reference.place.value
 
 
 def test_the_planner_is_asked_for_mission_tactics_only_and_its_aim_is_sent(make_config: Maker) -> None:

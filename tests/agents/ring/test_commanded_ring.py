@@ -82,13 +82,13 @@ def test_a_command_before_the_last_one_is_flown_continues_from_there(
     assert orbits[-1].radius_m == second[0]
 
 
-def test_a_reference_is_on_the_ring_while_that_changes() -> None:
+def test_a_reference_is_on_the_ring_while_that_changes(make_config: Maker) -> None:
     """One that followed the radius alone, at 0.5 1/s of the way that is left, would be 2 m behind a ring at 1 m/s."""
     before, after = settings(10.0, 1.0), settings(20.0, 1.0)
-    ring, reference = ChangingRing(before), RingReference(before)
+    ring, reference = ChangingRing(before), RingReference(make_config().with_ring(10.0, 0.1))
     mover, bound = Mover(0.0, 0.1, 0.04, 0.03), AccelerationBound(3.0, 0.6, 0.6)
     ring.change(after)
-    reference.change(after)
+    reference.change(make_config().with_ring(20.0, 0.05))
     polar, time_s, off_m = Polar(10.0, 0.0, 0.0, 0.1), 0.0, [0.0]
     while ring.changes:
         orbit = ring.orbit(1.0, 1.0)

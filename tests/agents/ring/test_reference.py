@@ -30,7 +30,7 @@ def turned(config: AgentConfig, bearings_rad: Sequence[float], duration_s: float
 
     Returns the bearings and rates of the references.
     """
-    references, ids = [RingReference(config.encirclement) for _ in bearings_rad], range(len(bearings_rad))
+    references, ids = [RingReference(config) for _ in bearings_rad], range(len(bearings_rad))
     joining = Joining(config)
     polars = [Polar(orbit.radius_m, bearing, 0.0, orbit.angular_rate_rad_s) for bearing in bearings_rad]
     way = RingWay(orbit, orbit.radius_m, IN_PLACE, GENTLE)
@@ -40,10 +40,10 @@ def turned(config: AgentConfig, bearings_rad: Sequence[float], duration_s: float
         now_s, before = tick * STEP_S, points
         points = []
         for own, (reference, last) in enumerate(zip(references, before, strict=True)):
-            others = [each.bearing_rad(now_s) for each in (*before[:own], *before[own + 1 :])]
-            polar = Polar(last.radius.value, last.bearing_rad(now_s), 0.0, last.bearing.rate)
+            others = [each.place_rad(now_s) for each in (*before[:own], *before[own + 1 :])]
+            polar = Polar(last.radius.value, last.place_rad(now_s), 0.0, last.bearing.rate)
             members = [own, *ids[:own], *ids[own + 1 :]]
-            errors = place_errors_rad([reference.bearing_rad(polar, now_s), *others], members)
+            errors = place_errors_rad([reference.place_rad(polar, orbit, now_s), *others], members)
             movers = [joining.mover(each, orbit.radius_m, orbit) for each in errors]
             points.append(reference.advance(polar, RingWay(orbit, orbit.radius_m, movers, GENTLE), now_s))
         track.append([[each.bearing.value, each.bearing.rate] for each in points])
@@ -167,20 +167,21 @@ def linear_programme(wanted: Vector, ahead: Vector, back: Vector, braked: Vector
 def test_on_its_way_in_a_reference_keeps_the_limits_of_the_vehicle(
     start_m: float, ahead_rad: float, ring_rad_s: float, make_config: Maker
 ) -> None:
-    """A vehicle that is where its reference is flies to a place that moves with the ring."""
+    """A vehicle that is where its reference is flies to a place that moves with the ring, `ahead_rad` of its own."""
     config = make_config(encirclement={"angular_rate_rad_s": ring_rad_s}, safety={"separation_m": 3.0})
     settings, orbit = config.encirclement, Orbit(10.0, ring_rad_s)
-    joining, reference, polar = Joining(config), RingReference(settings), Polar(start_m, 0.0, 0.0, 0.0)
+    joining, reference, polar = Joining(config), RingReference(config), Polar(start_m, 0.0, 0.0, 0.0)
+    wanted_rad = reference.place_rad(polar, orbit, 0.0) + ahead_rad
     track = []
     for tick in range(600):
         now_s = tick * STEP_S
-        error_rad = ahead_rad + ring_rad_s * now_s - reference.bearing_rad(polar, now_s)
+        error_rad = wanted_rad + ring_rad_s * now_s - reference.place_rad(polar, orbit, now_s)
         radius_m = joining.radius_m(polar, RingPlace(1, None, None), error_rad)
         mover = joining.mover(error_rad, polar.radius_m, orbit)
         way = RingWay(orbit, radius_m, [mover], joining.acceleration)
         point = reference.advance(polar, way, now_s)
         radius, bearing = point.radius, point.bearing
-        polar = Polar(radius.value, point.bearing_rad(now_s + STEP_S), radius.rate, bearing.rate)
+        polar = Polar(radius.value, bearing.value + STEP_S * bearing.rate, radius.rate, bearing.rate)
         track.append((radius.value, radius.rate, bearing.rate, radius.acceleration, bearing.acceleration, error_rad))
     out_m, towards_m_s, turning_rad_s, radial_m_s2, angular_rad_s2, errors_rad = np.array(track).T
     assert np.hypot(towards_m_s, turning_rad_s * out_m).max() <= 1.1 * settings.speed_max_m_s
@@ -192,22 +193,47 @@ def test_on_its_way_in_a_reference_keeps_the_limits_of_the_vehicle(
     assert out_m[-1] == pytest.approx(10.0, abs=0.1)
 
 
+@pytest.mark.parametrize("ring_rad_s", [-0.1, 0.15])
+def test_a_vehicle_that_comes_in_meets_its_place_as_that_turns_with_the_ring(
+    ring_rad_s: float, make_config: Maker
+) -> None:
+    """The others need not wait for it: once it is at speed, its place keeps the ring's rate, and it flies straight in.
+
+    It starts 40 m from the target; the ring turns by more than half a radian until it arrives.
+    """
+    config = make_config(encirclement={"angular_rate_rad_s": ring_rad_s}, safety={"separation_m": 3.0})
+    joining, reference, orbit = Joining(config), RingReference(config), Orbit(10.0, ring_rad_s)
+    polar, track = Polar(40.0, 0.0, 0.0, 0.0), []
+    for tick in range(400):
+        way = RingWay(orbit, 10.0, [joining.mover(0.0, polar.radius_m, orbit)], joining.acceleration)
+        point = reference.advance(polar, way, tick * STEP_S)
+        bearing = point.bearing
+        polar = Polar(point.radius.value, bearing.value + STEP_S * bearing.rate, point.radius.rate, bearing.rate)
+        track.append((point.radius.value, bearing.value, point.place.value, point.place.rate))
+    out_m, bearings_rad, places_rad, rates_rad_s = np.array(track).T
+    coming, at_ring = (out_m < 35.0) & (out_m > 15.0), out_m < 14.5
+    assert rates_rad_s[coming] == pytest.approx(ring_rad_s, rel=0.2)
+    assert np.ptp(bearings_rad[coming & (out_m > 20.0)]) < 0.1
+    assert np.ptp(places_rad[coming]) > 0.5
+    assert bearings_rad[at_ring] == pytest.approx(places_rad[at_ring], abs=0.01)
+
+
 @pytest.mark.parametrize(("error_rad", "reached_rad_s"), [(1.0, 0.07), (0.0, 0.05), (-1.0, 0.03)])
 def test_a_reference_keeps_the_headway_on_either_side(
     error_rad: float, reached_rad_s: float, make_config: Maker
 ) -> None:
-    reference = RingReference(make_config().encirclement)
+    reference = RingReference(make_config())
     point = reference.advance(Polar(10.0, 0.0, 0.0, 0.05), RingWay(ORBIT, 10.0, IN_PLACE, GENTLE), 0.0)
     way = RingWay(ORBIT, 10.0, [Mover(error_rad, 0.1, 0.04, 0.03)], GENTLE, (0.03, 0.07))
     for tick in range(1, 100):
         now_s = tick * STEP_S
-        point = reference.advance(Polar(10.0, point.bearing_rad(now_s), 0.0, point.bearing.rate), way, now_s)
+        point = reference.advance(Polar(10.0, point.place_rad(now_s), 0.0, point.bearing.rate), way, now_s)
     assert point.bearing.rate == pytest.approx(reached_rad_s)
 
 
 def test_a_reference_waits_for_a_vehicle_that_does_not_follow(make_config: Maker) -> None:
     config = make_config(encirclement={"reference_lead_max_m": 1.0})
-    reference, stuck = RingReference(config.encirclement), Polar(12.0, 1.0, 0.0, 0.0)
+    reference, stuck = RingReference(config), Polar(12.0, 1.0, 0.0, 0.0)
     way = RingWay(ORBIT, 10.0, IN_PLACE, GENTLE)
     for tick in range(300):
         point = reference.advance(stuck, way, tick * STEP_S)
@@ -217,7 +243,7 @@ def test_a_reference_waits_for_a_vehicle_that_does_not_follow(make_config: Maker
 
 
 def test_a_vehicle_that_the_guard_holds_up_does_not_hurry_after_its_reference(make_config: Maker) -> None:
-    reference, slow = RingReference(make_config().encirclement), Polar(10.0, 1.0, 0.0, 0.0)
+    reference, slow = RingReference(make_config()), Polar(10.0, 1.0, 0.0, 0.0)
     for tick in range(50):
         point = reference.advance(slow, RingWay(ORBIT, 10.0, IN_PLACE, GENTLE, waits=True), tick * STEP_S)
         assert point.bearing.value == pytest.approx(1.0)
@@ -225,7 +251,7 @@ def test_a_vehicle_that_the_guard_holds_up_does_not_hurry_after_its_reference(ma
 
 
 def test_while_it_leaves_the_formation_the_vehicles_own_motion_counts(make_config: Maker) -> None:
-    reference = RingReference(make_config().encirclement)
+    reference = RingReference(make_config())
     polar = Polar(14.0, 3.1, -0.2, 0.01)
     for tick in range(20):
         point = reference.advance(polar, RingWay(ORBIT, 10.0, IN_PLACE, GENTLE, share=0.0), tick * STEP_S)
@@ -236,11 +262,12 @@ def test_while_it_leaves_the_formation_the_vehicles_own_motion_counts(make_confi
 @pytest.mark.parametrize("speed_m_s", [-3.0, 3.0])
 def test_a_reference_that_arrives_too_fast_brakes_and_then_comes_to_rest(speed_m_s: float, make_config: Maker) -> None:
     # It brakes at the vehicle's acceleration, and must not keep that where only a transition's jerk could end it.
-    reference = RingReference(make_config(encirclement={"reference_lead_max_m": 100.0}).encirclement)
+    reference = RingReference(make_config(encirclement={"reference_lead_max_m": 100.0}))
     way = RingWay(ORBIT, 10.0, IN_PLACE, GENTLE)
     point = reference.advance(Polar(11.0, 0.0, speed_m_s, 0.05), way, 0.0)
     for tick in range(1, 400):
-        polar = Polar(point.radius.value, point.bearing_rad(tick * STEP_S), point.radius.rate, point.bearing.rate)
+        bearing_rad = point.bearing.value + STEP_S * point.bearing.rate
+        polar = Polar(point.radius.value, bearing_rad, point.radius.rate, point.bearing.rate)
         point = reference.advance(polar, way, tick * STEP_S)
     assert point.radius.value == pytest.approx(10.0, abs=0.01)
     assert point.radius.rate == pytest.approx(0.0, abs=0.01)
