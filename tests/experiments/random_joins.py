@@ -239,8 +239,8 @@ class Settling(NamedTuple):
     """How long a ring took to settle after a vehicle engaged or left at `at_s`, and how long it may take.
 
     `took_s` is None if the next vehicle engaged or left before it could settle, inf if it did not settle at all.
-    `allowed_s` assumes that a vehicle flies to its place at the limits of the encirclement. `gentle_s` assumes that all
-    keep the bounds of a transition along the ring, as measured here, which makes the least time longer.
+    `allowed_s` assumes that a vehicle flies to its place at the limits of the encirclement, also backwards. `gentle_s`
+    assumes that all keep the bounds of a transition along the ring and that none flies backwards, as measured here.
     """
 
     at_s: float
@@ -310,8 +310,9 @@ class Ring:
 
         The places move with the ring: forwards a vehicle gains on them by its speed less the ring's. One on the ring
         moves within the bounds of a transition. Any other flies to the nearest point of the ring, then along it: first
-        within the limits of the encirclement, second along it also within the bounds of a transition. Of all even
-        places those that are reached first count.
+        within the limits of the encirclement, second along it also within the bounds of a transition, and forwards: a
+        place behind a vehicle comes to it at the ring's speed at most. Of all even places those that are reached first
+        count.
         """
         settings, gentle = self.settings, transition_of(self.settings)
         ring_m_s = settings.angular_rate_rad_s * settings.radius_m
@@ -323,12 +324,15 @@ class Ring:
         way_m, inwards_m = np.abs(ahead_m), settings.radius_m * self.off_share[members, span.start]
         relative_m_s = settings.speed_max_m_s - np.sign(ahead_m) * ring_m_s
         moves_s = _way_s(way_m, gentle.speed_m_s, gentle.acceleration_m_s2)
+        waits_m_s = min(gentle.speed_m_s, abs(ring_m_s))
+        forwards_m_s = np.where(ahead_m * ring_m_s < 0.0, waits_m_s, gentle.speed_m_s)
+        forwards_s = _way_s(way_m, forwards_m_s, gentle.acceleration_m_s2)
         comes_s = _way_s(inwards_m, settings.speed_max_m_s, settings.acceleration_max_m_s2)
         inwards_m = (
             inwards_m * relative_m_s / settings.speed_max_m_s
         )  # as far as it would come along the ring meanwhile
         joins_s = np.where(on, moves_s, _way_s(way_m + inwards_m, relative_m_s, settings.acceleration_max_m_s2))
-        gently_s = np.where(on, moves_s, comes_s + moves_s)
+        gently_s = np.where(on, forwards_s, comes_s + forwards_s)
         return float(joins_s.max(axis=1).min()), float(gently_s.max(axis=1).min())
 
     def speed_share(self) -> float:
