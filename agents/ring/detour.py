@@ -78,17 +78,19 @@ _BEGUN = 2.0
 
 
 class Obstacle:
-    """An obstacle: its bearing and radius about the target, and the distance to keep from it."""
+    """An obstacle: its bearing and radius about the target, the distance to keep from it, and from where to bend."""
 
-    def __init__(self, bearing_rad: float, radius_m: float, distance_m: float) -> None:
+    def __init__(self, bearing_rad: float, radius_m: float, distance_m: float, bent_from_m: float = 0.0) -> None:
         self.bearing_rad: Final = bearing_rad
         self.radius_m: Final = radius_m
         self.clear_m: Final = distance_m + MARGIN_M
+        self._bent_from_m = bent_from_m
         self._half_rad: Final = asin(self.clear_m / max(radius_m, self.clear_m))
 
     def width_rad(self, bend_m: float) -> float:
         """Return on either side of the obstacle how far the ring is bent: a larger bend begins earlier."""
-        return min(2.0 * self._half_rad * max(1.0, bend_m / self.clear_m), pi)
+        width_rad = 2.0 * self._half_rad * max(1.0, bend_m / self.clear_m)
+        return min(max(width_rad, self._bent_from_m / self.radius_m), pi)
 
     def leaves_room_to(self, other: "Obstacle") -> bool:
         """Return whether a vehicle can pass between the two."""
@@ -101,7 +103,7 @@ class Obstacle:
         return abs(wrap_signed_rad(self.bearing_rad - other.bearing_rad)) < width_rad + 2.0 * other._half_rad
 
 
-def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float) -> Obstacle:
+def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float, bent_from_m: float = 0.0) -> Obstacle:
     """Return an obstacle where a vehicle on a ring of `rate_rad_s` meets it at its present rate.
 
     Where the target moves, an obstacle that stays in place moves through the ring. From its present place the vehicle
@@ -116,7 +118,7 @@ def met(polar: Polar, rate_rad_s: float, motion: Motion, distance_m: float) -> O
         closing_rad_s = max(fast_rad_s - direction * place.angular_rate_rad_s, _CLOSING_SHARE * fast_rad_s)
         ahead_s = min(max(ahead_s + left_rad / closing_rad_s, 0.0), pi / fast_rad_s)
         place = polar_of(x + x_rate * ahead_s, y + y_rate * ahead_s, x_rate, y_rate)
-    return Obstacle(place.bearing_rad, place.radius_m, distance_m)
+    return Obstacle(place.bearing_rad, place.radius_m, distance_m, bent_from_m)
 
 
 def bend_m(ring_m: float, polar: Polar, obstacles: Sequence[Obstacle]) -> float:

@@ -103,6 +103,11 @@ def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, c
     return Demand(cause, normal, its - rest, evades=True, vehicle_id=body.vehicle_id)
 
 
+def demanded_from_m(speed_m_s: float, distance_m: float, rate_per_s: float) -> float:
+    """Return how near a vehicle that flies straight towards a resting body is when `apart` first demands to brake."""
+    return (2.0 * speed_m_s + sqrt(2.0 * speed_m_s**2 + (rate_per_s * distance_m) ** 2)) / rate_per_s
+
+
 def inside(points: Iterable[NearestPoint], velocity_m_s: Pair, margin_m: float, rate_per_s: float) -> Iterator[Demand]:
     """Demand to stay inside the fence: h = distance - margin for each edge, by its nearest point."""
     for point in points:

@@ -45,8 +45,10 @@ GUARD_ACTS_S = 3.0
 """A vehicle that the guard has moved backwards is not on its way forwards again sooner."""
 OVERSHOOT_DEG, BOUND_SHARE, BACKWARDS_M_S = 5.0, 1.1, -0.1
 SETTLES_LEAST_S, SETTLES_FACTOR = 20.0, 1.3
-CLEARED = 4.0
-"""In separations: nearer to a vehicle that has left, the ring is bent around it, and radii are not judged."""
+CLEARED, BENT_RAD = 4.0, pi / 2.0
+"""The ring is bent around a vehicle that has left and is nearer to it than so many separations. Radii are not judged up
+to a quarter turn away: the farther out that vehicle is, and the less it is known where, the higher and wider the bend.
+"""
 OVERSHOOT_SHARE, BOUNDS_SHARE, SETTLED_SHARE = 0.01, 0.02, 0.98
 
 
@@ -299,10 +301,11 @@ class Ring:
         """Return where the ring is bent for a vehicle: near another one that was a member and has left."""
         member = self.motion.member
         left = np.flatnonzero(member[:, : span.start].any(axis=1) & ~member[:, span.start])
-        places = self._places[:, span]
+        places, ring_m = self._places[:, span], self.settings.radius_m
         bent = np.zeros(places.shape, dtype=np.bool_)
         for each in left:
-            bent |= np.abs(places - places[each]) < CLEARED * self.separation_m
+            beside = np.abs(np.abs(places[each]) - ring_m) < CLEARED * self.separation_m
+            bent |= beside & (np.abs(np.angle(places / places[each])) < BENT_RAD)
         return bent
 
     def _least_s(self, span: slice) -> tuple[float, float]:

@@ -14,11 +14,13 @@ RING_M = 10.0
 BEARINGS = np.linspace(-pi, pi, 2000)
 
 
-@given(radius=st.floats(1.0, 25.0), bearing=st.floats(-pi, pi), distance=st.floats(1.0, 6.5))
+@given(
+    radius=st.floats(1.0, 25.0), bearing=st.floats(-pi, pi), distance=st.floats(1.0, 6.5), early=st.floats(0.0, 15.0)
+)
 def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
-    radius: float, bearing: float, distance: float
+    radius: float, bearing: float, distance: float, early: float
 ) -> None:
-    bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(bearing, radius, distance)], RING_M)
+    bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(bearing, radius, distance, early)], RING_M)
     apart = np.abs(bent * np.exp(1j * BEARINGS) - radius * np.exp(1j * bearing))
     assert apart.min() >= distance - 1e-9
     # No step: its slope is what a vehicle can follow on the ring.
@@ -29,13 +31,16 @@ def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
     first=st.tuples(st.just(0.0), st.floats(1.0, 25.0)),
     second=st.tuples(st.floats(-1.2, 1.2), st.floats(1.0, 25.0)),
     distance=st.floats(1.0, 4.0),
+    early=st.floats(0.0, 15.0),
 )
-@example(first=(0.0, 12.0), second=(0.0, 6.4), distance=3.0)
-@example(first=(0.0, 12.14), second=(-0.81, 11.54), distance=3.41)
-@example(first=(0.0, 10.0), second=(0.1, 15.0), distance=3.0)
-@example(first=(0.0, 11.0), second=(-0.3, 14.0), distance=2.5)
-def test_it_is_clear_of_two_obstacles(first: tuple[float, float], second: tuple[float, float], distance: float) -> None:
-    obstacles = [Obstacle(*first, distance), Obstacle(*second, distance)]
+@example(first=(0.0, 12.0), second=(0.0, 6.4), distance=3.0, early=0.0)
+@example(first=(0.0, 12.14), second=(-0.81, 11.54), distance=3.41, early=0.0)
+@example(first=(0.0, 10.0), second=(0.1, 15.0), distance=3.0, early=0.0)
+@example(first=(0.0, 11.0), second=(-0.3, 14.0), distance=2.5, early=0.0)
+def test_it_is_clear_of_two_obstacles(
+    first: tuple[float, float], second: tuple[float, float], distance: float, early: float
+) -> None:
+    obstacles = [Obstacle(*first, distance, early), Obstacle(*second, distance, early)]
     bent = bent_ring_m(RING_M, BEARINGS, obstacles, RING_M)
     for bearing, radius in (first, second):
         apart = np.abs(bent * np.exp(1j * BEARINGS) - radius * np.exp(1j * bearing))
@@ -73,8 +78,10 @@ def test_only_an_obstacle_on_the_ring_bends_it() -> None:
 
 
 def test_far_from_the_obstacle_it_is_the_ring() -> None:
-    bent = bent_ring_m(RING_M, BEARINGS, [Obstacle(0.0, 10.0, 4.0)], RING_M)
+    bent, early = (bent_ring_m(RING_M, BEARINGS, [Obstacle(0.0, 10.0, 4.0, from_m)], RING_M) for from_m in (0.0, 15.0))
     assert (bent[np.abs(BEARINGS) > 1.0] == RING_M).all()
+    assert ((early > RING_M + 1e-6) == (np.abs(BEARINGS) < 1.5)).mean() == pytest.approx(1.0, abs=0.01)
+    assert early.max() == pytest.approx(bent.max(), abs=0.001)
     assert bent_ring_m(RING_M, BEARINGS, [], RING_M) == pytest.approx(np.full(2000, RING_M))
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow
+from agents.safety.barriers import Body, Cause, Demand, apart, demanded_from_m, inside, slow
 from agents.safety.fence import Fence
 from estimation.vectors import Pair
 
@@ -132,3 +132,16 @@ def test_meeting_the_demand_of_the_speed_limit_meets_its_condition_of_first_orde
 
     slope = (h(STEP_S) - h(-STEP_S)) / (2.0 * STEP_S)
     assert slope + 2.0 * RATE_PER_S * h(0.0) == pytest.approx(0.0, abs=1e-6)
+
+
+@given(st.floats(0.0, 5.0), st.floats(0.5, 8.0), st.floats(0.3, 3.0))
+def test_a_vehicle_that_flies_straight_at_a_body_has_to_brake_from_the_distance_returned_on(
+    speed_m_s: float, distance_m: float, rate_per_s: float
+) -> None:
+    from_m = demanded_from_m(speed_m_s, distance_m, rate_per_s)
+    body = Body((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), distance_m, shares=False)
+    farther, nearer = (
+        apart((from_m * share, 0.0), (-speed_m_s, 0.0), body, rate_per_s, Cause.SEPARATION).least_m_s2
+        for share in (1.001, 0.999)
+    )
+    assert farther < 0.0 < nearer
