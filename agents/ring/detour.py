@@ -90,7 +90,7 @@ class Obstacle:
     def width_rad(self, bend_m: float) -> float:
         """Return on either side of the obstacle how far the ring is bent: a larger bend begins earlier."""
         width_rad = 2.0 * self._half_rad * max(1.0, bend_m / self.clear_m)
-        return min(max(width_rad, self._bent_from_m / self.radius_m), pi)
+        return min(max(width_rad, self._bent_from_m / max(self.radius_m, self.clear_m)), pi)
 
     def leaves_room_to(self, other: "Obstacle") -> bool:
         """Return whether a vehicle can pass between the two."""

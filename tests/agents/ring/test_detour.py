@@ -15,7 +15,7 @@ BEARINGS = np.linspace(-pi, pi, 2000)
 
 
 @given(
-    radius=st.floats(1.0, 25.0), bearing=st.floats(-pi, pi), distance=st.floats(1.0, 6.5), early=st.floats(0.0, 15.0)
+    radius=st.floats(0.0, 25.0), bearing=st.floats(-pi, pi), distance=st.floats(1.0, 6.5), early=st.floats(0.0, 15.0)
 )
 def test_at_every_bearing_the_bent_ring_is_clear_of_the_obstacle(
     radius: float, bearing: float, distance: float, early: float
@@ -75,6 +75,10 @@ def test_inwards_it_goes_on_where_it_would_not_begin(own_m: float, way: float) -
 def test_only_an_obstacle_on_the_ring_bends_it() -> None:
     assert bends(RING_M, [Obstacle(0.3, 10.0, 3.0)], RING_M)
     assert not bends(RING_M, [Obstacle(0.3, 100.0, 3.0), Obstacle(0.3, 1.0, 3.0)], RING_M)
+
+
+def test_a_vehicle_that_holds_over_the_target_of_a_small_ring_is_passed() -> None:
+    assert bent_ring_m(5.0, BEARINGS, [Obstacle(0.0, 0.0, 6.0, 10.0)], 5.0).max() == pytest.approx(6.0 + MARGIN_M)
 
 
 def test_far_from_the_obstacle_it_is_the_ring() -> None:
