@@ -22,6 +22,8 @@ import pytest
 
 from agents.inputs import Start
 from agents.shell.clock import MissionClock, WallClock
+from agents.team.codec import decode
+from agents.team.messages import MemberState
 from estimation.state import Vector
 from gcs.console.vehicle_view import VehicleView
 from gcs.flight.stubs import prepared_configs
@@ -331,7 +333,8 @@ def compare_with_decisions(shown: VehicleView, near: Sequence[Any]) -> None:
     """Compare with decisions before and after the picture: the page may hear of a ring's member before a vehicle."""
     assert shown.aim_m is not None
     assert any(each.tactic == shown.tactic for each in near)
-    assert min(dist(each.setpoint.position_m[:2], shown.aim_m) for each in near if each.setpoint) < NEAR_M
+    sent = [decode(each.payload) for decision in near for each in decision.sent]
+    assert shown.aim_m in [each.aim_m for each in sent if isinstance(each, MemberState)]
     polar = [each.polar for each in near if each.polar is not None]
     assert min(abs(each.radius_m - (shown.radius_m or 0.0)) for each in polar) < NEAR_M
     assert min(abs(each.angular_rate_rad_s - (shown.angular_rate_rad_s or 0.0)) for each in polar) < NEAR_RAD
