@@ -299,9 +299,8 @@ def compare_with_replay(scene: Scene, replayed: FlightPicture) -> None:
     assert all((each.time_s or 0.0) <= last_s for each in replayed.events), "the last picture shows them all"
     timed = [(team.time_s, team) for team in replayed.teams if team.time_s is not None]
     compared = 0
-    for team in scene.teams:
-        if team.ring_members != 3 or team.time_s is None:
-            continue
+    for team in (each for each in scene.teams if each.ring_members == 3):
+        assert team.time_s is not None
         (one_s, one), (other_s, other) = sorted(timed, key=lambda each: abs(each[0] - (team.time_s or 0.0)))[:2]
         assert abs(one_s - team.time_s) <= abs(other_s - one_s)
         for live, *later in zip(team.vehicles, one.vehicles, other.vehicles, strict=True):
