@@ -5,6 +5,7 @@ returns. The same object therefore flies over MAVLink, in the simulation, and ag
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -213,10 +214,11 @@ class VehicleCore:
         doubtful = {*self._team.inconsistencies, *self._team.explained}
         near = self._team.near()
         exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubtful) else near
-        guarded = self._guard.check(situation, aim_m, self._neighbours.bodies(situation, exposed, lost, doubtful))
+        bodies, encircles = self._neighbours.bodies, self._tactic is Tactic.ENCIRCLE
+        guarded = self._guard.check(situation, aim_m, bodies(situation, exposed, lost, doubtful, encircles=encircles))
         if guarded.aim_m is aim_m or len(exposed) == len(near):
             return guarded
-        return self._guard.check(situation, aim_m, self._neighbours.bodies(situation, near, lost, doubtful))
+        return self._guard.check(situation, aim_m, bodies(situation, near, lost, doubtful, encircles=encircles))
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
         """Make the setpoint from the guarded aim; record and publish what is sent."""
@@ -349,11 +351,13 @@ class VehicleCore:
             self._failsafe.latch_override(*override(self._vehicle.status))
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
-        (x, y), velocity = self._feedforward.split(task.situation, plan, guarded)
+        wanted_m, climb_m_s = self._altitude.next(task.tactic, task.layer_m, task.situation.polar)
+        if (altitude_m := self._guard.altitude_m(wanted_m)) != wanted_m:
+            climb_m_s = 0.0
+        (x, y), velocity = self._feedforward.split(task.situation, plan, guarded, climb_m_s)
         off_x, off_y = self._estimator.offset_m
         yaw_rad = self._yaw.turn(task.tactic, task.situation)
-        altitude_m = self._altitude.next_m(task.tactic, task.layer_m)
-        return Setpoint((x + off_x, y + off_y, self._guard.altitude_m(altitude_m)), yaw_rad, velocity)
+        return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity)
 
     # Inputs between ticks
 
@@ -547,8 +551,10 @@ class VehicleCore:
         before, self._config = self._config.encirclement, self._with_ring(newest)
         ring = self._config.encirclement
         if ring != before:
-            self._planner.change_ring(self._config)
-            self._notes.add(self._now_s, RingCommanded(ring.radius_m, ring.angular_rate_rad_s))
+            for each in (self._planner, self._altitude, self._neighbours):
+                each.change(self._config)
+            values = ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg
+            self._notes.add(self._now_s, RingCommanded(*values))
 
     def _ring_refusal(self, commanded: CommandedRing) -> str:
         """Return why the vehicle cannot fly a commanded ring about the present target, empty if it can."""
@@ -564,19 +570,13 @@ class VehicleCore:
         Two operators may command values that do not go together, each to vehicles that have not received the other's.
         All then fly the earlier one, with the later one if that is possible, whatever they have received first.
         """
-        wanted = changed(self._mission_ring, commanded)
-        if not ring_refusal(wanted, inf):
-            return self._config.with_ring(wanted.encirclement.radius_m, wanted.encirclement.angular_rate_rad_s)
         flown = self._mission_ring
-        for each in commanded.in_order():
+        for each in [commanded] if not ring_refusal(changed(flown, commanded), inf) else commanded.in_order():
             wanted = changed(flown, each)
             flown = flown if ring_refusal(wanted, inf) else wanted
-        return self._config.with_ring(flown.encirclement.radius_m, flown.encirclement.angular_rate_rad_s)
+        return replace(self._config, encirclement=flown.encirclement)
 
 
 def changed(config: AgentConfig, commanded: CommandedRing) -> AgentConfig:
     """Return a configuration with the commanded values of its ring."""
-    ring = config.encirclement
-    radius_m = ring.radius_m if commanded.radius_m is None else commanded.radius_m
-    rate_rad_s = ring.angular_rate_rad_s if commanded.angular_rate_rad_s is None else commanded.angular_rate_rad_s
-    return config.with_ring(radius_m, rate_rad_s)
+    return config.with_ring(commanded.radius_m, commanded.angular_rate_rad_s, commanded.altitude_m, commanded.tilt_deg)

@@ -98,11 +98,15 @@ class RingCommanded(msgspec.Struct, frozen=True):
     kind: ClassVar[Kind] = "command"
     radius_m: float
     angular_rate_rad_s: float
+    altitude_m: float | None = None
+    tilt_deg: float = 0.0
 
     @property
     def text(self) -> str:
         """It as text."""
-        return f"the ring's radius is {self.radius_m:g} m, its rate {self.angular_rate_rad_s:g} rad/s"
+        altitude = "" if self.altitude_m is None else f", its altitude {self.altitude_m:g} m"
+        tilt = f", its tilt {self.tilt_deg:g}°" if self.tilt_deg else ""
+        return f"the ring's radius is {self.radius_m:g} m, its rate {self.angular_rate_rad_s:g} rad/s{altitude}{tilt}"
 
 
 class RingChange(msgspec.Struct, frozen=True):

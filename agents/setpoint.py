@@ -11,8 +11,9 @@ aim after half the time constant of its damping. At a steady speed the setpoint 
 a1 have no effect; during acceleration they have half their effect. The velocity follows the guarded aim, so a braked
 vehicle is sent less at once. A vehicle that stays is sent none, and comes to rest at the setpoint for any plant.
 
-The altitude is the vehicle's layer, or on the ring an offset above the target's altitude. All vehicles are raised by
-the same amount, which keeps the differences of their `altitude_m`, also if the altitude limit of one is reached.
+The altitude is the vehicle's layer, or on the ring that of the ring, or an offset above the target's altitude. All
+vehicles are raised by the same amount, which keeps the differences of their `altitude_m`, also if the altitude limit of
+one is reached. On an inclined ring it follows the bearing, and the climb rate is fed forward.
 """
 
 from math import atan2, hypot, radians
@@ -21,12 +22,14 @@ from typing import TYPE_CHECKING
 from agents.control.aims import shifted, towards
 from agents.control.encirclement import aim_for_acceleration
 from agents.control.plan import Plan
+from agents.ring.heights import inclined_m
 from agents.safety.guard import Guarded, GuardStatus
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from estimation.frames import wrap_signed_rad
 from estimation.plant.model import Plant
+from estimation.polar import Polar
 from estimation.settings import TargetFilterSettings
 from estimation.state import POSITION, VELOCITY, Sighting, Vector
 from estimation.vectors import Pair, clipped_pair
@@ -40,18 +43,23 @@ STAYS = (Tactic.HOLD, Tactic.ASIDE)
 
 
 class Altitude:
-    """Computes one vehicle's altitude, with a bounded rate if the mission follows the target's altitude."""
+    """Computes one vehicle's altitude, with a bounded rate if the ring has heights of its own or follows the target."""
 
     def __init__(self, config: AgentConfig) -> None:
-        ring = config.encirclement
+        ring = self._ring = config.encirclement
         self._flying_m = config.altitude_m
         self._target = _target_altitude(config.target_filter) if ring.altitude == "target" else None
-        lowest_m = config.altitude_m if config.altitude_lowest_m is None else config.altitude_lowest_m
-        self._above_lowest_m = config.altitude_m - lowest_m
+        self._has_heights = self._target is not None or ring.has_heights
+        self._above_lowest_m = config.altitude_m - config.lowest_m
         self._offset_m = ring.altitude_offset_m or 0.0
         self._low_m, self._high_m = config.lowest_between_m
         self._step_m = ring.climb_max_m_s / config.rate_hz
         self._altitude_m = config.take_off_altitude_m
+
+    def change(self, config: AgentConfig) -> None:
+        """Fly at the heights of another ring from now on."""
+        self._ring = config.encirclement
+        self._has_heights = self._has_heights or self._ring.has_heights
 
     @property
     def target_m(self) -> float | None:
@@ -64,24 +72,37 @@ class Altitude:
             for sighting in sorted(sightings, key=lambda each: each.time_s):
                 self._target.sight(sighting)
 
-    def next_m(self, tactic: Tactic, layer_m: float) -> float:
-        """Return the altitude of the next setpoint, once for each; `layer_m` is the altitude without a target."""
-        if self._target is None:
-            return layer_m
-        left_m = self._wanted_m(tactic, layer_m) - self._altitude_m
-        self._altitude_m += min(max(left_m, -self._step_m), self._step_m)
-        return self._altitude_m
+    def next(self, tactic: Tactic, layer_m: float, polar: Polar | None = None) -> Pair:
+        """Return altitude [m] and climb rate [m/s] of the next setpoint, once for each.
 
-    def _wanted_m(self, tactic: Tactic, layer_m: float) -> float:
+        `layer_m` is the altitude of a level ring without a target, `polar` is where the vehicle is about the target.
+        """
+        if not self._has_heights:
+            self._altitude_m = layer_m
+            return layer_m, 0.0
+        wanted_m, climb_m_s = self._wanted(tactic, layer_m, polar)
+        left_m = wanted_m - self._altitude_m
+        self._altitude_m += min(max(left_m, -self._step_m), self._step_m)
+        return self._altitude_m, climb_m_s if abs(left_m) <= self._step_m else 0.0
+
+    def _wanted(self, tactic: Tactic, layer_m: float, polar: Polar | None) -> Pair:
         if tactic in STAYS:
-            return self._altitude_m
+            return self._altitude_m, 0.0
         # Every vehicle stays in its layer until all are in their places.
-        if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m or self.target_m is None:
-            return layer_m
-        lowest_m = self.target_m + self._offset_m
-        lowest_m = lowest_m if self._high_m is None else min(lowest_m, self._high_m)
-        lowest_m = lowest_m if self._low_m is None else max(lowest_m, self._low_m)
-        return lowest_m + self._above_lowest_m
+        if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m:
+            return layer_m, 0.0
+        above_m, climb_m_s = (0.0, 0.0) if polar is None else inclined_m(self._ring, polar)
+        lowest_m = self._lowest_m
+        return (layer_m if lowest_m is None else lowest_m + self._above_lowest_m) + above_m, climb_m_s
+
+    @property
+    def _lowest_m(self) -> float | None:
+        """The altitude of the ring's lowest vehicle if it were level, None for its flying height."""
+        if self._target is None or self.target_m is None:
+            return self._ring.altitude_m
+        lowest_m, rise_m = self.target_m + self._offset_m, self._ring.rise_m
+        lowest_m = lowest_m if self._high_m is None else min(lowest_m, self._high_m - rise_m)
+        return lowest_m if self._low_m is None else max(lowest_m, self._low_m + rise_m)
 
 
 def _target_altitude(settings: TargetFilterSettings) -> "TargetAltitude":
@@ -105,7 +126,9 @@ class FeedForward:
         self._feeds = plant.feedforward > 0.0
         self._speed_max_m_s = speed_max_m_s
 
-    def split(self, situation: Situation, plan: Plan, guarded: Guarded) -> tuple[Pair, tuple[float, ...]]:
+    def split(
+        self, situation: Situation, plan: Plan, guarded: Guarded, climb_m_s: float = 0.0
+    ) -> tuple[Pair, tuple[float, ...]]:
         """Return the setpoint, and the velocity (x, y, z) to send with it, empty if the plant has no feed-forward."""
         x, y = guarded.aim_m.tolist()
         if not self._feeds:
@@ -117,7 +140,7 @@ class FeedForward:
             velocity = self._reached(situation, (x, y))
         x_rate, y_rate = clipped_pair(velocity, self._speed_max_m_s)
         lead_x, lead_y = self._lead_s
-        return (x - lead_x * x_rate, y - lead_y * y_rate), (x_rate, y_rate, 0.0)
+        return (x - lead_x * x_rate, y - lead_y * y_rate), (x_rate, y_rate, climb_m_s)
 
     def _reached(self, situation: Situation, aim_m: Pair) -> Pair:
         x, y, x_rate, y_rate = situation.acting_motion.tolist()

@@ -81,8 +81,8 @@ class Planner:
         """Change the shape of the formation."""
         self._station.reshape(config)
 
-    def change_ring(self, config: AgentConfig) -> None:
-        """Change the ring."""
+    def change(self, config: AgentConfig) -> None:
+        """Fly the ring of another configuration from now on."""
         self._ring.change(config)
 
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:

@@ -80,6 +80,7 @@ class RingFlight:
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
         self._feasibility.change(config.encirclement)
+        self._neighbours.change(config)
         self._reference.change(config)
         self._joining.change(config)
 

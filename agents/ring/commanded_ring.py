@@ -5,6 +5,7 @@ from typing import Final
 
 import msgspec
 
+from agents.ring.heights import HEIGHT_LEAST_M, HEIGHT_MOST_M, altitude_refusal, tilt_refusal
 from agents.ring.place import chord_m, even_places, weights_of
 from agents.ring.transition import TRACKED_SHARE, ShapedCoordinate, braked_rate, transition_of
 from agents.settings.config import AgentConfig
@@ -97,25 +98,31 @@ class ChangingRing:
 
 
 def change_s(before: EncirclementSettings, after: EncirclementSettings) -> float:
-    """Return how long the ring takes from rest at one to another."""
+    """Return how long the ring takes from rest at one to another, and the vehicles to its heights."""
     ring, steps = ChangingRing(before), 0
     ring.change(after)
     while ring.changes and steps * _STEP_S < _LONGEST_S:
         ring.advance(_STEP_S)
         steps += 1
-    return steps * _STEP_S
+    raised_m = 0.0 if before.altitude_m is None or after.altitude_m is None else after.altitude_m - before.altitude_m
+    climbs_m = abs(raised_m) + before.rise_m + after.rise_m if before.tilt_deg != after.tilt_deg else abs(raised_m)
+    return max(steps * _STEP_S, climbs_m / after.climb_max_m_s)
 
 
 class RingBounds(msgspec.Struct, frozen=True):
-    """What a ring keeps: its radius, the speed along it, and the acceleration towards the target.
+    """What a ring keeps: radius, speed along it, acceleration towards the target, altitude and climb rate.
 
-    The radius is between the two, and not equal to one.
+    The radius is between the two, and not equal to one. The altitude is that of the lowest vehicle, and that of all its
+    points if the ring is inclined.
     """
 
     radius_min_m: float
     radius_max_m: float
     speed_max_m_s: float
     acceleration_max_m_s2: float
+    altitude_min_m: float
+    altitude_max_m: float
+    climb_max_m_s: float
 
     def rate_max_rad_s(self, radius_m: float) -> float:
         """Return the largest angular rate at a radius."""
@@ -125,11 +132,15 @@ class RingBounds(msgspec.Struct, frozen=True):
 def ring_bounds(config: AgentConfig) -> RingBounds:
     """Return the bounds of the rings that a vehicle can fly about a target at rest, with room for its whole team."""
     ring, safety = config.encirclement, config.safety
+    low_m, high_m = config.lowest_between_m
     return RingBounds(
         max(ring.radius_min_m, safety.keep_out_m, _least_m(config)),
         ring.radius_far_m,
         min(ring.speed_max_m_s, safety.speed_max_m_s),
         min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2),
+        HEIGHT_LEAST_M if low_m is None else max(low_m, HEIGHT_LEAST_M),
+        HEIGHT_MOST_M if high_m is None else min(high_m, HEIGHT_MOST_M),
+        ring.climb_max_m_s,
     )
 
 
@@ -151,7 +162,15 @@ def ring_refusal(config: AgentConfig, reach_m: float) -> str:
         return f"its nose cannot follow {rate_rad_s:g} rad/s: at most {turns_deg_s:g} degrees/s"
     if radius_m > reach_m:
         return f"a ring of {radius_m:g} m leaves the fence: at most {max(reach_m, 0.0):.1f} m about the target"
-    return ""
+    return _heights_refusal(config)
+
+
+def _heights_refusal(config: AgentConfig) -> str:
+    ring, between_m = config.encirclement, config.lowest_between_m
+    if refusal := tilt_refusal(ring, between_m):
+        return f"a tilt of {refusal}"
+    refusal = altitude_refusal(ring, config.lowest_m, between_m)
+    return f"an altitude of {refusal}" if refusal else ""
 
 
 def _least_m(config: AgentConfig) -> float:

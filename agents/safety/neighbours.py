@@ -19,6 +19,7 @@ NEAR_FOR_S = 0.2
 """The selection of near vehicles is valid for this long."""
 _MEETS_S, _MEETS = 2.5, 1.5
 """Prediction time, and distance in separations, within which others need this vehicle's states at the full rate."""
+_ENCIRCLES = Tactic.ENCIRCLE.value
 _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 
 
@@ -27,12 +28,17 @@ class Neighbours:
 
     def __init__(self, config: AgentConfig) -> None:
         self._safety = config.safety
+        self.change(config)
         self._unnoticed_s = max(config.failsafe.peers_silent_s - GOING_ON_S, 0.0)
         axes = (config.plant.x, config.plant.y)
         self._stiffness = tuple((axis.a0_per_s2, axis.a1_per_s) for axis in axes)
         self._acceleration_max_m_s2 = config.safety.acceleration_max_m_s2
         self._reach_m_s2 = config.safety.setpoint_lead_max_m * max(axis.a0_per_s2 for axis in axes)
         self._damping_per_s = max(axis.a1_per_s for axis in axes)
+
+    def change(self, config: AgentConfig) -> None:
+        """Fly the ring of another configuration from now on."""
+        self._has_heights = config.encirclement.has_heights
 
     def near(self, situation: Situation, states: Sequence[MemberState]) -> Sequence[MemberState]:
         """Return the members that can affect the guard within `NEAR_FOR_S`: no aim is too close to the others.
@@ -125,10 +131,13 @@ class Neighbours:
         states: Iterable[MemberState],
         lost: Iterable[MemberState],
         doubtful: Container[int] = (),
+        *,
+        encircles: bool = True,
     ) -> list[Body]:
         """Return the bodies when the setpoint acts: all received or lost vehicles, except those well above or below.
 
-        A vehicle that lands, is lost, is doubtful, or is flown by a pilot is not expected to evade.
+        On a ring with heights of its own these change: a vehicle that `encircles` and all others then keep apart at any
+        height. A vehicle that lands, is lost, is doubtful, or is flown by a pilot is not expected to evade.
         """
         members = [
             (member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in states
@@ -139,6 +148,7 @@ class Neighbours:
             self._body(member, situation, own_sigma_m, shares=shares)
             for member, shares in members
             if abs(member.altitude_m - situation.height_m) < apart_m
+            or (self._has_heights and (encircles or member.tactic == _ENCIRCLES))
         ]
 
     def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:

@@ -28,8 +28,8 @@ class AgentConfig:
     `slots` are the vehicles of the formation in line order, with this one; `line_start_m` is the start of the leader's
     line, `altitude_m` its flying height, `communication_radius_m` the radio range. `home_m` is where it takes off
     (None: it lands in place), `layers_from_m` the lowest layer's height and `altitude_lowest_m` the lowest flying
-    height (None: its own). If the ring follows the target's altitude, its lowest vehicle stays between the two of
-    `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
+    height (None: its own). The ring's lowest vehicle stays between the two of `lowest_between_m`, which keeps every
+    vehicle inside its limits. `slots_m` are the positions in a free formation,
     `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
     """
 
@@ -58,6 +58,11 @@ class AgentConfig:
     profile: str = ""
 
     @property
+    def lowest_m(self) -> float:
+        """The flying height of the team's lowest vehicle."""
+        return self.altitude_m if self.altitude_lowest_m is None else self.altitude_lowest_m
+
+    @property
     def shape(self) -> Shape:
         """The formation's shape."""
         return self.formation.shape or ("free" if self.slots_m else "line")
@@ -76,10 +81,18 @@ class AgentConfig:
         """Return a copy with another shape of the formation."""
         return replace(self, formation=self.formation.model_copy(update={"shape": shape}))
 
-    def with_ring(self, radius_m: float, angular_rate_rad_s: float) -> "AgentConfig":
-        """Return a copy with another ring."""
-        values = {"radius_m": radius_m, "angular_rate_rad_s": angular_rate_rad_s}
-        return replace(self, encirclement=self.encirclement.model_copy(update=values))
+    def with_ring(
+        self,
+        radius_m: float | None = None,
+        angular_rate_rad_s: float | None = None,
+        altitude_m: float | None = None,
+        tilt_deg: float | None = None,
+    ) -> "AgentConfig":
+        """Return a copy with other values of the ring; None for one that stays."""
+        names = ("radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg")
+        given = zip(names, (radius_m, angular_rate_rad_s, altitude_m, tilt_deg), strict=True)
+        changed = {name: value for name, value in given if value is not None}
+        return replace(self, encirclement=self.encirclement.model_copy(update=changed))
 
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
         """Return the slot of `vehicle_id` relative to that of another member [m]."""
@@ -119,8 +132,14 @@ class AgentConfig:
 
     @property
     def rising_s(self) -> float:
-        """How long the slowest vehicle climbs to its layer on the way home; until then none moves horizontally [s]."""
-        return SETTLE_S + len(self.slots) * self.choreography.layer_m / CLIMB_SLOWEST_M_S
+        """How long the slowest vehicle climbs to its layer on the way home; until then none moves horizontally [s].
+
+        The ring may be higher or lower than the flying heights.
+        """
+        ring = self.encirclement
+        off_m = 0.0 if ring.altitude_m is None else abs(ring.altitude_m - self.lowest_m)
+        layers_m = len(self.slots) * self.choreography.layer_m
+        return SETTLE_S + (layers_m + off_m + ring.rise_m) / CLIMB_SLOWEST_M_S
 
     @property
     def landing_order(self) -> tuple[int, ...]:

@@ -1,5 +1,6 @@
 """The sections of a mission file that configure an agent, each with its tuning."""
 
+from math import radians, tan
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
@@ -62,7 +63,14 @@ class EncirclementSection(Settings):
     altitude_offset_m: float | None = Field(
         None, ge=-200.0, le=200.0, description="height of the lowest vehicle above the target"
     )
-    climb_max_m_s: float = Field(1.0, ge=0.5, le=5.0, description="climb rate that follows the target")
+    altitude_m: float | None = Field(
+        None, ge=1.0, le=500.0, description="height of the lowest vehicle on the ring; none: its flying height"
+    )
+    tilt_deg: float = Field(0.0, ge=-60.0, le=60.0, description="inclination: heights on the ring follow bearings")
+    tilt_bearing_deg: float = Field(
+        0.0, ge=-360.0, le=360.0, description="bearing of an inclined ring's highest point, counter-clockwise from x"
+    )
+    climb_max_m_s: float = Field(1.0, ge=0.5, le=5.0, description="largest climb rate on the ring and towards it")
     speed_max_m_s: float = Field(3.0, gt=0.0, le=20.0, description="limit of the LMPC")
     acceleration_max_m_s2: float = Field(2.0, gt=0.0, le=20.0, description="limit of the LMPC")
     spacing_speed_max_m_s: float | None = Field(
@@ -91,6 +99,16 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
         ring_m_s = abs(self.angular_rate_rad_s) * self.radius_m
         left_m_s = max(0.9 * self.speed_max_m_s - ring_m_s, 0.5 * ring_m_s, 1.0)
         return min(max(1.0, 0.5 * ring_m_s, 0.1 * self.radius_m), left_m_s, self.speed_max_m_s)
+
+    @property
+    def rise_m(self) -> float:
+        """How far the highest point of the ring is above its centre, and the lowest below it, `R tan(tilt)`."""
+        return self.radius_m * abs(tan(radians(self.tilt_deg)))
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether vehicles on the ring change their heights by the ring's altitude or tilt."""
+        return self.altitude_m is not None or self.tilt_deg != 0.0
 
 
 class DecisionSettings(Settings):

@@ -29,6 +29,7 @@ _AngularRate = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3), Unit(1e6)]
 # Variances are rounded up, covariances towards zero, which keeps the matrix positive definite.
 _Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8), Unit(1e6, "above")]
 _Covariance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8), Unit(1e6, "towards_zero")]
+_Tilt = Annotated[float, msgspec.Meta(ge=-90.0, le=90.0), Unit(1e2)]
 _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0), Unit(1e4)]
 _Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
 _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
@@ -96,13 +97,18 @@ class RingValues(msgspec.Struct, frozen=True, array_like=True):
 
     radius_m: _Radius | None = None
     angular_rate_rad_s: _AngularRate | None = None
+    altitude_m: _Metres | None = None
+    tilt_deg: _Tilt | None = None
 
     @property
     def text(self) -> str:
-        """The values as text: "15 m, -0.1 rad/s"."""
-        radius = [] if self.radius_m is None else [f"{self.radius_m:g} m"]
-        rate = [] if self.angular_rate_rad_s is None else [f"{self.angular_rate_rad_s:g} rad/s"]
-        return ", ".join(radius + rate)
+        """The values as text: "15 m, -0.1 rad/s, 12 m high"."""
+        forms = ("{:g} m", "{:g} rad/s", "{:g} m high", "tilted by {:g}°")
+        values = (self.radius_m, self.angular_rate_rad_s, self.altitude_m, self.tilt_deg)
+        return ", ".join(form.format(value) for form, value in zip(forms, values, strict=True) if value is not None)
+
+
+_Dated = tuple[float | None, float]
 
 
 class CommandedRing(msgspec.Struct, frozen=True, array_like=True):
@@ -116,45 +122,54 @@ class CommandedRing(msgspec.Struct, frozen=True, array_like=True):
     radius_s: Annotated[TimeS, PAIRED] = 0.0
     angular_rate_rad_s: _AngularRate | None = None
     rate_s: Annotated[TimeS, PAIRED] = 0.0
+    altitude_m: Annotated[_Metres | None, Added(1)] = None
+    altitude_s: Annotated[TimeS, PAIRED] = 0.0
+    tilt_deg: Annotated[_Tilt | None, Added(2)] = None
+    tilt_s: Annotated[TimeS, PAIRED] = 0.0
+
+    @property
+    def dated(self) -> tuple[_Dated, ...]:
+        """The values in the order of `RingValues`, each with its time."""
+        return (
+            (self.radius_m, self.radius_s),
+            (self.angular_rate_rad_s, self.rate_s),
+            (self.altitude_m, self.altitude_s),
+            (self.tilt_deg, self.tilt_s),
+        )
 
     def commanded(self, values: RingValues, time_s: float) -> "CommandedRing":
         """Return the ring after a command at a time, in the units in which states have it: all fly the same values."""
-        radius_m, rate_rad_s = values.radius_m, values.angular_rate_rad_s
-        radius = (None, 0.0) if radius_m is None else (round(radius_m, 3), time_s)
-        rate = (None, 0.0) if rate_rad_s is None else (round(rate_rad_s, 6), time_s)
-        return self.with_(CommandedRing(*radius, *rate))
+        rounded = zip(msgspec.structs.astuple(values), (3, 6, 3, 2), strict=True)
+        return self.with_(
+            _ring([(None, 0.0) if value is None else (round(value, digits), time_s) for value, digits in rounded])
+        )
 
     def is_dated_by(self, time_s: float) -> bool:
         """Return whether no value is newer than this: one dated ahead would keep all later commands from a vehicle."""
-        return max(self.radius_s, self.rate_s) <= time_s
+        return all(dated_s <= time_s for _, dated_s in self.dated)
 
     def is_newer_than(self, values: RingValues, time_s: float) -> bool:
         """Return whether all values of a command of this time have been replaced by those of newer commands."""
-        times_s = (
-            *([] if values.radius_m is None else [self.radius_s]),
-            *([] if values.angular_rate_rad_s is None else [self.rate_s]),
-        )
+        given = zip(msgspec.structs.astuple(values), self.dated, strict=True)
+        times_s = [dated_s for value, (_, dated_s) in given if value is not None]
         return bool(times_s) and min(times_s) > time_s
 
     def in_order(self) -> list["CommandedRing"]:
         """Return the commands that it consists of, each alone, in the order of their times."""
-        if self.radius_s == self.rate_s:
-            return [self]
-        alone = (
-            CommandedRing(self.radius_m, self.radius_s),
-            CommandedRing(None, 0.0, self.angular_rate_rad_s, self.rate_s),
-        )
-        return sorted(alone, key=lambda each: max(each.radius_s, each.rate_s))
+        times_s = sorted({dated_s for value, dated_s in self.dated if value is not None})
+        return [_ring([each if each[1] == at_s else (None, 0.0) for each in self.dated]) for at_s in times_s]
 
     def with_(self, other: "CommandedRing") -> "CommandedRing":
         """Return the newest values of two; of two of the same time the larger one, so that all vehicles agree."""
-        return CommandedRing(
-            *_newest((self.radius_m, self.radius_s), (other.radius_m, other.radius_s)),
-            *_newest((self.angular_rate_rad_s, self.rate_s), (other.angular_rate_rad_s, other.rate_s)),
-        )
+        return _ring(list(map(_newest, self.dated, other.dated)))
 
 
-def _newest(one: tuple[float | None, float], other: tuple[float | None, float]) -> tuple[float | None, float]:
+def _ring(dated: list[_Dated]) -> CommandedRing:
+    (radius_m, radius_s), (rate_rad_s, rate_s), (altitude_m, altitude_s), (tilt_deg, tilt_s) = dated
+    return CommandedRing(radius_m, radius_s, rate_rad_s, rate_s, altitude_m, altitude_s, tilt_deg, tilt_s)
+
+
+def _newest(one: _Dated, other: _Dated) -> _Dated:
     if one[0] is None or other[0] is None:
         return one if other[0] is None else other
     return max(one, other, key=lambda each: (each[1], each[0]))

@@ -62,7 +62,7 @@ _RESUMED = {Tactic.STANDBY: "was waiting for the start already", **_ON_MISSION}
 _RETURNS = {Tactic.RETURN_AND_LAND: "was returning to land already"}
 _ABORTS = "hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort"
 _RESHAPES = "change the shape of the formation"
-_RESIZES = "change radius and rate, clockwise if negative"
+_RESIZES = "change radius, rate (clockwise if negative), altitude and tilt"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
     VerbRow("start", "start", did="takes off", needs_mission=True),

@@ -39,7 +39,7 @@ _DEFAULTS = CommandOptions()
 def command(
     verb: CommandVerb,
     /,
-    *arguments: Annotated[str, Parameter(help="formation: the shape; ring: radius=METRES, rate=RAD_S or both.")],
+    *arguments: Annotated[str, Parameter(help="formation: the shape; ring: the values to change.")],
     options: CommandOptions = _DEFAULTS,
 ) -> Exit:
     """Command a running team: {labels}. Shows each vehicle's answer.
@@ -139,7 +139,8 @@ def _shape(mission: "Mission", given: Sequence[str]) -> "Shape":
     raise InputError([f"shape: no '{given[0]}' in {mission.mission.name}: {why} (shapes: {', '.join(shapes)})"])
 
 
-_RING_KEYS = {"radius": "radius_m", "rate": "angular_rate_rad_s"}
+_RING_KEYS = {"radius": "radius_m", "rate": "angular_rate_rad_s", "altitude": "altitude_m", "tilt": "tilt_deg"}
+_RING_FORM = "radius=METRES, rate=RAD_S, altitude=METRES, tilt=DEGREES, or some of them, as in radius=15 rate=-0.1"
 
 
 def _ring_values(mission: "Mission", given: Sequence[str]) -> "RingValues":
@@ -154,10 +155,10 @@ def _ring_values(mission: "Mission", given: Sequence[str]) -> "RingValues":
         except ValueError:
             value = nan
         if name not in _RING_KEYS or not isfinite(value) or _RING_KEYS[name] in values:
-            raise InputError([f"{each}: give radius=METRES, rate=RAD_S or both, as in radius=15 rate=-0.1"])
+            raise InputError([f"{each}: give {_RING_FORM}"])
         values[_RING_KEYS[name]] = value
     if not values:
-        raise InputError(["ring: give the values to change, as in radius=15 rate=-0.1"])
+        raise InputError([f"ring: give {_RING_FORM}"])
     wanted = RingValues(**values)
     if faults := ring_change_faults(mission, wanted):
         raise InputError(faults)

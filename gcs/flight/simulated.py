@@ -174,7 +174,7 @@ def _simulated_vehicle(
         disturbance_m_s2=simulation.wind_m_s2,
         imperfections=imperfections,
         absences=absences,
-        climbs=mission.encirclement.altitude == "target",
+        climbs=mission.encirclement.altitude == "target" or mission.encirclement.has_heights,
         step=step,
     )
     return SimulatedVehicle(model, started(), target_sensor(mission, vehicle.id, 0.0, seed), started)
@@ -194,6 +194,7 @@ def _record(
             flight.motion[:, index, POSITION],
             flight.motion[:, index, VELOCITY],
             observed.tactics[:, index],
+            altitude_m=flight.altitude_m[:, index],
         )
         for index, vehicle_id in enumerate(mission.ids)
     )

@@ -174,6 +174,7 @@ VEHICLE = (
     Metric("formation_spacing_error_rms_m", "error of the distance to the predecessor in formation, rms",
         "formation spacing error rms", "m", ".3f", "spacing\nrms [m]", worst="max", drawn=True,
         judged=Criterion("formation", "formation_spacing_error_rms_m", "spacing")),
+    Metric("height_error_rms_m", "error of the height on a ring with an altitude or a tilt, rms", worst="max"),
 )  # fmt: skip
 """Of each vehicle."""
 TRANSITION = (

@@ -106,7 +106,8 @@ def true_track(estimated: VehicleTrack, truth: TruthTrack, grid_s: Vector) -> Ve
     # Nothing is extrapolated before the first sample and after the last one.
     outside = (grid_s < time_s[0] - _GRAIN_S) | (grid_s > time_s[-1] + _GRAIN_S)
     on_grid[outside | ~_known(time_s, grid_s)] = np.nan
-    return VehicleTrack(estimated.vehicle_id, on_grid[:, POSITION], on_grid[:, VELOCITY], estimated.tactic)
+    position_m, velocity_m_s, altitude_m = on_grid[:, POSITION], on_grid[:, VELOCITY], on_grid[:, 4]
+    return VehicleTrack(estimated.vehicle_id, position_m, velocity_m_s, estimated.tactic, altitude_m=altitude_m)
 
 
 def missing_truth(
@@ -130,8 +131,8 @@ def missing_truth(
 
 
 def _samples(truth: TruthTrack) -> tuple[Vector, Vector]:
-    """Return the times (K,) and horizontal motions (K, 4) of the finite samples, in order of time."""
-    motion = np.hstack([truth.position_m[:, POSITION], truth.velocity_m_s[:, POSITION]])
+    """Return the times (K,), horizontal motions and heights (K, 5) of the finite samples, in order of time."""
+    motion = np.hstack([truth.position_m[:, POSITION], truth.velocity_m_s[:, POSITION], truth.position_m[:, 2:]])
     known = np.flatnonzero(np.isfinite(motion).all(axis=1))
     order = known[np.argsort(truth.time_s[known], kind="stable")]
     return truth.time_s[order], motion[order]

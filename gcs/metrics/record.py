@@ -36,7 +36,7 @@ class VehicleTrack:
     `position_m`, `velocity_m_s` (T, 2) in the mission frame; `tactic` (T,) names (`formation`, `encircle`, ...);
     rows without data of the vehicle are NaN with tactic `unknown`. `target` (T, 4) = [x y x' y'] is the target's motion
     as the vehicle itself estimates it at the same times, NaN without an estimate; None on a true track, which refers to
-    the record's target.
+    the record's target. `altitude_m` (T,) is the height on a true track, None on others.
     """
 
     vehicle_id: int
@@ -44,6 +44,7 @@ class VehicleTrack:
     velocity_m_s: Vector
     tactic: np.ndarray[tuple[int], np.dtype[np.str_]]
     target: Vector | None = None
+    altitude_m: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True)

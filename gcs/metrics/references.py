@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import radians, tan
 from typing import NamedTuple
 
 import msgspec
@@ -10,6 +11,7 @@ from pydantic import Field
 
 from agents.ring.commanded_ring import change_s
 from agents.ring.place import Gaps
+from agents.settings.sections import EncirclementSettings
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.ending import named
@@ -127,13 +129,21 @@ class DesiredRing:
     """The desired ring about the target; a positive angular rate is counter-clockwise seen from above.
 
     It is the last one that was commanded; `earlier` are those before it, in order. The angles between vehicles are in
-    proportion to the weights `gaps`.
+    proportion to the weights `gaps`. A ring with heights of its own has the vehicles' `heights_m` at its centre, by id,
+    and rises by `rise_m` to its highest point at the bearing `highest_rad`.
     """
 
     radius_m: float
     angular_rate_rad_s: float
     gaps: Gaps = field(default_factory=dict)
     earlier: tuple[EarlierRing, ...] = ()
+    heights_m: Mapping[int, float] = field(default_factory=dict)
+    rise_m: float = 0.0
+    highest_rad: float = 0.0
+
+    def height_m(self, vehicle_id: int, bearing_rad: Vector) -> Vector:
+        """Return the desired height (T,) of a vehicle at its bearings, NaN on a ring without heights of its own."""
+        return self.heights_m.get(vehicle_id, np.nan) + self.rise_m * np.cos(bearing_rad - self.highest_rad)
 
     @property
     def changed_s(self) -> list[float]:
@@ -197,7 +207,18 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
             earlier.append(EarlierRing(event.time_s, ring.radius_m, ring.angular_rate_rad_s, change_s(ring, commanded)))
             noted.append(commanded)
             ring, at[event.vehicle] = commanded, len(noted) - 1
-    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier))
+    rise_m = ring.radius_m * tan(radians(ring.tilt_deg))
+    heights = _heights_m(mission, ring), rise_m, radians(ring.tilt_bearing_deg)
+    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *heights)
+
+
+def _heights_m(mission: Mission, ring: EncirclementSettings) -> dict[int, float]:
+    """Return the vehicles' heights at the centre of a ring, none on one without heights of its own."""
+    if not ring.has_heights or ring.altitude == "target":
+        return {}
+    flying_m = {vehicle.id: vehicle.section.altitude_m for vehicle in mission.vehicles}
+    above_m = 0.0 if ring.altitude_m is None else ring.altitude_m - min(flying_m.values())
+    return {vehicle_id: height_m + above_m for vehicle_id, height_m in flying_m.items()}
 
 
 def formation_reference(mission: Mission) -> FormationReference:

@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
-from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
+from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, VehicleTrack, grid_time, largest, rms
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.ring import RingMotion, flies, measured
 
@@ -30,6 +30,7 @@ class VehicleResult:
     angular_rate_error_rms_rad_s: float | None = None
     formation_speed_error_rms_m_s: float | None = None
     formation_spacing_error_rms_m: float | None = None
+    height_error_rms_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +75,20 @@ def vehicle_results(
             angular_rate_error_rms_rad_s=rms(rate_rad_s - desired_rad_s[window]),
             formation_speed_error_rms_m_s=rms(speed_error_m_s[row]),
             formation_spacing_error_rms_m=rms(spacing_error_m[row]),
+            height_error_rms_m=_height_error_rms_m(record.time_s, track, ring, motion.bearing_rad[row], window),
         )
         results.append(result)
     return tuple(results)
+
+
+def _height_error_rms_m(
+    time_s: Vector, track: VehicleTrack, ring: DesiredRing, bearing_rad: Vector, window: Mask
+) -> float | None:
+    """Return the error of the height on the last commanded ring, None where its heights are the flying heights."""
+    if track.altitude_m is None:
+        return None
+    judged = window & ~ring.changes(time_s) & (time_s >= max(ring.changed_s, default=-np.inf))
+    return rms((track.altitude_m - ring.height_m(track.vehicle_id, bearing_rad))[judged])
 
 
 def estimated_vehicles(

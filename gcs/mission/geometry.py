@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import degrees, dist
 
+from agents.ring.heights import altitude_refusal, tilt_refusal
 from agents.ring.place import chord_m
 from agents.safety.fence import Fence
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, FormationSettings, SafetySettings
 from agents.settings.shapes import gap_m
 from gcs.errors import KeyFault
-from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, VehicleSection
+from gcs.mission.mission import MissionSection, NetworkSection, TargetSection, VehicleSection, lowest_between_m
 
 _PATH_POINTS = 200
 
@@ -201,9 +202,10 @@ def follows_fit(
     ring: EncirclementSettings | None,
     target: TargetSection | None,
 ) -> Iterator[KeyFault]:
-    """Check that a ring that follows the target's altitude has an offset and altitude limits."""
+    """Check the heights of a ring; one that follows the target's altitude needs an offset and altitude limits."""
     if ring is None:
         return
+    yield from _heights_fit(vehicles, safety, ring)
     offset_m = ring.altitude_offset_m
     if ring.altitude == "layers":
         if offset_m is not None:
@@ -225,6 +227,18 @@ def follows_fit(
     yield from _follows_inside(
         vehicles, safety, lowest_m, f"{offset_m} m above target.altitude_m = {target.altitude_m} m"
     )
+
+
+def _heights_fit(vehicles: IndexedVehicles, safety: SafetySettings, ring: EncirclementSettings) -> Iterator[KeyFault]:
+    """Check that the tilt and the altitude of a ring keep every vehicle inside its limits."""
+    if not vehicles:
+        return
+    sections = [vehicle for _, vehicle in vehicles]
+    between_m = lowest_between_m(sections, safety)
+    if refusal := tilt_refusal(ring, between_m):
+        yield KeyFault("encirclement.tilt_deg", refusal)
+    elif refusal := altitude_refusal(ring, min(vehicle.altitude_m for vehicle in sections), between_m):
+        yield KeyFault("encirclement.altitude_m", refusal)
 
 
 def _follows_inside(

@@ -166,6 +166,9 @@ def commanded_ring_bounds(mission: Mission) -> RingBounds:
         min([each.radius_max_m for each in every] + ranges_m),
         RESERVE * min(each.speed_max_m_s for each in every) - mission.target.motion.speed_max_m_s,
         RESERVE * min(each.acceleration_max_m_s2 for each in every),
+        every[0].altitude_min_m,
+        every[0].altitude_max_m,
+        every[0].climb_max_m_s,
     )
 
 
@@ -220,8 +223,11 @@ def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
     """Return a vehicle's greatest height: that of its mission, or of a layer at take-off or landing."""
     config = mission.agent_config(vehicle)
     home_m = config.return_altitude_m if mission.choreography.landing == "return" else 0.0
-    above_target_m = config.safety.altitude_max_m if mission.encirclement.altitude == "target" else None
-    return max(config.altitude_m, config.take_off_altitude_m, home_m, above_target_m or 0.0)
+    ring = mission.encirclement
+    above_target_m = config.safety.altitude_max_m if ring.altitude == "target" else None
+    lowest_m = config.lowest_m if ring.altitude_m is None else ring.altitude_m
+    on_ring_m = config.altitude_m - config.lowest_m + lowest_m + ring.rise_m
+    return max(config.altitude_m, config.take_off_altitude_m, home_m, on_ring_m, above_target_m or 0.0)
 
 
 def _along_ring_m_s(mission: Mission) -> float:

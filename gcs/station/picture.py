@@ -56,8 +56,9 @@ class TilesPicture(msgspec.Struct, frozen=True):
 class MissionPicture(_Picture, frozen=True, tag="mission"):
     """The constant part of a flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
 
-    `x_bearing_deg` is the bearing of the x axis, clockwise from north. `ring_bounds` are those of the rings that can be
-    commanded. `tiles` is None without map tiles.
+    `x_bearing_deg` is the bearing of the x axis, clockwise from north. The ring's altitude is that of its lowest
+    vehicle, None if it follows the target's; `ring_bounds` are those of the rings that can be commanded. `tiles` is
+    None without map tiles.
     """
 
     mission: str
@@ -66,8 +67,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     rate_hz: float
     origin_deg: Pair | None
     x_bearing_deg: float
-    ring_radius_m: float
-    ring_rate_rad_s: float
+    ring: RingValues
     ring_bounds: RingBounds
     separation_m: float
     keep_out_m: float
@@ -112,10 +112,10 @@ class LostPicture(msgspec.Struct, frozen=True):
 class TeamPicture(_Picture, frozen=True, tag="team"):
     """The team at one time: `time_s` since the mission's start (None before), `wall_s` in Unix time.
 
-    `ring_members` is the number of vehicles on the ring, `ring_radius_m` and `ring_rate_rad_s` are what was
-    commanded in flight. `ending` is how the flight ended, empty before.
-    `link` is the fault of the link to the team, empty without one. `remaining_s` is the rest of the mission, None
-    before its start. `lost` is set from the loss of a flight in the air until the next messages.
+    `ring_members` is the number of vehicles on the ring, `ring` what was commanded in flight, None for nothing.
+    `ending` is how the flight ended, empty before. `link` is the fault of the link to the team, empty without one.
+    `remaining_s` is the rest of the mission, None before its start. `lost` is set from the loss of a flight in the air
+    until the next messages.
     """
 
     time_s: float | None
@@ -127,8 +127,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     link: str = ""
     remaining_s: float | None = None
     lost: LostPicture | None = None
-    ring_radius_m: float | None = None
-    ring_rate_rad_s: float | None = None
+    ring: RingValues | None = None
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):
@@ -197,6 +196,8 @@ def mission_picture(
 ) -> MissionPicture:
     """Return a mission as the page shows it, flown for `duration_s`; without an operator the page is read-only."""
     frame, ring, safety = mission.frame, mission.encirclement, mission.safety
+    lowest_m = min(vehicle.section.altitude_m for vehicle in mission.vehicles)
+    altitude_m = None if ring.altitude == "target" else ring.altitude_m or lowest_m
     return MissionPicture(
         mission=mission.mission.name,
         source=source,
@@ -204,8 +205,7 @@ def mission_picture(
         rate_hz=mission.mission.rate_hz,
         origin_deg=origin_deg(mission),
         x_bearing_deg=frame.x_bearing_deg,
-        ring_radius_m=ring.radius_m,
-        ring_rate_rad_s=ring.angular_rate_rad_s,
+        ring=RingValues(ring.radius_m, ring.angular_rate_rad_s, altitude_m, ring.tilt_deg),
         ring_bounds=commanded_ring_bounds(mission),
         separation_m=safety.separation_m,
         keep_out_m=safety.keep_out_m,

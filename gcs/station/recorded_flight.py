@@ -3,12 +3,14 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
+from operator import itemgetter
 
 from msgspec.structs import replace
 
 from agents.flight_end import FlightEnd
 from agents.inputs import Start
 from agents.safety.fence import Fence
+from agents.team.messages import RingValues
 from gcs.console.vehicle_view import VehicleView, with_surroundings
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
@@ -97,9 +99,10 @@ def recorded_flight(
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
     teams[-1] = replace(teams[-1], ending=_ending(logs))
-    for commanded_s, radius_m, rate_rad_s in sorted(ring for each in vehicles for ring in each.rings):
+    for commanded_s, ring in sorted((ring for each in vehicles for ring in each.rings), key=itemgetter(0)):
         first = sum(time_s < commanded_s for time_s in clock.times_s())
-        teams[first:] = [replace(team, ring_radius_m=radius_m, ring_rate_rad_s=rate_rad_s) for team in teams[first:]]
+        values = RingValues(ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg)
+        teams[first:] = [replace(team, ring=values) for team in teams[first:]]
     planned = mission_picture(mission, "log", duration_s)
     return FlightPicture(planned, tuple(teams), tuple(_events(clock, vehicles)))
 

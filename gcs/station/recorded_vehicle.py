@@ -7,6 +7,7 @@ from msgspec.structs import replace
 
 from agents.flight_end import FlightEnd
 from agents.inputs import AutopilotStatus
+from agents.notes import RingCommanded
 from agents.ports import VehicleStatus
 from agents.shell.reporter import estimator_words
 from agents.team.messages import LINK_SILENT_S, AutopilotReport
@@ -45,13 +46,13 @@ class _Tick(NamedTuple):
 class RecordedVehicle:
     """A vehicle's records, read once; `events` holds the events so far: time, text and severity.
 
-    `rings` holds when another ring was commanded so far, its radius and its rate.
+    `rings` holds the rings that were commanded so far, and when.
     """
 
     def __init__(self, log: FlightLog, vehicle_id: int) -> None:
         self.vehicle_id = vehicle_id
         self.events: list[tuple[float, str, Severity]] = []
-        self.rings: list[tuple[float, float, float]] = []
+        self.rings: list[tuple[float, RingCommanded]] = []
         self._records = log.vehicles.get(vehicle_id, [])
         self._speed = log.run.speed
         self._end = next(log.of_kind(vehicle_id, VehicleEnd), None)
@@ -79,8 +80,7 @@ class RecordedVehicle:
                 decision = record.message()
                 notes = notes_of(decision)
                 self.events += [(each.time_s, each.text, event_severity(each)) for each in notes]
-                rings = ((each.time_s, each.ring) for each in notes if each.ring is not None)
-                self.rings += [(at_s, ring.radius_m, ring.angular_rate_rad_s) for at_s, ring in rings]
+                self.rings += [(each.time_s, each.ring) for each in notes if each.ring is not None]
                 yield _Tick(decision, status, altitude_m, motion_s)
             elif record.kind is AutopilotStatus:
                 before, status = status, record.read(AutopilotStatus).status

@@ -9,7 +9,7 @@ from statistics import median_high
 from msgspec.structs import replace
 
 from agents.ring.place import ring_place
-from agents.team.messages import MISSION_RING, BusMessage, MemberState, OperatorCommand, VehicleReport
+from agents.team.messages import MISSION_RING, BusMessage, MemberState, OperatorCommand, RingValues, VehicleReport
 from gcs.console.advice import Severity
 from gcs.console.team_state import SILENT_AFTER_S, TeamState
 from gcs.console.vehicle_view import (
@@ -184,16 +184,16 @@ class TeamPictures:
             (link if lost is None else "") or self._silence(now_s, is_over=is_over),
             self._remaining_s,
             lost,
-            *self._commanded_ring(),
+            self._commanded_ring(),
         )
 
-    def _commanded_ring(self) -> tuple[float | None, float | None]:
-        """Return radius and rate of the ring that operators commanded last, None for what they did not."""
+    def _commanded_ring(self) -> RingValues | None:
+        """Return the values of the ring that operators commanded last, None for nothing."""
         commanded = MISSION_RING
         for each in self._received.values():
             if each.state is not None and each.state.ring is not None and not each.ended:
                 commanded = commanded.with_(each.state.ring)
-        return commanded.radius_m, commanded.angular_rate_rad_s
+        return None if commanded == MISSION_RING else RingValues(*(value for value, _ in commanded.dated))
 
     def _found_unaccounted(self, *, is_gone: bool) -> set[int]:
         """Return the vehicles that nothing accounts for: by their reports, or because the flight `is_gone`."""

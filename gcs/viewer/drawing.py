@@ -120,11 +120,11 @@ def position_covariance(target: TargetState) -> tuple[float, float, float]:
 class Drawing:
     """Draws a team; constant geometry is built once."""
 
-    def __init__(self, limits: Sequence[SafetySettings], ring_radius_m: float, ring_altitude_m: float) -> None:
-        """Take the vehicles' safety settings, which differ in fence and altitudes only."""
+    def __init__(self, limits: Sequence[SafetySettings], ring_m: Sequence[Triple], ring_altitude_m: float) -> None:
+        """Take the vehicles' safety settings, which differ in fence and altitudes only, and the ring's outline."""
         self._safety = limits[0]
         self._ring_altitude_m = ring_altitude_m
-        self._ring = _points(circle(ring_radius_m))
+        self._ring = _points(ring_m)
         self._slot = _points(circle(SLOT_M, 4))
         self._fence = [line(points, _DESIRED, closed=True) for each in limits for points in _fence(each)]
 

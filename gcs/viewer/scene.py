@@ -47,7 +47,7 @@ from gcs.viewer.drawing import (
     newest_target,
     position_covariance,
 )
-from gcs.viewer.shapes import circle, colour, ellipse, pose, rotation, timestamp
+from gcs.viewer.shapes import circle, colour, ellipse, pose, ring_outline, rotation, timestamp
 
 LAYOUT = np.dtype([("place", "<f4", 3), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])
 FENCE_STEP_M, BUBBLE_POINTS, ELLIPSE_POINTS = 2.0, 24, 24
@@ -57,8 +57,8 @@ _Points = NDArray[np.float64]
 class Cloud:
     """Draws a team as points; constant geometry is built once."""
 
-    def __init__(self, limits: Sequence[SafetySettings], ring_radius_m: float, ring_altitude_m: float) -> None:
-        """Take the vehicles' safety settings, which differ in fence and altitudes only."""
+    def __init__(self, limits: Sequence[SafetySettings], ring_m: Sequence[Triple], ring_altitude_m: float) -> None:
+        """Take the vehicles' safety settings, which differ in fence and altitudes only, and the ring's outline."""
         numbers = PackedElementFieldNumericType
         places = [PackedElementField(name=name, offset=4 * k, type=numbers.Float32) for k, name in enumerate("xyz")]
         shades = [
@@ -66,7 +66,7 @@ class Cloud:
             for k, name in enumerate(("red", "green", "blue", "alpha"))
         ]
         self._fields = places + shades
-        self._ring = np.array(circle(ring_radius_m)) + np.array((0.0, 0.0, ring_altitude_m))
+        self._ring = np.array(ring_m) + np.array((0.0, 0.0, ring_altitude_m))
         self._bubble = np.array(circle(limits[0].separation_m / 2.0, BUBBLE_POINTS))
         self._ellipse = np.array(circle(1.0, ELLIPSE_POINTS))
         self._fence = b"".join(_packed(_outline(each), FAINT) for each in limits)
@@ -152,12 +152,13 @@ class Scene:
             vehicle.id: DrawnVehicle(mission.agent_config(vehicle), COLOURS[row % len(COLOURS)])
             for row, vehicle in enumerate(mission.vehicles)
         }
-        altitude_m = min(vehicle.config.altitude_m for vehicle in self._team.values())
-        ring_m = mission.encirclement.radius_m
+        ring = mission.encirclement
+        lowest_m = min(vehicle.config.altitude_m for vehicle in self._team.values())
+        drawn = ring_outline(ring), lowest_m if ring.altitude_m is None else ring.altitude_m
         # Vehicles may have fences of their own.
         limits = tuple(dict.fromkeys(vehicle.config.safety for vehicle in self._team.values()))
-        self._drawing = Drawing(limits, ring_m, altitude_m)
-        self._cloud = Cloud(limits, ring_m, altitude_m)
+        self._drawing = Drawing(limits, *drawn)
+        self._cloud = Cloud(limits, *drawn)
         self._scene = SceneUpdateChannel("/scene", context=context)
         self._points = PointCloudChannel("/points", context=context)
         self._transforms = FrameTransformsChannel("/tf", context=context)

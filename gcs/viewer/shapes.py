@@ -18,7 +18,10 @@ from foxglove.messages import (
     Vector3,
 )
 
+from agents.ring.heights import inclined_m
+from agents.settings.sections import EncirclementSettings
 from estimation.frames import Triple
+from estimation.polar import Polar
 
 CIRCLE_POINTS = 72
 ELLIPSE_SHARE = 0.95
@@ -53,6 +56,13 @@ def circle(radius_m: float, points: int = CIRCLE_POINTS) -> list[Triple]:
     """Return points on a level circle about the origin."""
     turns = (tau * k / points for k in range(points))
     return [(radius_m * cos(turn), radius_m * sin(turn), 0.0) for turn in turns]
+
+
+def ring_outline(ring: EncirclementSettings) -> list[Triple]:
+    """Return points on a ring about the origin."""
+    level = circle(ring.radius_m)
+    polars = [Polar(ring.radius_m, atan2(y, x), 0.0, 0.0) for x, y, _ in level]
+    return [(x, y, inclined_m(ring, at)[0]) for (x, y, _), at in zip(level, polars, strict=True)]
 
 
 def ellipse(covariance: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -115,7 +115,8 @@ class Airframe:
             self._motion[POSITION] += self._motion[VELOCITY] * STEP_S
 
     def _climb(self, target: Target) -> None:
-        wanted = CLIMB_GAIN_PER_S * (target.altitude_m - self._altitude_m)
+        fed = target.velocity_m_s[2] if target.velocity_m_s else 0.0
+        wanted = fed + CLIMB_GAIN_PER_S * (target.altitude_m - self._altitude_m)
         bounded = min(max(wanted, -target.sink_max_m_s), target.climb_max_m_s)
         acceleration = CLIMB_RATE_GAIN_PER_S * (bounded - self._climb_m_s)
         limit = CLIMB_ACCELERATION_MAX_M_S2

@@ -240,7 +240,8 @@ class SimulatedVehicle(Generic[OutputT]):
         if wanted is not None:
             self._body.command(now_s, self._aim_m(wanted))
             if self._model.climbs:
-                self._wanted_altitude_m = wanted.position_m[2]
+                fed_m_s = wanted.velocity_m_s[2] if wanted.velocity_m_s else 0.0
+                self._wanted_altitude_m = wanted.position_m[2] + fed_m_s / CLIMB_PER_S
 
     def _aim_m(self, wanted: WantedPosition) -> Pair:
         """Return the same as `Plant.aim_m`, as numbers."""

@@ -40,6 +40,10 @@ COMMANDED = st.builds(
     radius_s=TIMES_S,
     angular_rate_rad_s=st.none() | st.sampled_from([-0.1, 0.1]),
     rate_s=TIMES_S,
+    altitude_m=st.none() | st.sampled_from([6.0, 11.0]),
+    altitude_s=TIMES_S,
+    tilt_deg=st.none() | st.sampled_from([-12.0, 5.0]),
+    tilt_s=TIMES_S,
 )
 
 
@@ -100,15 +104,21 @@ def test_all_vehicles_agree_in_whatever_order_they_hear_of_the_commands(heard: l
         newest = MISSION_RING
         for each in (*order, order[0]):
             newest = newest.with_(each)
-        found.add((newest.radius_m, newest.angular_rate_rad_s))
+        found.add(tuple(value for value, _ in newest.dated))
     assert len(found) == 1
 
 
-@given(st.floats(5.0, 40.0), st.floats(-0.3, 0.3), st.floats(0.0, 1e9))
+VALUES = st.builds(
+    RingValues,
+    *(st.none() | st.floats(*each) for each in ((5.0, 40.0), (-0.3, 0.3), (1.0, 90.0), (-60.0, 60.0))),
+)
+
+
+@given(VALUES, st.floats(0.0, 1e9), VALUES, st.floats(0.0, 1e9))
 def test_a_vehicle_that_hears_of_a_command_flies_the_same_numbers(
-    radius_m: float, rate_rad_s: float, time_s: float
+    values: RingValues, time_s: float, later: RingValues, later_s: float
 ) -> None:
-    given_to_one = MISSION_RING.commanded(RingValues(radius_m, rate_rad_s), time_s)
+    given_to_one = MISSION_RING.commanded(values, time_s).commanded(later, later_s)
     received = decode(encode(peer(5.0, given_to_one)))
     assert isinstance(received, MemberState)
     assert received.ring == given_to_one

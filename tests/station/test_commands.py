@@ -124,8 +124,8 @@ def test_a_ring_is_chosen_within_what_the_team_can_fly(page: Page, served: Canne
     change.click()
     expect(dialog).to_be_hidden()
     (request,) = sent(page, served)
-    assert (request.verb, request.vehicles, request.ring) == ("ring", None, RingValues(None, -0.2))
-    served.team = lambda time_s: replace(by_pilot(1)(time_s), ring_rate_rad_s=-0.2)
+    assert (request.verb, request.vehicles, request.ring) == ("ring", None, RingValues(None, -0.2, None, None))
+    served.team = lambda time_s: replace(by_pilot(1)(time_s), ring=RingValues(None, -0.2))
     expect(page.locator(".card .tactic").first).to_have_text("pilot override")
     verb(page, "ring")()
     expect(dialog).to_contain_text("-0.200 rad/s")
@@ -133,6 +133,13 @@ def test_a_ring_is_chosen_within_what_the_team_can_fly(page: Page, served: Canne
     expect(dialog).to_contain_text("-0.050 rad/s (up to 0.050 either way)")
     change.click()
     assert [each.ring for each in sent(page, served)] == [RingValues(39.5, -0.05)]
+    verb(page, "ring")()
+    set_slider(page, "Altitude", 14.0)
+    set_slider(page, "Tilt", 90.0)
+    expect(dialog).to_contain_text("14.0 m (2 to 30 m)")
+    expect(dialog).to_contain_text("26° (up to 26° either way)")  # 1 m/s at 0.2 rad/s are 5 m up and down at 10 m
+    change.click()
+    assert [each.ring for each in sent(page, served)] == [RingValues(None, None, 14.0, 26.0)]
     verb(page, "ring")()
     page.get_by_role("button", name="Cancel").click()
     verb(page, "ring")()

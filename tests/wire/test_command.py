@@ -173,12 +173,18 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
         with subtests.test("all fly the ring that is commanded, and the page shows it"):
             wanted = await team.command("ring", argument=RingValues(7.0, -0.1))
             assert wanted == dict.fromkeys((1, 2, 3), "changes to a ring of 7 m, -0.1 rad/s")
-            await until(lambda: getattr(pictures[-1], "ring_radius_m", None) == 7.0)
+            await until(lambda: ring_radius_m(pictures[-1]) == 7.0)
             await until(lambda: all(abs(rate_rad_s + 0.1) < 0.005 for rate_rad_s in rates_rad_s(pictures[-1])))
         with subtests.test("a kill cuts the motors, whatever the vehicle does"):
             await _kill_all(team, monkeypatch, tmp_path)
     for line in ("vehicle 2: formation by", "vehicle 2: hold by", "vehicle 3: kill by"):
         assert any(line in said for said in team.said), team.said
+
+
+def ring_radius_m(picture: Published) -> float | None:
+    """Return the commanded radius in a picture, None without one."""
+    ring = getattr(picture, "ring", None)
+    return None if ring is None else ring.radius_m
 
 
 def rates_rad_s(picture: Published) -> list[float]:

@@ -139,10 +139,9 @@ export class Commands {
     else this.#request(verb, target, {});
   }
 
-  /** The ring that was commanded last, or the mission's: radius and rate. */
+  /** The ring that was commanded last, or the mission's: radius, rate, altitude and tilt. */
   #flownRing() {
-    const { ring_radius_m, ring_rate_rad_s } = this.mission;
-    return [this.team?.ring_radius_m ?? ring_radius_m, this.team?.ring_rate_rad_s ?? ring_rate_rad_s];
+    return this.mission.ring.map((planned, index) => this.team?.ring?.[index] ?? planned);
   }
 
   #flownByPilots(vehicle_ids) {

@@ -24,9 +24,9 @@ export function teamMarks(mission, team, frame) {
   return collection([...target, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
 }
 
-function targetMarks(mission, { target, vehicles, ring_radius_m }, frame) {
+function targetMarks(mission, { target, vehicles, ring: commanded }, frame) {
   const centre = target.position_m;
-  const ring = circle(centre, ring_radius_m ?? mission.ring_radius_m);
+  const ring = circle(centre, commanded?.[0] ?? mission.ring[0]);
   const marks = [line("ring", [ring], frame), ...whereabouts(target, centre, frame)];
   if (mission.keep_out_m > 0) marks.push(area("keep-out", circle(centre, mission.keep_out_m), frame));
   const flown = flownRadius(vehicles);

@@ -85,63 +85,92 @@ export class PilotPrompt {
   }
 }
 
-/** Asks for the values of a ring, within what the team can fly at the radius that is chosen. */
+const TILT_MAX_DEG = 60;
+const RING_VALUES = ["radius", "rate", "altitude", "tilt"];
+
+/** Asks for the values of a ring, within what the team can fly. */
 export class RingPrompt {
-  /** @param {function(Object, Object, Array)} send called with the verb, the target, and [radius, rate], null to keep one */
+  /** @param {function(Object, Object, Array)} send called with the verb, the target, and the values, null to keep one */
   constructor(send) {
     this.dialog = byId("change-ring");
-    this.radius = byId("ring-radius");
-    this.rate = byId("ring-rate");
+    this.sliders = RING_VALUES.map((name) => byId(`ring-${name}`));
     this.dialog.querySelector("form").addEventListener("submit", (event) => this.#submit(event, send));
     byId("ring-cancel").addEventListener("click", () => this.dialog.close());
-    for (const slider of [this.radius, this.rate]) slider.addEventListener("input", () => this.#move(slider));
+    for (const slider of this.sliders) slider.addEventListener("input", () => this.#move(slider));
   }
 
-  /** @param {Object} bounds of a MissionPicture @param {number[]} ring the present radius and rate */
+  /**
+   * @param {Object} bounds of a MissionPicture
+   * @param {Array} ring the present radius, rate, altitude (null if it follows the target's) and tilt
+   */
   ask(verb, target, bounds, ring) {
     this.verb = verb;
     this.target = target;
     this.bounds = bounds;
-    [this.radius_m, this.rate_rad_s] = ring;
+    this.present = ring;
     this.moved = new Set();
-    const step = Number(this.radius.step);
-    this.radius.min = String((Math.floor(bounds.radius_min_m / step) + 1) * step);
-    this.radius.max = String((Math.ceil(bounds.radius_max_m / step) - 1) * step);
-    this.radius.value = String(this.radius_m);
-    this.#show();
-    this.rate.value = String(this.rate_rad_s);
+    const [radius, rate, altitude, tilt] = this.sliders;
+    const step = Number(radius.step);
+    radius.min = String((Math.floor(bounds.radius_min_m / step) + 1) * step);
+    radius.max = String((Math.ceil(bounds.radius_max_m / step) - 1) * step);
+    [altitude.min, altitude.max] = [bounds.altitude_min_m, bounds.altitude_max_m].map(String);
+    byId("ring-altitude-label").hidden = altitude.hidden = ring[2] === null;
+    [radius.value, altitude.value] = [ring[0], ring[2] ?? bounds.altitude_min_m].map(String);
+    this.#update();
+    [rate.value, tilt.value] = [ring[1], ring[3]].map(String);
+    this.#update();
     this.dialog.showModal();
   }
 
   #move(slider) {
     this.moved.add(slider);
-    this.#show();
+    this.#update();
   }
 
-  /** The ring that is asked for: a slider that was not moved has the present value, which lies between its steps. */
-  get #wanted() {
-    const radius_m = this.moved.has(this.radius) ? Number(this.radius.value) : this.radius_m;
+  /** The value that is asked for: a slider that was not moved has the present value, which lies between its steps. */
+  #asked(index) {
+    return this.moved.has(this.sliders[index]) ? Number(this.sliders[index].value) : this.present[index];
+  }
+
+  /** The same of a value that others bound: beyond its bounds the slider has moved with them. */
+  #bounded(index, most) {
+    const isMoved = this.moved.has(this.sliders[index]) || Math.abs(this.present[index]) > most;
+    return isMoved ? Number(this.sliders[index].value) : this.present[index];
+  }
+
+  #mostRate(radius_m) {
     const { speed_max_m_s, acceleration_max_m_s2 } = this.bounds;
-    const most_rad_s = Math.max(0, Math.min(speed_max_m_s / radius_m, Math.sqrt(acceleration_max_m_s2 / radius_m)));
-    const isMoved = this.moved.has(this.rate) || Math.abs(this.rate_rad_s) > most_rad_s;
-    return { radius_m, most_rad_s, isMoved, rate_rad_s: isMoved ? Number(this.rate.value) : this.rate_rad_s };
+    return Math.max(0, Math.min(speed_max_m_s / radius_m, Math.sqrt(acceleration_max_m_s2 / radius_m)));
   }
 
-  #show() {
-    const step = Number(this.rate.step);
-    const most = Math.floor(this.#wanted.most_rad_s / step + 1e-9) * step;
-    this.rate.min = String(-most);
-    this.rate.max = String(most);
-    const { radius_m, rate_rad_s } = this.#wanted;
-    setText(byId("ring-radius-text"), `${radius_m.toFixed(1)} m (${this.radius.min} to ${this.radius.max} m)`);
-    setText(byId("ring-rate-text"), `${rate_rad_s.toFixed(3)} rad/s (up to ${most.toFixed(3)} either way)`);
+  #mostTilt(radius_m, rate_rad_s, altitude_m) {
+    const { altitude_min_m, altitude_max_m, climb_max_m_s } = this.bounds;
+    const between_m = (altitude_max_m - altitude_min_m) / 2;
+    const room_m = altitude_m === null ? between_m : Math.min(altitude_max_m - altitude_m, altitude_m - altitude_min_m);
+    const rise_m = Math.min(room_m, rate_rad_s ? climb_max_m_s / Math.abs(rate_rad_s) : Infinity);
+    return Math.min(TILT_MAX_DEG, (Math.atan2(Math.max(0, rise_m), radius_m) * 180) / Math.PI);
+  }
+
+  /** Bound rate and tilt by the values before them, and show the ring that is asked for. */
+  #update() {
+    const [radius, rate, altitude, tilt] = this.sliders;
+    const radius_m = this.#asked(0);
+    const altitude_m = this.#asked(2);
+    const most_rad_s = bound(rate, this.#mostRate(radius_m));
+    const rate_rad_s = this.#bounded(1, this.#mostRate(radius_m));
+    const most_deg = bound(tilt, this.#mostTilt(radius_m, rate_rad_s, altitude_m));
+    const tilt_deg = this.#bounded(3, this.#mostTilt(radius_m, rate_rad_s, altitude_m));
+    this.values = [radius_m, rate_rad_s, altitude_m, tilt_deg];
+    setText(byId("ring-radius-text"), `${radius_m.toFixed(1)} m (${radius.min} to ${radius.max} m)`);
+    setText(byId("ring-rate-text"), `${rate_rad_s.toFixed(3)} rad/s (up to ${most_rad_s.toFixed(3)} either way)`);
+    setText(byId("ring-altitude-text"), `${altitude_m?.toFixed(1)} m (${altitude.min} to ${altitude.max} m)`);
+    setText(byId("ring-tilt-text"), `${tilt_deg.toFixed(0)}° (up to ${most_deg.toFixed(0)}° either way)`);
     setText(byId("ring-message"), `${Math.abs(radius_m * rate_rad_s).toFixed(2)} m/s along the ring, ${direction(rate_rad_s)}`);
     byId("ring-send").disabled = this.#changes.every((value) => value === null);
   }
 
   get #changes() {
-    const { radius_m, rate_rad_s, isMoved } = this.#wanted;
-    return [this.moved.has(this.radius) ? radius_m : null, isMoved ? rate_rad_s : null];
+    return this.values.map((value, index) => (value === this.present[index] ? null : value));
   }
 
   #submit(event, send) {
@@ -149,6 +178,14 @@ export class RingPrompt {
     this.dialog.close();
     send(this.verb, this.target, this.#changes);
   }
+}
+
+/** Bound a slider about 0 in its steps, and return its bound. */
+function bound(slider, most) {
+  const step = Number(slider.step);
+  const inSteps = Math.floor(most / step + 1e-9) * step;
+  [slider.min, slider.max] = [-inSteps, inSteps].map(String);
+  return inSteps;
 }
 
 function direction(rate_rad_s) {

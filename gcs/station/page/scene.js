@@ -183,7 +183,7 @@ export class Scene {
     const seen = this.team ? this.team.vehicles.map((each) => each.position_m).filter(Boolean) : [];
     const points = seen.length ? seen : this.mission.vehicles.map((planned) => planned.start_m);
     const target = this.team?.target;
-    const ring = this.team?.ring_radius_m ?? this.mission.ring_radius_m;
+    const ring = this.team?.ring?.[0] ?? this.mission.ring[0];
     return target ? [...points, ...around(target.position_m, ring)] : points;
   }
 

@@ -125,6 +125,21 @@ def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts:
 # Who is lost
 
 
+@pytest.mark.parametrize(
+    ("own_encircles", "tactic", "counts"), [(True, "formation", 1), (False, "encircle", 1), (False, "formation", 0)]
+)
+def test_about_a_ring_with_heights_of_its_own_vehicles_keep_apart_at_any_height(
+    own_encircles: bool, tactic: str, counts: int, make_config: Maker
+) -> None:
+    """One that is well below now may be at this height when the two meet."""
+    level, inclined = make_config(), make_config(encirclement={"tilt_deg": 10.0})
+    neighbours = Neighbours(level)
+    below = member(tactic=tactic, altitude_m=HEIGHT_M - 5.0)
+    assert not neighbours.bodies(situation(10.0), [below], (), encircles=own_encircles)
+    neighbours.change(inclined)
+    assert len(neighbours.bodies(situation(10.0), [below], (), encircles=own_encircles)) == counts
+
+
 def test_who_falls_silent_in_the_air_is_lost_for_as_long_as_the_mission_says() -> None:
     team = a_team()
     team.receive(member(10.0))

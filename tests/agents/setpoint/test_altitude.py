@@ -111,7 +111,7 @@ def following(make_config: Maker, **changes: object) -> Altitude:
 
 
 def settled(altitude: Altitude, tactic: Tactic, layer_m: float = FLIES_M) -> float:
-    heights_m = [altitude.next_m(tactic, layer_m) for _ in range(600)]
+    heights_m = [altitude.next(tactic, layer_m)[0] for _ in range(600)]
     assert max(abs(after_m - before_m) for before_m, after_m in pairwise(heights_m)) <= 0.1 + 1e-9
     return heights_m[-1]
 
@@ -119,7 +119,7 @@ def settled(altitude: Altitude, tactic: Tactic, layer_m: float = FLIES_M) -> flo
 def test_in_layers_the_target_changes_nothing(make_config: Maker) -> None:
     altitude = Altitude(make_config())
     altitude.sight(told(20.0))
-    assert [altitude.next_m(tactic, 11.5) for tactic in Tactic] == [11.5] * len(Tactic)
+    assert [altitude.next(tactic, 11.5)[0] for tactic in Tactic] == [11.5] * len(Tactic)
     assert altitude.target_m is None
 
 

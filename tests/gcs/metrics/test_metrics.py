@@ -265,6 +265,24 @@ def test_a_ring_commanded_in_flight_is_judged_by_itself_from_its_command_on() ->
     assert judged(*vehicles).ring.settling_time_s is None
 
 
+def test_the_height_error_is_the_distance_from_the_plane_of_the_last_ring() -> None:
+    """Vehicle 2 flies 2 m above the others; all are off by 0.3 m up and down, and by 5 m before the command."""
+    heights = {1: {"altitude_m": 8.0}, 2: {"altitude_m": 10.0}, 3: {"altitude_m": 8.0}}
+    mission = load_mission("case2").replace(vehicles=heights, encirclement={"tilt_bearing_deg": 90.0})
+    told = FlightEvent(100.0, 1, "command", "", ring=RingCommanded(10.0, 0.05, 12.0, 20.0))
+    ring = ring_reference(mission, [told])
+    off_m = np.where(TIME_S < 100.0, 5.0, np.where(np.arange(TIME_S.size) % 2, 0.3, -0.3))
+    vehicles = []
+    for track in ring_of_three():
+        y_m = (track.position_m - TARGET_M)[:, 1]
+        own_m = 14.0 if track.vehicle_id == 2 else 12.0
+        vehicles.append(replace(track, altitude_m=own_m + np.tan(np.radians(20.0)) * y_m + off_m))
+    errors_m = [each.height_error_rms_m for each in judged(*vehicles, ring=ring).vehicles]
+    assert errors_m == pytest.approx([0.3] * 3)
+    assert [each.height_error_rms_m for each in judged(*vehicles).vehicles] == [None] * 3
+    assert [each.height_error_rms_m for each in judged(*ring_of_three(), ring=ring).vehicles] == [None] * 3
+
+
 def test_a_ring_has_not_settled_while_its_rate_changes() -> None:
     """Radii and spacings are right all the time, and the rate is still another one."""
     ring = DesiredRing(10.0, 0.05, earlier=(EarlierRing(300.0, 10.0, -0.05, 12.0),))

@@ -104,7 +104,7 @@ def test_the_team_stops_where_the_limit_of_one_stops_it() -> None:
     for vehicle in mission.vehicles:
         altitude = Altitude(mission.agent_config(vehicle))
         altitude.sight(Sighting(1.0, 1, (9.0, 0.0), (0.1, 0.0, 0.1), 0.8, 0.2, 20.0, 0.5))
-        heights_m.append([altitude.next_m(Tactic.ENCIRCLE, vehicle.section.altitude_m) for _ in range(600)][-1])
+        heights_m.append([altitude.next(Tactic.ENCIRCLE, vehicle.section.altitude_m)[0] for _ in range(600)][-1])
     assert heights_m == pytest.approx([12.0, 15.0, 18.0])
 
 

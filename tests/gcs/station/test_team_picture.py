@@ -16,6 +16,7 @@ from agents.team.messages import (
     NextChange,
     OperatorCommand,
     Outlook,
+    RingValues,
     StartProposal,
     TargetPackage,
     TargetReport,
@@ -125,14 +126,15 @@ def test_every_field_is_that_of_the_messages() -> None:
 def test_a_ring_commanded_in_flight_is_shown_until_the_next_flight() -> None:
     page = Page()
     page.hears(10.0, report(1, START_S), state(1, START_S, (0.0, 0.0)))
-    assert page.team(10.1).ring_radius_m is None
+    assert page.team(10.1).ring is None
     page.hears(11.0, state(1, START_S + 1.0, (0.0, 0.0), ring=CommandedRing(15.0, START_S)))
-    page.hears(11.0, state(2, START_S + 1.0, (9.0, 0.0), ring=CommandedRing(12.0, START_S - 1.0)))
-    assert page.team(11.1).ring_radius_m == 15.0
+    page.hears(11.0, state(2, START_S + 1.0, (9.0, 0.0), ring=CommandedRing(12.0, START_S - 1.0, tilt_deg=9.0)))
+    team = page.team(11.1)
+    assert team.ring == RingValues(15.0, None, None, 9.0)
     page.hears(12.0, report(1, START_S + 2.0, ended="landed"), report(2, START_S + 2.0, ended="landed"))
-    assert page.team(12.1).ring_radius_m is None
+    assert page.team(12.1).ring is None
     page.hears(200.0, state(1, START_S + 190.0, (0.0, 0.0)), state(2, START_S + 190.0, (9.0, 0.0)))
-    assert page.team(200.1).ring_radius_m is None
+    assert page.team(200.1).ring is None
 
 
 def test_what_is_not_known_is_null_and_never_zero() -> None:
@@ -461,7 +463,7 @@ def test_a_mission_as_it_is_planned() -> None:
     shown = mission_picture(mission, "sitl", 90.0, OperatorRights("anna", ("hold",)))
     assert (shown.mission, shown.source, shown.duration_s, shown.rate_hz) == ("case2", "sitl", 90.0, 10.0)
     assert (shown.origin_deg, shown.x_bearing_deg) == ((47.397742, 8.545594), 90.0)
-    assert (shown.ring_radius_m, shown.ring_rate_rad_s, shown.separation_m) == (10.0, 0.05, 3.0)
+    assert (shown.ring, shown.separation_m) == (RingValues(10.0, 0.05, 8.0, 0.0), 3.0)
     assert [(each.vehicle_id, each.start_m) for each in shown.vehicles] == [
         (1, (0.0, 4.0, 0.0)),
         (2, (0.0, 0.0, 0.0)),

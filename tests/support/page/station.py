@@ -20,7 +20,15 @@ from agents.ring.commanded_ring import RingBounds
 from agents.shell.zenoh_bus import single_bus
 from agents.shell.zenoh_session import BusTeam
 from agents.team.codec import encode
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, OperatorCommand, StartProposal, VehicleReport
+from agents.team.messages import (
+    BusMessage,
+    CommandAnswer,
+    MemberState,
+    OperatorCommand,
+    RingValues,
+    StartProposal,
+    VehicleReport,
+)
 from agents.team.participant import vehicle
 from agents.team.verbs import Verb
 from gcs.console.vehicle_view import VehicleView
@@ -49,10 +57,8 @@ class CannedSource:
         self.recovered.append(vehicle_id)
 
     def mission(self, operator: OperatorRights) -> MissionPicture:
-        bounds = RingBounds(2.0, 40.0, 2.0, 0.5)
-        return MissionPicture(
-            "canned", "sitl", 60.0, 10.0, None, 0.0, 10.0, 0.05, bounds, 3.0, 2.0, None, None, (), operator
-        )
+        ring, bounds = RingValues(10.0, 0.05, 8.0, 0.0), RingBounds(2.0, 40.0, 2.0, 0.5, 2.0, 30.0, 1.0)
+        return MissionPicture("canned", "sitl", 60.0, 10.0, None, 0.0, ring, bounds, 3.0, 2.0, None, None, (), operator)
 
     async def run(self, publish: Callable[[Published], None]) -> None:
         self.publish, self.runs = publish, True

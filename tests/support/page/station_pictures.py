@@ -5,7 +5,7 @@ import math
 from msgspec.structs import replace
 
 from agents.ring.commanded_ring import RingBounds
-from agents.team.messages import AutopilotReport
+from agents.team.messages import AutopilotReport, RingValues
 from agents.team.verbs import VERBS, Verb
 from gcs.console.vehicle_view import VehicleView
 from gcs.station.picture import (
@@ -33,9 +33,8 @@ def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = tuple(VERBS)) -> Mis
         rate_hz=10.0,
         origin_deg=(47.397742, 8.545594),
         x_bearing_deg=90.0,
-        ring_radius_m=radius_m,
-        ring_rate_rad_s=SPEED_M_S / radius_m,
-        ring_bounds=RingBounds(2.3, 40.0, 2.0, 0.5),
+        ring=RingValues(radius_m, SPEED_M_S / radius_m, 8.0, 0.0),
+        ring_bounds=RingBounds(2.3, 40.0, 2.0, 0.5, 2.0, 30.0, 1.0),
         separation_m=3.0,
         keep_out_m=4.0,
         altitude_min_m=2.0,
@@ -51,7 +50,7 @@ def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = tuple(VERBS)) -> Mis
 def ring_team(mission: MissionPicture, time_s: float) -> TeamPicture:
     """Return the team on its ring at a time, evenly spaced."""
     vehicles = len(mission.vehicles)
-    ring = (mission.ring_radius_m, mission.ring_rate_rad_s)
+    ring = (mission.ring.radius_m or 0.0, mission.ring.angular_rate_rad_s or 0.0)
     target_m = (35.0 + 0.1 * time_s, -5.0)
     return TeamPicture(
         time_s=time_s,
