@@ -42,6 +42,10 @@ STAYS = (Tactic.HOLD, Tactic.ASIDE)
 """The tactics of a vehicle that keeps its place."""
 
 
+_LAG_S = 1.0
+"""Autopilots follow a climb this much later if no rate is fed forward: 1 / MPC_Z_P, 1 / PSC_POSZ_P."""
+
+
 class Altitude:
     """Computes one vehicle's altitude, with a bounded rate if the ring has heights of its own or follows the target."""
 
@@ -55,6 +59,7 @@ class Altitude:
         self._low_m, self._high_m = config.lowest_between_m
         self._step_m = ring.climb_max_m_s / config.rate_hz
         self._altitude_m = config.take_off_altitude_m
+        self._lead_s = 0.0 if config.plant.feedforward > 0.0 else _LAG_S
 
     def change(self, config: AgentConfig) -> None:
         """Fly at the heights of another ring from now on."""
@@ -76,6 +81,7 @@ class Altitude:
         """Return altitude [m] and climb rate [m/s] of the next setpoint, once for each.
 
         `layer_m` is the altitude of a level ring without a target, `polar` is where the vehicle is about the target.
+        Where no climb rate is fed forward, the altitude leads.
         """
         if not self._has_heights:
             self._altitude_m = layer_m
@@ -83,7 +89,8 @@ class Altitude:
         wanted_m, climb_m_s = self._wanted(tactic, layer_m, polar)
         left_m = wanted_m - self._altitude_m
         self._altitude_m += min(max(left_m, -self._step_m), self._step_m)
-        return self._altitude_m, climb_m_s if abs(left_m) <= self._step_m else 0.0
+        climb_m_s = climb_m_s if abs(left_m) <= self._step_m else 0.0
+        return self._altitude_m + self._lead_s * climb_m_s, climb_m_s
 
     def _wanted(self, tactic: Tactic, layer_m: float, polar: Polar | None) -> Pair:
         if tactic in STAYS:

@@ -13,6 +13,7 @@ from itertools import pairwise
 from math import inf, sqrt
 
 import numpy as np
+from msgspec.structs import asdict, astuple
 
 from agents.ring.commanded_ring import ring_refusal
 from agents.ring.feasibility import RESERVE
@@ -20,7 +21,7 @@ from agents.ring.transition import transition_of
 from agents.settings.config import AgentConfig
 from agents.team.messages import OperatorCommand, RingValues
 from estimation.state import Vector
-from gcs.metrics.record import Mask
+from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import DesiredRing, ring_reference
 from gcs.metrics.ring import RingMotion, off_ring, on_ring, ring_motion
 from gcs.metrics.transitions import overshoot_deg, relative_motion
@@ -30,6 +31,7 @@ from tests.experiments.membership_scenes import Scene
 from tests.experiments.random_joins import BOUND_SHARE, OVERSHOOT_DEG, drawn, recorded
 
 RADII_M, SPEEDS_M_S = (6.0, 25.0), (0.3, 2.0)
+ALTITUDES_M, TILTS_DEG = (5.0, 25.0), (-25.0, 25.0)
 PAUSES_S = (3.0, 60.0)
 SETTLES_S, SETTLES_FACTOR = 20.0, 1.3
 """A commanded ring settles within the first, or the second times the least time with the bounds of a transition."""
@@ -39,19 +41,15 @@ IN_TIME_SHARE = 0.98
 def commanded(seed: int) -> Scene:
     """Return the mission of a seed without latecomers and leavers, and its commands."""
     scene, random = drawn(seed), np.random.default_rng([14, seed])
-    mission = scene.mission
+    # Simulated vehicles follow heights in missions whose ring has an altitude.
+    heights = {"altitude_m": 8.0, "tilt_bearing_deg": float(random.uniform(0.0, 360.0))}
+    mission = scene.mission.replace(encirclement=heights)
     configs = [mission.agent_config(vehicle) for vehicle in mission.vehicles]
     told, at_s = [], scene.from_s + float(random.uniform(30.0, 60.0))
     for number in range(int(random.integers(2, 7))):
         values = _values(random, configs, mission.target.motion.speed_max_m_s, mission.sensor(1).range_m)
         told.append(OperatorCommand(at_s, "ring", None, "tower", number, ring=values))
-        configs = [
-            each.with_ring(
-                values.radius_m or each.encirclement.radius_m,
-                values.angular_rate_rad_s or each.encirclement.angular_rate_rad_s,
-            )
-            for each in configs
-        ]
+        configs = [each.with_ring(*astuple(values)) for each in configs]
         at_s += float(random.uniform(*PAUSES_S))
     return Scene(mission, (), at_s + 60.0, scene.from_s, told=tuple(told))
 
@@ -64,14 +62,14 @@ def _values(
         radius_m = float(random.uniform(*RADII_M))
         rate_rad_s = float(random.uniform(*SPEEDS_M_S) * random.choice([-1.0, 1.0]) / radius_m)
         which = random.integers(3)
-        values = RingValues(None if which == 0 else radius_m, None if which == 1 else rate_rad_s)
-        wanted = [
-            each.with_ring(
-                values.radius_m or each.encirclement.radius_m,
-                values.angular_rate_rad_s or each.encirclement.angular_rate_rad_s,
-            )
-            for each in configs
-        ]
+        altitude_m, tilt_deg = (float(random.uniform(*each)) for each in (ALTITUDES_M, TILTS_DEG))
+        values = RingValues(
+            None if which == 0 else radius_m,
+            None if which == 1 else rate_rad_s,
+            altitude_m if random.random() < 0.5 else None,
+            tilt_deg if random.random() < 0.5 else None,
+        )
+        wanted = [each.with_ring(*astuple(values)) for each in configs]
         ring = wanted[0].encirclement
         along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
         if (
@@ -144,7 +142,7 @@ def measured(seed: int) -> Changed:
     relative = relative_motion(record, motion, ring)
     settings = scene.mission.encirclement
     config = scene.mission.agent_config(scene.mission.vehicles[0])
-    settlings = list(_settlings(record.time_s, motion, ring, config))
+    settlings = list(_settlings(record, motion, ring, config))
     on = on_ring(record.time_s, replace(motion, member=member), ring)
     return Changed(
         seed,
@@ -165,13 +163,24 @@ def _spans(time_s: Vector, ring: DesiredRing) -> Iterator[slice]:
     return (slice(begin, end) for begin, end in pairwise(edges))
 
 
-def _settlings(time_s: Vector, motion: RingMotion, ring: DesiredRing, config: AgentConfig) -> Iterator[str]:
+def _climbs_s(record: FlightRecord, ring: DesiredRing, config: AgentConfig) -> Iterator[float]:
+    """Return the least time of the climb to each commanded ring."""
+    noted, before = {each.time_s: each.ring for each in record.events if each.ring is not None}, config.encirclement
+    for at_s in ring.changed_s:
+        after = before.model_copy(update=asdict(noted[at_s]))
+        tilts_m = before.rise_m + after.rise_m if after.tilt_deg != before.tilt_deg else 0.0
+        yield (abs((after.altitude_m or 0.0) - (before.altitude_m or 0.0)) + tilts_m) / after.climb_max_m_s
+        before = after
+
+
+def _settlings(record: FlightRecord, motion: RingMotion, ring: DesiredRing, config: AgentConfig) -> Iterator[str]:
     """Return for every ring that was commanded long enough why it settled too late, empty if it did not."""
+    time_s = record.time_s
     off = off_ring(time_s, motion, ring)
     desired = np.stack([ring.over_m(time_s), ring.over_rad_s(time_s)], axis=1)
-    for span in _spans(time_s, ring):
+    for span, climb_s in zip(_spans(time_s, ring), _climbs_s(record, ring, config), strict=True):
         before, after = desired[span.start - 1], desired[span.start]
-        allowed_s = max(SETTLES_S, SETTLES_FACTOR * least_s(before, after, config))
+        allowed_s = max(SETTLES_S, SETTLES_FACTOR * max(least_s(before, after, config), climb_s))
         if time_s[span.stop - 1] - time_s[span.start] < allowed_s:
             continue
         last = np.flatnonzero(off[span])
