@@ -171,10 +171,11 @@ async def test_a_team_obeys_commands_encircles_what_is_pointed_out_and_falls_at_
             stack.callback(pointing_out.cancel)
             await until(lambda: list(team.tactics.values()) == ["encircle"] * 3)
         with subtests.test("all fly the ring that is commanded, and the page shows it"):
-            wanted = await team.command("ring", argument=RingValues(7.0, -0.1))
-            assert wanted == dict.fromkeys((1, 2, 3), "changes to a ring of 7 m, -0.1 rad/s")
+            wanted = await team.command("ring", argument=RingValues(7.0, -0.1, 9.0))
+            assert wanted == dict.fromkeys((1, 2, 3), "changes to a ring of 7 m, -0.1 rad/s, 9 m high")
             await until(lambda: ring_radius_m(pictures[-1]) == 7.0)
             await until(lambda: all(abs(rate_rad_s + 0.1) < 0.005 for rate_rad_s in rates_rad_s(pictures[-1])))
+            await until(lambda: heights_m(pictures[-1]) == pytest.approx([9.0] * 3, abs=0.2))
         with subtests.test("a kill cuts the motors, whatever the vehicle does"):
             await _kill_all(team, monkeypatch, tmp_path)
     for line in ("vehicle 2: formation by", "vehicle 2: hold by", "vehicle 3: kill by"):
@@ -185,6 +186,11 @@ def ring_radius_m(picture: Published) -> float | None:
     """Return the commanded radius in a picture, None without one."""
     ring = getattr(picture, "ring", None)
     return None if ring is None else ring.radius_m
+
+
+def heights_m(picture: Published) -> list[float | None]:
+    """Return the heights of the vehicles in a picture."""
+    return [each.height_m for each in getattr(picture, "vehicles", ())]
 
 
 def rates_rad_s(picture: Published) -> list[float]:
