@@ -574,7 +574,7 @@ class VehicleCore:
         for each in [commanded] if not ring_refusal(changed(flown, commanded), inf) else commanded.in_order():
             wanted = changed(flown, each)
             flown = flown if ring_refusal(wanted, inf) else wanted
-        return replace(self._config, encirclement=flown.encirclement)
+        return replace(self._config, encirclement=flown.encirclement, decision=flown.decision)
 
 
 def changed(config: AgentConfig, commanded: CommandedRing) -> AgentConfig:

@@ -88,11 +88,15 @@ class AgentConfig:
         altitude_m: float | None = None,
         tilt_deg: float | None = None,
     ) -> "AgentConfig":
-        """Return a copy with other values of the ring; None for one that stays."""
+        """Return a copy with other values of the ring; None for one that stays.
+
+        Vehicles engage from as far outside a larger ring as before: one that held on it comes back when it resumes.
+        """
         names = ("radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg")
         given = zip(names, (radius_m, angular_rate_rad_s, altitude_m, tilt_deg), strict=True)
-        changed = {name: value for name, value in given if value is not None}
-        return replace(self, encirclement=self.encirclement.model_copy(update=changed))
+        ring = self.encirclement.model_copy(update={name: value for name, value in given if value is not None})
+        engages_m = self.decision.distance_max_m + max(0.0, ring.radius_m - self.encirclement.radius_m)
+        return replace(self, encirclement=ring, decision=self.decision.model_copy(update={"distance_max_m": engages_m}))
 
     def slot_offset_m(self, vehicle_id: int, relative_to: int) -> tuple[float, float]:
         """Return the slot of `vehicle_id` relative to that of another member [m]."""

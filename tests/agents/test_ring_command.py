@@ -90,6 +90,14 @@ def test_one_vehicle_receives_a_ring_and_all_fly_it_also_one_that_was_away() -> 
     assert gaps_deg == pytest.approx(120.0, abs=1.0)
 
 
+def test_a_vehicle_that_held_on_a_larger_ring_goes_on_there() -> None:
+    """It engages within 18 m of the target in the mission, whose ring has 10 m: on a ring of 22 m within 30 m."""
+    hold, resume = OperatorCommand(100.0, "hold", 2, "tower", 1), OperatorCommand(115.0, "resume", 2, "tower", 2)
+    scene = commanded(ring(70.0, 9, 22.0, 0.04), hold, resume, until_s=145.0)
+    time_s, radius_m, _ = polar(scene)
+    assert radius_m[time_s > 100.0] == pytest.approx(22.0, abs=0.5)
+
+
 @pytest.mark.parametrize("seed", [3, 9])
 def test_random_rings_are_flown_gently_and_soon(seed: int) -> None:
     flight = measured(seed)
