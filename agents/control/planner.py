@@ -84,6 +84,7 @@ class Planner:
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on."""
         self._ring.change(config)
+        self._homing.change(config)
 
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Start the transition to the ring: from the formation, or from a place (2,) off it."""

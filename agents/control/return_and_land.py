@@ -42,6 +42,10 @@ class Homing:
         self._from_m: Vector = np.zeros(2)
         self._rising = True
 
+    def change(self, config: AgentConfig) -> None:
+        """Return from the heights of another ring from now on."""
+        self._config = config
+
     @property
     def returns(self) -> bool:
         """Whether it flies home, in its own layer, before it lands."""

@@ -138,12 +138,12 @@ class AgentConfig:
     def rising_s(self) -> float:
         """How long the slowest vehicle climbs to its layer on the way home; until then none moves horizontally [s].
 
-        The ring may be higher or lower than the flying heights.
+        The ring may be higher or lower than the flying heights: from there a vehicle comes as it went.
         """
         ring = self.encirclement
         off_m = 0.0 if ring.altitude_m is None else abs(ring.altitude_m - self.lowest_m)
-        layers_m = len(self.slots) * self.choreography.layer_m
-        return SETTLE_S + (layers_m + off_m + ring.rise_m) / CLIMB_SLOWEST_M_S
+        layers_s = len(self.slots) * self.choreography.layer_m / CLIMB_SLOWEST_M_S
+        return SETTLE_S + layers_s + (off_m + ring.rise_m) / ring.climb_max_m_s
 
     @property
     def landing_order(self) -> tuple[int, ...]:

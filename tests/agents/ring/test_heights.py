@@ -19,7 +19,7 @@ from cordon.simulation import load, simulate
 from estimation.polar import Polar
 from estimation.state import POSITION
 from tests.experiments.membership_scenes import Scene, flown
-from tests.support.mission_text import CASE2, content, faults, parsed, put
+from tests.support.mission_text import CASE2, Content, content, faults, parsed, put
 
 Maker = Callable[..., AgentConfig]
 BEARINGS_RAD, TILTS_DEG = st.floats(-7.0, 7.0), st.floats(-50.0, 50.0)
@@ -152,7 +152,7 @@ def test_a_team_flies_an_inclined_ring(tilt_deg: float, highest_deg: float) -> N
         assert vehicle.height_error_rms_m < allowed_m
 
 
-def test_altitude_and_tilt_are_commanded_in_flight() -> None:
+def about_a_resting_target(duration_s: float) -> Content:
     mission = content(CASE2)
     mission["formation"]["speed_m_s"] = 0.5
     mission["target"] |= {"start_m": [20.0, 0.0], "velocity_m_s": [0.0, 0.0]}
@@ -164,9 +164,14 @@ def test_altitude_and_tilt_are_commanded_in_flight() -> None:
         "altitude_m": 8.0,
         "tilt_bearing_deg": 30.0,
     }
-    mission["mission"]["duration_s"] = 160.0
+    mission["mission"]["duration_s"] = duration_s
     for vehicle, scale in zip(mission["vehicles"], ((0.92, 1.06), (1.08, 0.95), (0.95, 0.92)), strict=True):
         vehicle["true_scale"] = dict(zip(("a0", "a1"), scale, strict=True))
+    return mission
+
+
+def test_altitude_and_tilt_are_commanded_in_flight() -> None:
+    mission = about_a_resting_target(160.0)
     told = OperatorCommand(90.0, "ring", None, "tower", 1, ring=RingValues(altitude_m=12.0, tilt_deg=15.0))
     flight = flown(Scene(parsed(mission), (), 160.0, 160.0, told=(told,)), 0)
     last = flight.time_s > 120.0
@@ -175,3 +180,18 @@ def test_altitude_and_tilt_are_commanded_in_flight() -> None:
     amplitude_m = 10.0 * tan(radians(15.0))
     assert np.abs(flight.altitude_m[last] - plane_m).max() < 0.1 + amplitude_m * 0.1 * (1.0 / 0.62 - 1.0)
     assert np.ptp(flight.altitude_m[last]) == pytest.approx(2.0 * amplitude_m, rel=0.05)
+
+
+def test_vehicles_return_from_a_high_ring_only_when_all_are_in_their_layers() -> None:
+    """From 50 m at 1 m/s the lowest layer, at 11 m, takes 39 s: the layers alone would take 21 s at most."""
+    mission = about_a_resting_target(240.0)
+    mission["choreography"] = {"layer_m": 3.0, "landing": "return"}
+    ring_command = OperatorCommand(80.0, "ring", None, "tower", 1, ring=RingValues(altitude_m=50.0))
+    home = OperatorCommand(130.0, "rtl", None, "tower", 2)
+    flight = flown(Scene(parsed(mission), (), 240.0, 240.0, told=(ring_command, home)), 0)
+    began = int(np.searchsorted(flight.time_s, 133.0))  # they have come to rest
+    assert flight.altitude_m[began].min() > 45.0
+    away_m = np.hypot(*np.moveaxis(flight.motion[..., POSITION] - flight.motion[began, :, POSITION], -1, 0))
+    leaves = began + int(np.argmax((away_m[began:] > 3.0).any(axis=1)))
+    assert leaves > began
+    assert sorted(flight.altitude_m[leaves].tolist()) == pytest.approx([11.0, 14.0, 17.0], abs=1.0)
