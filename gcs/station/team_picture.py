@@ -9,7 +9,7 @@ from statistics import median_high
 from msgspec.structs import replace
 
 from agents.ring.place import ring_place
-from agents.team.messages import MISSION_RING, BusMessage, MemberState, OperatorCommand, VehicleReport
+from agents.team.messages import BusMessage, MemberState, OperatorCommand, VehicleReport, newest_ring
 from gcs.console.advice import Severity
 from gcs.console.team_state import SILENT_AFTER_S, TeamState
 from gcs.console.vehicle_view import (
@@ -189,10 +189,7 @@ class TeamPictures:
 
     def _commanded_ring(self) -> tuple[float | None, float | None]:
         """Return radius and rate of the ring that operators commanded last, None for what they did not."""
-        commanded = MISSION_RING
-        for each in self._received.values():
-            if each.state is not None and each.state.ring is not None and not each.ended:
-                commanded = commanded.with_(each.state.ring)
+        commanded = newest_ring(each.state.ring for each in self._received.values() if each.state and not each.ended)
         return commanded.radius_m, commanded.angular_rate_rad_s
 
     def _found_unaccounted(self, *, is_gone: bool) -> set[int]:
