@@ -359,6 +359,7 @@ class Agent:
                 self._happen(LifeEvent.RESUME)
             if self._loop.tick_control(tick.skipped):
                 self._happen(LifeEvent.SETPOINT_SENT)
+            self._reporter.note_tick()
             self._send_heartbeat()
             if self._core.tactic is Tactic.LAND:
                 self._happen(LifeEvent.LAND_DECIDED)

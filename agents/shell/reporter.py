@@ -45,7 +45,7 @@ _UNTIL_THE_END = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE
 
 class Reporter:
     """Sends the reports of one vehicle: once a second, after a change of mode, link, alert, readiness, start or end,
-    and in take-off after each half metre.
+    once it knows the target or no longer does, and in take-off after each half metre.
 
     It runs in its own task, so that vehicles are also reported on the ground and after their flight.
     """
@@ -71,6 +71,7 @@ class Reporter:
         self._position_m: Triple | None = None
         self._motion_s: float | None = None
         self._last_report: tuple[object, ...] = ()
+        self._reported_target = False
         self._sent_s = 0.0
         self._running: asyncio.Task[None] | None = None
 
@@ -90,9 +91,18 @@ class Reporter:
         self._position_m, self._motion_s = position_m, link_s(self._parts.clock)
 
     def start_mission(self, start_s: float, duration_s: float) -> None:
-        """Take the mission's begin on the team's clock, and its duration."""
+        """Take the mission's begin on the team's clock, and its duration, and report them at once.
+
+        The next tick may send a state on the ring, and onlookers know the time of the mission by reports alone.
+        """
         self._mission = (start_s, duration_s)
         self.end_at(start_s + duration_s, "mission's end")
+        self._look()
+
+    def note_tick(self) -> None:
+        """Take that the core has ticked: that the target is known is reported with the first state that shows it."""
+        if self._knows_target != self._reported_target:
+            self._look()
 
     def end_at(self, at_s: float, cause: str) -> None:
         """Take when the vehicle returns or lands as at the mission's end, on the team's clock, and why."""
@@ -147,6 +157,7 @@ class Reporter:
         )
         alert = "" if output is None else output.status.alert
         is_silent = self._motion_s is not None and now_s - self._motion_s > LINK_SILENT_S
+        self._reported_target = self._knows_target
         report = (
             status.mode,
             status.armed,
@@ -158,6 +169,7 @@ class Reporter:
             self._ended,
             self._start_blockers,
             self._mission,
+            self._reported_target,
             place_m and round(place_m[2] / _CLIMB_SENT_M),
         )
         if report != self._last_report or now_s - self._sent_s >= PERIOD_S:
@@ -194,6 +206,11 @@ class Reporter:
             None if unaccounted is None else unaccounted.position_m,
             self._place_m,
         )
+
+    @property
+    def _knows_target(self) -> bool:
+        output = self._newest()
+        return output is not None and output.status.target_estimate is not None
 
     @property
     def _place_m(self) -> Triple | None:

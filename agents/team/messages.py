@@ -4,7 +4,9 @@ Every number is bounded on decoding (`agents/team/codec.py`): NaN, infinity and 
 Text with control characters is refused there.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
 from math import ceil
 from typing import Annotated, Final, Literal, NamedTuple
 
@@ -177,6 +179,11 @@ def _newest(one: _Dated, other: _Dated) -> _Dated:
 
 MISSION_RING: Final = CommandedRing()
 """The ring of the mission: no value was commanded."""
+
+
+def newest_ring(rings: Iterable[CommandedRing | None]) -> CommandedRing:
+    """Return the newest values among the rings in the states of a team: a vehicle may have missed a command."""
+    return reduce(CommandedRing.with_, (each for each in rings if each is not None), MISSION_RING)
 
 
 class MemberState(msgspec.Struct, frozen=True, array_like=True):

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Annotated, get_args
 
@@ -16,7 +17,7 @@ from gcs.errors import Exit, InputError
 if TYPE_CHECKING:
     from agents.settings.shapes import Shape
     from agents.team.messages import RingValues
-    from gcs.console.command_client import CommandClient, CommandResult
+    from gcs.console.command_client import CommandClient, CommandResult, RingFaults
     from gcs.keys.identity import Identity
     from gcs.mission.mission import Mission
 
@@ -49,6 +50,7 @@ def command(
     Example: cordon command ring radius=15 rate=-0.1
     """
     from agents.ports import VehicleRefusedError
+    from agents.team.messages import MISSION_RING
     from gcs.cli.output import confirmed
     from gcs.console.command_client import CommandClient
     from gcs.console.terminal import print_problem
@@ -56,14 +58,17 @@ def command(
     mission, vehicle = bus_mission(options.mission, options.changes), options.vehicle
     vehicles = mission.ids if vehicle is None else (chosen_vehicle(mission, vehicle, "--vehicle").id,)
     argument = _argument(mission, verb, arguments, vehicle)
+    ring_faults = _ring_faults(mission, argument)
     row = VERBS[verb]
     if row.confirmation == "word" and not options.yes and not confirmed(_question(row, vehicles, mission)):
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
     try:
         operator = CommandClient(mission, granted_operator(mission, verb, options.key))
-        answers = asyncio.run(operator.command(verb, vehicles, vehicle, argument))
+        answers = asyncio.run(operator.command(verb, vehicles, vehicle, argument, ring_faults=ring_faults))
     except VehicleRefusedError as refusal:
+        if faults := ring_faults(MISSION_RING):  # no team has sent the ring that it flies
+            raise InputError(faults) from refusal
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
     if operator.difference:
@@ -122,7 +127,7 @@ def _argument(mission: "Mission", verb: Verb, given: Sequence[str], vehicle: int
         return None
     if vehicle is not None:
         raise InputError([f"--vehicle: {verb} commands the whole team: leave this option out (given: {vehicle})"])
-    return _shape(mission, given) if takes == "shape" else _ring_values(mission, given)
+    return _shape(mission, given) if takes == "shape" else _ring_values(given)
 
 
 def _shape(mission: "Mission", given: Sequence[str]) -> "Shape":
@@ -143,9 +148,8 @@ _RING_KEYS = {"radius": "radius_m", "rate": "angular_rate_rad_s", "altitude": "a
 _RING_FORM = "radius=METRES, rate=RAD_S, altitude=METRES, tilt=DEGREES, or some of them, as in radius=15 rate=-0.1"
 
 
-def _ring_values(mission: "Mission", given: Sequence[str]) -> "RingValues":
+def _ring_values(given: Sequence[str]) -> "RingValues":
     from agents.team.messages import RingValues
-    from gcs.preflight.mission import ring_change_faults
 
     values = dict[str, float]()
     for each in given:
@@ -159,10 +163,18 @@ def _ring_values(mission: "Mission", given: Sequence[str]) -> "RingValues":
         values[_RING_KEYS[name]] = value
     if not values:
         raise InputError([f"ring: give {_RING_FORM}"])
-    wanted = RingValues(**values)
-    if faults := ring_change_faults(mission, wanted):
-        raise InputError(faults)
-    return wanted
+    return RingValues(**values)
+
+
+def _ring_faults(mission: "Mission", argument: "Shape | RingValues | None") -> "RingFaults":
+    """Return what checks a command of the ring; no other command waits for its import."""
+    from agents.team.messages import RingValues
+
+    if not isinstance(argument, RingValues):
+        return lambda _flown: ()
+    from gcs.preflight.mission import ring_change_faults
+
+    return partial(ring_change_faults, mission, argument)
 
 
 def _question(row: VerbRow, vehicles: Sequence[int], mission: "Mission") -> str:

@@ -22,17 +22,20 @@ from agents.team.messages import (
     TIME_MAX_S,
     BusMessage,
     CommandAnswer,
+    CommandedRing,
     CommandKey,
     MemberState,
     OperatorCommand,
     RingValues,
     StartProposal,
     VehicleReport,
+    newest_ring,
 )
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from agents.team.verbs import VERBS, Verb
 from gcs.console.team_bus import guest_bus, send_command
 from gcs.console.team_state import TeamMissions
+from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
@@ -69,6 +72,8 @@ class CommandResult:
 
 OnAnswer = Callable[[int, CommandResult], None]
 """Called with each new answer of a vehicle."""
+RingFaults = Callable[[CommandedRing], Sequence[str]]
+"""Returns why a command of the ring must not be sent to a team, from the values that were commanded before."""
 
 
 @dataclass(slots=True)
@@ -122,6 +127,7 @@ class CommandClient:
         self._sent: dict[CommandKey, _Sent] = {}
         self._is_open = False
         self._first_message_s: float | None = None
+        self._rings: dict[int, CommandedRing | None] = {}
         self.tactics: dict[int, str] = {}
         """The latest tactic received from each vehicle."""
         self.ended: dict[int, str] = {}
@@ -149,17 +155,21 @@ class CommandClient:
         argument: Shape | RingValues | None = None,
         on_answer: OnAnswer = lambda _vehicle, _answer: None,
         number: int | None = None,
+        ring_faults: RingFaults = lambda _flown: (),
     ) -> dict[int, CommandResult | None]:
         """Send a command to one vehicle, or to all (None); return each vehicle's answer, None after a timeout.
 
         Of all, those whose flight has ended are not waited for, and not in the result. `number` is that of a command
-        that vehicles have received elsewhere already, None of a new one.
+        that vehicles have received elsewhere already, None of a new one. `ring_faults` checks a command of the ring.
 
-        Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission.
+        Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission;
+        InputError if the ring has faults.
         """
         async with self._joined():
             if VERBS[verb].needs_mission:
                 await self._wait_for_team(vehicles, verb)
+                if isinstance(argument, RingValues):
+                    await self._require_ring(vehicles, ring_faults)
             else:
                 await self._until(lambda: self._missions.is_same or self._missions.is_other, _MISSION_TIMEOUT_S)
                 self._missions.refuse_other()
@@ -238,6 +248,12 @@ class CommandClient:
         rest_s = first_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
         await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
 
+    async def _require_ring(self, vehicles: Collection[int], ring_faults: RingFaults) -> None:
+        """Raise InputError if a command has faults where the team flies the ring that was commanded last."""
+        await self._until(lambda: self._rings.keys() >= {*vehicles} - self.ended.keys(), _ALL_RECEIVED_TIMEOUT_S)
+        if faults := await asyncio.to_thread(ring_faults, self.commanded_ring):
+            raise InputError(faults)
+
     def _require_any(self) -> float:
         """Return when the first vehicle was received [wall s]; raise VehicleRefusedError if none was."""
         if self._first_message_s is None:
@@ -246,6 +262,11 @@ class CommandClient:
                 "check that the team is running, and that --mission names its mission",
             )
         return self._first_message_s
+
+    @property
+    def commanded_ring(self) -> CommandedRing:
+        """The values of the ring that the team's states have as commanded last, by any operator."""
+        return newest_ring(ring for vehicle, ring in self._rings.items() if vehicle not in self.ended)
 
     @property
     def difference(self) -> str:
@@ -270,6 +291,7 @@ class CommandClient:
             self._clocks.receive(message.sender, message.time_s, monotonic())
         if isinstance(message, MemberState):
             self.tactics[message.sender] = message.tactic
+            self._rings[message.sender] = message.ring
             self._note_first_message()
         if isinstance(message, VehicleReport):
             self.ended.pop(message.sender, None)

@@ -21,7 +21,7 @@ from gcs.metrics.references import (
 )
 from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
 from gcs.metrics.reynolds import ReynoldsResult, condensed, flocking
-from gcs.metrics.ring import estimated_ring, judged_ring, ring_motion, within
+from gcs.metrics.ring import JudgedPart, estimated_ring, is_brief, judged_part, judged_ring, ring_motion, within
 from gcs.metrics.transitions import predicted, transitions
 from gcs.metrics.vehicles import engagement_times_s, estimated_vehicles, formation_span, vehicle_results
 from gcs.mission.mission import Mission
@@ -47,8 +47,8 @@ def evaluate(
     """Compute the metrics and verdicts of a flight; without a reference no vehicle was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
     each_engaged_s, motion = engagement_times_s(record), ring_motion(record, ring.gaps)
-    began_s = ring.began_s(each_engaged_s)
-    window_s, ring_result = judged_ring(record.time_s, motion, ring, began_s)
+    part = judged_part(record.time_s, motion, ring, each_engaged_s)
+    window_s, ring_result = judged_ring(record.time_s, motion, part)
     window = within(record.time_s, window_s)
     result = FlightResult(
         mission=record.mission,
@@ -57,9 +57,9 @@ def evaluate(
         reference=record.reference,
         duration_s=grid_time(end_s),
         window_s=window_s,
-        vehicles=vehicle_results(record, motion, ring, formation, window),
+        vehicles=vehicle_results(record, motion, part.ring, formation, window),
         ring=ring_result,
-        transitions=transitions(record, motion, ring, began_s),
+        transitions=transitions(record, motion, ring, ring.began_s(each_engaged_s)),
         reynolds=_reynolds(record, window),
         closest_approach_m=_closest_approach_m(record),
         guard_interventions=None if record.guard is None else record.guard.interventions,
@@ -69,7 +69,7 @@ def evaluate(
         wall_time_s=record.wall_time_s,
         realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
         events=record.events,
-        estimate=_estimate_result(record, ring, window),
+        estimate=_estimate_result(record, part, window),
         truth_missing=record.truth_missing or None,
         ended=TeamEnding.of(record.endings),
         engagement=engagement(record, engages, each_engaged_s),
@@ -77,19 +77,23 @@ def evaluate(
         kinds=record.kinds,
         departures=departures(record),
     )
-    result = replace(result, verdicts=judge(result, ring, tolerances))
+    verdicts = judge(result, part.ring, tolerances)
+    if is_brief(record.time_s, motion, part, window, ring_result):
+        verdicts = replace(verdicts, c1=None, c2=None, c3=None)
+    result = replace(result, verdicts=verdicts)
     return replace(result, not_judged=not_judged(result))
 
 
-def _estimate_result(record: FlightRecord, ring: DesiredRing, window: Mask) -> EstimateResult | None:
+def _estimate_result(record: FlightRecord, part: JudgedPart, window: Mask) -> EstimateResult | None:
     """Return the ring's figures by estimate in the same window, None where the record has no estimates beside it."""
     if not record.estimates:
         return None
     estimated = replace(record, vehicles=record.estimates)
-    motion = ring_motion(estimated, ring.gaps)
-    began_s = ring.began_s(engagement_times_s(estimated))
-    vehicles = estimated_vehicles(record, motion, ring, window)
-    whole = estimated_ring(record.time_s, motion, ring, began_s, window)
+    motion = ring_motion(estimated, part.ring.gaps)
+    began_s = part.ring.began_s(engagement_times_s(estimated))
+    seen = replace(part, began_s=tuple(each for each in began_s if each <= record.time_s[part.samples - 1]))
+    vehicles = estimated_vehicles(record, motion, part.ring, window)
+    whole = estimated_ring(record.time_s, motion, seen, window)
     return EstimateResult(vehicles, whole, _closest_approach_m(estimated))
 
 

@@ -211,6 +211,11 @@ def largest(errors: Vector) -> float | None:
     return float(np.abs(known).max()) if known.size else None
 
 
+def lasting_s(time_s: Vector, mask: Mask) -> float:
+    """Return how long a condition (T,) lasted in all."""
+    return grid_time(float(np.diff(time_s)[mask[1:] & mask[:-1]].sum()))
+
+
 def grid_time(time_s: float) -> float:
     """Round away the accumulated error of time steps."""
     return round(time_s, 6)

@@ -1,7 +1,7 @@
 """The references of a mission, from which its flights may deviate by the tolerances of the verdicts."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians, tan
 from typing import NamedTuple
 
@@ -161,6 +161,15 @@ class DesiredRing:
         """Return when the ring began to settle: at every engagement, and when another ring was commanded after one."""
         known_s = [each for each in engaged_s if each is not None]
         return known_s + [each for each in self.changed_s if known_s and each >= min(known_s)]
+
+    def before(self, time_s: float) -> "DesiredRing":
+        """Return the ring as if none had been commanded from a time on; its heights are not known then."""
+        later = [each for each in self.earlier if each.until_s >= time_s]
+        if not later:
+            return self
+        kept = self.earlier[: len(self.earlier) - len(later)]
+        radius_m, rate_rad_s = later[0].radius_m, later[0].angular_rate_rad_s
+        return replace(self, radius_m=radius_m, angular_rate_rad_s=rate_rad_s, earlier=kept, heights_m={})
 
     def over_m(self, time_s: Vector) -> Vector:
         """Return the desired radius (T,) over time."""

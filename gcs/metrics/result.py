@@ -19,7 +19,7 @@ from gcs.metrics.json_output import json_output
 from gcs.metrics.record import FlightEvent, LoopStatistics
 from gcs.metrics.references import EngagementResult
 from gcs.metrics.reynolds import ReynoldsResult
-from gcs.metrics.ring import RingResult
+from gcs.metrics.ring import SETTLED_FOR_S, RingResult
 from gcs.metrics.transitions import TransitionResult
 from gcs.metrics.vehicles import EstimatedVehicleResult, VehicleResult
 
@@ -177,6 +177,7 @@ def reference_line(result: FlightResult) -> str:
     return f"metrics and verdicts from the vehicles' estimates of themselves and of the target{missing}"
 
 
+_SAME_S = 1e-3
 SHORT_S, SHORT_SHARE = 60.0, 0.5
 """The text says "only" where the ring was judged for less than this, or than this share of the time on it."""
 
@@ -184,6 +185,11 @@ SHORT_S, SHORT_SHARE = 60.0, 0.5
 def is_briefly_judged(ring: RingResult) -> bool:
     """Whether a ring was judged for a short time, or a small share of its time."""
     return ring.judged_s is not None and (ring.judged_s < SHORT_S or (ring.judged_share or 0.0) < SHORT_SHARE)
+
+
+def is_too_brief(result: FlightResult) -> bool:
+    """Return whether all on the ring were measured, but for too short a time to judge the ring."""
+    return result.ring.judged_from_s is not None and "C1" in result.not_judged
 
 
 def judged_line(result: FlightResult) -> str:
@@ -194,6 +200,8 @@ def judged_line(result: FlightResult) -> str:
     if ring.judged_from_s is None:
         measured = any(vehicle.radius_error_rms_m is not None for vehicle in result.vehicles)
         return "not every vehicle on the ring was measured" if measured else "no vehicle was on the ring at the end"
+    if is_too_brief(result):
+        return f"only {ring.judged_s:.1f} s from {ring.judged_from_s:.1f} s on, and {SETTLED_FOR_S:g} s are needed"
     only = "only " if is_briefly_judged(ring) else ""
     # Its whole time is 100 %: a share is not rounded up to it.
     share = min(ring.judged_share, 0.99) if ring.judged_share < 1.0 else 1.0
@@ -205,7 +213,10 @@ def settled_line(result: FlightResult) -> str:
     """Return how long after the last engagement the ring settled, and the prediction; empty if it did not settle."""
     if result.ring.settling_time_s is None:
         return ""
-    predicted_s = result.transitions[-1].settling_predicted_s if result.transitions else None
+    # It settled when its window begins; later ones may not have been judged.
+    began_s = (0.0 if result.window_s is None else result.window_s[0]) - result.ring.settling_time_s
+    begun = (each for each in result.transitions if abs(each.begins_at_s - began_s) < _SAME_S)
+    predicted_s = next((each.settling_predicted_s for each in begun), None)
     beside = "" if predicted_s is None else f" (predicted: {predicted_s:.1f} s)"
     return f"settled after {result.ring.settling_time_s:.1f} s{beside}"
 
@@ -218,9 +229,11 @@ def window_line(result: FlightResult) -> str:
     if result.window_s is None:
         return ""
     begins_s, ring = result.window_s[0], result.ring
-    if ring.judged_from_s is None:
+    if ring.judged_from_s is None or is_too_brief(result):
         return f"ring not judged: {judged_line(result)}"
     window = f"ring {judged_line(result)}"
+    if result.window_s[1] < result.duration_s:
+        window = f"{window}, until {result.window_s[1]:.1f} s, as what began then had no time to settle"
     if ring.unsettled_at_s is None:
         settles = ring.settling_time_s is not None
         why = "from settling to the end" if settles else "did not settle: last quarter of the flight"

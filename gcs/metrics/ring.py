@@ -8,19 +8,23 @@ Arrays over the whole team have shape (V, T): vehicles in the record's order, sa
 without a measurement.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import tau
+from itertools import pairwise
+from math import inf, tau
 
 import numpy as np
 
 from agents.ring.place import EVEN, Gaps, weights_of
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
-from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, rms
+from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, grid_time, largest, lasting_s, rms
 from gcs.metrics.references import DesiredRing
 
 SETTLED_RADIUS_FRACTION = 0.05
 SETTLED_SPACING_RAD = np.radians(5.0)
+TOGETHER_S = 3.0
+"""What begins within this time of each other, such as engagements, settles together."""
 LOST_AFTER_S = 5.0
 """A vehicle without data for longer than this at the end of the record has left the ring."""
 
@@ -57,6 +61,17 @@ class RingMotion:
     def measured(self) -> Mask:
         """The samples (T,) with a ring of which every member was measured."""
         return np.asarray(self.member.any(axis=0) & ~(self.member & np.isnan(self.bearing_rad)).any(axis=0))
+
+    def first(self, samples: int) -> "RingMotion":
+        """Return it over the first samples."""
+        return RingMotion(
+            self.member[:, :samples],
+            self.radius_m[:, :samples],
+            self.bearing_rad[:, :samples],
+            self.rate_rad_s[:, :samples],
+            self.lead_rad[:, :samples],
+            self.weight,
+        )
 
 
 def ring_motion(record: FlightRecord, gaps: Gaps = EVEN) -> RingMotion:
@@ -159,7 +174,10 @@ def _lead_rad(bearing_rad: Vector, member: Mask) -> Vector:
 
 
 SETTLED_FOR_S = 10.0
-"""A ring that stays within its limits for this time has settled, even if it leaves them later."""
+"""A ring that stays within its limits for this time has settled, even if it leaves them later.
+
+What lasts for less cannot be judged: a formation, or what began so shortly before the end of the ring.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,30 +202,70 @@ class RingResult:
     members_min: int | None = None
 
 
-def judged_ring(
-    time_s: Vector, motion: RingMotion, ring: DesiredRing, began_s: list[float]
-) -> tuple[tuple[float, float] | None, RingResult]:
-    """Return the window of the ring metrics, None where none engaged, and the ring as a whole.
+@dataclass(frozen=True, slots=True)
+class JudgedPart:
+    """The part of a flight over which its ring can be judged: the first `samples`, and the ring desired until then.
 
-    `began_s` are the times at which it began to settle: see `DesiredRing.began_s`.
+    `began_s` are the times at which that ring began to settle, empty where no vehicle engaged.
     """
-    if not began_s:
+
+    ring: DesiredRing
+    began_s: tuple[float, ...]
+    samples: int
+
+
+def judged_part(time_s: Vector, motion: RingMotion, ring: DesiredRing, engaged_s: Sequence[float | None]) -> JudgedPart:
+    """Return the part of a flight without what began too shortly before the end of the ring to show that it settles.
+
+    An engagement needs `SETTLED_FOR_S` for that, a commanded ring also the time that its change takes. The first
+    engagements are never left out: no ring was flown before them.
+    """
+    began_s = sorted(ring.began_s(engaged_s))
+    changed_s = {each.until_s: each.until_s + each.change_s for each in ring.earlier}
+    on_s, cut_s = time_s[motion.member.any(axis=0)], inf
+    while began_s and (together_s := last_together_s(began_s)) > began_s[0]:
+        on_s = on_s[on_s < cut_s - TIME_GRAIN_S]
+        needed_s = max(changed_s.get(each, each) for each in began_s if each >= together_s) + SETTLED_FOR_S
+        if on_s.size and on_s[-1] >= needed_s - TIME_GRAIN_S:
+            break
+        cut_s = together_s
+        began_s = [each for each in began_s if each < cut_s]
+    samples = int(np.searchsorted(time_s, cut_s - TIME_GRAIN_S))
+    return JudgedPart(ring.before(cut_s), tuple(began_s), samples)
+
+
+def last_together_s(began_s: Sequence[float]) -> float:
+    """Return the first of the last times, in order, that are within `TOGETHER_S` of each other."""
+    breaks = (after for before, after in pairwise(began_s) if after - before > TOGETHER_S)
+    return max(breaks, default=began_s[0])
+
+
+def is_brief(time_s: Vector, motion: RingMotion, part: JudgedPart, window: Mask, result: RingResult) -> bool:
+    """Return whether a ring was flown, or had settled, for less than it needs to show that it has settled."""
+    anyone = np.asarray(motion.member.any(axis=0) & (np.arange(time_s.size) < part.samples))
+    counted = anyone if result.settling_time_s is None else anyone & window
+    return lasting_s(time_s, counted) < SETTLED_FOR_S - TIME_GRAIN_S
+
+
+def judged_ring(time_s: Vector, motion: RingMotion, part: JudgedPart) -> tuple[tuple[float, float] | None, RingResult]:
+    """Return the window of the ring metrics, None where none engaged, and the ring as a whole in that part."""
+    if not part.began_s:
         return None, RingResult()
-    settled_s = _settled_at_s(time_s, motion, ring, max(began_s))
-    window_s = _window_s(time_s, settled_s)
-    settling_time_s = None if settled_s is None else grid_time(settled_s - max(began_s))
+    ring, began_s, part_s, flown = part.ring, max(part.began_s), time_s[: part.samples], motion.first(part.samples)
+    settled_s = _settled_at_s(part_s, flown, ring, began_s)
+    window_s = _window_s(part_s, settled_s)
+    settling_time_s = None if settled_s is None else grid_time(settled_s - began_s)
     window = within(time_s, window_s)
-    errors_deg, unsettled_s = _spacing_errors_deg(motion, window), _unsettled(time_s, motion, ring, max(began_s))
+    errors_deg, unsettled_s = _spacing_errors_deg(motion, window), _unsettled(part_s, flown, ring, began_s)
     judged_s, from_s, share, members = _judged(time_s, motion, window)
     return window_s, RingResult(settling_time_s, *errors_deg, *unsettled_s, judged_s, from_s, share, members)
 
 
-def estimated_ring(
-    time_s: Vector, motion: RingMotion, ring: DesiredRing, began_s: list[float], window: Mask
-) -> RingResult:
-    """Return the ring by the vehicles' estimates, its spacings in the window of the truth."""
-    settled_s = _settled_at_s(time_s, motion, ring, max(began_s)) if began_s else None
-    settling_time_s = None if settled_s is None else grid_time(settled_s - max(began_s))
+def estimated_ring(time_s: Vector, motion: RingMotion, part: JudgedPart, window: Mask) -> RingResult:
+    """Return the ring by the vehicles' estimates in a part of the flight, its spacings in the window of the truth."""
+    part_s, flown, began_s = time_s[: part.samples], motion.first(part.samples), max(part.began_s, default=inf)
+    settled_s = _settled_at_s(part_s, flown, part.ring, began_s)
+    settling_time_s = None if settled_s is None else grid_time(settled_s - began_s)
     return RingResult(settling_time_s, *_spacing_errors_deg(motion, window))
 
 
@@ -258,15 +316,10 @@ def _judged(time_s: Vector, motion: RingMotion, window: Mask) -> tuple[float, fl
     """Return the time on the ring in a window, its begin, its share of all time on the ring, and the fewest members."""
     anyone, judged = np.asarray(motion.member.any(axis=0)), np.asarray(motion.measured & window)
     members = motion.member.sum(axis=0)[judged]
-    judged_s, whole_s = _lasting_s(time_s, judged), _lasting_s(time_s, anyone)
+    judged_s, whole_s = lasting_s(time_s, judged), lasting_s(time_s, anyone)
     begins_s = grid_time(float(time_s[judged][0])) if judged.any() else None
     share = judged_s / whole_s if whole_s else float(judged.any())
     return judged_s, begins_s, share, int(members.min(initial=len(motion.member))) if members.size else 0
-
-
-def _lasting_s(time_s: Vector, mask: Mask) -> float:
-    """Return how long a condition lasted in all."""
-    return grid_time(float(np.diff(time_s)[mask[1:] & mask[:-1]].sum()))
 
 
 def _spacing_errors_deg(motion: RingMotion, window: Mask) -> tuple[float | None, float | None]:

@@ -11,10 +11,16 @@ from estimation.polar import Polar
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import DesiredRing
-from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, off_ring, on_ring, ring_motion
+from gcs.metrics.ring import (
+    SETTLED_RADIUS_FRACTION,
+    SETTLED_SPACING_RAD,
+    TOGETHER_S,
+    RingMotion,
+    off_ring,
+    on_ring,
+    ring_motion,
+)
 
-_TOGETHER_S = 3.0
-"""Vehicles that engage within this time of each other begin one transition."""
 ACCELERATION_SPAN_S = 0.4
 """The interval of the velocity differences that give the acceleration."""
 _MONOTONIC_AFTER_S = 5.0
@@ -56,14 +62,18 @@ class RelativeMotion:
 def transitions(
     record: FlightRecord, motion: RingMotion, ring: DesiredRing, began_s: list[float]
 ) -> tuple[TransitionResult, ...]:
-    """Return a result for each engagement and commanded ring, from it until the ring has settled or the next one."""
+    """Return a result for each engagement and commanded ring, from it until the ring has settled or the next one.
+
+    A ring that was commanded while no vehicle encircled begins none, unless one encircles before the next.
+    """
     known_s = [at for at in sorted(began_s) if record.time_s.size and at <= record.time_s[-1]]
-    begins_s = [at for at, after in pairwise([*known_s, np.inf]) if after - at > _TOGETHER_S]
+    begins_s = [at for at, after in pairwise([*known_s, np.inf]) if after - at > TOGETHER_S]
     relative = relative_motion(record, motion, ring)
-    return tuple(
+    results = (
         _transition(record.time_s, motion, ring, relative, begin_s, end_s)
         for begin_s, end_s in pairwise([*begins_s, np.inf])
     )
+    return tuple(each for each in results if each.members)
 
 
 def predicted(
@@ -90,7 +100,7 @@ def _predicted_s(
 ) -> float | None:
     """Return the predicted time, at least that in which the ring changes; None without motion to predict from."""
     time_s = record.time_s
-    first, after = np.searchsorted(time_s, (begin_s, begin_s + _TOGETHER_S))
+    first, after = np.searchsorted(time_s, (begin_s, begin_s + TOGETHER_S))
     after = min(int(after), time_s.size - 1)
     engaged, on_ring_ids = {}, []
     for index in np.flatnonzero(motion.member[:, after]):

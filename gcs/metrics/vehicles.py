@@ -10,9 +10,9 @@ import numpy as np
 
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
-from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, VehicleTrack, grid_time, largest, rms
+from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, VehicleTrack, grid_time, largest, lasting_s, rms
 from gcs.metrics.references import DesiredRing, FormationReference
-from gcs.metrics.ring import RingMotion, flies, measured
+from gcs.metrics.ring import SETTLED_FOR_S, RingMotion, flies, measured
 
 FORMATION_START_S = 30.0
 
@@ -122,11 +122,13 @@ def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
 def formation_errors(record: FlightRecord, formation: FormationReference) -> tuple[Vector, Vector]:
     """Return the errors of every velocity [m/s] and spacing [m] in formation, (V, T) each.
 
-    Defined from 30 s after the start to the first engagement, for vehicles in formation; NaN elsewhere. The first
-    vehicle of the line has no spacing.
+    Defined from 30 s after the start to the first engagement, for vehicles in formation; NaN elsewhere, and where none
+    was in formation for `SETTLED_FOR_S` then. The first vehicle of the line has no spacing.
     """
     judged = formation_span(record.time_s, engagement_times_s(record))
     mask = np.asarray(measured(record) & flies(record, Tactic.FORMATION) & judged)
+    if lasting_s(record.time_s, np.asarray(mask.any(axis=0))) < SETTLED_FOR_S - TIME_GRAIN_S:
+        mask[:] = False
     speed_error_m_s = np.full(mask.shape, np.nan)
     for row, track in enumerate(record.vehicles):
         speed_error_m_s[row, mask[row]] = np.hypot(*(track.velocity_m_s[mask[row]] - (formation.speed_m_s, 0.0)).T)

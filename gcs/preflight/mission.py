@@ -3,15 +3,15 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import asin, floor, hypot, inf, pi, sqrt
 
-import msgspec
 import numpy as np
+from msgspec.structs import asdict
 
 from agents.control.excitation import preview
 from agents.ring.commanded_ring import RingBounds, ring_bounds
 from agents.ring.place import chord_m, even_places
 from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
-from agents.team.messages import RingValues
+from agents.team.messages import MISSION_RING, CommandedRing, RingValues
 from estimation.polar import polar_of
 from gcs.autopilots.registry import advice
 from gcs.errors import InputError
@@ -172,14 +172,14 @@ def commanded_ring_bounds(mission: Mission) -> RingBounds:
     )
 
 
-def ring_change_faults(mission: Mission, values: RingValues) -> list[str]:
+def ring_change_faults(mission: Mission, values: RingValues, flown: CommandedRing = MISSION_RING) -> list[str]:
     """Return why a team must not be commanded to other values of its ring: the checks that only the mission passes.
 
-    A value that the command leaves out is the mission's here; the vehicles check the ring that they fly.
+    A value that the command leaves out is that of the ring which was commanded before, `flown`.
     """
-    given = msgspec.structs.asdict(values)
+    wanted = {key: getattr(flown, key) if value is None else value for key, value in asdict(values).items()}
     try:
-        changed = mission.replace(encirclement={key: value for key, value in given.items() if value is not None})
+        changed = mission.replace(encirclement={key: value for key, value in wanted.items() if value is not None})
     except InputError as error:
         return list(error.faults)
     before = {found.check: found.grade for found in feasibility(mission)}

@@ -8,7 +8,8 @@ from agents.notes import Kind
 from gcs.metrics.catalogue import VERDICTS, VerdictState, evidence
 from gcs.metrics.departures import departures_line
 from gcs.metrics.ending import named
-from gcs.metrics.references import engaged_line
+from gcs.metrics.record import TIME_GRAIN_S
+from gcs.metrics.references import DesiredRing, engaged_line
 from gcs.metrics.result import FlightResult, judged_line, reference_line, settled_line, verdict_states, window_line
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
@@ -37,7 +38,7 @@ def _measured(verdict: str, result: FlightResult, criteria: Criteria) -> Iterato
     """Return what a verdict judges, each with the tolerance."""
     for metric, judged, values in evidence(verdict, result):
         if judged.tolerance:
-            worst = metric.amount(metric.farthest(values, criteria.ring))
+            worst = metric.amount(metric.farthest(values, _judged_ring(result, criteria)))
             limit = "at least" if metric.worst == "min" else "at most"
             allowed = f"{limit} {getattr(criteria.tolerances, judged.tolerance):g}{metric.spaced_unit}"
             yield " ".join(filter(None, (judged.subject, worst, judged.kind))), allowed
@@ -48,6 +49,11 @@ def _measured(verdict: str, result: FlightResult, criteria: Criteria) -> Iterato
     }
     if text := beside.get(verdict):
         yield text, ""
+
+
+def _judged_ring(result: FlightResult, criteria: Criteria) -> DesiredRing:
+    """Return the ring that was desired at the end of the window of the ring metrics."""
+    return criteria.ring if result.window_s is None else criteria.ring.before(result.window_s[1] + TIME_GRAIN_S)
 
 
 def headline(result: FlightResult) -> str:
@@ -115,9 +121,10 @@ def _ring(result: FlightResult, criteria: Criteria) -> list[str]:
         return []
     radius_m = _worst(v.radius_error_rms_m for v in result.vehicles)
     largest_m = _worst(v.radius_error_max_m for v in result.vehicles)
+    desired_m = _judged_ring(result, criteria).radius_m
     parts = []
     if radius_m is not None and largest_m is not None:
-        parts.append(f"radius {radius_m:.3f} m rms ({largest_m:.2f} m max) of {criteria.ring.radius_m:g} m")
+        parts.append(f"radius {radius_m:.3f} m rms ({largest_m:.2f} m max) of {desired_m:g} m")
     if result.ring.spacing_error_rms_deg is not None:
         parts.append(f"spacing {result.ring.spacing_error_rms_deg:.2f}° rms")
     window = window_line(result)

@@ -8,9 +8,11 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from agents.ports import VehicleRefusedError
 from agents.tactics import Tactic
+from agents.team.messages import RingValues
 from agents.team.verbs import VERBS
 from gcs.console.command_client import CommandClient, CommandResult
 from gcs.errors import InputError
@@ -138,10 +140,7 @@ class Commands:
 
     async def _carry_out(self, taken: _Taken, client: CommandClient) -> None:
         """Send a request to all vehicles at once, or to each that it names."""
-        vehicles, ring = taken.request.vehicles, taken.request.ring
-        if ring is not None and (faults := await asyncio.to_thread(ring_change_faults, self._mission, ring)):
-            taken.answer(None, f"{_REFUSED}{faults[0]}", is_obeyed=False, is_final=True)
-            return
+        vehicles = taken.request.vehicles
         try:
             if vehicles is None:
                 await self._send(taken, client, self._mission.ids, None)
@@ -150,6 +149,8 @@ class Commands:
                 await asyncio.gather(*each)
         except VehicleRefusedError as refusal:
             taken.answer(None, f"{_REFUSED}{refusal.reason}", is_obeyed=False, is_final=True)
+        except InputError as error:
+            taken.answer(None, f"{_REFUSED}{error.faults[0]}", is_obeyed=False, is_final=True)
 
     async def _send(self, taken: _Taken, client: CommandClient, asked: Sequence[int], vehicle: int | None) -> None:
         verb = taken.request.verb
@@ -157,7 +158,9 @@ class Commands:
         def answered(sender: int, result: CommandResult) -> None:
             taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=result.is_final)
 
-        results = await client.command(verb, asked, vehicle, taken.request.ring, answered)
+        ring = taken.request.ring
+        faults = partial(ring_change_faults, self._mission, ring or RingValues())
+        results = await client.command(verb, asked, vehicle, ring, answered, ring_faults=faults)
         for vehicle_id, result in results.items():
             if result is None or not result.is_final:
                 did = NO_ANSWER if result is None else f"{result.did}: not confirmed"

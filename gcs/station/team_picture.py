@@ -9,7 +9,15 @@ from statistics import median_high
 from msgspec.structs import replace
 
 from agents.ring.place import ring_place
-from agents.team.messages import MISSION_RING, BusMessage, MemberState, OperatorCommand, RingValues, VehicleReport
+from agents.team.messages import (
+    MISSION_RING,
+    BusMessage,
+    MemberState,
+    OperatorCommand,
+    RingValues,
+    VehicleReport,
+    newest_ring,
+)
 from gcs.console.advice import Severity
 from gcs.console.team_state import SILENT_AFTER_S, TeamState
 from gcs.console.vehicle_view import (
@@ -189,10 +197,7 @@ class TeamPictures:
 
     def _commanded_ring(self) -> RingValues | None:
         """Return the values of the ring that operators commanded last, None for nothing."""
-        commanded = MISSION_RING
-        for each in self._received.values():
-            if each.state is not None and each.state.ring is not None and not each.ended:
-                commanded = commanded.with_(each.state.ring)
+        commanded = newest_ring(each.state.ring for each in self._received.values() if each.state and not each.ended)
         return None if commanded == MISSION_RING else RingValues(*(value for value, _ in commanded.dated))
 
     def _found_unaccounted(self, *, is_gone: bool) -> set[int]:

@@ -16,10 +16,11 @@ from agents.team.messages import (
     LINK_SILENT_S,
     REPORT_TOPIC,
     AutopilotReport,
+    MemberState,
     TargetReport,
     VehicleReport,
 )
-from estimation.state import OwnEstimate, TargetEstimate
+from estimation.state import OwnEstimate, Sighting, TargetEstimate
 from tests.support.fake_flight import EPOCH_S, FakeFlight
 from tests.support.simulated_loop import run_simulated
 
@@ -85,6 +86,54 @@ def test_a_flight_is_reported_once_a_second_and_changes_at_once() -> None:
         assert listener.newest.ended == "landed"
         assert len(last_s) >= 3, "a busy computer may lose one, and none follows"
         assert max(last_s) < asyncio.get_running_loop().time(), "the bus is left later"
+
+    run_simulated(main())
+
+
+def test_the_start_is_reported_before_any_state_of_the_mission() -> None:
+    """Vehicles near their target are on the ring at their first tick; onlookers have the time from reports alone."""
+
+    async def main() -> None:
+        flight = FakeFlight()
+        sent: list[VehicleReport | MemberState] = []
+        publish = flight.bus.publish
+
+        def published(topic: str, payload: bytes) -> None:
+            publish(topic, payload)
+            message = decode(payload)
+            if isinstance(message, VehicleReport | MemberState):
+                sent.append(message)
+
+        flight.bus.publish = published  # type: ignore[method-assign]
+        await flight.agent.connect()
+        flight.agent.announce()
+        await flight.begin(20.0)
+        await flight.until(Phase.FLYING)
+        await asyncio.sleep(1.0)
+        started = next(i for i, each in enumerate(sent) if isinstance(each, VehicleReport) and each.start_s is not None)
+        flown = next(i for i, each in enumerate(sent) if isinstance(each, MemberState) and each.tactic != "standby")
+        assert started < flown
+        await flight.outcome()
+
+    run_simulated(main())
+
+
+def test_the_target_is_reported_with_the_tick_that_first_knows_it() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        listener = Listener(flight)
+        await flight.begin(60.0)
+        await flight.until(Phase.FLYING)
+        for _ in range(3):
+            await asyncio.sleep(2.93)
+            known = [each for each in flight.statuses if each.target_estimate is not None]
+            reported = [report for _, report in listener.reports if report.target is not None]
+            assert (known, reported) == ([], [])
+        flight.core.take(Sighting(flight.clock.now_s(), 1, (200.0, 0.0), (0.01, 0.0, 0.01), 0.9, 0.1))
+        await asyncio.sleep(5.0)
+        first_s = next(each.time_s for each in flight.statuses if each.target_estimate is not None)
+        assert next(report.time_s for _, report in listener.reports if report.target is not None) == first_s
+        await flight.outcome()
 
     run_simulated(main())
 

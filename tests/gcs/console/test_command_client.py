@@ -1,6 +1,7 @@
 """What an operator's client takes in: the clocks of the mission's vehicles, and answers on their own keys."""
 
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
@@ -9,15 +10,21 @@ from agents.team.messages import (
     TIME_MAX_S,
     BusMessage,
     CommandAnswer,
+    CommandedRing,
     CommandKey,
     MemberState,
     OperatorCommand,
+    RingValues,
+    StartProposal,
     VehicleReport,
 )
 from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock, _Sent
+from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from gcs.preflight.mission import ring_change_faults
 from tests.support.mission_text import INSECURE
 
 
@@ -99,3 +106,67 @@ async def test_the_end_of_a_flight_that_arrives_before_the_answer_to_the_kill_do
     answers = await client.command("kill", (3,), 3, number=7)
     assert answers[3] is not None
     assert answers[3].did == did
+
+
+class RingingBus(ScriptedBus):
+    """Sends states of vehicles, each with the commanded ring that it has, and the vehicles' answers to commands."""
+
+    def __init__(self, mission: Mission, rings: dict[int, CommandedRing | None]) -> None:
+        super().__init__()
+        self._mission, self._rings = mission, rings
+        self.sent: list[OperatorCommand] = []
+
+    async def open(self, on_message: Callable[[BusMessage], None], *_: object) -> None:
+        await super().open(on_message)
+        here = (0.0, 0.0)
+        for vehicle_id, ring in self._rings.items():
+            on_message(StartProposal(vehicle_id, 100.0, 0.0, mission=self._mission.identity))
+            on_message(MemberState(vehicle_id, 100.0, "encircle", here, here, here, here, ring=ring))
+
+    def publish(self, *sent: object) -> None:
+        _, payload = sent
+        assert isinstance(payload, bytes)
+        command = decode(payload)
+        assert isinstance(command, OperatorCommand)
+        self.sent.append(command)
+        for each in self._rings:
+            self._on_message(CommandAnswer(each, 100.0, command.number, "changes", "ring", "pat", "obeyed"))
+
+
+SLOW, FAST = CommandedRing(None, 0.0, 0.05, 90.0), CommandedRing(None, 0.0, 0.2, 95.0)
+WIDE, NARROW = CommandedRing(14.0, 90.0), CommandedRing(8.0, 95.0)
+
+
+@pytest.mark.parametrize(
+    ("rings", "values", "is_sent"),
+    [
+        # 0.8 of 3 m/s less the target's 0.1 m/s leave 2.3 m/s along the ring. The mission's: 10 m at 0.05 rad/s.
+        ({1: None, 2: None, 3: None}, RingValues(None, 0.2), True),
+        ({1: WIDE, 2: WIDE, 3: WIDE}, RingValues(None, 0.2), False),
+        ({1: WIDE, 2: None, 3: None}, RingValues(None, 0.2), False),
+        ({1: WIDE, 2: NARROW, 3: WIDE}, RingValues(None, 0.2), True),
+        ({1: WIDE, 2: WIDE, 3: WIDE}, RingValues(10.0, 0.2), True),
+        ({1: None, 2: None, 3: None}, RingValues(None, 0.25), False),
+        ({1: NARROW, 2: NARROW, 3: NARROW}, RingValues(None, 0.25), True),
+        ({1: None, 2: None, 3: None}, RingValues(14.0, None), True),
+        ({1: FAST, 2: SLOW, 3: SLOW}, RingValues(14.0, None), False),
+    ],
+)
+async def test_a_value_of_the_ring_alone_is_checked_with_the_ring_that_was_commanded_before(
+    mission_file: Callable[..., str], rings: dict[int, CommandedRing | None], values: RingValues, is_sent: bool
+) -> None:
+    mission = load_mission(mission_file("case2", INSECURE))
+    client = CommandClient(mission, Identity(Participant("operator", "pat")))
+    bus = RingingBus(mission, rings)
+    client._bus = bus  # type: ignore[assignment]
+    command = client.command(
+        "ring", mission.ids, None, values, ring_faults=partial(ring_change_faults, mission, values)
+    )
+    if is_sent:
+        answers = await command
+        assert [each is not None and each.did for each in answers.values()] == ["changes"] * 3
+        assert {each.ring for each in bus.sent} == {values}
+    else:
+        with pytest.raises(InputError, match="m/s"):
+            await command
+        assert bus.sent == []

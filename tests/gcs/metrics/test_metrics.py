@@ -17,7 +17,7 @@ from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatis
 from gcs.metrics.references import DesiredRing, EarlierRing, FormationReference, ring_reference
 from gcs.metrics.result import FlightResult, window_line
 from gcs.metrics.reynolds import FlockingResult, ReynoldsResult
-from gcs.metrics.ring import SETTLED_FOR_S, RingResult, judged_ring, ring_motion
+from gcs.metrics.ring import SETTLED_FOR_S, RingResult, judged_part, judged_ring, ring_motion
 from gcs.mission.file import load_mission
 from gcs.report.evidence.lyapunov import lyapunov_rad2
 from tests.support.report_evidence import TOLERANCES
@@ -161,7 +161,7 @@ def test_desired_spacings_are_in_proportion_to_the_gaps_of_those_on_the_ring() -
     assert np.degrees(motion.desired_spacing_rad[:, [0, 3000]]).T.ravel() == pytest.approx(
         [120.0, 240.0, np.nan, 90.0, 180.0, 90.0], nan_ok=True
     )
-    _, ring = judged_ring(flight.time_s, motion, RING, [0.0, 0.0, 300.0])
+    _, ring = judged_ring(flight.time_s, motion, judged_part(flight.time_s, motion, RING, [0.0, 0.0, 300.0]))
     assert ring.settling_time_s == 0.0
     assert ring.spacing_error_max_deg == pytest.approx(0.0, abs=1e-9)
     assert lyapunov_rad2(motion)[-1] == pytest.approx(0.0, abs=1e-12)
@@ -347,6 +347,19 @@ def test_without_time_in_formation_before_the_first_engagement_there_is_no_verdi
     result = judged(line(1), orbit(2, 0.0, engaged_s=20.0))
     assert result.vehicles[0].formation_speed_error_rms_m_s is None
     assert result.verdicts.formation is None
+
+
+def test_a_formation_flown_for_less_than_ten_seconds_is_not_judged() -> None:
+    """9 m off its slot from 30 s to the first engagement; the vehicle that engages flies there until then."""
+    for engaged_s, verdict in ((31.3, None), (40.0, None), (40.2, False)):
+        result = judged(line(1, 9.0), line(2), orbit(3, 0.0, engaged_s=engaged_s))
+        assert result.verdicts.formation is verdict
+        assert (result.vehicles[0].formation_speed_error_rms_m_s is None) is (verdict is None)
+        assert "formation" not in result.not_judged, "as without any time in formation"
+    held = [replace(each, tactic=np.where(TIME_S > 31.3, "hold", each.tactic)) for each in (line(1, 9.0), line(2))]
+    result = evaluate(replace(record(*held), events=()), RING, FORMATION, TOLERANCES)
+    assert (result.verdicts.formation, result.passes) == (None, None)
+    assert "formation" in result.not_judged
 
 
 def test_a_follower_is_judged_against_the_nearest_one_ahead_still_in_formation() -> None:
@@ -659,17 +672,114 @@ def test_a_ring_that_settled_once_or_never_left_nothing() -> None:
 
 
 def test_a_ring_that_begins_within_its_window_is_judged_from_there_and_with_those_who_were_there() -> None:
-    """The last quarter of 600 s begins at 450 s; two engage at 590 s and 2 s later leave again, by order."""
-    third = replace(line(3), position_m=line(3).position_m - (0.0, 50.0))
-    late = [orbit(each, each * pi, radius_m=12.0, engaged_s=590.0) for each in (1, 2)]
-    brief = [replace(each, tactic=np.where(TIME_S > 592.0 + 1e-9, "hold", each.tactic)) for each in late]
-    result = judged(*brief, third)
+    """The last quarter of 600 s begins at 450 s; two engage at 580 s and 12 s later leave again, by order."""
+    result = judged(*off_for(12.0, 580.0))
     assert result.window_s == (450.0, 600.0)
-    assert (result.ring.judged_from_s, result.ring.judged_s, result.ring.judged_share) == (590.0, 2.0, 1.0)
+    assert (result.ring.judged_from_s, result.ring.judged_s, result.ring.judged_share) == (580.0, 12.0, 1.0)
     assert window_line(result) == (
-        "ring judged over only 2.0 s from 590.0 s on, 100% of its time, with 2 of 3 vehicles: "
+        "ring judged over only 12.0 s from 580.0 s on, 100% of its time, with 2 of 3 vehicles: "
         "did not settle: last quarter of the flight"
     )
+    assert (result.verdicts.c1, result.passes) == (False, False)
+
+
+def off_for(lasting_s: float, engaged_s: float) -> list[VehicleTrack]:
+    """Two on a ring, both 2 m off its radius, for a time; the third flies on in formation, far away."""
+    third = replace(line(3), position_m=line(3).position_m - (0.0, 50.0))
+    late = [orbit(each, each * pi, radius_m=12.0, engaged_s=engaged_s) for each in (1, 2)]
+    ends_s = engaged_s + lasting_s + 1e-9
+    return [*(replace(each, tactic=np.where(ends_s < TIME_S, "hold", each.tactic)) for each in late), third]
+
+
+def test_a_ring_that_was_flown_too_briefly_is_not_judged() -> None:
+    for lasting_s, c1 in ((2.0, None), (9.9, None), (10.0, False)):
+        assert judged(*off_for(lasting_s, 580.0)).verdicts.c1 is c1
+    brief = judged(*off_for(2.0, 590.0))
+    assert (brief.ring.judged_from_s, brief.ring.judged_s) == (590.0, 2.0)
+    assert brief.not_judged == ("C1", "C2", "C3")
+    assert window_line(brief) == "ring not judged: only 2.0 s from 590.0 s on, and 10 s are needed"
+
+
+def test_a_ring_that_settled_just_before_the_end_is_not_judged() -> None:
+    """Its spacing keeps 5 degrees, within which it has settled; 3 degrees are tolerated."""
+    assert TOLERANCES.spacing_error_rms_deg < 4.9
+    for settled_s, c3 in ((598.7, None), (590.0, False)):
+        radius_m = np.where(settled_s - 1e-9 > TIME_S, 11.0, 10.0)
+        result = judged(orbit(1, radians(4.9), radius_m), *ring_of_three()[1:])
+        assert result.window_s == (settled_s, 600.0)
+        assert result.verdicts.c3 is c3
+        assert ("C3" in result.not_judged) is (c3 is None)
+
+
+def test_a_ring_that_was_off_for_long_fails_though_it_was_disbanded_early_in_its_window() -> None:
+    wide = ring_of_three(radius_m=12.0)
+    result = judged(*(replace(each, tactic=np.where(TIME_S > 455.0, "hold", each.tactic)) for each in wide))
+    assert (result.ring.judged_from_s, result.verdicts.c1) == (450.0, False)
+
+
+LATE_S, CHANGE_S = 570.0, 25.0
+LATE = DesiredRing(15.0, -0.05, earlier=(EarlierRing(LATE_S, 10.0, 0.05, CHANGE_S),))
+
+
+def test_a_ring_commanded_too_late_to_be_reached_is_not_judged_and_what_was_flown_before_is() -> None:
+    """All fly the first ring to the end: the second needs 25 s, and 10 s to settle, of which 30 s are left."""
+    result = judged(*ring_of_three(), ring=LATE)
+    assert result.window_s == (0.0, 569.9)
+    assert (result.verdicts.c1, result.verdicts.c2, result.verdicts.c3, result.passes) == (True, True, True, True)
+    for vehicle in result.vehicles:
+        assert vehicle.radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
+        assert vehicle.angular_rate_mean_rad_s == pytest.approx(0.05)
+    assert result.ring.judged_share == pytest.approx(569.9 / 600.0)
+    until = "95% of its time, until 569.9 s, as what began then had no time to settle: from settling to the end"
+    assert window_line(result) == f"ring judged over 569.9 s from 0.0 s on, {until}"
+    assert [each.begins_at_s for each in result.transitions] == [0.0, LATE_S]
+    assert not judged(*ring_of_three(radius_m=10.5), ring=LATE).verdicts.c1
+    assert not judged(*ring_of_three(rate_rad_s=0.06), ring=LATE).verdicts.c2
+
+
+def test_a_ring_commanded_soon_enough_is_judged_to_the_end() -> None:
+    earlier = EarlierRing(565.0, 10.0, 0.05, CHANGE_S)
+    result = judged(*ring_of_three(), ring=replace(LATE, earlier=(earlier,)))
+    assert result.window_s == (450.0, 600.0)
+    assert (result.verdicts.c1, result.verdicts.c2) == (False, False)
+
+
+def test_rings_commanded_one_after_the_other_at_the_end_are_all_left_out() -> None:
+    first = EarlierRing(560.0, 10.0, 0.05, CHANGE_S)
+    ring = replace(LATE, earlier=(first, EarlierRing(590.0, 12.0, 0.08, CHANGE_S)))
+    result = judged(*ring_of_three(), ring=ring)
+    assert (result.window_s, result.passes) == ((0.0, 559.9), True)
+
+
+def test_a_ring_commanded_shortly_before_all_leave_it_is_not_judged() -> None:
+    """It ends at 500 s by a hold; the ring of 490 s was not flown for long enough, though the flight goes on."""
+    earlier = EarlierRing(490.0, 10.0, 0.05, CHANGE_S)
+    tracks = [replace(each, tactic=np.where(TIME_S > 500.0, "hold", each.tactic)) for each in ring_of_three()]
+    result = judged(*tracks, ring=replace(LATE, earlier=(earlier,)))
+    assert (result.window_s, result.verdicts.c1, result.verdicts.c2) == ((0.0, 489.9), True, True)
+
+
+def test_a_ring_commanded_while_all_hold_begins_no_transition_unless_one_encircles_again() -> None:
+    """All hold from 500 s on, and again encircle from 540 s on in the second flight; the ring is of 520 s."""
+    ring = DesiredRing(15.0, 0.05, earlier=(EarlierRing(520.0, 10.0, 0.05, 12.0),))
+    for back_s, begins_s in ((np.inf, [0.0]), (540.0, [0.0, 520.0])):
+        held = (TIME_S > 500.0) & (back_s > TIME_S)
+        radius_m = np.where(TIME_S < 520.0, 10.0, 15.0)
+        tracks = ring_of_three()
+        if back_s < np.inf:
+            tracks = [orbit(index + 1, index * tau / 3, radius_m) for index in range(3)]
+        result = judged(*(replace(each, tactic=np.where(held, "hold", each.tactic)) for each in tracks), ring=ring)
+        assert [each.begins_at_s for each in result.transitions] == begins_s
+        assert all(each.members == 3 for each in result.transitions)
+        assert (result.verdicts.c1, result.verdicts.c2, result.verdicts.c3) == (True, True, True)
+
+
+def test_a_vehicle_that_engages_just_before_the_end_leaves_the_ring_before_it_judged() -> None:
+    """The third engages far off its radius, 1.3 s before the end; with 10 s left it counts."""
+    for engaged_s, c1 in ((598.7, True), (590.0, False)):
+        result = judged(*(orbit(i, i * pi) for i in (1, 2)), orbit(3, 1.0, radius_m=20.0, engaged_s=engaged_s))
+        assert result.verdicts.c1 is c1
+    assert judged(orbit(1, 0.0), orbit(2, pi), orbit(3, 1.0, 20.0, engaged_s=598.7)).window_s == (0.0, 598.6)
 
 
 def test_a_gap_in_the_data_settles_nothing() -> None:

@@ -1,11 +1,13 @@
 """Commands from pages to vehicles on a bus: who may, what has to be confirmed, and each once."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import pytest
 
+from agents.team.messages import CommandedRing
 from gcs.console import command_client
 from gcs.mission.file import load_mission
 from tests.support.mission_text import INSECURE
@@ -118,6 +120,17 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             await until(lambda: len(team.numbers("kill")) == 1 and len(team.numbers("resume")) == 3)
             await page.send(asked("14", "ring", ring=[12.0, -0.05]))
             await until(lambda: len(team.numbers("ring")) == 1)
+        with subtests.test("one value is checked with the ring that was commanded before"):
+            await page.send(asked("15", "ring", ring=[None, 0.2]))  # 2 m/s on the mission's 10 m
+            await until(lambda: len(team.numbers("ring")) == 2)
+            team.ring = CommandedRing(14.0, time.time())
+            await until(lambda: running.ring_radii_m == {14.0})
+            await page.send(asked("16", "ring", ring=[None, 0.2]))
+            while (answer := await received(page, "answer"))["request"] != "16":
+                pass
+            assert "2.80 m/s along the ring" in answer["did"]
+            assert answer["is_final"]
+            assert len(team.numbers("ring")) == 2
 
 
 async def test_a_request_is_sent_once_and_to_its_end_though_its_page_is_gone(

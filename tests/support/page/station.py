@@ -23,6 +23,7 @@ from agents.team.codec import encode
 from agents.team.messages import (
     BusMessage,
     CommandAnswer,
+    CommandedRing,
     MemberState,
     OperatorCommand,
     RingValues,
@@ -81,6 +82,11 @@ class Station:
     commands: list[Commands] = field(default_factory=list)
 
     @property
+    def ring_radii_m(self) -> set[float | None]:
+        """The radius that the operator's session has received as commanded."""
+        return {each._client.commanded_ring.radius_m for each in self.commands if each._client is not None}
+
+    @property
     def tactics(self) -> dict[int, str]:
         """The tactics of the vehicles that the operator's session has received states from."""
         clients = (each._client for each in self.commands)
@@ -129,6 +135,7 @@ class AnsweringTeam:
 
     received: list[tuple[int, OperatorCommand]] = field(default_factory=list)
     tactics: dict[int, str] = field(default_factory=dict)
+    ring: CommandedRing | None = None
     silent: set[int] = field(default_factory=set)
     ended: set[int] = field(default_factory=set)
 
@@ -163,7 +170,8 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
 
     async def send() -> None:
         while True:
-            state = MemberState(vehicle_id, time.time(), team.tactics[vehicle_id], HERE, HERE, HERE, HERE)
+            tactic = team.tactics[vehicle_id]
+            state = MemberState(vehicle_id, time.time(), tactic, HERE, HERE, HERE, HERE, ring=team.ring)
             bus.publish("member", encode(state))
             bus.publish("start", encode(StartProposal(vehicle_id, time.time(), 0.0, mission=mission.identity)))
             ended = "landed and disarmed" if vehicle_id in team.ended else ""
