@@ -117,12 +117,9 @@ every second, third, ... tick to the next. At the end it stays at its last posit
 class ReactingTarget:
     """A target that reacts to the vehicles: `position(t, team)` returns its position (x, y) in the mission frame [m].
 
-    It is called once for each tick, in order of the mission time `t` [s]. `team` holds the true motions [x y x' y'] of
-    the vehicles at that time by id. Between two ticks the target moves at 20 m/s at most. A function with state serves
-    one flight.
-
-    The agents see the target by their simulated sensors alone. The flight's mission has `target.source = "external"`,
-    as its motion is a plan only; logs hold the path as flown.
+    It is called once a tick, in order of mission time `t` [s]; `team` holds the vehicles' true motions [x y x' y'] by
+    id. The target moves at 20 m/s at most. A function with state serves one flight. The flight's mission has
+    `target.source = "external"`: its motion is a plan only. The path flown is in the log.
     """
 
     position: Callable[[float, Mapping[int, Motion]], tuple[float, float]]
@@ -212,8 +209,7 @@ def simulate(
     - `planner`: creates the planner of each vehicle from its configuration, see `cordon.TaskPlanner`.
     - `plants`: the true plants of vehicles, by id: a `Plant`, or a step function, see `cordon.StepFunction`. The
       controllers still use the plants of the profiles.
-    - `target`: the target's position over time, see `cordon.TargetPath`, or one that reacts, see
-      `cordon.ReactingTarget`.
+    - `target`: a `cordon.TargetPath` or a `cordon.ReactingTarget`.
 
     Raises InputError with every fault; exceptions of planners end the flight.
     """

@@ -105,7 +105,7 @@ def _divided(motion: TargetMotion) -> list[_Piece]:
 _begin_s = itemgetter(0)
 
 
-class SeenTarget(Protocol):
+class MovingTarget(Protocol):
     """A target as its sensors see it."""
 
     def position_m(self, mission_time_s: float) -> Pair:
@@ -138,7 +138,7 @@ class SimulatedSensor:
     # Even an ideal sensor has a covariance: with 0 the filters would follow rounding errors.
     _NOISE_MIN_M = 0.01
 
-    def __init__(self, sensor_id: int, model: SensorModel, target: SeenTarget, start_s: float, seed: int) -> None:
+    def __init__(self, sensor_id: int, model: SensorModel, target: MovingTarget, start_s: float, seed: int) -> None:
         self._sensor_id = sensor_id
         self._model = model
         self._target = target

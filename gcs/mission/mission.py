@@ -172,9 +172,9 @@ class LegSection(Settings):
 class EvadesSection(Settings):
     """`[target.evades]`: a simulated target that flees vehicles, in `cordon sim` only (docs/target.md)."""
 
-    speed_m_s: float = Field(gt=0.0, le=TARGET_SPEED_MAX_M_S, description="highest speed")
-    acceleration_m_s2: float = Field(gt=0.0, le=10.0, description="highest acceleration")
-    distance_m: float = Field(gt=0.0, le=10000.0, description="distance within which it flees vehicles")
+    speed_m_s: float = Field(1.5, gt=0.0, le=TARGET_SPEED_MAX_M_S, description="highest speed")
+    acceleration_m_s2: float = Field(0.5, gt=0.0, le=10.0, description="highest acceleration")
+    distance_m: float = Field(25.0, gt=0.0, le=10000.0, description="distance within which it flees vehicles")
 
 
 class TargetSection(TargetBehaviour):
