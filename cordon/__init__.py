@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from cordon.identification import identify as identify
     from cordon.lockstep import LockstepClient as LockstepClient
     from cordon.reading import read as read
+    from cordon.simulation import ReactingTarget as ReactingTarget
     from cordon.simulation import TargetPath as TargetPath
     from cordon.simulation import load as load
     from cordon.simulation import simulate as simulate
@@ -41,6 +42,7 @@ _HOMES = {
     "Plan": "agents.control.plan",
     "Plant": "estimation.plant.model",
     "PlantAxis": "estimation.plant.model",
+    "ReactingTarget": "cordon.simulation",
     "StepFunction": "sitl.vehicle.plant_step",
     "TargetPath": "cordon.simulation",
     "Task": "agents.situation.task",

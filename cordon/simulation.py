@@ -16,7 +16,7 @@ True
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, hypot, isfinite
 from pathlib import Path
@@ -33,6 +33,7 @@ from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
 from gcs.mission.file import load_mission
 from gcs.mission.mission import PARTS_MAX, TARGET_SPEED_MAX_M_S, Mission
+from sitl.reacting_target import Reaction
 from sitl.vehicle.plant_step import Motion, Pair, StepFunction
 
 if TYPE_CHECKING:
@@ -112,35 +113,79 @@ every second, third, ... tick to the next. At the end it stays at its last posit
 """
 
 
+@dataclass(frozen=True, slots=True)
+class ReactingTarget:
+    """A target that reacts to the vehicles: `position(t, team)` returns its position (x, y) in the mission frame [m].
+
+    It is called once a tick, in order of mission time `t` [s]; `team` holds the vehicles' true motions [x y x' y'] by
+    id. The target moves at 20 m/s at most. A function with state serves one flight. The flight's mission has
+    `target.source = "external"`: its motion is a plan only. The path flown is in the log.
+    """
+
+    position: Callable[[float, Mapping[int, Motion]], tuple[float, float]]
+
+
+def with_reacting_target(mission: Mission, target: ReactingTarget) -> tuple[Mission, Reaction]:
+    """Return the mission with a target whose path it does not state, and the checked reaction of one flight.
+
+    Raises InputError, also for a target of the mission that reacts by itself; the reaction raises it during the flight.
+    """
+    _require_no_reaction(mission)
+    step_s = 1.0 / mission.mission.rate_hz
+    before_m: Pair | None = None
+
+    def checked(time_s: float, team: Mapping[int, Motion]) -> Pair:
+        nonlocal before_m
+        place_m = _place(target.position(time_s, team), time_s)
+        if before_m is not None:
+            _speed_m_s(time_s - step_s, before_m, place_m, step_s)
+        before_m = place_m
+        return place_m
+
+    return mission.replace(target={"source": "external"}), checked
+
+
+def _require_no_reaction(mission: Mission) -> None:
+    if mission.target.evades is not None:
+        raise InputError(["target: the mission's own target reacts ([target.evades]): give a mission without it"])
+
+
 def with_target_path(mission: Mission, path: TargetPath, duration_s: float) -> Mission:
     """Return the mission with a simulated target that follows the path until `duration_s`, and stays there.
 
     The path is stored as straight `legs` of the mission, so that a log of the flight contains it. Raises InputError,
-    also for a target above the maximum speed.
+    also for a target above the maximum speed, and for one of the mission that reacts.
     """
+    _require_no_reaction(mission)
     ticks = max(round(duration_s * mission.mission.rate_hz), 1)
     stride = ceil(ticks / PARTS_MAX)
     step_s = stride / mission.mission.rate_hz
     times_s = [index * step_s for index in range(ceil(ticks / stride) + 1)]
-    points = [_point(path, time_s) for time_s in times_s]
+    points = [_place(path(time_s), time_s) for time_s in times_s]
     legs = [_leg(begin_s, *ends, step_s) for begin_s, ends in zip(times_s, pairwise(points), strict=False)]
     target = {"source": "simulated", "start_m": points[0], "velocity_m_s": (0.0, 0.0), "legs": legs, "rounds": 1}
     return mission.replace(target=target)
 
 
-def _point(path: TargetPath, time_s: float) -> tuple[float, float]:
-    x, y = finite_numbers(path(time_s), ("x_m", "y_m"), f"target: the path at {time_s:g} s")
+def _place(returned: object, time_s: float) -> Pair:
+    x, y = finite_numbers(returned, ("x_m", "y_m"), f"target: the path at {time_s:g} s")
     return x, y
 
 
-def _leg(begin_s: float, from_m: tuple[float, float], to_m: tuple[float, float], step_s: float) -> dict[str, object]:
+def _leg(begin_s: float, from_m: Pair, to_m: Pair, step_s: float) -> dict[str, object]:
+    speed_m_s = _speed_m_s(begin_s, from_m, to_m, step_s)
+    if speed_m_s == 0.0:
+        return {"to_m": to_m, "speed_m_s": TARGET_SPEED_MAX_M_S, "pause_s": step_s}
+    return {"to_m": to_m, "speed_m_s": speed_m_s}
+
+
+def _speed_m_s(begin_s: float, from_m: Pair, to_m: Pair, step_s: float) -> float:
+    """Return the speed of a target between two positions; raises InputError above the maximum."""
     speed_m_s = hypot(to_m[0] - from_m[0], to_m[1] - from_m[1]) / step_s
     if speed_m_s > TARGET_SPEED_MAX_M_S:
         most = f"targets move at {TARGET_SPEED_MAX_M_S:g} m/s at most"
         raise InputError([f"target: the path moves at {speed_m_s:.3g} m/s at {begin_s:g} s: {most}"])
-    if speed_m_s == 0.0:
-        return {"to_m": to_m, "speed_m_s": TARGET_SPEED_MAX_M_S, "pause_s": step_s}
-    return {"to_m": to_m, "speed_m_s": speed_m_s}
+    return speed_m_s
 
 
 DURATION_MAX_S = 86400.0
@@ -154,7 +199,7 @@ def simulate(
     log: str | Path | None = None,
     planner: PlannerFactory | None = None,
     plants: Mapping[int, Plant | StepFunction] = MappingProxyType({}),
-    target: TargetPath | None = None,
+    target: TargetPath | ReactingTarget | None = None,
 ) -> Flight:
     """Fly a mission in simulated time; equal arguments give equal flights.
 
@@ -164,7 +209,7 @@ def simulate(
     - `planner`: creates the planner of each vehicle from its configuration, see `cordon.TaskPlanner`.
     - `plants`: the true plants of vehicles, by id: a `Plant`, or a step function, see `cordon.StepFunction`. The
       controllers still use the plants of the profiles.
-    - `target`: the target's position over time, see `cordon.TargetPath`.
+    - `target`: a `cordon.TargetPath` or a `cordon.ReactingTarget`.
 
     Raises InputError with every fault; exceptions of planners end the flight.
     """
@@ -172,7 +217,10 @@ def simulate(
     flown_s = mission.mission.duration_s if duration_s is None else float(duration_s)
     drawn = mission.mission.seed if seed is None else seed
     _require_flyable(flown_s, drawn, log, planner)
-    if target is not None:
+    reaction = None
+    if isinstance(target, ReactingTarget):
+        mission, reaction = with_reacting_target(mission, target)
+    elif target is not None:
         mission = with_target_path(mission, target, flown_s)
     mission, steps = with_plants(mission, plants)
     recording = None if log is None else _recording(mission, Path(log), drawn, flown_s)
@@ -182,7 +230,9 @@ def simulate(
     def on_tick(tick: int, at: int, output: TickOutput) -> None:
         decisions[mission.ids[at]].note(tick, output)
 
-    record = fly_simulated(mission, drawn, flown_s, lambda _: None, recording, planner, steps=steps, on_tick=on_tick)
+    record = fly_simulated(
+        mission, drawn, flown_s, lambda _: None, recording, planner, steps=steps, reaction=reaction, on_tick=on_tick
+    )
     for each, tick_us in zip(decisions.values(), record.loop.tick_us.reshape(samples, -1).T, strict=True):
         each.tick_us[:] = tick_us
     return Flight(mission, record, channels_of(record, decisions))

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import cos, hypot, pi, sin
 from operator import itemgetter
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from estimation.state import Sighting
+from estimation.state import Sighting, Vector
 from sitl.draws import AHEAD, normals
 
 Pair = tuple[float, float]
@@ -53,6 +53,12 @@ class TargetMotion:
     def velocity_at_m_s(self, mission_time_s: float) -> Pair:
         """Return the velocity at a mission time, before the start that of the start."""
         return self._piece(mission_time_s).velocity_m_s
+
+    def over(self, mission_time_s: Vector) -> tuple[Vector, Vector]:
+        """Return the positions and velocities (T, 2) over mission time (T,)."""
+        times_s = mission_time_s.tolist()
+        positions_m, velocities_m_s = map(self.position_m, times_s), map(self.velocity_at_m_s, times_s)
+        return np.array([*positions_m]).reshape(-1, 2), np.array([*velocities_m_s]).reshape(-1, 2)
 
     @property
     def speed_max_m_s(self) -> float:
@@ -99,6 +105,13 @@ def _divided(motion: TargetMotion) -> list[_Piece]:
 _begin_s = itemgetter(0)
 
 
+class MovingTarget(Protocol):
+    """A target as its sensors see it."""
+
+    def position_m(self, mission_time_s: float) -> Pair:
+        """Return its position; a target that reacts is known at the present tick only."""
+
+
 @dataclass(frozen=True, slots=True)
 class SensorModel:
     """A sensor of the target: its range, rate and noise per axis, and the importance and threat that it reports.
@@ -125,7 +138,7 @@ class SimulatedSensor:
     # Even an ideal sensor has a covariance: with 0 the filters would follow rounding errors.
     _NOISE_MIN_M = 0.01
 
-    def __init__(self, sensor_id: int, model: SensorModel, target: TargetMotion, start_s: float, seed: int) -> None:
+    def __init__(self, sensor_id: int, model: SensorModel, target: MovingTarget, start_s: float, seed: int) -> None:
         self._sensor_id = sensor_id
         self._model = model
         self._target = target

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json, MissionName, file_or_folder, loaded_mission
-from gcs.errors import Exit
+from gcs.cli.options import RESULT, Json, MissionName, file_or_folder, loaded_mission, only_simulated
+from gcs.errors import Exit, InputError
 from gcs.flight.faults.names import OPTIONS
 
 
@@ -51,6 +51,8 @@ def drill(options: DrillOptions) -> Exit:
     from gcs.drill.stubs import StubFlight
 
     drills, mission = chosen(options.fault), loaded_mission(options.mission)
+    if faults := only_simulated(mission):
+        raise InputError(faults)
     if options.log is not None:
         check_folder("--log", options.log)
     fly = partial(StubFlight, logs=options.log, profile_texts=mission.profile_texts)

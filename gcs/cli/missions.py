@@ -45,7 +45,7 @@ def _facts(mission: "Mission") -> dict[str, object]:
         "shape": mission.agent_config(mission.vehicles[0]).shape,
         "radius_m": mission.encirclement.radius_m,
         "angular_rate_rad_s": mission.encirclement.angular_rate_rad_s,
-        "target_speed_m_s": mission.target.motion.speed_max_m_s,
+        "target_speed_m_s": mission.target.speed_max_m_s,
         "duration_s": mission.mission.duration_s,
         "description": mission.mission.description,
     }

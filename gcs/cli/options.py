@@ -187,16 +187,25 @@ def loaded_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     return load_mission(name, dict(map(override, changes)))
 
 
+def only_simulated(mission: "Mission") -> list[str]:
+    """Return why only `cordon sim` flies a mission; none if other verbs do, too."""
+    if mission.target.evades is None:
+        return []
+    why = "the target reacts to the true positions of all vehicles, which only `cordon sim` and `cordon sweep` know"
+    return [f'target.evades: {why}; give the target legs, or source = "external"']
+
+
 def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     """Return the mission of a verb that joins the team's bus, with the values of `--set`; warn if it is insecure.
 
-    Raises InputError, also for a bus beyond this computer without `[network.security]`.
+    Raises InputError, also for a bus beyond this computer without `[network.security]`, and for a mission that only
+    `cordon sim` flies.
     """
     from gcs.console.terminal import print_line
     from gcs.keys.team_keys import INSECURE, security_faults
 
     mission = loaded_mission(name, changes)
-    if faults := security_faults(mission):
+    if faults := [*security_faults(mission), *only_simulated(mission)]:
         raise InputError(faults)
     if mission.network.security is not None and mission.network.security.insecure:
         print_line(f"warning: {INSECURE}", "yellow")

@@ -15,11 +15,20 @@ from agents.inputs import Message, Presence, Start
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import NO_TACTIC, Tactic
-from estimation.state import POSITION, VELOCITY
+from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
-from gcs.metrics.record import FlightEvent, FlightRecord, GuardTally, LoopStatistics, VehicleTrack, in_order
+from gcs.metrics.record import (
+    FlightEvent,
+    FlightRecord,
+    GuardTally,
+    LoopStatistics,
+    VehicleTrack,
+    in_order,
+    path_velocity_m_s,
+)
 from gcs.mission.mission import Mission, MissionVehicle
-from gcs.mission.simulation import simulated_imperfections, target_sensor
+from gcs.mission.simulation import flown_target, simulated_imperfections, target_sensor
+from sitl.reacting_target import FlownTarget, Reaction
 from sitl.simulation.simulation import (
     Absence,
     Inputs,
@@ -31,7 +40,7 @@ from sitl.simulation.simulation import (
     simulate,
 )
 from sitl.vehicle.imperfections import Imperfections
-from sitl.vehicle.plant_step import StepFunction
+from sitl.vehicle.plant_step import Motion, StepFunction
 
 if TYPE_CHECKING:
     from gcs.flightlog.recorder import SimulationRecording
@@ -52,18 +61,20 @@ def fly_simulated(
     planner: PlannerFactory | None = None,
     *,
     steps: Mapping[int, StepFunction] = MappingProxyType({}),
+    reaction: Reaction | None = None,
     on_tick: OnTick = lambda *_: None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
     in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
-    A recording with a `planner` raises ValueError. `steps`: see `simulated_vehicles`.
+    A recording with a `planner` raises ValueError. `steps`: see `simulated_vehicles`. A `reaction` moves the target in
+    place of the mission's.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a plug-in planner cannot be recorded: fly it without a log")
     rate_hz, count = mission.mission.rate_hz, len(mission.vehicles)
-    observed = _Observed(round(duration_s * rate_hz) + 1, count)
+    observed, target = _Observed(round(duration_s * rate_hz) + 1, count), flown_target(mission, reaction)
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
         observed.note(tick, vehicle, output.status)
@@ -71,9 +82,15 @@ def fly_simulated(
         if recording is not None and vehicle == count - 1:
             recording.advance((tick + 1) / rate_hz)
 
+    def move_target(now_s: float, motions: Sequence[Motion]) -> None:
+        if target is not None:
+            target.advance(now_s, motions)
+            if recording is not None:
+                recording.target(now_s, target.path_m[-1])
+
     network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
     new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
-    vehicles = simulated_vehicles(mission, seed, new_core, steps=steps)
+    vehicles = simulated_vehicles(mission, seed, new_core, steps=steps, target=target)
     began_s = perf_counter()
     flight = simulate(
         vehicles,
@@ -84,11 +101,12 @@ def fly_simulated(
         inputs=INPUTS,
         observe=observe,
         progress=progress,
+        move_target=move_target,
     )
     wall_time_s = perf_counter() - began_s
     if recording is not None:
         recording.end(observed.endings(mission.ids), flight, wall_time_s)
-    return _record(mission, seed, flight, observed, wall_time_s)
+    return _record(mission, seed, flight, target, observed, wall_time_s)
 
 
 class _Observed:
@@ -126,12 +144,13 @@ def simulated_vehicles(
     absences: Sequence[Absence] = (),
     imperfections: Mapping[int, Imperfections] | None = None,
     steps: Mapping[int, StepFunction] = MappingProxyType({}),
+    target: FlownTarget | None = None,
 ) -> list[SimulatedVehicle[TickOutput]]:
     """Return the mission's vehicles with their cores, at rest at their starts, active from time 0.
 
     During `absences` a vehicle has no agent; a new agent follows, with the mission's start time.
     `imperfections` are by vehicle, by default those of the mission's `[simulation]` for all. `steps` are
-    the dynamics of vehicles that do not move by the equation of a plant.
+    the dynamics of vehicles that do not move by the equation of a plant. `target` is one that reacts.
     """
     common = simulated_imperfections(mission)
     return [
@@ -143,6 +162,7 @@ def simulated_vehicles(
             [absence for absence in absences if absence.vehicle_id == vehicle.id],
             imperfections[vehicle.id] if imperfections else common,
             steps.get(vehicle.id),
+            target,
         )
         for vehicle in mission.vehicles
     ]
@@ -156,6 +176,7 @@ def _simulated_vehicle(
     absences: Sequence[Absence],
     imperfections: Imperfections,
     step: StepFunction | None,
+    target: FlownTarget | None,
 ) -> SimulatedVehicle[TickOutput]:
     config = mission.agent_config(vehicle)
 
@@ -177,17 +198,18 @@ def _simulated_vehicle(
         climbs=mission.encirclement.altitude == "target" or mission.encirclement.has_heights,
         step=step,
     )
-    return SimulatedVehicle(model, started(), target_sensor(mission, vehicle.id, 0.0, seed), started)
+    return SimulatedVehicle(model, started(), target_sensor(mission, vehicle.id, 0.0, seed, target), started)
 
 
 def _record(
     mission: Mission,
     seed: int,
     flight: SimulatedFlight,
+    target: FlownTarget | None,
     observed: _Observed,
     wall_time_s: float,
 ) -> FlightRecord:
-    target, times_s = mission.target.motion, flight.time_s.tolist()
+    target_m, target_m_s = _target_path(mission, flight.time_s, target)
     tracks = tuple(
         VehicleTrack(
             vehicle_id,
@@ -204,8 +226,8 @@ def _record(
         source="simulation",
         reference="truth",
         time_s=flight.time_s,
-        target_position_m=np.array([target.position_m(time_s) for time_s in times_s]),
-        target_velocity_m_s=np.array([target.velocity_at_m_s(time_s) for time_s in times_s]),
+        target_position_m=target_m,
+        target_velocity_m_s=target_m_s,
         vehicles=tracks,
         loop=LoopStatistics(mission.mission.rate_hz, flight.tick_us.size, 0, flight.tick_us.ravel()),
         wall_time_s=wall_time_s,
@@ -213,3 +235,11 @@ def _record(
         events=in_order(observed.events),
         endings=observed.endings(mission.ids),
     )
+
+
+def _target_path(mission: Mission, time_s: Vector, flown: FlownTarget | None) -> tuple[Vector, Vector]:
+    """Return the target's true positions and velocities (T, 2)."""
+    if flown is None:
+        return mission.target.motion.over(time_s)
+    path_m = np.array(flown.path_m)
+    return path_m, path_velocity_m_s(time_s, path_m)

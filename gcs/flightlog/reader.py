@@ -10,14 +10,16 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
+import numpy as np
 from mcap.records import Channel, Schema
 
 from agents.inputs import Message as BusInput
 from agents.team.codec import decode
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain
+from estimation.state import Vector
 from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError, NoContainerError, unpadded_bytes
-from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, Run, RunEnd, Taken
+from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, Run, RunEnd, Taken, TargetTruth
 from gcs.flightlog.schema import PACKAGE, Decoder
 
 
@@ -194,6 +196,14 @@ class FlightLog:
         carried = (each.message() for each in self.run_records if each.kind is Carried)
         decoded = ((each.number, _decoded(each.payload)) for each in carried)
         return {place: message for place, message in decoded if message is not None}
+
+    @cached_property
+    def target_path(self) -> tuple[Vector, Vector] | None:
+        """The times (K,) and true positions (K, 2) of a target that reacts, None where it follows the mission."""
+        known = [each.read(TargetTruth) for each in self.run_records if each.kind is TargetTruth]
+        if not known:
+            return None
+        return np.array([each.time_s for each in known]), np.array([each.position_m for each in known])
 
     def messages(self, record: LogRecord) -> list[BusInput]:
         """Return the inputs from the bus in a record; raises LogError where a message is lost."""

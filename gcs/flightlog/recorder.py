@@ -18,7 +18,7 @@ from agents.settings.config import AgentConfig
 from agents.team.codec import encode
 from agents.team.messages import BusMessage, OperatorCommand
 from gcs.flightlog.audit import AuditEntry, AuditHead, AuditTrail
-from gcs.flightlog.records import Carried, Cost, Decision, Run, RunEnd, Taken, Truth, VehicleEnd, recorded
+from gcs.flightlog.records import Carried, Cost, Decision, Run, RunEnd, Taken, TargetTruth, Truth, VehicleEnd, recorded
 from gcs.flightlog.writer import LogWriter
 from gcs.metrics.ending import VehicleEnding
 from sitl.simulation.simulation import SimulatedFlight
@@ -301,6 +301,10 @@ class SimulationRecording:
         if now_s - self._drained_s >= DRAIN_PERIOD_S:
             self._drained_s = now_s
             self._recorder.drain()
+
+    def target(self, now_s: float, position_m: tuple[float, float]) -> None:
+        """Add the true position of a target that reacts."""
+        self._recorder.note(0, 0, TargetTruth(now_s, position_m))
 
     def end(self, endings: Sequence[VehicleEnding], flight: SimulatedFlight, wall_time_s: float) -> None:
         """Add the truth, the computing time of each tick, and each vehicle's ending, in the order of the flight."""

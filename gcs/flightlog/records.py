@@ -206,6 +206,13 @@ class Truth(msgspec.Struct, frozen=True):
     received: bool = False
 
 
+class TargetTruth(msgspec.Struct, frozen=True):
+    """The true position of a simulated target that reacts, for each tick; any other's follows from the mission."""
+
+    time_s: float
+    position_m: tuple[float, float]
+
+
 class VehicleEnd(msgspec.Struct, frozen=True):
     """The totals of a vehicle's control loop, when its mission ended and the way down began, and how and why.
 
@@ -227,7 +234,13 @@ class RunEnd(msgspec.Struct, frozen=True):
     wall_time_s: float
 
 
-RUN_TOPICS: dict[type, str] = {Run: "run", RunEnd: "end", AuditEntry: "audit", Carried: "carried"}
+RUN_TOPICS: dict[type, str] = {
+    Run: "run",
+    RunEnd: "end",
+    AuditEntry: "audit",
+    Carried: "carried",
+    TargetTruth: "target",
+}
 VEHICLE_TOPICS: dict[type, str] = {
     **{each: each.topic for each in get_args(CoreInput) if each not in (Message, Command)},
     Taken: "taken",

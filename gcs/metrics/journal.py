@@ -23,6 +23,7 @@ from gcs.metrics.record import (
     Mask,
     VehicleTrack,
     in_order,
+    path_velocity_m_s,
 )
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
@@ -110,6 +111,14 @@ def true_track(estimated: VehicleTrack, truth: TruthTrack, grid_s: Vector) -> Ve
     return VehicleTrack(estimated.vehicle_id, position_m, velocity_m_s, estimated.tactic, altitude_m=altitude_m)
 
 
+def path_on_grid_m(time_s: Vector, position_m: Vector, grid_s: Vector) -> Vector:
+    """Return a path of positions (K, 2) on the grid (T, 2), NaN where no sample is near enough."""
+    on_grid_m = np.column_stack([np.interp(grid_s, time_s, column) for column in position_m.T])
+    outside = (grid_s < time_s[0] - _GRAIN_S) | (grid_s > time_s[-1] + _GRAIN_S)
+    on_grid_m[outside | ~_known(time_s, grid_s)] = np.nan
+    return on_grid_m
+
+
 def missing_truth(
     estimated: Sequence[VehicleTrack], truth: Mapping[int, TruthTrack], time_s: Vector, grid_s: Vector
 ) -> str:
@@ -177,7 +186,7 @@ class RunTotals:
 
     `truth` holds simulators' true tracks by system id. `seed` overrides the seed of the mission. `endings` are those of
     the vehicles, as far as known. `faults` are those injected into stub vehicles. `kinds` are the vehicles' kinds by
-    id.
+    id. `target_path` holds the times (K,) and true positions (K, 2) of a target that reacts, None of any other.
     """
 
     source: str
@@ -189,6 +198,7 @@ class RunTotals:
     endings: tuple[VehicleEnding, ...] = ()
     faults: tuple[InjectedFault, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
+    target_path: tuple[Vector, Vector] | None = None
 
 
 class Journal:
@@ -255,8 +265,10 @@ class Journal:
         rate_hz = mission.mission.rate_hz
         time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
         estimated = self._estimated_tracks(time_s + start_s)
+        target_m, target_m_s = self._true_target(time_s, run, start_s)
         true, missing = self._true_tracks(estimated, run, time_s, start_s)
-        target_m, target_m_s = self._true_target(time_s, run)
+        if true and not np.isfinite(target_m).all():
+            true, missing = (), "no ground truth of the target"
         # In a simulation only the truth is judged.
         beside = estimated if true and run.source != "simulation" else ()
         return FlightRecord(
@@ -294,26 +306,23 @@ class Journal:
         if not truth:
             return (), ""
         missing = missing_truth(estimated, truth, time_s, time_s + start_s)
-        if not self._has_true_target(run):
-            missing = "no ground truth of the target"
         if missing:
             return (), missing
         return tuple(true_track(each, truth[each.vehicle_id], time_s + start_s) for each in estimated), ""
 
-    def _has_true_target(self, run: RunTotals) -> bool:
-        """Whether the target's motion is that of the mission, because it is simulated."""
-        return run.source == "simulation" or self._mission.target.source == "simulated"
+    def _true_target(self, time_s: Vector, run: RunTotals, start_s: float) -> tuple[Vector, Vector]:
+        """Return the target's true position and velocity (T, 2), NaN where they are not known.
 
-    def _true_target(self, time_s: Vector, run: RunTotals) -> tuple[Vector, Vector]:
-        """Return the target's true position and velocity (T, 2), NaN where it is not simulated."""
-        if not self._has_true_target(run):
-            unknown = np.full((time_s.size, 2), np.nan)
-            return unknown, unknown
-        target = self._mission.target.motion
-        return (
-            np.array([target.position_m(at_s) for at_s in time_s.tolist()]),
-            np.array([target.velocity_at_m_s(at_s) for at_s in time_s.tolist()]),
-        )
+        They are those that the run recorded, or of the mission's motion if that was simulated.
+        """
+        target = self._mission.target
+        if run.target_path is not None:
+            target_m = path_on_grid_m(*run.target_path, time_s + start_s)
+            return target_m, path_velocity_m_s(time_s, target_m)
+        if target.has_planned_path or (run.source == "simulation" and target.evades is None):
+            return target.motion.over(time_s)
+        unknown = np.full((time_s.size, 2), np.nan)
+        return unknown, unknown
 
 
 def _centre_m(peer: MemberState, angle: NeighbourAngle) -> tuple[float, float]:

@@ -199,6 +199,13 @@ def in_order(events: Iterable[FlightEvent], start_s: float = 0.0) -> tuple[Fligh
     return tuple(sorted(since, key=lambda event: (event.time_s, event.vehicle)))
 
 
+def path_velocity_m_s(time_s: Vector, position_m: Vector) -> Vector:
+    """Return the velocities (T, 2) of a target along its path, from the positions at the samples before and after."""
+    if time_s.size < 2:
+        return np.zeros_like(position_m)
+    return np.asarray(np.gradient(position_m, time_s, axis=0))
+
+
 def rms(errors: Vector) -> float | None:
     """Return the root mean square of the errors that are known, None without one."""
     known = errors[np.isfinite(errors)]

@@ -249,8 +249,8 @@ def engagement_reference(mission: Mission) -> EngagementReference:
         if target.importance > vehicle.decision.importance_min and target.threat < vehicle.decision.threat_max
     }
     near = dict.fromkeys(allowed_m, True)
-    # Where an external target will be is not known: the mission is about it.
-    if target.source == "simulated":
+    # Where an external target or one that evades will be is not known: the mission is about it.
+    if target.has_planned_path:
         _, away_m = formation_path(mission)
         near = {each: bool(away_m[each].min() < allowed_m[each]) for each in allowed_m}
     return EngagementReference(allowed_m, _chosen(allowed_m, near))

@@ -322,7 +322,7 @@ def _fast_enough(
     if target is None:
         return
     along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
-    needed_m_s = along_m_s + target.motion.speed_max_m_s
+    needed_m_s = along_m_s + target.speed_max_m_s
     if needed_m_s > ring.speed_max_m_s:
         yield KeyFault(
             "encirclement.angular_rate_rad_s",

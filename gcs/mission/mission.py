@@ -29,6 +29,7 @@ from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
 from gcs.autopilots.registry import autopilot_of
 from gcs.mission.overrides import overridden, places
+from sitl.reacting_target import Evasion
 from sitl.world import Leg, TargetMotion
 
 BITS_A_BYTE = 10
@@ -101,7 +102,7 @@ PARTS_MAX = 1000
 """Maximum number of legs of the target's path, and of intervals in which it is not seen."""
 
 TARGET_SPEED_MAX_M_S = 20.0
-"""Maximum speed of a simulated target along its legs."""
+"""Maximum speed of a simulated target that follows legs or reacts."""
 
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
 Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
@@ -168,6 +169,14 @@ class LegSection(Settings):
     pause_s: float = Field(0.0, ge=0.0, le=3600.0, description="time at its end")
 
 
+class EvadesSection(Settings):
+    """`[target.evades]`: a simulated target that flees vehicles, in `cordon sim` only (docs/target.md)."""
+
+    speed_m_s: float = Field(1.5, gt=0.0, le=TARGET_SPEED_MAX_M_S, description="highest speed")
+    acceleration_m_s2: float = Field(0.5, gt=0.0, le=10.0, description="highest acceleration")
+    distance_m: float = Field(25.0, gt=0.0, le=10000.0, description="distance within which it flees vehicles")
+
+
 class TargetSection(TargetBehaviour):
     """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md)."""
 
@@ -185,6 +194,7 @@ class TargetSection(TargetBehaviour):
         (), description="path of `[[target.legs]]`, then rest"
     )
     rounds: int = Field(1, ge=1, le=1000, description="how many times the legs are flown")
+    evades: EvadesSection | None = Field(None, description="see `[target.evades]`; in place of a path")
     altitude_m: float | None = Field(
         None, ge=-500.0, le=9000.0, description="altitude above the origin, which simulated sensors then report"
     )
@@ -196,6 +206,8 @@ class TargetSection(TargetBehaviour):
     def _is_one_target(self) -> Self:
         if self.legs and self.velocity_m_s != (0.0, 0.0):
             raise ValueError("a target has either legs or velocity_m_s: leave one of them out")
+        if self.evades is not None and (self.legs or self.velocity_m_s != (0.0, 0.0) or self.source != "simulated"):
+            raise ValueError("a target that evades is simulated and has neither legs nor velocity_m_s: leave them out")
         named = self.url is not None and self.system_id is not None
         if named != (self.source == "mavlink") or (self.url is None) != (self.system_id is None):
             raise ValueError('source = "mavlink" needs a url and a system_id; other sources have neither')
@@ -203,9 +215,25 @@ class TargetSection(TargetBehaviour):
 
     @property
     def motion(self) -> TargetMotion:
-        """The simulated target's motion."""
+        """The planned motion of the target; for one that evades it is rest at the start."""
         legs = tuple(Leg(leg.to_m, leg.speed_m_s, leg.pause_s) for leg in self.legs)
         return TargetMotion(self.start_m, self.velocity_m_s, legs, self.rounds)
+
+    @property
+    def evasion(self) -> Evasion | None:
+        """How a target that evades does so, None for any other."""
+        evades = self.evades
+        return None if evades is None else Evasion(evades.speed_m_s, evades.acceleration_m_s2, evades.distance_m)
+
+    @property
+    def has_planned_path(self) -> bool:
+        """Whether the target's path is known before the flight: it is simulated and does not react."""
+        return self.source == "simulated" and self.evades is None
+
+    @property
+    def speed_max_m_s(self) -> float:
+        """The highest speed of the planned motion, or of a target that evades."""
+        return self.motion.speed_max_m_s if self.evades is None else self.evades.speed_m_s
 
 
 class SecuritySection(Settings):

@@ -3,6 +3,7 @@
 from math import inf
 
 from gcs.mission.mission import Mission
+from sitl.reacting_target import FlownTarget, Reaction
 from sitl.vehicle.imperfections import EstimatorDriftModel, Imperfections, TelemetryTiming
 from sitl.vehicle.shaping import ShapeLimits
 from sitl.world import SensorModel, SimulatedSensor
@@ -10,11 +11,24 @@ from sitl.world import SensorModel, SimulatedSensor
 _SEES_NOTHING_M = -1.0
 
 
-def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) -> SimulatedSensor:
-    """Return the sensor of one vehicle; the target starts at `start_s`. It sees only simulated targets."""
+def flown_target(mission: Mission, reaction: Reaction | None) -> FlownTarget | None:
+    """Return the target of one simulated flight if it reacts: by `reaction`, or by the mission's `[target.evades]`."""
+    evasion = mission.target.evasion
+    if reaction is None and evasion is not None:
+        reaction = evasion.reaction(mission.target.start_m, mission.mission.rate_hz)
+    return None if reaction is None else FlownTarget(reaction, mission.ids)
+
+
+def target_sensor(
+    mission: Mission, vehicle_id: int, start_s: float, seed: int, flown: FlownTarget | None = None
+) -> SimulatedSensor:
+    """Return the sensor of one vehicle; the target starts at `start_s`.
+
+    It sees the target that is `flown`, or else the mission's if that is simulated.
+    """
     target, sensor = mission.target, mission.sensor(vehicle_id)
     model = SensorModel(
-        sensor.range_m if target.source == "simulated" else _SEES_NOTHING_M,
+        sensor.range_m if flown is not None or target.source == "simulated" else _SEES_NOTHING_M,
         sensor.rate_hz,
         sensor.noise_m,
         target.importance,
@@ -25,7 +39,7 @@ def target_sensor(mission: Mission, vehicle_id: int, start_s: float, seed: int) 
         sensor.blind_s,
         target.altitude_m,
     )
-    return SimulatedSensor(vehicle_id, model, target.motion, start_s, seed)
+    return SimulatedSensor(vehicle_id, model, flown or target.motion, start_s, seed)
 
 
 def simulated_imperfections(mission: Mission) -> Imperfections:

@@ -164,7 +164,7 @@ def commanded_ring_bounds(mission: Mission) -> RingBounds:
     return RingBounds(
         max(each.radius_min_m for each in every),
         min([each.radius_max_m for each in every] + ranges_m),
-        RESERVE * min(each.speed_max_m_s for each in every) - mission.target.motion.speed_max_m_s,
+        RESERVE * min(each.speed_max_m_s for each in every) - mission.target.speed_max_m_s,
         RESERVE * min(each.acceleration_max_m_s2 for each in every),
         every[0].altitude_min_m,
         every[0].altitude_max_m,
@@ -200,7 +200,7 @@ def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]
 
 def ring_speed_m_s(mission: Mission) -> float:
     """Return the highest ground speed on the ring: along it, and along with the target."""
-    return _along_ring_m_s(mission) + mission.target.motion.speed_max_m_s
+    return _along_ring_m_s(mission) + mission.target.speed_max_m_s
 
 
 def ring_acceleration_m_s2(mission: Mission) -> float:
@@ -317,7 +317,8 @@ def encounter(mission: Mission) -> Iterator[Finding]:
     if mission.excites or mission.target.source != "simulated":
         return
     yield _sensor_range(mission)
-    yield from _reach(mission)
+    if mission.target.has_planned_path:
+        yield from _reach(mission)
 
 
 def _sensor_range(mission: Mission) -> Finding:
@@ -373,7 +374,7 @@ _NEARER = (
 
 
 def _target_speed(mission: Mission) -> Finding:
-    ring, target_m_s = mission.encirclement, mission.target.motion.speed_max_m_s
+    ring, target_m_s = mission.encirclement, mission.target.speed_max_m_s
     max_m_s = ring.speed_max_m_s - _along_ring_m_s(mission)
     step_rad_s = max(RESERVE * ring.speed_max_m_s - target_m_s, 0.0) / ring.radius_m
     return Finding.graded(

@@ -7,6 +7,7 @@ setpoints that were sent. No decision is recomputed.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,6 +32,7 @@ from gcs.console.table_view import number
 from gcs.errors import InputError, KeyFault
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
+from gcs.metrics.journal import path_on_grid_m
 from gcs.mission.mission import Mission
 from gcs.mission.validation import unknown_key, validated
 from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, turns
@@ -212,7 +214,10 @@ def what_if(
             if turn.tick is not None:
                 on_tick()
         truth = list(log.of_kind(vehicle_id, Truth))
-        outcomes += _outcomes(vehicle_id, mission, runs, truth, feed.start_s)
+        target_m = None
+        if feed.start_s is not None and (log.target_path is not None or mission.target.evades is None):
+            target_m = partial(_true_target_m, log, mission, feed.start_s)
+        outcomes += _outcomes(vehicle_id, runs, truth, target_m)
     changes = tuple(_changes(recorded, tried))
     concerned = {change.key.partition(".")[0] for change in changes}
     shown = tuple(outcome for outcome in outcomes if f"{outcome.filter}_filter" in concerned)
@@ -332,8 +337,16 @@ class FilterRun:
         self.target.add_measurement(accepted, innovation)
 
 
+def _true_target_m(log: FlightLog, mission: Mission, start_s: float, time_s: Vector) -> Vector:
+    """Return the target's true positions (T, 2) in a mission that began at `start_s`, NaN where they are not known."""
+    if log.target_path is not None:
+        return path_on_grid_m(*log.target_path, time_s)
+    place_m, _ = mission.target.motion.over(time_s - start_s)
+    return np.where(time_s[:, None] >= start_s, place_m, np.nan)
+
+
 def _outcomes(
-    vehicle_id: int, mission: Mission, runs: Sequence[FilterRun], truth: Sequence[Truth], start_s: float | None
+    vehicle_id: int, runs: Sequence[FilterRun], truth: Sequence[Truth], target_m: Callable[[Vector], Vector] | None
 ) -> Iterator[FilterComparison]:
     true_s = np.array([each.time_s for each in truth])
     place_m = np.array([each.position_m[:2] for each in truth])
@@ -343,15 +356,10 @@ def _outcomes(
         columns = [np.interp(time_s, true_s, column, np.nan, np.nan) for column in place_m.T]
         return np.column_stack(columns)
 
-    def target_m(time_s: Vector) -> Vector:
-        since_s = time_s - (start_s or 0.0)
-        place: Vector = np.array([mission.target.motion.position_m(at_s) for at_s in since_s.tolist()]).reshape(-1, 2)
-        return np.where(since_s[:, None] >= 0.0, place, np.nan)
-
     known = bool(truth)
     for name, one, other, true in (
         ("own", recorded.own, tried.own, own_m if known else None),
-        ("target", recorded.target, tried.target, target_m if known and start_s is not None else None),
+        ("target", recorded.target, tried.target, target_m if known else None),
     ):
         yield FilterComparison(
             vehicle_id,

@@ -12,7 +12,7 @@ class SeenTarget:
     """Keeps the newest estimate of the target; times are seconds of one clock."""
 
     def __init__(self, mission: Mission) -> None:
-        self._planned_m_s = mission.target.motion.speed_max_m_s
+        self._planned_m_s = mission.target.speed_max_m_s
         self._filter = mission.target_filter
         self._last: tuple[TargetPicture, float] | None = None
 

@@ -394,15 +394,21 @@ def simulate(
     inputs: Inputs,
     observe: Callable[[int, int, OutputT], None],
     progress: Callable[[float], None],
+    move_target: Callable[[float, Sequence[Motion]], None] = lambda *_: None,
 ) -> SimulatedFlight:
-    """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` is called for every tick."""
+    """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` is called for every tick.
+
+    `move_target` is called with the time and the true motions at every tick, before any vehicle senses.
+    """
     time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
     truth, air = _Truth(time_s.size, vehicles), _Network(network, len(vehicles), seed)
     intermittent = [vehicle for vehicle in vehicles if vehicle.is_intermittent]
     for tick, now_s in enumerate(time_s.tolist()):
         for vehicle in intermittent:
             _attend(vehicle, vehicles, now_s, inputs)
-        air.place([motion[:2] for motion in truth.note(tick, now_s)])
+        motions = truth.note(tick, now_s)
+        move_target(now_s, motions)
+        air.place([motion[:2] for motion in motions])
         for index, (vehicle, messages) in enumerate(zip(vehicles, air.arrived(now_s), strict=True)):
             samples, sighting = vehicle.sense(now_s)
             if not vehicle.present:

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import cos, sin
 from pathlib import Path
 
@@ -147,6 +147,43 @@ def test_a_target_may_rest_on_its_path() -> None:
     np.testing.assert_allclose(flown.record.target_position_m[:, 0], wanted_m, atol=1e-9)
 
 
+def test_a_target_that_does_not_react_flies_as_one_along_the_same_path() -> None:
+    mission = cordon.load("case1").replace(vehicles={2: {"start_m": [0.0, 0.0]}})
+    along = cordon.simulate(mission, duration_s=12.0, target=circle)
+    alone = cordon.simulate(mission, duration_s=12.0, target=cordon.ReactingTarget(lambda time_s, _: circle(time_s)))
+    np.testing.assert_allclose(alone.record.target_position_m, along.record.target_position_m, atol=1e-9)
+    # Central differences of a circle: v sin(w dt) / (w dt), off by v (w dt)²/6; of half a chord at the ends.
+    off_m_s = alone.record.target_velocity_m_s[1:-1] - np.array(
+        [(-0.6 * sin(0.2 * t), 0.6 * cos(0.2 * t)) for t in alone.record.time_s[1:-1].tolist()]
+    )
+    assert np.abs(off_m_s).max() < 0.6 * 0.02**2
+    for vehicle_id, channels in along.vehicles.items():
+        np.testing.assert_allclose(alone.vehicles[vehicle_id].position_m, channels.position_m, atol=1e-9)
+
+
+def test_a_target_that_reacts_is_called_once_a_tick_with_the_true_team_and_is_in_the_log(tmp_path: Path) -> None:
+    called: list[tuple[float, dict[int, Motion]]] = []
+
+    def ahead(time_s: float, team: Mapping[int, Motion]) -> Pair:
+        """Keep 8 m ahead of vehicle 2, seen along x."""
+        called.append((time_s, dict(team)))
+        return team[2][0] + 8.0, 1.0
+
+    target = cordon.ReactingTarget(ahead)
+    flown = cordon.simulate("case2-field", seed=2, duration_s=15.0, target=target, log=tmp_path / "flight.mcap")
+    record = flown.record
+    assert [time_s for time_s, _ in called] == record.time_s.tolist()
+    for track in record.vehicles:
+        motions = [team[track.vehicle_id] for _, team in called]
+        np.testing.assert_array_equal(np.hstack([track.position_m, track.velocity_m_s]), motions)
+    np.testing.assert_array_equal(record.target_position_m[:, 0], record.vehicles[1].position_m[:, 0] + 8.0)
+    assert np.nanmax(np.abs(flown.vehicles[2].target_position_estimate_m[-1] - record.target_position_m[-1])) < 1.5
+    assert flown.mission.target.source == "external"
+    read = cordon.read(tmp_path / "flight.mcap")
+    np.testing.assert_array_equal(read.record.target_position_m, record.target_position_m)
+    assert read.metrics.untimed() == flown.metrics.untimed()
+
+
 def test_planners_of_others_plan_for_the_vehicles_that_they_are_made_for() -> None:
     place_m = np.array([2.0, 6.0])
 
@@ -176,6 +213,10 @@ def not_finite(*_: object) -> Motion:
         (lambda: cordon.simulate("case1", plants={2: not_finite}), ("plants", "vehicle 2", "nan")),
         (lambda: cordon.simulate("case1", target=lambda t: (30.0 * t, 0.0)), ("target", "30 m/s", "20 m/s")),
         (lambda: cordon.simulate("case1", target=lambda _: (1.0,)), ("target", "(1.0,)", "x_m, y_m")),  # type: ignore[arg-type,return-value]
+        (lambda: reacting(lambda t, _: (30.0 * t, 0.0)), ("target", "30 m/s at 0 s", "20 m/s")),
+        (lambda: reacting(lambda t, _: (t, float("nan") if t > 1.0 else 0.0)), ("target", "at 1.1 s", "nan")),
+        (lambda: cordon.simulate("evader", target=circle), ("target", "[target.evades]")),
+        (lambda: cordon.simulate("evader", target=cordon.ReactingTarget(lambda _, team: team[1][:2])), ("evades",)),
         (lambda: cordon.simulate("case1", planner=lambda _: Silent(), log="flight.mcap"), ("log", "planner")),
         (lambda: cordon.read("nothing.mcap"), ("nothing.mcap",)),
     ],
@@ -185,6 +226,10 @@ def test_bad_input_is_named(fly: Callable[[], object], facts: tuple[str, ...]) -
         fly()
     for fact in facts:
         assert fact in str(raised.value)
+
+
+def reacting(position: Callable[[float, Mapping[int, Motion]], Pair]) -> cordon.Flight:
+    return cordon.simulate("case1", duration_s=3.0, target=cordon.ReactingTarget(position))
 
 
 class Silent:

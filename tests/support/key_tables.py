@@ -11,6 +11,7 @@ from estimation.plant.model import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.mission import (
+    EvadesSection,
     LegSection,
     SecuritySection,
     SensorChange,
@@ -27,6 +28,7 @@ _MISSION: dict[str, type[Settings]] = {
     "[links.NAME]": SharedLinkSection,
     "[target.sensor]": SensorSection,
     "[[target.legs]]": LegSection,
+    "[target.evades]": EvadesSection,
     "[[vehicles]]": VehicleSection,
 }
 _PROFILE: dict[str, type[Settings]] = {

@@ -61,6 +61,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         tuple(each.ending(start_s, mission) for each in vehicles),
         injected_faults(logs[0].run.faults),
         _kinds(logs),
+        logs[0].target_path,
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]

@@ -276,6 +276,10 @@ REFUSED: tuple[tuple[str, ...], ...] = (
         (f"fly case1 --sitl --no-log --live --live-address={address}", "--live-address", f"'{address}'", "HOST:PORT")
         for address in ("8765", ":8765", "here:", "here:65536", "::1:8765", "[::1")
     ),
+    *(
+        (f"{verb} evader", "target.evades: ", "`cordon sim`")
+        for verb in ("check", "drill", "excite --vehicle 1", "fly", "fly --sitl", "start", "target 1 2 --mission")
+    ),
     ("excite case1 --vehicle 9", "--vehicle", "9", "1, 2, 3"),
     ("sitl case1 --speed 1000", "--speed"),
     ("drill nowhere", "nowhere: "),

@@ -26,6 +26,7 @@ BUNDLED = [
     "case2-wander",
     "case3-turns",
     "crossing",
+    "evader",
     "mixed-team",
     "px4-trio",
     "shaped-trio",
