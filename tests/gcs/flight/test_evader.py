@@ -79,7 +79,8 @@ def test_every_verdict_of_the_ring_holds_with_margin(flight: cordon.Flight) -> N
 
 
 def test_a_vehicle_engages_by_what_it_sees_as_no_plan_knows_where_the_target_is() -> None:
-    assert engagement_reference(MISSION).planned == (1, 2, 3)
+    far = MISSION.replace(target={"start_m": [300.0, 0.0]})
+    assert engagement_reference(MISSION).planned == engagement_reference(far).planned == (1, 2, 3)
     assert [finding.check for finding in encounter(MISSION)] == ["sensor range"]
     assert MISSION.target.speed_max_m_s == 1.5
 
