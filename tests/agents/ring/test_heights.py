@@ -139,8 +139,9 @@ def test_a_team_flies_an_inclined_ring(tilt_deg: float, highest_deg: float) -> N
     Without feed-forward a setpoint leads by a second; the stub, with a gain of 0.62 1/s, lags by 1.6 s behind it.
     """
     tilted = {"encirclement.tilt_deg": tilt_deg, "encirclement.tilt_bearing_deg": highest_deg}
-    mission = load("case2-field", tilted | {"encirclement.altitude_m": 13.0})
-    flight = simulate(mission, seed=4)
+    near = {"target.start_m": [14.0, 0.0], "target.velocity_m_s": [0.1, 0.0]}
+    mission = load("case2-field", tilted | near | {"encirclement.altitude_m": 13.0})
+    flight = simulate(mission, seed=4, duration_s=160.0)
     amplitude_m = 10.0 * tan(radians(abs(tilt_deg)))
     allowed_m = 0.05 + amplitude_m * 0.05 * (1.0 / 0.62 - 1.0) / 2.0**0.5
     verdicts = flight.metrics.verdicts
