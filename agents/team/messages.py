@@ -31,7 +31,7 @@ _AngularRate = Annotated[float, msgspec.Meta(ge=-1e3, le=1e3), Unit(1e6)]
 # Variances are rounded up, covariances towards zero, which keeps the matrix positive definite.
 _Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8), Unit(1e6, "above")]
 _Covariance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8), Unit(1e6, "towards_zero")]
-_Tilt = Annotated[float, msgspec.Meta(ge=-90.0, le=90.0), Unit(1e2)]
+_Tilt = Annotated[float, msgspec.Meta(ge=-60.0, le=60.0), Unit(1e2)]  # as a mission's tilt_deg
 _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0), Unit(1e4)]
 _Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
 _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]

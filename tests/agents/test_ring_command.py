@@ -132,6 +132,13 @@ def test_a_vehicle_that_hears_of_a_command_flies_the_same_numbers(
     assert received.ring == given_to_one
 
 
+def test_a_tilt_that_no_mission_may_have_is_not_received() -> None:
+    """A ring at rest needs no climb rate: without this bound it could be as steep as its altitude limits allow."""
+    steep = CommandedRing(tilt_deg=61.0, tilt_s=3.0)
+    with pytest.raises(ValueError, match="6000"):
+        decode(encode(peer(5.0, steep)))
+
+
 @pytest.mark.parametrize(("radius_m", "rate_rad_s"), [(1000.0, None), (0.5, None), (None, 5.0), (None, -5.0)])
 def test_a_peer_with_a_ring_that_cannot_be_flown_is_not_followed(
     make_config: Maker, radius_m: float | None, rate_rad_s: float | None
