@@ -51,7 +51,7 @@ def altitude_refusal(ring: EncirclementSettings, lowest_m: float, between_m: Lim
         return ""
     if ring.altitude == "target":  # its limits stop the team as a whole
         return "" if ring.altitude_m is None else f"{ring.altitude_m:g} m: the ring follows the target's altitude"
-    (low_m, high_m), altitude_m = _given(between_m), lowest_m if ring.altitude_m is None else ring.altitude_m
+    (low_m, high_m), altitude_m = _given(between_m), ring.lowest_m(lowest_m)
     nearest_m = min(max(altitude_m, low_m + ring.rise_m), high_m - ring.rise_m)
     if altitude_m == nearest_m:
         return ""

@@ -141,7 +141,7 @@ class AgentConfig:
         The ring may be higher or lower than the flying heights: from there a vehicle comes as it went.
         """
         ring = self.encirclement
-        off_m = 0.0 if ring.altitude_m is None else abs(ring.altitude_m - self.lowest_m)
+        off_m = abs(ring.lowest_m(self.lowest_m) - self.lowest_m)
         layers_s = len(self.slots) * self.choreography.layer_m / CLIMB_SLOWEST_M_S
         return SETTLE_S + layers_s + (off_m + ring.rise_m) / ring.climb_max_m_s
 

@@ -105,6 +105,10 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
         """How far the highest point of the ring is above its centre, and the lowest below it, `R tan(tilt)`."""
         return self.radius_m * abs(tan(radians(self.tilt_deg)))
 
+    def lowest_m(self, flying_m: float) -> float:
+        """Return the height of the lowest vehicle on the ring, whose flying height is `flying_m`."""
+        return flying_m if self.altitude_m is None else self.altitude_m
+
     @property
     def has_heights(self) -> bool:
         """Whether vehicles on the ring change their heights by the ring's altitude or tilt."""

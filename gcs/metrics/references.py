@@ -226,7 +226,7 @@ def _heights_m(mission: Mission, ring: EncirclementSettings) -> dict[int, float]
     if not ring.has_heights or ring.altitude == "target":
         return {}
     flying_m = {vehicle.id: vehicle.section.altitude_m for vehicle in mission.vehicles}
-    above_m = 0.0 if ring.altitude_m is None else ring.altitude_m - min(flying_m.values())
+    above_m = ring.lowest_m(min(flying_m.values())) - min(flying_m.values())
     return {vehicle_id: height_m + above_m for vehicle_id, height_m in flying_m.items()}
 
 

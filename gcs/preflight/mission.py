@@ -225,8 +225,7 @@ def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
     home_m = config.return_altitude_m if mission.choreography.landing == "return" else 0.0
     ring = mission.encirclement
     above_target_m = config.safety.altitude_max_m if ring.altitude == "target" else None
-    lowest_m = config.lowest_m if ring.altitude_m is None else ring.altitude_m
-    on_ring_m = config.altitude_m - config.lowest_m + lowest_m + ring.rise_m
+    on_ring_m = config.altitude_m - config.lowest_m + ring.lowest_m(config.lowest_m) + ring.rise_m
     return max(config.altitude_m, config.take_off_altitude_m, home_m, on_ring_m, above_target_m or 0.0)
 
 

@@ -197,7 +197,7 @@ def mission_picture(
     """Return a mission as the page shows it, flown for `duration_s`; without an operator the page is read-only."""
     frame, ring, safety = mission.frame, mission.encirclement, mission.safety
     lowest_m = min(vehicle.section.altitude_m for vehicle in mission.vehicles)
-    altitude_m = None if ring.altitude == "target" else ring.altitude_m or lowest_m
+    altitude_m = None if ring.altitude == "target" else ring.lowest_m(lowest_m)
     return MissionPicture(
         mission=mission.mission.name,
         source=source,

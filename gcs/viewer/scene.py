@@ -154,7 +154,7 @@ class Scene:
         }
         ring = mission.encirclement
         lowest_m = min(vehicle.config.altitude_m for vehicle in self._team.values())
-        drawn = ring_outline(ring), lowest_m if ring.altitude_m is None else ring.altitude_m
+        drawn = ring_outline(ring), ring.lowest_m(lowest_m)
         # Vehicles may have fences of their own.
         limits = tuple(dict.fromkeys(vehicle.config.safety for vehicle in self._team.values()))
         self._drawing = Drawing(limits, *drawn)
