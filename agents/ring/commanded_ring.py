@@ -97,15 +97,18 @@ class ChangingRing:
         return self.settings.angular_rate_rad_s * self.settings.radius_m
 
 
-def change_s(before: EncirclementSettings, after: EncirclementSettings) -> float:
-    """Return how long the ring takes from rest at one to another, and the vehicles to its heights."""
+def change_s(before: EncirclementSettings, after: EncirclementSettings, flying_m: float = 0.0) -> float:
+    """Return how long the ring takes from rest at one to another, and the vehicles to its heights.
+
+    `flying_m` is the flying height of the lowest vehicle, at which a ring without an altitude is.
+    """
     ring, steps = ChangingRing(before), 0
     ring.change(after)
     while ring.changes and steps * _STEP_S < _LONGEST_S:
         ring.advance(_STEP_S)
         steps += 1
-    raised_m = 0.0 if before.altitude_m is None or after.altitude_m is None else after.altitude_m - before.altitude_m
-    climbs_m = abs(raised_m) + before.rise_m + after.rise_m if before.tilt_deg != after.tilt_deg else abs(raised_m)
+    raised_m = abs(after.lowest_m(flying_m) - before.lowest_m(flying_m))
+    climbs_m = raised_m + before.rise_m + after.rise_m if before.tilt_deg != after.tilt_deg else raised_m
     return max(steps * _STEP_S, climbs_m / after.climb_max_m_s)
 
 

@@ -203,6 +203,7 @@ class VerdictTolerances(VerdictSection):
 def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> DesiredRing:
     """Return the ring of the mission, changed by the commands among the events of a flight."""
     ring, earlier = mission.encirclement, []
+    flying_m = min(vehicle.section.altitude_m for vehicle in mission.vehicles)
     noted, at = [ring], dict[int, int]()  # the rings in order, and the last one that each vehicle has noted
     for event in events:
         if event.ring is None:
@@ -213,7 +214,8 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
         if (known := next((k for k in later if noted[k] == commanded), None)) is not None:
             at[event.vehicle] = known
         elif commanded != ring:
-            earlier.append(EarlierRing(event.time_s, ring.radius_m, ring.angular_rate_rad_s, change_s(ring, commanded)))
+            changes_s = change_s(ring, commanded, flying_m)
+            earlier.append(EarlierRing(event.time_s, ring.radius_m, ring.angular_rate_rad_s, changes_s))
             noted.append(commanded)
             ring, at[event.vehicle] = commanded, len(noted) - 1
     rise_m = ring.radius_m * tan(radians(ring.tilt_deg))

@@ -271,6 +271,7 @@ def test_the_height_error_is_the_distance_from_the_plane_of_the_last_ring() -> N
     mission = load_mission("case2").replace(vehicles=heights, encirclement={"tilt_bearing_deg": 90.0})
     told = FlightEvent(100.0, 1, "command", "", ring=RingCommanded(10.0, 0.05, 12.0, 20.0))
     ring = ring_reference(mission, [told])
+    assert ring.earlier[0].change_s >= 4.0 + 10.0 * np.tan(np.radians(20.0))  # up from 8 m at 1 m/s at most
     off_m = np.where(TIME_S < 100.0, 5.0, np.where(np.arange(TIME_S.size) % 2, 0.3, -0.3))
     vehicles = []
     for track in ring_of_three():
