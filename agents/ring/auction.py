@@ -25,6 +25,7 @@ from collections.abc import Mapping, Sequence
 from math import exp, isfinite, log
 from struct import Struct
 from typing import Final, NamedTuple
+from zlib import crc32
 
 RINGS_MAX, MEMBERS_MAX = 8, 254
 PERIOD_MAX_S = 0.3
@@ -50,6 +51,8 @@ _HELD_SHARE, _HELD_MS = 4, 1000
 """A ring that a vehicle holds costs it a fourth and a second less."""
 _NO_RING_MS = 10**9
 """The cost of no ring: more than all rings together, so that as many vehicles as possible have a place."""
+_TIE_BITS, _ID_BITS = 48, 32
+"""Costs are multiples of 2^48. What is added to them decides only between equal sums, of at most 254 vehicles."""
 
 
 def ring_score(importance: float, threat: float, time_s: float) -> float:
@@ -85,31 +88,42 @@ class Bids(NamedTuple):
 def assignment(bids: Mapping[int, Bids], places: Sequence[int]) -> dict[int, int]:
     """Return the ring of each vehicle that has one: as many vehicles as possible, and of these the least sum of costs.
 
-    `bids` are those of the vehicles by id, `places` the number of places of each ring. It depends on nothing else, and
-    where sums are equal the vehicle with the lower id has the place. Vehicles are placed one after another in the order
-    of their ids, each along the shortest path over rings whose vehicles move on to others (successive shortest paths).
+    `bids` are those of the vehicles by id, `places` the number of places of each ring. It depends on nothing else.
+    Where sums are equal, the vehicles without a place are those with the higher ids, and a checksum of vehicle and ring
+    decides between rings: so only one assignment is the best, and it remains that when its vehicles hold their rings.
     """
-    no_ring = len(places)
-    costs_ms = {each: [*(own.cost_ms(ring) for ring in range(no_ring)), _NO_RING_MS] for each, own in bids.items()}
-    flow = _Flow([*places, len(bids)], costs_ms)
+    flow = _Flow([*places, len(bids)], {vehicle: _costs(vehicle, own) for vehicle, own in bids.items()})
     for vehicle in sorted(bids):
         flow.place(vehicle)
-    return {vehicle: ring for ring, vehicles in enumerate(flow.on[:no_ring]) for vehicle in vehicles}
+    return {vehicle: ring for ring, vehicles in enumerate(flow.on[:-1]) for vehicle in vehicles}
+
+
+def _costs(vehicle: int, bids: Bids) -> list[int | None]:
+    """Return the costs of a vehicle on each ring, None where it does not bid, and last on none."""
+    costs: list[int | None] = []
+    for ring in range(len(bids.levels)):
+        cost_ms = bids.cost_ms(ring)
+        costs.append(None if cost_ms is None else (cost_ms << _TIE_BITS) + (crc32(bytes((vehicle, ring))) >> 8))
+    return [*costs, (_NO_RING_MS << _TIE_BITS) + (MEMBERS_MAX + 1 - vehicle << _ID_BITS)]
 
 
 class _Flow:
-    """Vehicles on rings at the least cost: `on` has them by ring; the last ring is none, with places for all."""
+    """Vehicles on rings at the least cost: `on` has them by ring; the last ring is none, with places for all.
 
-    def __init__(self, places: Sequence[int], costs_ms: Mapping[int, Sequence[int | None]]) -> None:
-        self._places, self._costs_ms = places, costs_ms
+    Vehicles are placed one after another, each along the shortest path over rings whose vehicles move on to others
+    (successive shortest paths).
+    """
+
+    def __init__(self, places: Sequence[int], costs: Mapping[int, Sequence[int | None]]) -> None:
+        self._places, self._costs = places, costs
         self.on: Final[list[list[int]]] = [[] for _ in places]
         self._moves: list[dict[int, tuple[int, int]]] = [{} for _ in places]
 
     def place(self, vehicle: int) -> None:
         """Place another vehicle on the ring with which the sum is least; others may move for it."""
-        least_ms, last = self._paths(vehicle)
-        free = [ring for ring in sorted(least_ms) if len(self.on[ring]) < self._places[ring]]
-        ring = min(free, key=least_ms.__getitem__)
+        least, last = self._paths(vehicle)
+        free = [ring for ring in sorted(least) if len(self.on[ring]) < self._places[ring]]
+        ring = min(free, key=least.__getitem__)
         changed = [ring]
         while ring in last:
             ring_before, mover = last[ring]
@@ -126,31 +140,31 @@ class _Flow:
 
         It is the algorithm of Bellman and Ford. There are no negative cycles: those on rings are at the least cost.
         """
-        least_ms = {ring: cost_ms for ring, cost_ms in enumerate(self._costs_ms[vehicle]) if cost_ms is not None}
+        least = {ring: cost for ring, cost in enumerate(self._costs[vehicle]) if cost is not None}
         last: dict[int, tuple[int, int]] = {}
-        reached = list(least_ms)
+        reached = list(least)
         while reached:
             before, reached = reached, []
             for ring in before:
-                for to, (added_ms, mover) in self._moves[ring].items():
-                    sum_ms = least_ms[ring] + added_ms
-                    if to not in least_ms or sum_ms < least_ms[to]:
-                        least_ms[to], last[to] = sum_ms, (ring, mover)
+                for to, (added, mover) in self._moves[ring].items():
+                    cost = least[ring] + added
+                    if to not in least or cost < least[to]:
+                        least[to], last[to] = cost, (ring, mover)
                         if to not in reached:
                             reached.append(to)
-        return least_ms, last
+        return least, last
 
     def _cheapest_moves(self, ring: int) -> dict[int, tuple[int, int]]:
         """Return the least added cost of a move from a ring to each other, and the vehicle that moves."""
         moves: dict[int, tuple[int, int]] = {}
         if ring == len(self._places) - 1:
             return moves  # a vehicle without a ring has none later either: places do not become free
-        for vehicle in sorted(self.on[ring], reverse=True):  # of equal ones the vehicle with the higher id moves
-            costs_ms = self._costs_ms[vehicle]
-            own_ms = costs_ms[ring] or 0
-            for to, cost_ms in enumerate(costs_ms):
-                if cost_ms is not None and to != ring and (to not in moves or cost_ms - own_ms < moves[to][0]):
-                    moves[to] = (cost_ms - own_ms, vehicle)
+        for vehicle in self.on[ring]:
+            costs = self._costs[vehicle]
+            own = costs[ring] or 0
+            for to, cost in enumerate(costs):
+                if cost is not None and to != ring and (to not in moves or cost - own < moves[to][0]):
+                    moves[to] = (cost - own, vehicle)
         return moves
 
 
@@ -187,7 +201,7 @@ class _Known(NamedTuple):
 
 
 class _Heard(NamedTuple):
-    """A neighbour's newest message: when it came, the time of its bids, and whom it hears, a bit for each member."""
+    """A neighbour's newest message: when it came, its stamp, and whom it hears, itself included, a bit for each."""
 
     time_s: float
     stamp: int
@@ -211,6 +225,8 @@ class Auction:
             raise ValueError(f"at most {RINGS_MAX} rings, each with a place or more (given: {list(places)})")
         self._id, self._members, self._places = vehicle_id, sorted(members), tuple(places)
         self._numbers = {each: number for number, each in enumerate(self._members)}
+        self.settling_s: Final = HEARD_S + PERIOD_MAX_S * len(members)
+        """The time in which messages pass through any team of this size and back; silent peers bid for so long."""
         self._row = Struct(f">BHB{len(places)}s")
         self._head_bytes = (len(members) + 7) // 8
         self._own = [_OwnBid() for _ in places]
@@ -223,11 +239,6 @@ class Auction:
         self._chosen_s = 0.0
         self.revision = 0
         """How often bids have changed, the own or those of peers: a state with changed bids is due at once."""
-
-    @property
-    def settling_s(self) -> float:
-        """The time in which messages pass through any team of this size and back; silent peers bid for so long."""
-        return HEARD_S + PERIOD_MAX_S * len(self._members)
 
     @property
     def payload_bytes(self) -> int:
@@ -289,15 +300,13 @@ class Auction:
     def payload(self, time_s: float) -> bytes:
         """Return what to publish in a state at a time, `payload_bytes` at most."""
         self._stamp = max(self._stamp + 1, _units(time_s))
-        hears = sum(1 << self._numbers[peer] for peer in self._heard)
-        rows = [(self._id, _Known(self._stamp, self._bids)), *self._known.items()]
-        relayed = [row for row in rows if row[0] == self._id or self._is_missed(row[0])]
-        return hears.to_bytes(self._head_bytes, "big") + b"".join(self._packed(*row) for row in relayed)
-
-    def _is_missed(self, peer: int) -> bool:
-        """Return whether a neighbour does not hear a peer."""
-        bit = 1 << self._numbers[peer]
-        return any(heard.hears & bit == 0 for neighbour, heard in self._heard.items() if neighbour != peer)
+        hears, heard_by_all = 1 << self._numbers[self._id], -1
+        for peer, heard in self._heard.items():
+            hears |= 1 << self._numbers[peer]
+            heard_by_all &= heard.hears
+        rows = [self._packed(self._id, _Known(self._stamp, self._bids))]
+        rows += [self._packed(*row) for row in self._known.items() if not heard_by_all >> self._numbers[row[0]] & 1]
+        return hears.to_bytes(self._head_bytes, "big") + b"".join(rows)
 
     def _bid(self, bids: Bids) -> None:
         if bids != self._bids:
@@ -331,12 +340,13 @@ class Auction:
             raise ValueError(f"{len(payload)} bytes are no bids of {len(self._members)} members for these rings")
         now, rows = _units(time_s), dict[int, _Known]()
         for number, stamp, held, levels in self._row.iter_unpack(payload[self._head_bytes :]):
-            if number >= len(self._members) or self._members[number] in rows:
+            peer = self._members[number] if number < len(self._members) else None
+            if peer is None or peer in rows:
                 raise ValueError(f"bids of member number {number}: there is none, or they are repeated")
             if held > len(self._places):
-                raise ValueError(f"vehicle {self._members[number]} holds ring {held - 1} of {len(self._places)}")
+                raise ValueError(f"vehicle {peer} holds ring {held - 1} of {len(self._places)}")
             ago = (now - stamp + _WRAP // 2) % _WRAP - _WRAP // 2
-            rows[self._members[number]] = _Known(now - ago, Bids(None if held == 0 else held - 1, levels))
+            rows[peer] = _Known(now - ago, Bids(None if held == 0 else held - 1, levels))
         return list(rows.items())
 
 
