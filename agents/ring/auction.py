@@ -7,18 +7,18 @@ newest of each vehicle replacing older ones, and the rounds of the auction run i
 all vehicles compute the same conflict-free assignment one diameter of messages after the last change of a bid, and it
 is the one with the least sum of costs, not only a greedy one.
 
-What is published, `payload_bytes` at most: the vehicles that this one hears, its own bids, and the newest bids of
-those vehicles that not all of its neighbours hear. In a team that all hear each other these are only its own.
+What is published, `payload_bytes` at most: which vehicles this one hears, its own bids, and the newest bids of those
+that not all of its neighbours hear. In a team that all hear each other these are only its own. Bids pass over links
+that work both ways: a vehicle relays nothing to one that it does not hear.
 
 What keeps choices from oscillating: scores are smoothed, a published bid changes only when the score has left a band
 around it, and a ring that a vehicle holds costs it less than it bids. A vehicle holds the ring that it has chosen for
-`settling_s`, in which messages pass through the team twice, so that bids for rings held are never part of the first
-agreement.
+`settling_s`. By then the team agrees, so that rings chosen before are not held.
 
-A vehicle that publishes arbitrary bids of its own takes one place, as any vehicle. Bids of vehicles that are heard are
-those that they sent themselves, whatever others relay. Of vehicles that are not heard, only relays are known, and these
-are not signed: a relay between two parts of a team can alter what one knows of the other, and bid for members that
-nobody near hears.
+A vehicle that publishes arbitrary bids of its own takes one place, as any vehicle; while it changes them all the time,
+so do the choices of those that compete with it. Bids of vehicles that are heard are those that they sent themselves,
+whatever others relay. Of vehicles that are not heard only relays are known, and these are not signed: a relay between
+two parts of a team can alter what one knows of the other, and bid for members that do not fly.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,9 +27,9 @@ from struct import Struct
 from typing import Final, NamedTuple
 from zlib import crc32
 
-RINGS_MAX, MEMBERS_MAX = 8, 254
-PERIOD_MAX_S = 0.3
-"""The mean time from a state until a neighbour has received the next: five a second, of which a fifth are lost."""
+RINGS_MAX, ID_MAX = 8, 254
+HOP_S = 0.3
+"""More than the mean time until a neighbour receives a change: 0.25 s with five states a second and a fifth lost."""
 HEARD_S = 2.0
 """A neighbour is heard until no message of it has come for this long."""
 AHEAD_MAX_S = 1.0
@@ -104,7 +104,7 @@ def _costs(vehicle: int, bids: Bids) -> list[int | None]:
     for ring in range(len(bids.levels)):
         cost_ms = bids.cost_ms(ring)
         costs.append(None if cost_ms is None else (cost_ms << _TIE_BITS) + (crc32(bytes((vehicle, ring))) >> 8))
-    return [*costs, (_NO_RING_MS << _TIE_BITS) + (MEMBERS_MAX + 1 - vehicle << _ID_BITS)]
+    return [*costs, (_NO_RING_MS << _TIE_BITS) + (ID_MAX + 1 - vehicle << _ID_BITS)]
 
 
 class _Flow:
@@ -215,18 +215,18 @@ class Auction:
         """Take the own id, the ids of the team, itself included, and the number of places of each ring.
 
         Members and places are the same for all vehicles. Raises ValueError for an id that is not one of the members,
-        members that are repeated or too many, more than 8 rings, and a ring without a place.
+        members that are repeated or not from 1 to 254, more than 8 rings, and a ring without a place.
         """
-        if len(set(members)) != len(members) or len(members) > MEMBERS_MAX:
-            raise ValueError(f"members are at most {MEMBERS_MAX} different ids (given: {list(members)})")
+        if len(set(members)) != len(members) or not set(members) <= set(range(1, ID_MAX + 1)):
+            raise ValueError(f"members are different ids from 1 to {ID_MAX} (given: {list(members)})")
         if vehicle_id not in members:
             raise ValueError(f"vehicle {vehicle_id} is not one of the members {list(members)}")
         if len(places) > RINGS_MAX or any(each < 1 for each in places):
             raise ValueError(f"at most {RINGS_MAX} rings, each with a place or more (given: {list(places)})")
         self._id, self._members, self._places = vehicle_id, sorted(members), tuple(places)
         self._numbers = {each: number for number, each in enumerate(self._members)}
-        self.settling_s: Final = HEARD_S + PERIOD_MAX_S * len(members)
-        """The time in which messages pass through any team of this size and back; silent peers bid for so long."""
+        self.settling_s: Final = HEARD_S + HOP_S * len(members)
+        """More than the time in which a change reaches all of any team of this size; silent peers bid for so long."""
         self._row = Struct(f">BHB{len(places)}s")
         self._head_bytes = (len(members) + 7) // 8
         self._own = [_OwnBid() for _ in places]
