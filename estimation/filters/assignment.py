@@ -1,7 +1,6 @@
 """The joint assignment of one sensor's sightings to tracks, by the least sum of costs."""
 
 from collections.abc import Callable, Sequence
-from math import inf
 from typing import Any
 
 
@@ -21,8 +20,8 @@ class Assignment:
         two rows have the same column.
         """
         rows, width = len(costs), len(costs[0]) if costs else 0
-        # Each row has a column of its own for staying alone, so that a solution always exists.
-        square = [[*row, *(alone if own == index else inf for own in range(rows))] for index, row in enumerate(costs)]
+        # There are as many columns for staying alone as rows, so that a solution always exists.
+        square = [[*row, *(alone for _ in range(rows))] for row in costs]
         if not square:
             return []
         _, chosen = self._solve(square)

@@ -104,7 +104,7 @@ class _Segment:
         return other
 
 
-class Fit:
+class TrackFit:
     """How well a sighting fits a track whose gate it passes: terms of its likelihood, and the prior motion.
 
     `squared` is the squared Mahalanobis distance, `log_volume` the logarithm of its covariance's determinant [m^4].
@@ -158,7 +158,7 @@ class TargetFilter:
         mean, spread = np.array((motion.x, motion.y, motion.u, motion.v)), motion.spread.upper
         return TargetEstimate(motion.time_s, mean, spread, track.accepted_s, track.importance, track.threat)
 
-    def fit(self, sighting: Sighting) -> Fit | None:
+    def fit(self, sighting: Sighting) -> TrackFit | None:
         """Return how well a sighting not older than the newest one fits; None if the gate would refuse it.
 
         The gate is chi-squared with two degrees of freedom: a sound sighting is refused with `exp(-gate_sigma**2)`.
@@ -174,7 +174,7 @@ class TargetFilter:
         (xx, xy, _, _, yy, *_), (noise_xx, noise_xy, noise_yy) = prior.spread.upper, noise_m2
         across = (xy + noise_xy) / sqrt(xx + noise_xx)
         log_volume = log(xx + noise_xx) + log(max(yy + noise_yy - across * across, LEAST_M2))
-        return Fit(innovation.squared, log_volume, prior) if isfinite(log_volume) else None
+        return TrackFit(innovation.squared, log_volume, prior) if isfinite(log_volume) else None
 
     def copy(self) -> "TargetFilter":
         """Return a filter in the same state, which later sightings of this one do not change."""

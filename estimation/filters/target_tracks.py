@@ -19,7 +19,7 @@ import msgspec
 
 from estimation.filters.assignment import Assignment
 from estimation.filters.planar import LEAST_M2, Motion
-from estimation.filters.target import HISTORY_MAX, Fit, TargetFilter
+from estimation.filters.target import HISTORY_MAX, TargetFilter, TrackFit
 from estimation.settings import TargetFilterSettings
 from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
 
@@ -163,7 +163,7 @@ def _checkpoint_key(checkpoint: _Checkpoint) -> _Key:
     return checkpoint.key
 
 
-class _Track:
+class _KeptTrack:
     """One track: its filter, when it began, and the times of its latest sightings."""
 
     def __init__(self, track_id: str, named: bool, target: TargetFilter) -> None:
@@ -174,8 +174,8 @@ class _Track:
         self.confirmed_s = inf
         self.seen_s: list[float] = []
 
-    def copy(self) -> "_Track":
-        other = _Track(self.track_id, self.named, self.target.copy())
+    def copy(self) -> "_KeptTrack":
+        other = _KeptTrack(self.track_id, self.named, self.target.copy())
         other.began_s, other.confirmed_s, other.seen_s = self.began_s, self.confirmed_s, self.seen_s.copy()
         return other
 
@@ -190,7 +190,7 @@ class _Track:
         if enough:
             self.confirmed_s = min(self.confirmed_s, sighting.time_s)
 
-    def exchange(self, other: "_Track") -> None:
+    def exchange(self, other: "_KeptTrack") -> None:
         """Exchange the targets of two tracks, which keep their identifiers."""
         self.target, other.target = other.target, self.target
         self.began_s, other.began_s = other.began_s, self.began_s
@@ -217,7 +217,7 @@ class _TrackSet:
     def __init__(self, settings: TargetFilterSettings, assignment: Assignment) -> None:
         self._settings = settings
         self._assignment = assignment
-        self._tracks: dict[str, _Track] = {}
+        self._tracks: dict[str, _KeptTrack] = {}
         self._exchanges: dict[tuple[str, str], float] = {}
 
     def copy(self) -> "_TrackSet":
@@ -245,7 +245,7 @@ class _TrackSet:
         left = self._assign(left, [track for track in seen if track.confirmed_s == inf], min(TENTATIVE_GATE, gate))
         for number, sighting in enumerate(left):
             track_id = f"{sighting.sensor_id}@{now_s:.3f}" + (f"#{number}" if number else "")
-            self._tracks[track_id] = track = _Track(track_id, False, TargetFilter(self._settings))
+            self._tracks[track_id] = track = _KeptTrack(track_id, False, TargetFilter(self._settings))
             track.take(sighting)
 
     def confirmed(self, now_s: float) -> tuple[TargetTrack, ...]:
@@ -275,7 +275,7 @@ class _TrackSet:
     def _take_named(self, name: str, sighting: Sighting) -> None:
         """Process a sighting that names its target, and correct the track's identity by it."""
         if name not in self._tracks:
-            self._tracks[name] = _Track(name, True, TargetFilter(self._settings))
+            self._tracks[name] = _KeptTrack(name, True, TargetFilter(self._settings))
         track = self._tracks[name]
         if not track.lasts(sighting.time_s, self._stale_after_s):
             self._take_over(track, sighting)
@@ -288,7 +288,7 @@ class _TrackSet:
                 self._settle(name)
         track.take(sighting)
 
-    def _take_over(self, track: _Track, sighting: Sighting) -> None:
+    def _take_over(self, track: _KeptTrack, sighting: Sighting) -> None:
         """Give a name, that has no track, to the confirmed track without a name that its sighting fits best."""
         unnamed = [each for each in self._tracks.values() if not each.named and each.confirmed_s < inf]
         fits = [(fit.squared, each.track_id) for each in unnamed if (fit := each.target.fit(sighting))]
@@ -302,7 +302,7 @@ class _TrackSet:
                 partner = pair[0] if pair[1] == other_id else pair[1]
                 self._exchanges[_pair(track.track_id, partner)] = since_s
 
-    def _assign(self, sightings: list[Sighting], tracks: list[_Track], gate: float) -> list[Sighting]:
+    def _assign(self, sightings: list[Sighting], tracks: list[_KeptTrack], gate: float) -> list[Sighting]:
         """Assign sightings to tracks jointly, and return those that no track has."""
         fits = [[_gated(track.target.fit(sighting), gate) for sighting in sightings] for track in tracks]
         tracks = [track for track, row in zip(tracks, fits, strict=True) if any(row)]
@@ -320,7 +320,7 @@ class _TrackSet:
         return [sighting for column, sighting in enumerate(sightings) if column not in chosen]
 
     def _note_exchanges(
-        self, sightings: list[Sighting], tracks: list[_Track], fits: list[list[Fit | None]], chosen: list[int]
+        self, sightings: list[Sighting], tracks: list[_KeptTrack], fits: list[list[TrackFit | None]], chosen: list[int]
     ) -> None:
         """Note the pairs of tracks that could both have an assigned sighting, and are not resolved by it."""
         for track, row, column in zip(tracks, fits, chosen, strict=True):
@@ -353,7 +353,7 @@ class _TrackSet:
         return {(b if a == track_id else a): since_s for (a, b), since_s in pairs if track_id in (a, b)}
 
 
-def _gated(fit: Fit | None, gate: float) -> Fit | None:
+def _gated(fit: TrackFit | None, gate: float) -> TrackFit | None:
     return fit if fit is None or fit.squared <= gate else None
 
 
