@@ -206,6 +206,15 @@ def test_named_sightings_are_those_of_one_target_filter() -> None:
     assert tracks.refused == 1
 
 
+def test_what_a_sensor_sees_beside_a_named_target_is_another() -> None:
+    tracks = tracked([], ["alpha"])
+    for tick in range(3):
+        tracks.sight(sighting(0.2 * tick, (0.0, 0.0), 1, "alpha"), sighting(0.2 * tick, (0.5, 0.0)))
+    found = places_of(tracks.tracks(0.4))
+    assert found.pop("alpha") == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert list(found.values()) == [pytest.approx([0.5, 0.0], abs=1e-9)]
+
+
 def test_a_name_is_given_to_the_track_that_its_first_sighting_fits() -> None:
     tracks = tracked(resting([(0.0, 0.0), (10.0, 0.0)]), ["alpha"])
     (first, second) = tracks.tracks(2.0)
