@@ -114,6 +114,16 @@ def test_three_sightings_within_a_second_and_a_half_confirm_a_track(
     assert [each.confirmed_s for each in found] == ([] if confirmed_s is None else [confirmed_s])
 
 
+@pytest.mark.parametrize(("third_m", "count"), [(0.8, 1), (2.0, 0)])
+def test_a_tentative_track_takes_no_sighting_beyond_three_sigma(third_m: float, count: int) -> None:
+    """By hand: variances 0.045 of the position, at most 0.04 of the way in 0.2 s and of the reach, 0.09 of the sighting.
+
+    Three standard deviations are 1.2 to 1.4 m, the gate of confirmed tracks is 2.3 to 2.6 m.
+    """
+    seen = [sighting(0.0, (0.0, 0.0)), sighting(0.2, (0.0, 0.0)), sighting(0.4, (third_m, 0.0))]
+    assert len(tracked(seen).tracks(0.4)) == count
+
+
 @pytest.mark.parametrize(("sighted_s", "kept_s"), [(0.4, 1.5), (4.0, 4.0), (30.0, SETTINGS.stale_after_s)])
 def test_a_track_lasts_without_sightings_as_long_as_it_was_sighted(sighted_s: float, kept_s: float) -> None:
     tracks = tracked([])
