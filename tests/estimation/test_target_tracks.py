@@ -116,7 +116,7 @@ def test_three_sightings_within_a_second_and_a_half_confirm_a_track(
 
 @pytest.mark.parametrize(("third_m", "count"), [(0.8, 1), (2.0, 0)])
 def test_a_tentative_track_takes_no_sighting_beyond_three_sigma(third_m: float, count: int) -> None:
-    """By hand: variances 0.045 of the position, at most 0.04 of the way in 0.2 s and of the reach, 0.09 of the sighting.
+    """By hand: variances 0.045 of the position, up to 0.04 of the way in 0.2 s, 0.04 of the reach, 0.09 of the noise.
 
     Three standard deviations are 1.2 to 1.4 m, the gate of confirmed tracks is 2.3 to 2.6 m.
     """
