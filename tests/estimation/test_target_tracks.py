@@ -102,6 +102,7 @@ def test_tracks_at_the_limit_of_resolution_exchange_sightings_as_often_as_stated
         ((0.0, 0.7), None),
         ((0.0, 0.7, 1.4), 1.4),
         ((0.0, 0.5, 1.5), 1.5),
+        ((0.7, 1.5, 2.2), 2.2),  # 2.2 - 0.7 is more than 1.5 in floating point
         ((0.0, 0.8, 1.6), None),
         ((0.0, 0.8, 1.6, 2.3), 2.3),
         ((0.0, 0.1, 1.7, 1.8), None),  # dropped at 1.6: the third begins another
@@ -223,6 +224,11 @@ def test_what_a_sensor_sees_beside_a_named_target_is_another() -> None:
     found = places_of(tracks.tracks(0.4))
     assert found.pop("alpha") == pytest.approx([0.0, 0.0], abs=1e-9)
     assert list(found.values()) == [pytest.approx([0.5, 0.0], abs=1e-9)]
+
+
+def test_a_name_is_not_empty() -> None:
+    with pytest.raises(ValueError, match="name"):
+        sighting(0.0, (0.0, 0.0), target="")
 
 
 def test_a_name_is_given_to_the_track_that_its_first_sighting_fits() -> None:
