@@ -46,13 +46,13 @@ class Telemetry(msgspec.Struct, frozen=True):
 
 
 class Sighting(msgspec.Struct, frozen=True):
-    """One observation of the target by one vehicle's sensor, with the target's importance and threat in [0, 1].
+    """One sensor's observation of a target, with its importance and threat in [0, 1]. `target`: its name, if known.
 
-    `covariance_m2` holds (xx, xy, yy); `altitude_m` is above the mission's origin, None if not measured. The frame of a
-    sensor on board a vehicle has that vehicle's position error, a first-order Gauss-Markov process: `frame_sigma_m` per
-    axis (0: none) and `frame_correlation_s`. Raises ValueError when a number is not finite, the covariance is not
-    positive definite, the altitude's standard deviation is not positive, importance or threat leave [0, 1], or the
-    frame's error has no positive correlation time.
+    `covariance_m2` holds (xx, xy, yy); `altitude_m` is above the mission's origin, None if not measured. A sensor on
+    board adds its vehicle's position error, a first-order Gauss-Markov process: `frame_sigma_m` per axis (0: none),
+    `frame_correlation_s`. Raises ValueError when a number is not finite, the covariance is not positive definite, the
+    altitude's standard deviation is not positive, importance or threat leave [0, 1], the frame's error has no positive
+    correlation time, or the target's name is empty.
     """
 
     topic: ClassVar = "sighting"
@@ -67,6 +67,7 @@ class Sighting(msgspec.Struct, frozen=True):
     altitude_sigma_m: float = 1.0
     frame_sigma_m: float = 0.0
     frame_correlation_s: float = 0.0
+    target: str | None = None
 
     def __post_init__(self) -> None:
         xx, xy, yy = self.covariance_m2
@@ -83,6 +84,9 @@ class Sighting(msgspec.Struct, frozen=True):
             _require_finite("sighting", self.frame_sigma_m, self.frame_correlation_s)
             if self.frame_sigma_m < 0.0 or self.frame_correlation_s <= 0.0:
                 raise ValueError(f"frame error {self.frame_sigma_m} m, {self.frame_correlation_s} s of a sighting")
+
+        if self.target == "":
+            raise ValueError("the name of a sighting's target is empty")
 
     def describe(self, time: Callable[[float], str]) -> str:
         """Return it as text; `time` formats a time on the vehicle's clock."""

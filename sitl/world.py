@@ -178,7 +178,7 @@ class SimulatedSensor:
             noise_x += model.outlier_m * cos(side_rad)
             noise_y += model.outlier_m * sin(side_rad)
         variance = self._sigma_m**2
-        altitude: tuple[float, ...] = ()
+        altitude: tuple[()] | tuple[float, float] = ()
         if model.altitude_m is not None:
             altitude = (model.altitude_m + next(self._normals) * model.noise_m, self._sigma_m)
         return Sighting(

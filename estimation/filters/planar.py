@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from estimation.state import PlanarSpread
 
-_LEAST_M2 = 1e-9
+LEAST_M2 = 1e-9
 """Lower bound of an innovation's variance: rounding must not make it negative."""
 
 
@@ -108,7 +108,7 @@ def updated(
     noise_xx, noise_xy, noise_yy = noise_m2
     first = sqrt(xx + noise_xx)
     across = (xy + noise_xy) / first
-    second = sqrt(max(yy + noise_yy - across * across, _LEAST_M2))
+    second = sqrt(max(yy + noise_yy - across * across, LEAST_M2))
     gx, gy, gu, gv = xx / first, xy / first, xu / first, xv / first
     hx, hy, hu, hv = (
         (xy - across * gx) / second,

@@ -8,14 +8,23 @@ the same sightings therefore have the same estimate, whatever the order. docs/no
 from bisect import bisect_right
 from collections.abc import Sequence
 from functools import lru_cache
-from math import exp, inf, sqrt
+from math import exp, inf, isfinite, log, sqrt
 from typing import Final
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from estimation.filters.planar import Innovation, Motion, PlanarCovariance, PredictionStep, faster, predicted, updated
+from estimation.filters.planar import (
+    LEAST_M2,
+    Innovation,
+    Motion,
+    PlanarCovariance,
+    PredictionStep,
+    faster,
+    predicted,
+    updated,
+)
 from estimation.settings import TargetFilterSettings
 from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
 
@@ -89,6 +98,23 @@ class _Segment:
         self.sightings = [first]
         self.refused = 0
 
+    def copy(self) -> "_Segment":
+        other = _Segment(self.before, self.sightings[0])
+        other.sightings, other.refused = self.sightings.copy(), self.refused
+        return other
+
+
+class TrackFit:
+    """How well a sighting fits a track whose gate it passes: terms of its likelihood, and the prior motion.
+
+    `squared` is the squared Mahalanobis distance, `log_volume` the logarithm of its covariance's determinant [m^4].
+    """
+
+    def __init__(self, squared: float, log_volume: float, prior: Motion) -> None:
+        self.squared: Final = squared
+        self.log_volume: Final = log_volume
+        self.prior: Final = prior
+
 
 class TargetFilter:
     """Estimates the target's position and velocity from the sightings of all vehicles.
@@ -131,6 +157,33 @@ class TargetFilter:
         motion = self._motion_at(track, max(now_s, track.motion.time_s))
         mean, spread = np.array((motion.x, motion.y, motion.u, motion.v)), motion.spread.upper
         return TargetEstimate(motion.time_s, mean, spread, track.accepted_s, track.importance, track.threat)
+
+    def fit(self, sighting: Sighting) -> TrackFit | None:
+        """Return how well a sighting not older than the newest one fits; None if the gate would refuse it.
+
+        The gate is chi-squared with two degrees of freedom: a sound sighting is refused with `exp(-gate_sigma**2)`.
+        """
+        track = self._track
+        if track is None:
+            return None
+        prior = self._motion_at(track, sighting.time_s)
+        noise_m2 = self._reachable(track, sighting)
+        _, innovation = updated(prior, sighting.position_m, noise_m2)
+        if not self._passes(innovation):
+            return None
+        (xx, xy, _, _, yy, *_), (noise_xx, noise_xy, noise_yy) = prior.spread.upper, noise_m2
+        across = (xy + noise_xy) / sqrt(xx + noise_xx)
+        log_volume = log(xx + noise_xx) + log(max(yy + noise_yy - across * across, LEAST_M2))
+        return TrackFit(innovation.squared, log_volume, prior) if isfinite(log_volume) else None
+
+    def copy(self) -> "TargetFilter":
+        """Return a filter in the same state, which later sightings of this one do not change."""
+        other = TargetFilter(self._settings)
+        other._track = self._track
+        other._segments = [*self._segments[:-1], *(each.copy() for each in self._segments[-1:])]
+        other._kept, other._dropped_before_s = self._kept, self._dropped_before_s
+        other.refused, other.late, other.resets = self.refused, self.late, self.resets
+        return other
 
     @property
     def sighted_s(self) -> float:
@@ -231,10 +284,8 @@ class TargetFilter:
         motion, innovation = updated(prior, sighting.position_m, sighting.covariance_m2)
         unseen_s, squared = sighting.time_s - last.accepted_s, innovation.squared
         if not squared <= _CLIP_SIGMA**2:  # also NaN
-            # By now a manoeuvring target can be this far from the prediction.
-            reach_m = self._settings.velocity_prior_m_s * min(unseen_s, OUT_OF_SIGHT_S)
-            _, within_reach = updated(prior, sighting.position_m, _widened(sighting, 1.0, reach_m**2))
-            if not within_reach.squared <= 2.0 * self._settings.gate_sigma**2:
+            _, within_reach = updated(prior, sighting.position_m, self._reachable(last, sighting))
+            if not self._passes(within_reach):
                 refused_since_s = min(last.refused_since_s, sighting.time_s)
                 return replace(last, sighting=sighting, motion=prior, refused_since_s=refused_since_s, refused=True)
             excess = sqrt(squared) / _CLIP_SIGMA
@@ -251,6 +302,14 @@ class TargetFilter:
             last.manoeuvre_s,
             last.resets,
         )
+
+    def _reachable(self, last: _Track, sighting: Sighting) -> tuple[float, float, float]:
+        """Return a sighting's covariance plus how far a manoeuvring target can be from the prediction by now."""
+        reach_m = self._settings.velocity_prior_m_s * min(sighting.time_s - last.accepted_s, OUT_OF_SIGHT_S)
+        return _widened(sighting, 1.0, reach_m**2)
+
+    def _passes(self, within_reach: Innovation) -> bool:
+        return within_reach.squared <= 2.0 * self._settings.gate_sigma**2  # False for NaN
 
     def _restarted_at_manoeuvre(self, track: _Track) -> _Track:
         """Return the track, processed again with a larger velocity covariance from shortly before the manoeuvre.
