@@ -38,7 +38,8 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     failsafe condition that it reacts to, empty if none; `outlook` is None while nothing is due; `notes` are the events,
     `answers` the peers' answers to operators, both since the last tick. `target_altitude_m` is the estimate of the
     target's altitude if the mission follows it, `drops` are the messages dropped so far, `turning_rad_s` is the assumed
-    frequency of the ring-frequency disturbance. `angles` are the places of `peers` on the ring, by sender.
+    frequency of the ring-frequency disturbance. `angles` are the places of `peers` on the ring, by sender. `ring` is
+    the number of the ring that it is on or flies to, and that its situation refers to, 0 in a mission of one ring.
     """
 
     vehicle_id: int
@@ -56,6 +57,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     answers: tuple[CommandAnswer, ...] = ()
     target_altitude_m: float | None = None
     turning_rad_s: float = 0.0
+    ring: int = 0
 
     @property
     def own_estimate(self) -> OwnEstimate | None:

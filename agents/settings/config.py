@@ -22,6 +22,16 @@ SETTLE_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
+class RingConfig:
+    """One of a mission's rings: its name, that of its target, how many vehicles fly on it at most, and its settings."""
+
+    name: str
+    target: str
+    places: int
+    encirclement: EncirclementSettings
+
+
+@dataclass(frozen=True, slots=True)
 class AgentConfig:
     """The complete configuration of one agent.
 
@@ -31,6 +41,9 @@ class AgentConfig:
     height (None: its own). The ring's lowest vehicle stays between the two of `lowest_between_m`, which keeps every
     vehicle inside its limits. `slots_m` are the positions in a free formation,
     `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
+
+    A mission of several rings has them all in `rings`, and the names of its targets in `targets`; `ring` is the number
+    of the one that the vehicle flies, whose settings are `encirclement`. Both are empty with one ring.
     """
 
     vehicle_id: int
@@ -56,6 +69,23 @@ class AgentConfig:
     gaps: Mapping[int, float] = field(default_factory=dict, hash=False)
     excitation: ExcitationSettings | None = None
     profile: str = ""
+    targets: tuple[str, ...] = ()
+    rings: tuple[RingConfig, ...] = ()
+    ring: int = 0
+
+    def on_ring(self, ring: int) -> "AgentConfig":
+        """Return the configuration of this vehicle on another of its mission's rings."""
+        return replace(self, ring=ring, encirclement=self.rings[ring].encirclement)
+
+    @property
+    def target(self) -> str | None:
+        """The name of the target of the ring that it flies, None in a mission of one target."""
+        return self.rings[self.ring].target if self.rings and self.targets else None
+
+    @property
+    def places(self) -> int:
+        """How many vehicles fly on its ring at most."""
+        return self.rings[self.ring].places if self.rings else len(self.slots)
 
     @property
     def lowest_m(self) -> float:

@@ -37,6 +37,12 @@ _Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=1e6), Unit(1e3)]
 _Name = Annotated[str, msgspec.Meta(max_length=32, pattern=PRINTABLE)]
 _Number = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 
+RINGS_MAX = 8
+"""The largest number of a mission's rings."""
+BIDS_LIMIT = 2500
+"""More than the largest message of the auction: 254 members bid for eight rings (`agents/ring/auction.py`)."""
+RingNumber = Annotated[int, msgspec.Meta(ge=0, lt=RINGS_MAX)]
+TARGETS_MAX = 8
 DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
 CONDITIONS_LIMIT = 16
 LINK_SILENT_S = 0.8
@@ -78,7 +84,8 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True):
 
     It is a part of its sender's state. The covariance holds (xx, xy, yy); the altitude is above the mission's origin,
     None if not measured. The position includes the error of the sender's own position: standard
-    deviation per axis (0: none) and correlation time.
+    deviation per axis (0: none) and correlation time. `target` is the number of the target among the mission's, None if
+    the mission has one or the sensor does not tell its targets apart.
     """
 
     sender: Annotated[VehicleId, SHARED]
@@ -92,6 +99,7 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True):
     altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3), Unit(1e3, "above"), PAIRED] = 1.0
     frame_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0), Unit(1e3, "above")] = 0.0
     frame_correlation_s: Annotated[_Seconds, PAIRED] = 0.0
+    target: Annotated[Annotated[int, msgspec.Meta(ge=0, lt=TARGETS_MAX)] | None, Added(1)] = None
 
 
 class RingValues(msgspec.Struct, frozen=True, array_like=True):
@@ -186,6 +194,19 @@ def newest_ring(rings: Iterable[CommandedRing | None]) -> CommandedRing:
     return reduce(CommandedRing.with_, (each for each in rings if each is not None), MISSION_RING)
 
 
+class RingChoice(msgspec.Struct, frozen=True, array_like=True):
+    """What a vehicle in a mission of several rings publishes about them.
+
+    `ring` is the number of the ring that it is on or flies to, None for none; `bids` is its message of the auction of
+    the places (`agents/ring/auction.py`); `commanded` are the values that operators commanded of all rings, in their
+    order, empty if they commanded none.
+    """
+
+    ring: Annotated[Annotated[RingNumber, Unit(1.0)] | None, Unit(1.0)]
+    bids: Annotated[bytes, msgspec.Meta(max_length=BIDS_LIMIT)] = b""
+    commanded: Annotated[tuple[CommandedRing, ...], msgspec.Meta(max_length=RINGS_MAX)] = ()
+
+
 class MemberState(msgspec.Struct, frozen=True, array_like=True):
     """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers.
 
@@ -193,7 +214,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
 
     `position_sigma_m` is the standard deviation of the position, `alert` the active failsafe condition, empty if none;
     `shape` is the formation's shape that operators commanded last, at `shaped_s`; None is the mission's. `drops` are
-    the messages that it has dropped so far. `ring` is the ring that operators commanded.
+    the messages that it has dropped so far. `ring` is the ring that operators commanded. In a mission of several rings
+    `choice` has it, and more.
     """
 
     sender: VehicleId
@@ -212,6 +234,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     angle: NeighbourAngle | None = None
     sightings: tuple[TargetPackage, ...] = ()
     ring: Annotated[CommandedRing | None, Added(1)] = None
+    choice: Annotated[RingChoice | None, Added(2)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
@@ -247,7 +270,8 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     """An operator's command to one vehicle, or to all (None), dated by the team's clock; `origin` is the operator.
 
     It is repeated, with a new date, until it is answered: `origin`, `verb` and `number` identify it. `shape` is the
-    argument of the verb formation, `ring` that of the verb ring. `times_s` holds the date by each vehicle's own clock
+    argument of the verb formation, `ring` that of the verb ring, of the ring of number `ring_number` among the
+    mission's, which the verb assign has alone. `times_s` holds the date by each vehicle's own clock
     that the operator has received: a team's clocks may differ, and what one vehicle tells must not make the command too
     old for another.
     """
@@ -260,6 +284,7 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     shape: Shape | None = None
     times_s: tuple[tuple[VehicleId, TimeS], ...] = ()
     ring: RingValues | None = None
+    ring_number: RingNumber | None = None
 
     @property
     def key(self) -> "CommandKey":

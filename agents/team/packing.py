@@ -5,7 +5,7 @@ for each of them. A field without an annotation is a column as it is. A part of 
 annotations is an array in one column.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import GenericAlias, NoneType, UnionType
 from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -57,7 +57,10 @@ class OneOf:
 
 @dataclass(frozen=True, slots=True)
 class Added:
-    """The field that was added to a message as number n: it is sent after all others, and may be missing."""
+    """The field that was added to a message as number n: it is sent after all others, and may be missing.
+
+    It is missing where it and all after it have their defaults.
+    """
 
     number: int
 
@@ -93,7 +96,11 @@ class Packing(Generic[MessageT]):
         restored = fields.add(kind, "m")
         columns = sorted(fields.columns, key=lambda each: each.added)
         packed = "".join(f"{each}, " for each in [*[repr(tag)] * (tag is not None), *(each.packed for each in columns)])
-        text = f"def packed(m, whole=None): return ({packed})\ndef unpacked(w, whole=None): return {restored}"
+        packed = f"({packed})"
+        if defaults := [each.default for each in columns if each.added]:
+            fields.names |= {"without_defaults": _without_defaults, "defaults": defaults}
+            packed = f"without_defaults({packed}, defaults)"
+        text = f"def packed(m, whole=None): return {packed}\ndef unpacked(w, whole=None): return {restored}"
         exec(text, fields.names)  # the text holds names of fields and numbers of annotations
         self.packed: Callable[..., tuple[object, ...]] = fields.names["packed"]
         self.unpacked: Callable[..., MessageT] = fields.names["unpacked"]
@@ -239,6 +246,16 @@ def _is_packed(kind: Any) -> bool:
     hints = get_type_hints(kind, include_extras=True).values()
     marked = any(not isinstance(mark, Meta) for hint in hints for mark in _marks(hint))
     return marked or any(_is_packed(_some(_bare(hint))) for hint in hints)
+
+
+def _without_defaults(values: tuple[object, ...], defaults: Sequence[object]) -> tuple[object, ...]:
+    """Return packed values without those at the end that are the `defaults` of the last columns."""
+    kept = len(values)
+    for default in reversed(defaults):
+        if values[kept - 1] != default:
+            break
+        kept -= 1
+    return values[:kept]
 
 
 def _above(value: float, units: float) -> int:

@@ -1,14 +1,14 @@
 """The mission file: its sections, as a user writes them in TOML. Unknown keys are errors, numbers are finite."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from agents.settings.config import AgentConfig
+from agents.settings.config import AgentConfig, RingConfig
 from agents.settings.sections import (
     ChoreographySettings,
     DecisionSettings,
@@ -180,6 +180,7 @@ class EvadesSection(Settings):
 class TargetSection(TargetBehaviour):
     """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md)."""
 
+    name: str = Field("", max_length=24, pattern=r"^[A-Za-z0-9_-]*$", description="name, required in `[[targets]]`")
     source: Literal["simulated", "external", "mavlink"] = Field(
         "simulated",
         description="`external`: sightings from the bus; `mavlink`: a vehicle's telemetry. Plans use the motion below",
@@ -386,12 +387,25 @@ class MissionVehicle:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionRing:
+    """One of a mission's rings: its name, the number of its target among the mission's, its places and settings."""
+
+    name: str
+    target: int
+    places: int
+    encirclement: EncirclementSettings
+
+
+@dataclass(frozen=True, slots=True)
 class Mission:
     """A checked mission, with the text that it was read from.
 
     `identity` is compared between vehicles and operators (gcs/mission/file.py). `folder` is that of its file. A mission
     that `excites` is the excitation flight of its only vehicle. `parse` makes a mission from text, folder and profile
     texts.
+
+    A mission of several targets has them all in `targets`, one of several rings those in `rings`; else these are empty.
+    `target` and `encirclement` are the only ones, or those of the first ring: `of_ring` returns the mission of another.
     """
 
     mission: MissionSection
@@ -416,6 +430,16 @@ class Mission:
     identity: MissionIdentity | None = field(default=None, compare=False)
     excites: bool = False
     folder: Path = field(default=Path(), compare=False)
+    targets: tuple[TargetSection, ...] = ()
+    rings: tuple[MissionRing, ...] = ()
+
+    def of_ring(self, number: int) -> "Mission":
+        """Return the mission as one of a single ring and its target; raises IndexError if there is no such ring."""
+        if not self.rings:
+            return self
+        ring = self.rings[number]
+        target = self.targets[ring.target] if self.targets else self.target
+        return replace(self, target=target, encirclement=ring.encirclement, targets=(), rings=())
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -481,4 +505,11 @@ class Mission:
             gaps=self.gaps,
             excitation=self.excitation if self.excites else None,
             profile=vehicle.section.profile,
+            targets=tuple(each.name for each in self.targets),
+            rings=tuple(
+                RingConfig(
+                    each.name, self.targets[each.target].name if self.targets else "", each.places, each.encirclement
+                )
+                for each in self.rings
+            ),
         )

@@ -13,20 +13,26 @@ from agents.drops import Drops
 from agents.tactics import Tactic
 from agents.team.codec import decode, encode
 from agents.team.messages import (
+    BIDS_LIMIT,
+    MISSION_RING,
+    RINGS_MAX,
     TOPICS,
     AutopilotReport,
     BusMessage,
     CommandAnswer,
+    CommandedRing,
     MemberState,
     NeighbourAngle,
     NextChange,
     OperatorCommand,
     Outlook,
+    RingChoice,
     StartProposal,
     TargetPackage,
     TargetReport,
     VehicleReport,
 )
+from agents.team.packing import Packing
 from agents.team.text import printable as printable_text
 from estimation.state import Sighting
 
@@ -236,7 +242,26 @@ def test_every_number_is_bounded(subtests: pytest.Subtests) -> None:
 
 @pytest.mark.parametrize("message", EXAMPLES, ids=lambda message: type(message).__name__)
 def test_fields_that_a_later_version_appends_are_ignored(message: BusMessage) -> None:
-    assert decode(msgspec.msgpack.encode([*fields(message), "new", {"more": [1, nan]}])) == message
+    values = fields(message)
+    if isinstance(
+        message, MemberState | VehicleReport
+    ):  # those at its end that have their defaults, None, are not sent
+        values += [None] * (1 + len(structs.fields(Packing(type(message)).wire)) - len(values))
+    assert decode(msgspec.msgpack.encode([*values, "new", {"more": [1, nan]}])) == message
+
+
+def test_a_choice_among_several_rings_takes_few_bytes_and_arrives_as_it_was_sent() -> None:
+    commanded = (MISSION_RING, CommandedRing(12.5, 7.25, None, 0.0, 14.0, 9.5, -12.0, 9.5))
+    for choice, most_bytes in (
+        (RingChoice(None), 6),
+        (RingChoice(2, b"0123456789"), 16),
+        (RingChoice(1, b"", commanded), 60),
+    ):
+        state = structs.replace(MEMBER, choice=choice)
+        assert decode(encode(state)) == structs.replace(decode(encode(MEMBER)), choice=choice)
+        assert len(encode(state)) - len(encode(MEMBER)) <= most_bytes
+    for wrong in (RingChoice(RINGS_MAX), RingChoice(-1), RingChoice(0, bytes(BIDS_LIMIT + 1))):
+        assert refused(encode(structs.replace(MEMBER, choice=wrong)))
 
 
 def test_every_kind_of_message_has_a_topic_of_its_own() -> None:
