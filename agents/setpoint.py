@@ -230,7 +230,7 @@ class Yaw:
     def _wanted_rad(self, tactic: Tactic, situation: Situation) -> float | None:
         if tactic is Tactic.FORMATION:
             return self._path_rad(situation) if self._along_path else 0.0
-        if tactic in (Tactic.ENCIRCLE, Tactic.TRANSIT):
+        if tactic is Tactic.ENCIRCLE:
             return self._target_rad(situation) if self._at_target else 0.0
         return None
 
