@@ -25,6 +25,10 @@ noisy estimate at a threshold must not change the bids.
 """
 
 
+SURE_S = 1.0
+"""A ring is chosen once the auction has given it to the vehicle for this long: by then it has its neighbours' bids."""
+
+
 class Wanted(NamedTuple):
     """A ring that the vehicle is to fly, and whether an operator has assigned it."""
 
@@ -41,6 +45,8 @@ class RingChooser:
         self._planned_m = [each.encirclement.radius_m for each in config.rings]
         self._auction = Auction(config.vehicle_id, config.slots, [each.places for each in config.rings])
         self._eligible: set[int] = set()
+        self._won: int | None = None
+        self._won_s = 0.0
         self.assigned: int | None = None
 
     @property
@@ -87,7 +93,14 @@ class RingChooser:
             if score is not None:
                 scores[ring] = score
         won = self._auction.step(scores, now_s)
-        return None if won is None else Wanted(won, self.assigned == won)
+        if won != self._won:
+            self._won, self._won_s = won, now_s
+        if won is None:
+            return None
+        is_assigned = self.assigned == won
+        if is_assigned or now_s - self._won_s >= SURE_S:
+            return Wanted(won, is_assigned)
+        return Wanted(config.ring, assigned=False) if on_ring else None
 
     def _score(
         self, ring: int, target: TargetEstimate, position_m: Pair, config: AgentConfig, *, on_ring: bool
