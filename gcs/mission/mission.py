@@ -470,6 +470,11 @@ class Mission:
         return replace(self, target=target, encirclement=ring.encirclement, targets=(), rings=())
 
     @property
+    def alone(self) -> "tuple[Mission, ...]":
+        """The mission of each ring, itself if it has one."""
+        return tuple(map(self.of_ring, range(max(len(self.rings), 1))))
+
+    @property
     def every_target(self) -> tuple[TargetSection, ...]:
         """All targets, also if there is only one."""
         return self.targets or (self.target,)
