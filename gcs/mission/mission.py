@@ -183,7 +183,9 @@ class EvadesSection(Settings):
 
 
 class TargetSection(TargetBehaviour):
-    """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md)."""
+    """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md). `[[targets]]`
+    are several, with these keys but the filter's.
+    """
 
     name: str = Field(
         "", max_length=_NAME_MAX, pattern=r"^[A-Za-z0-9_-]*$", description="name, required in `[[targets]]`"
