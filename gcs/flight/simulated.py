@@ -195,7 +195,7 @@ def _simulated_vehicle(
         disturbance_m_s2=simulation.wind_m_s2,
         imperfections=imperfections,
         absences=absences,
-        climbs=mission.encirclement.altitude == "target" or mission.encirclement.has_heights,
+        climbs=any(each.encirclement.altitude == "target" or each.encirclement.has_heights for each in mission.alone),
         step=step,
     )
     return SimulatedVehicle(model, started(), target_sensor(mission, vehicle.id, 0.0, seed, target), started)

@@ -183,7 +183,9 @@ class EvadesSection(Settings):
 
 
 class TargetSection(TargetBehaviour):
-    """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md)."""
+    """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md). `[[targets]]`
+    are several, with these keys but the filter's.
+    """
 
     name: str = Field(
         "", max_length=_NAME_MAX, pattern=r"^[A-Za-z0-9_-]*$", description="name, required in `[[targets]]`"
@@ -468,6 +470,11 @@ class Mission:
         ring = self.rings[number]
         target = self.targets[ring.target] if self.targets else self.target
         return replace(self, target=target, encirclement=ring.encirclement, targets=(), rings=())
+
+    @property
+    def alone(self) -> "tuple[Mission, ...]":
+        """The mission of each ring, itself if it has one."""
+        return tuple(map(self.of_ring, range(max(len(self.rings), 1))))
 
     @property
     def every_target(self) -> tuple[TargetSection, ...]:
