@@ -13,10 +13,12 @@ from itertools import combinations, pairwise
 from math import cos, dist, inf, pi, sin, tau
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
 from estimation.state import Vector
+from gcs.metrics.record import Mask
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import Absence, SimulatedFlight
 from tests.experiments.arguments import seeded_parser
@@ -153,17 +155,18 @@ def measured(seed: int) -> Rings:
     on[~there] = -1
     changes = sum(_changes(on[:, index]) for index in range(count))
     reasons = [f"{changes} changes of rings"] if changes > (3 if scene.absences else 0) else []
-    worst = [0.0, 0.0, 0.0]
+    worst = np.zeros(3)
     judged = flight.time_s >= scene.duration_s - JUDGED_S
     for number, ring in enumerate(mission.rings):
         members = np.flatnonzero((on[judged] == number).any(axis=0))
         if len(members) > ring.places:
             reasons.append(f"{len(members)} vehicles on {ring.places} places of {ring.name}")
         if members.size:
-            for index, value in enumerate(_ring(mission.of_ring(number), flight, judged, members)):
-                worst[index] = max(worst[index], value)
+            found = np.array([*_ring(mission.of_ring(number), flight, judged, members)])
+            worst = np.maximum(worst, found)
     without = [mission.ids[index] for index in range(count) if there[-1, index] and (on[judged, index] < 0).any()]
     reasons += [f"vehicle {each} is on no ring" for each in without]
+    radius_m, rate_rad_s, spacing_deg = worst.tolist()
     for value, limit, name in zip(
         worst, (RADIUS_M, RATE_RAD_S, SPACING_DEG), ("radius", "rate", "spacing"), strict=True
     ):
@@ -177,16 +180,18 @@ def measured(seed: int) -> Rings:
         if mission.rings[0].encirclement.altitude_m is not None
         else "concentric"
     )
-    return Rings(seed, count, len(mission.rings), kind, changes, left_m, *worst, tuple(reasons))
+    return Rings(
+        seed, count, len(mission.rings), kind, changes, left_m, radius_m, rate_rad_s, spacing_deg, tuple(reasons)
+    )
 
 
-def _changes(rings: Vector) -> int:
+def _changes(rings: NDArray[np.intp]) -> int:
     """Return how often a vehicle went from one ring to another."""
     flown_on = rings[rings >= 0]
     return sum(1 for before, after in pairwise(flown_on.tolist()) if before != after)
 
 
-def _ring(mission: Mission, flight: SimulatedFlight, judged: Vector, members: Vector) -> Iterator[float]:
+def _ring(mission: Mission, flight: SimulatedFlight, judged: Mask, members: NDArray[np.intp]) -> Iterator[float]:
     """Return of a ring the largest radius error (rms), error of the mean rate, and spacing error (rms)."""
     time_s = flight.time_s[judged]
     centre_m, _ = mission.target.motion.over(time_s)
