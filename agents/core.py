@@ -68,7 +68,7 @@ from agents.team.team import Team
 from estimation.state import POSITION, Sighting, Telemetry, Vector
 
 _NOTHING_DUE = Outlook()
-_GOES_ON = ("start", "resume", "formation", "ring")
+_GOES_ON = ("start", "resume", "formation", "ring", "assign")
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -83,7 +83,8 @@ class VehicleCore:
         self._team = Team(ConsistencyCheck(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
-        self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
+        rings = tuple(each.name for each in config.rings)
+        self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes, rings)
         self._estimator = Estimator(config)
         self._own_sensor = OwnSensor(config)
         self._broadcast = StateBroadcast(config, self._team, self._own_sensor)
@@ -495,7 +496,7 @@ class VehicleCore:
         if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
             self._failsafe.leave_to_operator()
         circumstances = self._circumstances(now_s)._replace(age_s=age_s)
-        if command.ring is not None:
+        if command.ring is not None and (command.ring_number or 0) == self._config.ring:
             ring = self._commanded_ring.commanded(command.ring, command.time_s)
             newer = ring.is_newer_than(command.ring, command.time_s)
             refused = "a newer command of the ring applies" if newer else self._ring_refusal(ring)
@@ -504,7 +505,7 @@ class VehicleCore:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
-        self._change_ring(self.commands.commanded_ring)
+        self._change_ring(self.commands.commanded_rings[self._config.ring])
 
     def _circumstances(self, now_s: float) -> Circumstances:
         status = self._vehicle.status
