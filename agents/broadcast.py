@@ -1,15 +1,28 @@
 """The messages that a vehicle sends to its peers, made from its estimates and its plan."""
 
+from collections.abc import Sequence
+
+import msgspec
+
 from agents.command_handler import Reshaping
 from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
 from agents.outputs import Outgoing
+from agents.ring.chooser import RingChooser
 from agents.settings.config import AgentConfig
-from agents.situation.own_sensor import OwnSensor
+from agents.situation.own_sensor import OwnSensors
 from agents.situation.situation import Situation
 from agents.situation.task import Task
 from agents.team.codec import encode
-from agents.team.messages import TOPICS, CommandAnswer, CommandedRing, MemberState, NeighbourAngle, TargetPackage
+from agents.team.messages import (
+    TOPICS,
+    CommandAnswer,
+    CommandedRing,
+    MemberState,
+    NeighbourAngle,
+    RingChoice,
+    TargetPackage,
+)
 from agents.team.send_rate import SendRate
 from agents.team.team import Team
 from estimation.frames import wrap_signed_rad
@@ -21,16 +34,23 @@ class StateBroadcast:
     """Makes one vehicle's state messages and decides when they are sent.
 
     `often` is set while another vehicle is, or soon comes, close enough to need states at the full rate.
-    `commanded_ring` is the ring that operators commanded, None if they did not.
+    `commanded_rings` are the rings that operators commanded, by their numbers, empty if they did not, `ring` is the
+    number of the vehicle's own, None for none.
     """
 
-    def __init__(self, config: AgentConfig, team: Team, own_sensor: OwnSensor) -> None:
+    def __init__(
+        self, config: AgentConfig, team: Team, own_sensors: OwnSensors, chooser: RingChooser | None = None
+    ) -> None:
+        """Take the chooser of the ring in a mission of several, whose bids are sent with the states."""
         self._vehicle_id = config.vehicle_id
         self._communication_radius_m = config.communication_radius_m
-        self._team, self._own_sensor = team, own_sensor
+        self._targets = {name: number for number, name in enumerate(config.targets)}
+        self._team, self._own_sensors, self._chooser = team, own_sensors, chooser
         self._rate = SendRate(config.rate_hz)
+        self._revision = 0
         self.often = True
-        self.commanded_ring: CommandedRing | None = None
+        self.ring: int | None = None
+        self.commanded_rings: tuple[CommandedRing, ...] = ()
 
     def messages(
         self, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
@@ -46,8 +66,14 @@ class StateBroadcast:
         state = self._state(task, sent, alert, reshaping, drops, angle)
         # While it approaches its place on the ring, the others make room from its published states.
         joins = ring is not None and (ring.mixing < 1.0 or not ring.joined)
-        if not self._rate.due(state, often=self.often or joins):
+        chooser = self._chooser
+        bids_anew = chooser is not None and chooser.revision != self._revision
+        if not self._rate.due(state, often=self.often or joins or bids_anew):
             return ()
+        if chooser is not None and state.choice is not None:
+            self._revision = chooser.revision
+            choice = msgspec.structs.replace(state.choice, bids=chooser.payload(state.time_s))
+            state = msgspec.structs.replace(state, choice=choice)
         return (Outgoing(TOPICS[MemberState].name, encode(state)),)
 
     def _state(
@@ -81,15 +107,21 @@ class StateBroadcast:
             drops,
             angle,
             self._sightings(situation),
-            self.commanded_ring,
+            self.commanded_rings[0] if self._chooser is None and self.commanded_rings else None,
+            None if self._chooser is None else RingChoice(self.ring, commanded=self.commanded_rings),
         )
 
     def _sightings(self, situation: Situation) -> tuple[TargetPackage, ...]:
-        sighting = self._own_sensor.due(situation.now_s)
-        if sighting is None:
+        sightings = self._own_sensors.due(situation.now_s)
+        if not sightings:
             return ()
         recipients = self._team.within(situation.own.mean[POSITION], self._communication_radius_m)
-        return (target_package(self._vehicle_id, sighting, recipients),)
+        return tuple(
+            [
+                target_package(self._vehicle_id, each, recipients, self._targets.get(each.target or ""))
+                for each in sightings
+            ]
+        )
 
 
 def neighbour_angle(
@@ -115,8 +147,10 @@ def neighbour_angle(
     )
 
 
-def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, ...]) -> TargetPackage:
-    """Return a raw sighting as a message to the peers within communication radius."""
+def target_package(
+    vehicle_id: int, sighting: Sighting, recipients: tuple[int, ...], target: int | None = None
+) -> TargetPackage:
+    """Return a raw sighting, of the target of this number, as a message to the peers within communication radius."""
     return TargetPackage(
         vehicle_id,
         sighting.time_s,
@@ -129,11 +163,17 @@ def target_package(vehicle_id: int, sighting: Sighting, recipients: tuple[int, .
         sighting.altitude_sigma_m,
         sighting.frame_sigma_m,
         sighting.frame_correlation_s,
+        target,
     )
 
 
-def received_sighting(package: TargetPackage) -> Sighting:
-    """Return the sighting in a peer's package; raises ValueError if its numbers are invalid."""
+def received_sighting(package: TargetPackage, targets: Sequence[str] = ()) -> Sighting:
+    """Return the sighting in a peer's package, of one of the mission's targets if it has several.
+
+    Raises ValueError if its numbers are invalid, also that of the target.
+    """
+    if package.target is not None and package.target >= len(targets):
+        raise ValueError(f"a sighting of target {package.target} among {len(targets)}")
     return Sighting(
         package.time_s,
         package.sender,
@@ -145,6 +185,7 @@ def received_sighting(package: TargetPackage) -> Sighting:
         package.altitude_sigma_m,
         package.frame_sigma_m,
         package.frame_correlation_s,
+        None if package.target is None else targets[package.target],
     )
 
 

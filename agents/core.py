@@ -6,7 +6,7 @@ returns. The same object therefore flies over MAVLink, in the simulation, and ag
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import inf
+from math import hypot, inf
 from typing import Any
 
 from mypy_extensions import mypyc_attr
@@ -18,6 +18,7 @@ from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, PlannerFactory
 from agents.control.planner import planner_of
 from agents.control.return_and_land import assembled
+from agents.control.transit import FAR_SHARE
 from agents.drops import NO_DROPS, Drops, Reason
 from agents.inputs import (
     AutopilotStatus,
@@ -37,6 +38,7 @@ from agents.inputs import (
 from agents.notes import Notes, ReferenceChange, ResumeRefusal, Revocation, RingCommanded, ShapeChange, TacticChange
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
+from agents.ring.chooser import RingChooser, Wanted
 from agents.ring.commanded_ring import ring_refusal
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
@@ -47,7 +49,7 @@ from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
-from agents.situation.own_sensor import OwnSensor
+from agents.situation.own_sensor import OwnSensors
 from agents.situation.situation import Situation
 from agents.situation.task import Task
 from agents.tactics import Event, Tactic, decides_to_encircle, next_tactic, reasons
@@ -65,9 +67,11 @@ from agents.team.messages import (
     Outlook,
 )
 from agents.team.team import Team
-from estimation.state import POSITION, Sighting, Telemetry, Vector
+from estimation.state import POSITION, Sighting, TargetEstimate, Telemetry, Vector
 
 _NOTHING_DUE = Outlook()
+_CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
+"""The tactics in which a vehicle chooses among several rings."""
 _GOES_ON = ("start", "resume", "formation", "ring", "assign")
 """With any other verb an operator takes the decision to resume."""
 
@@ -86,9 +90,10 @@ class VehicleCore:
         rings = tuple(each.name for each in config.rings)
         self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes, rings)
         self._estimator = Estimator(config)
-        self._own_sensor = OwnSensor(config)
-        self._broadcast = StateBroadcast(config, self._team, self._own_sensor)
-        self._fault_detector = FaultDetector(config, self._estimator, self._own_sensor, self._team, clocks)
+        self._own_sensors = OwnSensors(config)
+        self._chooser = RingChooser(config) if len(config.rings) > 1 else None
+        self._broadcast = StateBroadcast(config, self._team, self._own_sensors, self._chooser)
+        self._fault_detector = FaultDetector(config, self._estimator, self._own_sensors, self._team, clocks)
         self._vehicle = self._fault_detector.vehicle
         self._failsafe = FailsafeMonitor(config)
         self._planner = planner_of(config, self._team, planner)
@@ -106,7 +111,8 @@ class VehicleCore:
         self._start_s = inf
         self._formed_s: float | None = None
         self._reshaping: Reshaping | None = None
-        self._commanded_ring, self._mission_ring = MISSION_RING, config
+        self._wanted: Wanted | None = None
+        self._commanded, self._mission_ring = [MISSION_RING] * max(len(config.rings), 1), config
         self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
@@ -140,6 +146,8 @@ class VehicleCore:
     def tick(self, now_s: float) -> TickOutput:
         """Estimate, decide, plan, guard, send: one step of the control loop at `now_s`."""
         self._carry_out(now_s)
+        if self._chooser is not None:
+            self._choose_ring(self._chooser, now_s)
         situation = self._estimate(now_s)
         if situation is None:
             return self._output(now_s)
@@ -155,11 +163,33 @@ class VehicleCore:
         if (event := self.commands.due(self._tactic, now_s)) is not None:
             self._change(event, cause=LandingCause(verb="abort"))
 
+    def _choose_ring(self, chooser: RingChooser, now_s: float) -> None:
+        """Choose the ring among the mission's, by the estimates of the last tick; a vehicle that flies no mission keeps
+        its ring.
+        """
+        config, place_m = self._config, self._estimator.position_m
+        if place_m is None or self._tactic not in _CHOOSES:
+            self._wanted, self._broadcast.ring = None, None
+            return
+        on_ring = self._tactic is not Tactic.FORMATION
+        wanted = chooser.choose(config, place_m, self._estimator.targets.estimates, now_s, on_ring=on_ring)
+        self._wanted = wanted
+        if wanted is not None and wanted.ring != config.ring:
+            self._config = config = config.on_ring(wanted.ring)
+            self._estimator.follow_target(config.target)
+            self._team.follow_ring(config.ring)
+            self._planner.leave_for(config)
+            self._altitude.change(config)
+            self._neighbours.change(config)
+            if self._tactic is Tactic.ENCIRCLE:
+                self._change(Event.CHANGE_RING, f"to ring '{config.rings[config.ring].name}'")
+        self._broadcast.ring = config.ring if on_ring or wanted is not None else None
+
     def _estimate(self, now_s: float) -> Situation | None:
         """Estimate the motion of vehicle and target, and update the team; None before any telemetry."""
         self._team.expire(now_s, self._time_scale)
         sightings, self._sightings = self._sightings, []
-        self._altitude.sight(*sightings)
+        self._altitude.sight(*[each for each in sightings if each.target == self._config.target])
         if self._jumps != self._estimator.own.jumps:
             self._jumps = self._estimator.own.jumps
             self._leave_old_place()
@@ -215,7 +245,7 @@ class VehicleCore:
         doubtful = {*self._team.inconsistencies, *self._team.explained}
         near = self._team.near()
         exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubtful) else near
-        bodies, encircles = self._neighbours.bodies, self._tactic is Tactic.ENCIRCLE
+        bodies, encircles = self._neighbours.bodies, self._tactic in (Tactic.ENCIRCLE, Tactic.TRANSIT)
         guarded = self._guard.check(situation, aim_m, bodies(situation, exposed, lost, doubtful, encircles=encircles))
         if guarded.aim_m is aim_m or len(exposed) == len(near):
             return guarded
@@ -269,6 +299,7 @@ class VehicleCore:
             answers=answers,
             target_altitude_m=self._altitude.target_m,
             turning_rad_s=self._estimator.ring_frequency_rad_s,
+            ring=self._config.ring,
         )
         return TickOutput(setpoint, (*map(command_answer, self.commands.answers(now_s)), *messages), status)
 
@@ -306,13 +337,35 @@ class VehicleCore:
             self._change(Event.START)
         if self._tactic is Tactic.FORMATION:
             self._formed_s = now_s if self._formed_s is None else self._formed_s
-            if target is not None and decides_to_encircle(target, place_m, self._config.decision):
+            if target is not None and self._engages(target, place_m):
                 # A vehicle that resumes close to the target is not in its place in line: it leaves from its position.
                 in_line = now_s - self._formed_s > self._config.encirclement.smoothing_time_s
-                self._change(Event.ENGAGE, reasons(target, place_m, self._config.decision))
-                self._planner.engage(now_s, None if in_line else place_m)
+                far_m = FAR_SHARE * self._config.encirclement.radius_far_m
+                if self._wanted is None or hypot(*(target.mean[POSITION] - place_m).tolist()) < far_m:
+                    self._change(Event.ENGAGE, self._reasons(target, place_m))
+                    self._planner.engage(now_s, None if in_line else place_m)
+                else:
+                    self._change(Event.CHANGE_RING, self._reasons(target, place_m))
+        if self._tactic is Tactic.TRANSIT and target is not None and self._planner.arrived:
+            self._change(Event.ENGAGE, self._reasons(target, place_m))
+            self._planner.engage(now_s, place_m)
         if self._tactic is Tactic.RETURN_AND_LAND and self._planner.may_land(situation, self._time_scale):
             self._change(Event.LAND)
+
+    def _engages(self, target: TargetEstimate, place_m: Vector) -> bool:
+        """Return whether a vehicle in formation leaves it: for its only ring by the rule, for one of several if it has
+        a place there.
+        """
+        if self._chooser is not None:
+            return self._wanted is not None and self._wanted.ring == self._config.ring
+        return decides_to_encircle(target, place_m, self._config.decision)
+
+    def _reasons(self, target: TargetEstimate, place_m: Vector) -> str:
+        why = reasons(target, place_m, self._config.decision)
+        if self._wanted is None:
+            return why
+        name = self._config.rings[self._config.ring].name
+        return f"ring '{name}': assigned by an operator" if self._wanted.assigned else f"ring '{name}': {why}"
 
     def _chosen_layer_m(self, situation: Situation) -> float:
         """Return the flying altitude once all are in place; until then, and on the return, the vehicle's own layer."""
@@ -454,7 +507,7 @@ class VehicleCore:
         """Take a sighting. The newest one of the vehicle's own sensor is sent to the peers with its state, when due."""
         if sighting.sensor_id == self._config.vehicle_id:
             sighting = self._estimator.shared(sighting)
-        if self._own_sensor.accepts(sighting):
+        if self._own_sensors.accepts(sighting):
             self._sightings.append(sighting)
 
     def _take_message(self, item: Message) -> None:
@@ -463,23 +516,42 @@ class VehicleCore:
         The shell handles start proposals.
         """
         message, now_s = item.message, item.now_s
+        if self._chooser is not None and isinstance(message, MemberState):
+            accepted = self._inbox.accepts(message, now_s, self._time_scale)
+            if accepted and self._take_bids(self._chooser, message, now_s) and not self._team.waits(message):
+                self._take_state(message)
+            return
         if isinstance(message, MemberState) and self._team.waits(message):
             return
         if not self._inbox.accepts(message, now_s, self._time_scale):
             return
         match message:
             case MemberState():
-                self._receive_sightings(message)
-                self._team.receive(message)
-                if message.shape is not None:
-                    self._reshape(Reshaping(message.shaped_s, message.shape))
-                if message.ring is not None and message.ring.is_dated_by(message.time_s + AHEAD_MAX_S):
-                    self._change_ring(message.ring)
+                self._take_state(message)
             case OperatorCommand():
                 sent_s = message.sent_s(self._config.vehicle_id)
                 self._command(message, now_s, (now_s - sent_s) / self._time_scale)
             case CommandAnswer():
                 self._answers.append(message)
+
+    def _take_bids(self, chooser: RingChooser, state: MemberState, now_s: float) -> bool:
+        """Take the bids in a peer's state, whatever its distance; return False for a state of another mission."""
+        choice, count = state.choice, len(self._config.rings)
+        is_ours = choice is not None and (choice.ring is None or choice.ring < count)
+        if choice is None or not is_ours or not chooser.receive(state.sender, choice, now_s):
+            self._inbox.dropped.add(Reason.MALFORMED)
+            return False
+        return True
+
+    def _take_state(self, state: MemberState) -> None:
+        self._receive_sightings(state)
+        self._team.receive(state)
+        if state.shape is not None:
+            self._reshape(Reshaping(state.shaped_s, state.shape))
+        commanded = state.choice.commanded if state.choice is not None else [state.ring] if state.ring else []
+        for number, ring in enumerate(commanded[: len(self._commanded)]):
+            if ring is not MISSION_RING and ring.is_dated_by(state.time_s + AHEAD_MAX_S):
+                self._change_ring(number, ring)
 
     def _take_command(self, item: Command) -> None:
         self._command(item.command, item.now_s)
@@ -496,16 +568,19 @@ class VehicleCore:
         if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
             self._failsafe.leave_to_operator()
         circumstances = self._circumstances(now_s)._replace(age_s=age_s)
-        if command.ring is not None and (command.ring_number or 0) == self._config.ring:
-            ring = self._commanded_ring.commanded(command.ring, command.time_s)
+        if command.ring is not None and (number := command.ring_number or 0) < len(self._commanded):
+            ring = self._commanded[number].commanded(command.ring, command.time_s)
             newer = ring.is_newer_than(command.ring, command.time_s)
-            refused = "a newer command of the ring applies" if newer else self._ring_refusal(ring)
+            refused = "a newer command of the ring applies" if newer else self._ring_refusal(number, ring)
             circumstances = circumstances._replace(ring_refused=refused)
         if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
-        self._change_ring(self.commands.commanded_rings[self._config.ring])
+        for number, ring in enumerate(self.commands.commanded_rings):
+            self._change_ring(number, ring)
+        if self._chooser is not None:
+            self._chooser.assigned = self.commands.assigned
 
     def _circumstances(self, now_s: float) -> Circumstances:
         status = self._vehicle.status
@@ -526,11 +601,11 @@ class VehicleCore:
             if self._config.vehicle_id not in package.recipients:
                 continue
             try:
-                sighting = received_sighting(package)
+                sighting = received_sighting(package, self._config.targets)
             except ValueError:
                 self._inbox.dropped.add(Reason.MALFORMED)
                 continue
-            if self._own_sensor.accepts(sighting):
+            if self._own_sensors.accepts(sighting):
                 self._sightings.append(sighting)
 
     def _reshape(self, wanted: Reshaping) -> None:
@@ -543,39 +618,45 @@ class VehicleCore:
             self._planner.reshape(self._config)
             self._notes.add(self._now_s, ShapeChange(wanted.shape))
 
-    def _change_ring(self, commanded: CommandedRing) -> None:
-        """Take the newest values of the ring, from an operator or a peer's state."""
-        newest = self._commanded_ring.with_(commanded)
-        if newest == self._commanded_ring or self._has_plug_in:
+    def _change_ring(self, number: int, commanded: CommandedRing) -> None:
+        """Take the newest values of a ring, from an operator or a peer's state."""
+        newest = self._commanded[number].with_(commanded)
+        if newest == self._commanded[number] or self._has_plug_in:
             return
-        self._commanded_ring = self._broadcast.commanded_ring = newest
-        before, self._config = self._config.encirclement, self._with_ring(newest)
-        ring = self._config.encirclement
-        if ring != before:
+        self._commanded[number] = newest
+        self._broadcast.commanded_rings = tuple(self._commanded)
+        before, flown = self._config, self._with_ring(number, newest)
+        ring = flown.encirclement
+        if number == before.ring:
+            self._config = replace(before, encirclement=ring, decision=flown.decision)
+        if before.rings:
+            self._config = self._config.with_flown(number, ring)
+        if self._config != before:
             for each in (self._planner, self._altitude, self._neighbours):
                 each.change(self._config)
             values = ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg
             self._notes.add(self._now_s, RingCommanded(*values))
 
-    def _ring_refusal(self, commanded: CommandedRing) -> str:
+    def _ring_refusal(self, number: int, commanded: CommandedRing) -> str:
         """Return why the vehicle cannot fly a commanded ring about the present target, empty if it can."""
         if self._has_plug_in:
             return "its plug-in planner flies a ring of its own"
-        target_m, fence_m = self._estimator.target_m, self._config.safety.fence_m
+        mission, fence_m = self._mission_ring.on_ring(number), self._config.safety.fence_m
+        target_m = self._estimator.targets.position_m(mission.target)
         reach_m = inf if target_m is None or not fence_m else Fence(fence_m).clearance_m(target_m)
-        return ring_refusal(changed(self._mission_ring, commanded), reach_m)
+        return ring_refusal(changed(mission, commanded), reach_m)
 
-    def _with_ring(self, commanded: CommandedRing) -> AgentConfig:
-        """Return the configuration with the commanded ring.
+    def _with_ring(self, number: int, commanded: CommandedRing) -> AgentConfig:
+        """Return the mission's configuration on a ring with the commanded values.
 
         Two operators may command values that do not go together, each to vehicles that have not received the other's.
         All then fly the earlier one, with the later one if that is possible, whatever they have received first.
         """
-        flown = self._mission_ring
+        flown = self._mission_ring.on_ring(number)
         for each in [commanded] if not ring_refusal(changed(flown, commanded), inf) else commanded.in_order():
             wanted = changed(flown, each)
             flown = flown if ring_refusal(wanted, inf) else wanted
-        return replace(self._config, encirclement=flown.encirclement, decision=flown.decision)
+        return flown
 
 
 def changed(config: AgentConfig, commanded: CommandedRing) -> AgentConfig:

@@ -229,8 +229,8 @@ class PeerBus(Protocol):
 class TargetSensor(Protocol):
     """A target sensor on board one vehicle."""
 
-    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return a sighting when one is due and the target is within range of `position_m`."""
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
+        """Return the sightings that are due, of the targets within range of `position_m`."""
 
 
 class Heartbeat(Protocol):

@@ -53,7 +53,8 @@ class Altitude:
         ring = self._ring = config.encirclement
         self._flying_m = config.altitude_m
         self._target = _target_altitude(config.target_filter) if ring.altitude == "target" else None
-        self._has_heights = self._target is not None or ring.has_heights
+        others_have = any(each.encirclement.has_heights for each in config.rings)
+        self._has_heights = self._target is not None or ring.has_heights or others_have
         self._above_lowest_m = config.altitude_m - config.lowest_m
         self._offset_m = ring.altitude_offset_m or 0.0
         self._low_m, self._high_m = config.lowest_between_m
@@ -96,9 +97,11 @@ class Altitude:
         if tactic in STAYS:
             return self._altitude_m, 0.0
         # Every vehicle stays in its layer until all are in their places.
-        if tactic is not Tactic.ENCIRCLE or layer_m != self._flying_m:
+        if tactic not in (Tactic.ENCIRCLE, Tactic.TRANSIT) or layer_m != self._flying_m:
             return layer_m, 0.0
-        above_m, climb_m_s = (0.0, 0.0) if polar is None else inclined_m(self._ring, polar)
+        above_m, climb_m_s = 0.0, 0.0
+        if polar is not None and tactic is Tactic.ENCIRCLE:
+            above_m, climb_m_s = inclined_m(self._ring, polar)
         lowest_m = self._lowest_m
         return (layer_m if lowest_m is None else lowest_m + self._above_lowest_m) + above_m, climb_m_s
 

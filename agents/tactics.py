@@ -21,6 +21,7 @@ class Tactic(Enum):
     RETURN_AND_LAND = "return and land"
     LAND = "land"
     PILOT_OVERRIDE = "pilot override"
+    TRANSIT = "transit"
 
 
 NO_TACTIC = "unknown"
@@ -40,6 +41,7 @@ class Event(Enum):
     RETURN = "return"
     LAND = "land"
     HANDED_OVER = "handed over"
+    CHANGE_RING = "change ring"
 
     @classmethod
     def _missing_(cls, value: object) -> "Event | None":
@@ -47,12 +49,14 @@ class Event(Enum):
         return cls.HANDED_OVER if value == "pilot took over" else None
 
 
-_ON_PLAN = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE)
+_ON_PLAN = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE, Tactic.ASIDE)
 _ROWS: tuple[tuple[Event, Tactic, tuple[Tactic, ...]], ...] = (
     (Event.START, Tactic.FORMATION, (Tactic.STANDBY,)),
-    (Event.ENGAGE, Tactic.ENCIRCLE, (Tactic.FORMATION,)),
+    (Event.ENGAGE, Tactic.ENCIRCLE, (Tactic.FORMATION, Tactic.TRANSIT)),
+    # In a mission of several rings: from one to another, or to one that an operator has assigned.
+    (Event.CHANGE_RING, Tactic.TRANSIT, (Tactic.FORMATION, Tactic.ENCIRCLE)),
     (Event.STEP_ASIDE, Tactic.ASIDE, (Tactic.FORMATION, Tactic.ENCIRCLE)),
-    (Event.STEP_ASIDE, Tactic.HOLD, (Tactic.EXCITE,)),
+    (Event.STEP_ASIDE, Tactic.HOLD, (Tactic.EXCITE, Tactic.TRANSIT)),
     (Event.HOLD, Tactic.HOLD, (*_ON_PLAN, Tactic.RETURN_AND_LAND)),
     (Event.RESUME, Tactic.FORMATION, (Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)),
     # An identification flight: this event replaces start and resume.

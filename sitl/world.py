@@ -2,6 +2,7 @@
 
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import cos, hypot, pi, sin
@@ -117,7 +118,8 @@ class SensorModel:
     """A sensor of the target: its range, rate and noise per axis, and the importance and threat that it reports.
 
     A share of its sightings are outliers with an error of `outlier_m` in a random direction. Sightings arrive `delay_s`
-    late; the sensor is blind in an interval of mission time. `altitude_m` is the target's, if the sensor measures it.
+    late; the sensor is blind in an interval of mission time. `altitude_m` is the target's, if the sensor measures it;
+    `target` is the name that sightings have.
     """
 
     range_m: float
@@ -130,27 +132,39 @@ class SensorModel:
     delay_s: float = 0.0
     blind_s: tuple[Pair, ...] = ()
     altitude_m: float | None = None
+    target: str | None = None
 
 
 class SimulatedSensor:
-    """One vehicle's sensor of a simulated target; seeded, so that flights are reproducible."""
+    """One vehicle's sensor of a simulated target; seeded, so that flights are reproducible.
+
+    Each further target of several has a `stream` of random numbers of its own.
+    """
 
     # Even an ideal sensor has a covariance: with 0 the filters would follow rounding errors.
     _NOISE_MIN_M = 0.01
 
-    def __init__(self, sensor_id: int, model: SensorModel, target: MovingTarget, start_s: float, seed: int) -> None:
+    def __init__(
+        self,
+        sensor_id: int,
+        model: SensorModel,
+        target: MovingTarget,
+        start_s: float,
+        seed: int,
+        stream: tuple[int, ...] = (),
+    ) -> None:
         self._sensor_id = sensor_id
         self._model = model
         self._target = target
         self._start_s = start_s
-        self._random = np.random.default_rng([seed, 1, sensor_id])
+        self._random = np.random.default_rng([seed, 1, sensor_id, *stream])
         # Outliers are drawn from the same generator.
         self._normals = normals(self._random, AHEAD if model.outlier_share == 0.0 else 1)
         self._sigma_m = max(model.noise_m, self._NOISE_MIN_M)
         self._due_s: float | None = None
         self._untold: deque[Sighting] = deque()
 
-    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
         """Return the next sighting to deliver, if any: the target was within range of `position_m` when it was due."""
         # A tick that is early by rounding only is still on time.
         if self._due_s is None or now_s >= self._due_s - 1e-6:
@@ -158,8 +172,8 @@ class SimulatedSensor:
             if seen is not None:
                 self._untold.append(seen)
         if self._untold and now_s >= self._untold[0].time_s + self._model.delay_s - 1e-6:
-            return self._untold.popleft()
-        return None
+            return (self._untold.popleft(),)
+        return ()
 
     def _seen(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
         model = self._model
@@ -178,9 +192,9 @@ class SimulatedSensor:
             noise_x += model.outlier_m * cos(side_rad)
             noise_y += model.outlier_m * sin(side_rad)
         variance = self._sigma_m**2
-        altitude: tuple[()] | tuple[float, float] = ()
+        altitude_m, altitude_sigma_m = None, 1.0
         if model.altitude_m is not None:
-            altitude = (model.altitude_m + next(self._normals) * model.noise_m, self._sigma_m)
+            altitude_m, altitude_sigma_m = model.altitude_m + next(self._normals) * model.noise_m, self._sigma_m
         return Sighting(
             now_s,
             self._sensor_id,
@@ -188,5 +202,18 @@ class SimulatedSensor:
             (variance, 0.0, variance),
             model.importance,
             model.threat,
-            *altitude,
+            altitude_m,
+            altitude_sigma_m,
+            target=model.target,
         )
+
+
+class SimulatedSensors:
+    """One vehicle's sensor of several simulated targets, as a sensor of each."""
+
+    def __init__(self, sensors: Sequence[SimulatedSensor]) -> None:
+        self._sensors = tuple(sensors)
+
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
+        """Return the sightings to deliver, in the order of the targets."""
+        return tuple(sighting for each in self._sensors for sighting in each.sight(now_s, position_m))

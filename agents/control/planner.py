@@ -1,5 +1,6 @@
 """The plan stage: from the task of a tick to a plan, with the planners' state between ticks."""
 
+from collections.abc import Callable
 from math import cos, isfinite, sin
 
 import numpy as np
@@ -10,6 +11,7 @@ from agents.control.plan import Plan, PlannerFactory, RingReport, TaskPlanner
 from agents.control.return_and_land import Homing
 from agents.control.ring_flight import RingFlight
 from agents.control.station_keeping import StationKeeping
+from agents.control.transit import Transit
 from agents.ring.place import ring_place, weights_of
 from agents.ring.reference import RingPoint
 from agents.ring.transition import ShapedCoordinate
@@ -34,7 +36,19 @@ class Planner:
         self._station = StationKeeping(config, team)
         self._ring = RingFlight(config, team)
         self._homing = Homing(config)
+        self._transit = Transit(config)
+        self._crosses = False
         self._exciter = None if config.excitation is None else Exciter(config, config.excitation)
+        self._plans: dict[Tactic, Callable[[Situation], Plan]] = {
+            Tactic.FORMATION: self._station.plan,
+            Tactic.ENCIRCLE: self._encircle,
+            Tactic.TRANSIT: self._cross,
+            Tactic.PILOT_OVERRIDE: self._yield,
+            Tactic.RETURN_AND_LAND: self._homing.plan,
+            Tactic.ASIDE: self._step_aside,
+        }
+        if self._exciter is not None:
+            self._plans[Tactic.EXCITE] = self._exciter.plan
         self._smoothing_time_s = config.encirclement.smoothing_time_s
         self._encircles = False
         self._engaged_s = -np.inf
@@ -66,6 +80,8 @@ class Planner:
         """Start a tactic; `to_home` returns home also if the mission lands in place."""
         self._hold_m = None
         self._encircles = tactic is Tactic.ENCIRCLE
+        if tactic is not Tactic.ENCIRCLE:
+            self._crosses = tactic is Tactic.TRANSIT
         if tactic is Tactic.FORMATION:
             self._station.reset()
             self._left_ring = False
@@ -86,6 +102,17 @@ class Planner:
         self._ring.change(config)
         self._homing.change(config)
 
+    def leave_for(self, config: AgentConfig) -> None:
+        """Fly another of the mission's rings from now on, once the vehicle is there."""
+        self._ring.leave_for(config)
+        self._homing.change(config)
+        self._transit.change(config)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the transit to another ring is over."""
+        return self._transit.arrived
+
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Start the transition to the ring: from the formation, or from a place (2,) off it."""
         self._engaged_s = now_s
@@ -97,19 +124,15 @@ class Planner:
 
     def plan(self, task: Task) -> Plan:
         """Return the plan of the task's tactic."""
-        tactic, situation = task.tactic, task.situation
-        if tactic is Tactic.FORMATION:
-            return self._station.plan(situation)
-        if tactic is Tactic.ENCIRCLE:
-            return self._encircle(situation)
-        if tactic is Tactic.EXCITE and self._exciter is not None:
-            return self._exciter.plan(situation)
-        if tactic is Tactic.PILOT_OVERRIDE:
-            # A pilot flies: the input is unknown; the vehicle's position approximates it.
-            return resting(situation.own.mean[POSITION])
-        if tactic is Tactic.RETURN_AND_LAND:
-            return self._homing.plan(situation)
-        return self._step_aside(situation) if tactic is Tactic.ASIDE else resting(self._held_m(situation))
+        return self._plans.get(task.tactic, self._rest)(task.situation)
+
+    def _rest(self, situation: Situation) -> Plan:
+        """Hold the place."""
+        return resting(self._held_m(situation))
+
+    def _yield(self, situation: Situation) -> Plan:
+        """Rest where the vehicle is: a pilot flies, the input is unknown, and its position approximates it."""
+        return resting(situation.own.mean[POSITION])
 
     def _encircle(self, situation: Situation) -> Plan:
         """Encircle the centre, mixed with the plan of the tactic being left; without a target, hold."""
@@ -121,7 +144,17 @@ class Planner:
 
     def _left_behind(self, situation: Situation) -> Plan:
         """Return the plan that the vehicle would have without engaging."""
+        if self._crosses:
+            return self._cross(situation)
         return self._station.plan(situation) if self._leaving_m is None else resting(self._leaving_m)
+
+    def _cross(self, situation: Situation) -> Plan:
+        """Fly to another ring; while its target is not known, hold."""
+        plan = self._transit.plan(situation)
+        if plan is None:
+            return resting(self._held_m(situation))
+        self._hold_m = None
+        return plan
 
     def _step_aside(self, situation: Situation) -> Plan:
         """Leave the ring radially outwards until clear of it; outside it, or without a ring, hold.

@@ -17,6 +17,7 @@ from agents.safety.barriers import demanded_from_m, unsure_m
 from agents.safety.fence import Fence
 from agents.safety.neighbours import Neighbours
 from agents.settings.config import AgentConfig
+from agents.settings.sections import EncirclementSettings
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
@@ -30,7 +31,7 @@ _OFF_THE_RING = frozenset(
 )
 """Members in these tactics stay where they are, or cross the ring on their way home, and the ring bends around them."""
 
-_ENCIRCLE, _RETURN = Tactic.ENCIRCLE.value, Tactic.RETURN_AND_LAND.value
+_RETURN = Tactic.RETURN_AND_LAND.value
 _HEADWAY = 1.6
 """In separations: a little more than the room that a vehicle needs to enter."""
 _ABREAST, _PASSED = 1.2, 1.25
@@ -58,12 +59,16 @@ class RingFlight:
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._team = team
+        self._neighbours = Neighbours(config)
+        self._guarded = False
+        self._make(config)
+
+    def _make(self, config: AgentConfig) -> None:
+        self._settings = config.encirclement
         self._encirclement = EncirclementPlanner(config)
         self._reference = RingReference(config)
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
-        self._neighbours = Neighbours(config)
-        self._guarded = False
 
     @property
     def rate_rad_s(self) -> float:
@@ -79,10 +84,20 @@ class RingFlight:
 
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
+        self._settings = config.encirclement
         self._feasibility.change(config.encirclement)
         self._neighbours.change(config)
         self._reference.change(config)
         self._joining.change(config)
+
+    def leave_for(self, config: AgentConfig) -> None:
+        """Fly another of the mission's rings from now on, once the vehicle is there."""
+        if _limits(config.encirclement) == _limits(self._settings):
+            self.change(config)
+            self.reset()
+        else:  # programmes with other bounds take milliseconds to make
+            self._make(config)
+            self._neighbours.change(config)
 
     def sent(self, *, guarded: bool) -> None:
         """Record whether the guard has changed the aim of the last plan."""
@@ -215,9 +230,9 @@ class RingFlight:
         """
         about = centre.tolist()
         motions = [
-            _motion(member, situation.acting_s, about) for member in self._team.near() if member.tactic == _ENCIRCLE
+            _motion(member, situation.acting_s, about) for member in self._team.near() if self._team.encircles(member)
         ]
-        ids = [self._vehicle_id, *(each.sender for each in self._team.members() if each.tactic == _ENCIRCLE)]
+        ids = [self._vehicle_id, *(each.sender for each in self._team.members() if self._team.encircles(each))]
         places = even_places(weights_of(ids, self._gaps))
         headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / places * orbit.radius_m)
         abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
@@ -241,6 +256,11 @@ class RingFlight:
             guarded_m = demanded_from_m(along_m_s, body.distance_m, self._safety.barrier_rate_per_s)
             found.append(met(polar, self.rate_rad_s, motion, body.distance_m, _BENT_FROM * guarded_m))
         return found
+
+
+def _limits(ring: EncirclementSettings) -> dict[str, object]:
+    """Return what a commanded ring never changes: the limits of speed and acceleration, and the tuning."""
+    return ring.model_dump(exclude={"radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg", "tilt_bearing_deg"})
 
 
 def _forwards(rates_rad_s: Pair, ring_rad_s: float) -> Pair:

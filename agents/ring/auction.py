@@ -27,7 +27,9 @@ from struct import Struct
 from typing import Final, NamedTuple
 from zlib import crc32
 
-RINGS_MAX, ID_MAX = 8, 254
+from agents.team.messages import RINGS_MAX
+
+ID_MAX = 254
 HOP_S = 0.3
 """More than the mean time until a neighbour receives a change: 0.25 s with five states a second and a fifth lost."""
 HEARD_S = 2.0

@@ -178,6 +178,10 @@ def _heights_refusal(config: AgentConfig) -> str:
 
 def _least_m(config: AgentConfig) -> float:
     """Return the radius at which the whole team is a separation apart."""
-    if len(config.slots) < 2:
+    if config.places < 2:
         return 0.0
-    return config.safety.separation_m / chord_m(1.0, even_places(weights_of(config.slots, config.gaps)))
+    weights = weights_of(config.slots, config.gaps)
+    if config.places < len(weights):  # any of them may be on the ring: the narrowest gap among the widest is smallest
+        least, *others = sorted(weights)
+        weights = [least, *others[1 - config.places :]]
+    return config.safety.separation_m / chord_m(1.0, even_places(weights))

@@ -12,7 +12,7 @@ from agents.safety.neighbours import GOING_ON_S
 from agents.safety.vehicle_watch import VehicleWatch
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
-from agents.situation.own_sensor import OwnSensor
+from agents.situation.own_sensor import OwnSensors
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.clock_watch import ClockWatch
@@ -25,7 +25,7 @@ SAME_HEIGHT_M = 1.0
 """Vehicles whose heights differ by less than this, or than half a layer, are at the same height."""
 _FLOOD_ENDS = 0.8
 _JUMPED = "position jumped"
-_IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
+_IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 """During take-off and return vehicles are separated by layers and in time, and may be near each other."""
 
 Faults = dict[Condition, Symptom]
@@ -35,7 +35,7 @@ class FaultDetector:
     """Watches one vehicle, its estimates and its team; the core sets the state of vehicle, loop, bus and solvers."""
 
     def __init__(
-        self, config: AgentConfig, estimator: Estimator, own_sensor: OwnSensor, team: Team, clocks: ClockWatch
+        self, config: AgentConfig, estimator: Estimator, own_sensors: OwnSensors, team: Team, clocks: ClockWatch
     ) -> None:
         self._settings = config.failsafe
         self._leader = config.formation.leader
@@ -47,7 +47,7 @@ class FaultDetector:
         self._same_height_m = min(SAME_HEIGHT_M, layer_m / 2.0) if layer_m else SAME_HEIGHT_M
         self._lost_avoided_s = config.safety.lost_avoided_s
         self._stale_after_s = config.target_filter.stale_after_s
-        self._own, self._target, self._own_sensor = estimator.own, estimator.target, own_sensor
+        self._own, self._targets, self._own_sensors = estimator.own, estimator.targets, own_sensors
         self._team, self._clocks = team, clocks
         settle_s = config.failsafe.settle_s
         self._own_jumps, self._target_jumps, self._moves = _Jumps(settle_s), _Jumps(settle_s), _Jumps(settle_s)
@@ -142,16 +142,17 @@ class FaultDetector:
             self._add(faults, now_s, Condition.BUS_FLOODED, self.bus_drops.text())
 
     def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
-        on_ring, sighted_s = tactic is Tactic.ENCIRCLE, self._target.sighted_s
+        on_ring, sighted_s = tactic is Tactic.ENCIRCLE, self._targets.sighted_s
         fading = on_ring and situation.now_s - sighted_s > COUNTED_SHARE * self._stale_after_s
         if fading or (situation.target is None and (on_ring or Condition.TARGET_STALE in active)):
             faults[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
-        jumped_s = self._target_jumps.see(self._target.resets, situation.now_s, new=on_ring)
+        jumped_s = self._target_jumps.see(self._targets.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:
             faults[Condition.TARGET_JUMPED] = Symptom(jumped_s, "all sightings disagree with the estimate")
-        if situation.target is not None and situation.now_s - self._own_sensor.team_saw_s > self._stale_after_s:
+        saw_s = self._own_sensors.team_saw_s(self._targets.followed)
+        if situation.target is not None and situation.now_s - saw_s > self._stale_after_s:
             self._add(faults, situation.now_s, Condition.TARGET_FROM_OUTSIDE, "no sensor of the team sees it")
-        if not (contradictions := self._own_sensor.contradictions(situation.now_s)):
+        if not (contradictions := self._own_sensors.contradictions(situation.now_s)):
             return
         if contradictions := {i: each for i, each in contradictions.items() if not self._team.explanation(i)}:
             since_s = min(each.since_s for each in contradictions.values())

@@ -198,10 +198,12 @@ class Guard:
         place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
         demands = [apart(place, velocity, body, rate, Cause.SEPARATION) for body in bodies]
         demands += slow(velocity, safety.speed_max_m_s, rate)
-        if safety.keep_out_m > 0.0 and situation.acting_target is not None and situation.target is not None:
-            tx, ty, tx_rate, ty_rate = situation.acting_target.tolist()
-            disc = Body((tx, ty), (tx_rate, ty_rate), (0.0, 0.0), safety.keep_out_m, shares=False)
-            demands.append(apart(place, velocity, disc, rate, Cause.KEEP_OUT))
+        if safety.keep_out_m > 0.0:
+            own = situation.acting_target
+            for target in [*([] if own is None else [own]), *situation.acting_others.values()]:
+                tx, ty, tx_rate, ty_rate = target.tolist()
+                disc = Body((tx, ty), (tx_rate, ty_rate), (0.0, 0.0), safety.keep_out_m, shares=False)
+                demands.append(apart(place, velocity, disc, rate, Cause.KEEP_OUT))
         bounds: list[_Row] = []
         if self._fence is not None:
             margin_m = unsure_m(safety.uncertainty_sigmas, situation.position_sigma_m, 0.0)
@@ -308,7 +310,7 @@ QUIET_S = 5.0
 """After this long without an intervention the next one is reported again."""
 BENT_M, BENT_FOR_S, STRAIGHT_AFTER_S = 0.5, 3.0, 1.0
 """An aim is bent if it is moved by so much; on the way it is shown after so long, and until so long after the end."""
-_ON_THE_WAY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.RETURN_AND_LAND)
+_ON_THE_WAY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE, Tactic.RETURN_AND_LAND)
 """In these tactics vehicles pass each other: a short evasion belongs to them."""
 _EVASIONS = (Cause.SEPARATION, Cause.FENCE, Cause.KEEP_OUT)
 """What leads a vehicle elsewhere than planned; the other causes only slow it down."""

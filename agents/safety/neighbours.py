@@ -8,7 +8,9 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
+from agents.team.team import ring_of
 from estimation.state import Vector
+from estimation.vectors import Pair
 
 UNPUBLISHED_ACCELERATION_M_S2 = 2.0
 """The largest difference between a vehicle's acceleration and its last published plan."""
@@ -20,7 +22,19 @@ NEAR_FOR_S = 0.2
 _MEETS_S, _MEETS = 2.5, 1.5
 """Prediction time, and distance in separations, within which others need this vehicle's states at the full rate."""
 _ENCIRCLES = Tactic.ENCIRCLE.value
+_TO_A_RING = (Tactic.ENCIRCLE.value, Tactic.TRANSIT.value)
 _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
+
+
+def ring_bands_m(config: AgentConfig) -> list[Pair]:
+    """Return the lowest and the highest altitude of vehicles on each of the mission's rings; empty with one ring."""
+    highest_m = config.altitude_m if config.layers_from_m is None else config.layers_from_m
+    above_m, bands_m = max(highest_m - config.lowest_m, 0.0), []
+    for each in config.rings if len(config.rings) > 1 else ():
+        ring = each.encirclement
+        lowest_m = ring.lowest_m(config.lowest_m)
+        bands_m.append((lowest_m - ring.rise_m, lowest_m + above_m + ring.rise_m))
+    return bands_m
 
 
 class Neighbours:
@@ -39,6 +53,7 @@ class Neighbours:
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on."""
         self._has_heights = config.encirclement.has_heights
+        self._bands_m, self._ring = ring_bands_m(config), config.ring
 
     def near(self, situation: Situation, states: Sequence[MemberState]) -> Sequence[MemberState]:
         """Return the members that can affect the guard within `NEAR_FOR_S`: no aim is too close to the others.
@@ -137,19 +152,37 @@ class Neighbours:
         """Return the bodies when the setpoint acts: all received or lost vehicles, except those well above or below.
 
         On a ring with heights of its own these change: a vehicle that `encircles` and all others then keep apart at any
-        height. A vehicle that lands, is lost, is doubtful, or is flown by a pilot is not expected to evade.
+        height. In a mission of several rings they keep apart unless their heights stay apart, which for each are those
+        from where it is to its ring's. A vehicle that lands, is lost, is doubtful, or is flown by a pilot is not
+        expected to evade.
         """
         members = [
             (member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in states
         ]
         members += [(member, False) for member in lost]
-        apart_m, own_sigma_m = self._safety.vertical_separation_m, situation.position_sigma_m
+        own_sigma_m = situation.position_sigma_m
         return [
             self._body(member, situation, own_sigma_m, shares=shares)
             for member, shares in members
-            if abs(member.altitude_m - situation.height_m) < apart_m
-            or (self._has_heights and (encircles or member.tactic == _ENCIRCLES))
+            if self._meets_in_height(member, situation.height_m, encircles=encircles)
         ]
+
+    def _meets_in_height(self, member: MemberState, height_m: float, *, encircles: bool) -> bool:
+        """Return whether a member is at the vehicle's height, or may come there on the way to its ring's or on it."""
+        apart_m = self._safety.vertical_separation_m
+        if abs(member.altitude_m - height_m) < apart_m:
+            return True
+        if not self._bands_m:
+            return self._has_heights and (encircles or member.tactic == _ENCIRCLES)
+        low_m = high_m = height_m
+        if encircles:
+            ring_low_m, ring_high_m = self._bands_m[self._ring]
+            low_m, high_m = min(low_m, ring_low_m), max(high_m, ring_high_m)
+        its_low_m = its_high_m = member.altitude_m
+        if member.tactic in _TO_A_RING:
+            ring_low_m, ring_high_m = self._bands_m[ring_of(member)]
+            its_low_m, its_high_m = min(its_low_m, ring_low_m), max(its_high_m, ring_high_m)
+        return its_low_m - high_m < apart_m and low_m - its_high_m < apart_m
 
     def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:
         safety = self._safety

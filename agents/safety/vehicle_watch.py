@@ -77,6 +77,7 @@ PERIOD_S = 1.0
 _STEERED = (
     Tactic.FORMATION,
     Tactic.ENCIRCLE,
+    Tactic.TRANSIT,
     Tactic.EXCITE,
     Tactic.ASIDE,
     Tactic.HOLD,

@@ -74,8 +74,13 @@ class AgentConfig:
     ring: int = 0
 
     def on_ring(self, ring: int) -> "AgentConfig":
-        """Return the configuration of this vehicle on another of its mission's rings."""
-        return replace(self, ring=ring, encirclement=self.rings[ring].encirclement)
+        """Return the configuration of this vehicle on another of its mission's rings; it is this one with one ring."""
+        return replace(self, ring=ring, encirclement=self.rings[ring].encirclement) if self.rings else self
+
+    def with_flown(self, ring: int, flown: EncirclementSettings) -> "AgentConfig":
+        """Return the configuration with other settings of one of the mission's several rings."""
+        rings = [replace(each, encirclement=flown) if k == ring else each for k, each in enumerate(self.rings)]
+        return replace(self, rings=tuple(rings))
 
     @property
     def target(self) -> str | None:

@@ -84,9 +84,9 @@ class ControlLoop:
         core.take(Bus(bus.alive, bus.operated, bus.revoked))
         core.take(self._parts.bus.drops)
         now_s = self._parts.clock.now_s()
-        sighting = self.sensor.sight(now_s, self.position_m) if self.sensor else None
+        sightings = self.sensor.sight(now_s, self.position_m) if self.sensor else ()
         began = perf_counter()
-        if sighting is not None:
+        for sighting in sightings:
             core.take(sighting)
         output = core.tick(now_s)
         tick_us = (perf_counter() - began) * 1e6

@@ -279,4 +279,4 @@ def resumed(phase: Phase, tactic: Tactic) -> bool:
     """Return whether the core has resumed the mission, by a command of an operator, in a phase without a mission."""
     if phase is Phase.PILOT_OVERRIDE:
         return tactic not in (Tactic.PILOT_OVERRIDE, Tactic.LAND)
-    return phase is Phase.RETURNING and tactic in (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE)
+    return phase is Phase.RETURNING and tactic in (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE)

@@ -40,7 +40,14 @@ _CLIMB_SENT_M = 0.5
 _WORDS_LIMIT = 32
 ANNOUNCED_S = 60.0
 """The mission's end is announced so long before [s of the mission clock]."""
-_UNTIL_THE_END = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
+_UNTIL_THE_END = (
+    Tactic.FORMATION,
+    Tactic.ENCIRCLE,
+    Tactic.TRANSIT,
+    Tactic.EXCITE,
+    Tactic.ASIDE,
+    Tactic.HOLD,
+)
 
 
 class Reporter:

@@ -7,10 +7,11 @@ import numpy as np
 
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation, moved
+from agents.situation.targets import TargetEstimates
 from agents.situation.team_frame import TeamFrame
 from agents.tactics import mixing_share
 from estimation.filters.own import OwnFilter
-from estimation.filters.target import OUT_OF_SIGHT_S, TargetFilter
+from estimation.filters.target import OUT_OF_SIGHT_S
 from estimation.polar import Polar, polar_from_motion
 from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
 from estimation.vectors import Pair, clipped
@@ -104,17 +105,19 @@ LINK_DELAY_MAX_S = 0.5
 
 
 class Estimator:
-    """Estimates one vehicle's motion, the target's, and the centre of the ring.
+    """Estimates one vehicle's motion, the targets', and the centre of its ring.
 
-    `own` and `target` are its filters, which fault detection monitors, `link_delay_s` is the delay of the link.
+    `own` is its filter and `targets` are those of the targets, which fault detection monitors, `link_delay_s` is the
+    delay of the link.
     """
 
     def __init__(self, config: AgentConfig) -> None:
         self.own = OwnFilter(config.plant, config.own_filter)
-        self.target = TargetFilter(config.target_filter)
+        self.targets = TargetEstimates(config)
+        self._config = config
         self._frame = TeamFrame(config)
         self._target_blend = TargetBlend(config)
-        self._seen: TargetEstimate | None = None
+        self._position_m: Pair | None = None
         self._ring_frequency = RingFrequency(config.rate_hz)
         self._swings = config.own_filter.disturbance_turns
         self._height_m = config.take_off_altitude_m
@@ -129,9 +132,15 @@ class Estimator:
         return self._ring_frequency.rate_rad_s
 
     @property
-    def target_m(self) -> Pair | None:
-        """The position of the target at the last tick, None without an estimate."""
-        return None if self._seen is None else (float(self._seen.mean[0]), float(self._seen.mean[1]))
+    def position_m(self) -> Pair | None:
+        """The vehicle's own position at the last tick, None before any telemetry."""
+        return self._position_m
+
+    def follow_target(self, name: str | None) -> None:
+        """Follow the target of another ring, whose centre is at its estimate at once."""
+        if (name or "") != self.targets.followed:
+            self.targets.follow(name)
+            self._target_blend = TargetBlend(self._config)
 
     def measure(self, telemetry: Telemetry) -> None:
         """Take a sample of the vehicle's own motion."""
@@ -169,7 +178,8 @@ class Estimator:
         own = self.own.estimate(now_s)
         if own is None:
             return None
-        target = self._seen = self.target.estimate(now_s)
+        self._position_m = own.mean.item(0), own.mean.item(1)
+        target = self.targets.estimate(now_s)
         acting_s = now_s + self._plant_delay_s + self.link_delay_s + self._held_s
         acting = self.own.predicted(acting_s, self._held_s)
         acting_target = None if target is None else moved(target.mean, acting_s - target.time_s)
@@ -188,13 +198,18 @@ class Estimator:
             authority=self.own.authority,
             height_m=self._height_m,
             offset_variance_m2=self._frame.variance_m2,
+            acting_others={
+                name: moved(each.mean, acting_s - each.time_s)
+                for name, each in self.targets.estimates.items()
+                if name != self.targets.followed
+            },
         )
 
     def _take(self, now_s: float, sightings: Sequence[Sighting]) -> None:
         """Take sightings; if they show an offset of the own frame, shift the own estimate by it."""
-        sightings = self._frame.sightings(now_s, sightings, self._seen)
+        sightings = self._frame.sightings(now_s, sightings, self.targets.estimates)
         if sightings:
-            self.target.sight(*sightings)
+            self.targets.sight(sightings)
         off_x, off_y = self._frame.follow()
         if off_x or off_y:
             self.own.shift(-off_x, -off_y)

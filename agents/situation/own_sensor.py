@@ -5,7 +5,7 @@ sightings then cannot move the estimate.
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf
 
@@ -46,9 +46,13 @@ class Contradiction:
 
 
 class OwnSensor:
-    """The recent sightings of one vehicle's own sensor, and when each of the team's sensors saw the target last."""
+    """The recent sightings of one target by one vehicle's own sensor, and when each of the team's sensors saw it last.
 
-    def __init__(self, config: AgentConfig) -> None:
+    Sightings that do not name one of several targets are not compared (`compares`): they may be of different ones.
+    """
+
+    def __init__(self, config: AgentConfig, *, compares: bool = True) -> None:
+        self._compares = compares
         self._vehicle_id = config.vehicle_id
         self._reach_m_s = config.target_filter.velocity_prior_m_s
         # The gate of the target filter, for two dimensions.
@@ -66,27 +70,27 @@ class OwnSensor:
         time_s, sensor_id = sighting.time_s, sighting.sensor_id
         if sensor_id == self._vehicle_id:
             self._own.append(sighting)
-        elif self._own and not self._agrees(sighting):
+        elif self._own and self._compares and not self._agrees(sighting):
             return False
         if not SOURCES_FROM <= sensor_id <= SOURCES_TO:
             self._observed_s[sensor_id] = time_s
             self.team_saw_s = max(self.team_saw_s, time_s)
         return True
 
-    def due(self, now_s: float) -> Sighting | None:
-        """Return the newest own sighting once, when it is due to be sent; None otherwise.
+    def due(self, now_s: float) -> Sequence[Sighting]:
+        """Return the newest own sighting once, when it is due to be sent, or all of its time; none otherwise.
 
         The more sensors see the target, the lower the rate of each: the total information stays the same, and so does
         the load of receivers.
         """
         if not self._own:
-            return None
+            return ()
         newest = self._own[-1]
         observers = sum([now_s - seen_s <= OBSERVES_S for seen_s in self._observed_s.values()])
         if 0.0 <= newest.time_s - self._sent_s < max(_PERIOD_S, observers / SIGHTINGS_HZ) - self._early_s:
-            return None
+            return ()
         self._sent_s = newest.time_s
-        return newest
+        return (newest,) if self._compares else [each for each in self._own if each.time_s == newest.time_s]
 
     def contradictions(self, now_s: float) -> Mapping[int, Contradiction]:
         """Return the sensors that contradict the own one, by their ids."""
@@ -129,3 +133,31 @@ class OwnSensor:
         xx, yy = xx + spread_m2, yy + spread_m2
         squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
         return hypot(x, y) if squared > self._gate else 0.0
+
+
+class OwnSensors:
+    """The own sensor's sightings of all targets of a mission: one `OwnSensor` for each, and one for those of none."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._of = {name: OwnSensor(config) for name in config.targets}
+        self._of[""] = OwnSensor(config, compares=not config.targets)
+
+    def accepts(self, sighting: Sighting) -> bool:
+        """Take a sighting of any sensor; return whether it may be used: not if the mission has no such target."""
+        sensor = self._of.get(sighting.target or "")
+        return sensor is not None and sensor.accepts(sighting)
+
+    def due(self, now_s: float) -> list[Sighting]:
+        """Return the newest own sightings that are due to be sent, each once."""
+        return [each for sensor in self._of.values() for each in sensor.due(now_s)]
+
+    def contradictions(self, now_s: float) -> Mapping[int, Contradiction]:
+        """Return the sensors that contradict the own one about any target, by their ids."""
+        found: dict[int, Contradiction] = {}
+        for sensor in self._of.values():
+            found |= sensor.contradictions(now_s)
+        return found
+
+    def team_saw_s(self, target: str) -> float:
+        """Return when a sensor of the team last saw a target, or one that it did not name."""
+        return max(self._of[target].team_saw_s, self._of[""].team_saw_s)

@@ -1,5 +1,6 @@
 """The values passed between the stages of a tick: the estimated situation, and the task decided from it."""
 
+from collections.abc import Mapping
 from math import sqrt
 from typing import Final
 
@@ -7,6 +8,9 @@ import numpy as np
 
 from estimation.polar import Polar
 from estimation.state import OwnEstimate, TargetEstimate, Vector
+
+_NO_OTHERS: Final[Mapping[str, Vector]] = {}
+"""The other targets of a mission of one."""
 
 
 class Situation:
@@ -17,7 +21,8 @@ class Situation:
     `authority`, in (0, 1], is the share of feedback and compensation that the consistency of the own filter allows;
     `height_m` is the altitude from the latest telemetry. Positions are in the team's frame (`TeamFrame`), which the
     autopilot's differs from by an offset of variance `offset_variance_m2` per axis; `position_sigma_m` is the standard
-    deviation of the own position there, the larger one of the two axes.
+    deviation of the own position there, the larger one of the two axes. In a mission of several targets `target` is
+    that of the vehicle's ring, and `acting_others` are the motions of the others, by name.
     """
 
     def __init__(
@@ -34,6 +39,7 @@ class Situation:
         authority: float = 1.0,
         height_m: float = 0.0,
         offset_variance_m2: float = 0.0,
+        acting_others: Mapping[str, Vector] = _NO_OTHERS,
     ) -> None:
         self.now_s: Final = now_s
         self.acting_s: Final = acting_s
@@ -47,6 +53,7 @@ class Situation:
         self.authority: Final = authority
         self.height_m: Final = height_m
         self.position_sigma_m: Final = sqrt(own.position_sigma_m**2 + offset_variance_m2)
+        self.acting_others: Final = acting_others
 
     @property
     def compensation(self) -> Vector:

@@ -6,7 +6,7 @@ the vehicle's own telemetry (`PositionWander`), one from sightings of the common
 sent to peers without the second part, so that no information is counted twice.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import exp
 
 from msgspec.structs import replace
@@ -75,9 +75,13 @@ class TeamFrame:
         )
 
     def sightings(
-        self, now_s: float, sightings: Sequence[Sighting], target: TargetEstimate | None
+        self, now_s: float, sightings: Sequence[Sighting], targets: Mapping[str, TargetEstimate]
     ) -> Sequence[Sighting]:
-        """Take a tick's sightings and the prior estimate of the target; return the sightings in the team's frame."""
+        """Take a tick's sightings and the prior estimates of the targets by their names, that of the only one by "";
+        return the sightings in the team's frame.
+
+        Those of several targets show the offset as those of one do: each is compared with the estimate of its own.
+        """
         offsets = self._offsets
         for each in sightings:
             if each.frame_sigma_m > 0.0:
@@ -87,14 +91,15 @@ class TeamFrame:
         if not sightings and now_s - self._predicted_s < _PREDICTED_S:
             return sightings
         self._predicted_s = now_s
-        if target is None:
+        if not targets:
             offsets.predict(now_s, 0.0)
             return sightings
-        offsets.predict(now_s, sum(target.position_variance_m2) / 2.0)
-        x, y, x_rate, y_rate = target.mean.tolist()
+        offsets.predict(now_s, max(sum(each.position_variance_m2) / 2.0 for each in targets.values()))
         for each in sightings:
-            ahead_s = each.time_s - target.time_s
-            offsets.see(each, (x + x_rate * ahead_s, y + y_rate * ahead_s))
+            if (target := targets.get(each.target or "")) is not None:
+                x, y, x_rate, y_rate = target.mean.tolist()
+                ahead_s = each.time_s - target.time_s
+                offsets.see(each, (x + x_rate * ahead_s, y + y_rate * ahead_s))
         return [self._in_team_frame(each) for each in sightings]
 
     def follow(self) -> Pair:

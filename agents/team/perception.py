@@ -4,7 +4,7 @@ docs/target.md describes the message. Invalid sightings are refused here; each r
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from math import hypot
 from typing import Annotated
@@ -39,6 +39,7 @@ class Refusal(Enum):
     AWAY = "position too far away"
     FUTURE = "time in the future"
     COVARIANCE = "covariance not positive definite"
+    TARGET = "unknown target"
 
 
 _Variance = Annotated[float, msgspec.Meta(ge=-1e8, le=1e8)]
@@ -48,7 +49,8 @@ class ExternalSighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """A sighting message: covariance (xx, xy, yy) in the frame's axes, north and east if geodetic.
 
     `time_s` is on the team's clock (Unix time, except in faster simulations); None is the time of reception.
-    `altitude_m` is above the mission's origin, in either frame; None is unknown.
+    `altitude_m` is above the mission's origin, in either frame; None is unknown. `target` is the name of one of several
+    targets, None if the sensor does not tell them apart.
     """
 
     frame: str
@@ -60,6 +62,7 @@ class ExternalSighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     source: Annotated[int, msgspec.Meta(ge=0, le=9999)] = 0
     altitude_m: Annotated[float, msgspec.Meta(ge=-1e4, le=1e5)] | None = None
     altitude_sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1e3)] = 1.0
+    target: str | None = None
 
 
 _decoder = msgspec.json.Decoder(ExternalSighting)
@@ -74,10 +77,14 @@ class SightingRefusedError(Exception):
 
 
 class Perception:
-    """Decodes and validates the external sightings of one agent; calls `report` once for each reason of refusal."""
+    """Decodes and validates the external sightings of one agent; calls `report` once for each reason of refusal.
 
-    def __init__(self, frame: MissionFrame, report: Callable[[str], None]) -> None:
+    `targets` are the names that sightings may have, empty in a mission of one target.
+    """
+
+    def __init__(self, frame: MissionFrame, report: Callable[[str], None], targets: Sequence[str] = ()) -> None:
         self._frame = frame
+        self._targets = tuple(targets)
         self._report = report
         self.refused: Counter[Refusal] = Counter()
 
@@ -115,7 +122,15 @@ class Perception:
             raise SightingRefusedError(Refusal.NOWHERE, "use the mission frame")
         return frame
 
+    def _require_known(self, target: str | None) -> None:
+        """Check the name of a target."""
+        if target is None or target in self._targets:
+            return
+        known = f"known: {', '.join(self._targets)}" if self._targets else "the mission has one target: leave it out"
+        raise SightingRefusedError(Refusal.TARGET, f"{target[:32]!r}, {known}")
+
     def _sighting(self, message: ExternalSighting, frame: Frame, time_s: float) -> Sighting:
+        self._require_known(message.target)
         xx, xy, yy = covariance_m2 = message.covariance_m2
         if not (xx > 0.0 and xx * yy - xy**2 > 0.0):
             raise SightingRefusedError(Refusal.COVARIANCE, str(covariance_m2))
@@ -134,6 +149,7 @@ class Perception:
             message.threat,
             message.altitude_m,
             message.altitude_sigma_m,
+            target=message.target,
         )
 
     def _rotated(self, covariance_m2: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ the number of vehicles, and allows for the loss of a state.
 from math import hypot, inf
 
 from agents.tactics import Tactic
-from agents.team.messages import TOPICS, MemberState, NeighbourAngle
+from agents.team.messages import TOPICS, MemberState, NeighbourAngle, RingChoice
 from estimation.frames import wrap_signed_rad
 
 HEARTBEAT_S = 0.2
@@ -83,8 +83,16 @@ def task_goes_on(before: MemberState, state: MemberState) -> bool:
         and state.alert == before.alert
         and state.shaped_s == before.shaped_s
         and state.ring == before.ring
+        and _same_choice(before.choice, state.choice)
         and place_goes_on(before.angle, state.angle)
     )
+
+
+def _same_choice(before: RingChoice | None, choice: RingChoice | None) -> bool:
+    """Return whether a vehicle's ring and the commanded ones are unchanged; its bids are for the auction alone."""
+    if choice is None or before is None:
+        return choice is before
+    return choice.ring == before.ring and choice.commanded == before.commanded
 
 
 def place_goes_on(before: NeighbourAngle | None, place: NeighbourAngle | None) -> bool:

@@ -44,6 +44,7 @@ class Team:
         self._watched_until_s = -inf
         self._oldest_s = inf
         self.ring = RingMembers(self._engaged)
+        self._ring_number = 0
 
     def waits(self, state: MemberState) -> bool:
         """Return whether a state may wait: from a distant peer with an unchanged task, without a sighting.
@@ -85,7 +86,7 @@ class Team:
                 self._received.add(sender)
                 if self._near_ids is not None:
                     self._near_ids.add(sender)
-            if known is None or state.tactic != known.tactic:
+            if known is None or state.tactic != known.tactic or ring_of(state) != ring_of(known):
                 self.ring.changed()
         if state.angle is not None:
             self.ring.receive(state.angle)
@@ -192,6 +193,20 @@ class Team:
         x, y = position_m.tolist()
         return tuple(s for s, m in self._members.items() if hypot(m.position_m[0] - x, m.position_m[1] - y) <= radius_m)
 
+    def follow_ring(self, number: int) -> None:
+        """Take the number of the vehicle's ring among the mission's: `ring` has the peers on this one."""
+        self._ring_number = number
+        self.ring.changed()
+
+    def encircles(self, member: MemberState) -> bool:
+        """Return whether a member is on the vehicle's ring, or comes to it."""
+        return member.tactic == _ON_RING and ring_of(member) == self._ring_number
+
     def _engaged(self, sender: int) -> bool:
         member = self._members.get(sender)
-        return member is None or member.tactic == _ON_RING
+        return member is None or self.encircles(member)
+
+
+def ring_of(state: MemberState) -> int:
+    """Return the number of a vehicle's ring, 0 in a mission of one."""
+    return 0 if state.choice is None or state.choice.ring is None else state.choice.ring

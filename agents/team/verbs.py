@@ -63,7 +63,9 @@ class VerbRow:
         return not self.is_dangerous and (self.confirmation == "at once" or self.event is Event.LAND)
 
 
-_ON_MISSION = dict.fromkeys((Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE), "was on its mission already")
+_ON_MISSION = dict.fromkeys(
+    (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE), "was on its mission already"
+)
 _RESUMED = {Tactic.STANDBY: "was waiting for the start already", **_ON_MISSION}
 _RETURNS = {Tactic.RETURN_AND_LAND: "was returning to land already"}
 _ABORTS = "hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort"

@@ -106,6 +106,10 @@ class TargetTracks:
         """Return the confirmed tracks at `now_s`, in the order of their identifiers."""
         return self._state.confirmed(now_s)
 
+    def filter(self, name: str) -> TargetFilter | None:
+        """Return the filter of a named target, which is not to be changed; None before its first sighting."""
+        return self._state.filter(name)
+
     def _put(self, sighting: Sighting, newest: "_Key") -> "_Key | None":
         """Put a sighting into its batch; return the batch's key, None if the sighting is refused."""
         key = sighting.time_s, sighting.sensor_id
@@ -247,6 +251,11 @@ class _TrackSet:
             track_id = f"{sighting.sensor_id}@{now_s:.3f}" + (f"#{number}" if number else "")
             self._tracks[track_id] = track = _KeptTrack(track_id, False, TargetFilter(self._settings))
             track.take(sighting)
+
+    def filter(self, name: str) -> TargetFilter | None:
+        """Return the filter of a named target, None before its first sighting."""
+        track = self._tracks.get(name)
+        return None if track is None else track.target
 
     def confirmed(self, now_s: float) -> tuple[TargetTrack, ...]:
         """Return the confirmed tracks at `now_s`."""

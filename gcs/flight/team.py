@@ -57,18 +57,19 @@ class TrueSensor:
         self._estimated_m = estimated_m
         self._errors_m: deque[tuple[float, float, float]] = deque()
 
-    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return a sighting when one is due and the target is within range of the vehicle; it may be a delayed one."""
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
+        """Return the sightings that are due, of the targets within range of the vehicle; they may be delayed ones."""
         true_m, estimated_m = self._true_m(now_s), self._estimated_m(now_s)
         if true_m is None or estimated_m is None:
             true_m = estimated_m = position_m
         self._errors_m.append((now_s, estimated_m[0] - true_m[0], estimated_m[1] - true_m[1]))
-        sighting = self._sensor.sight(now_s, true_m)
-        while self._errors_m[0][0] < (now_s - KEPT_S if sighting is None else sighting.time_s):
+        while self._errors_m[0][0] < now_s - KEPT_S:
             self._errors_m.popleft()
-        if sighting is None:
-            return None
-        (x, y), (_, off_x, off_y) = sighting.position_m, self._errors_m[0]
+        return tuple(map(self._as_reported, self._sensor.sight(now_s, true_m)))
+
+    def _as_reported(self, sighting: Sighting) -> Sighting:
+        off_x, off_y = next((x, y) for at_s, x, y in self._errors_m if at_s >= sighting.time_s)
+        x, y = sighting.position_m
         return structs.replace(sighting, position_m=(x + off_x, y + off_y))
 
 
@@ -170,7 +171,7 @@ class FlightTeam:
             make_sensor=lambda start_s: _true_sensor(equipment.sensor(mission, vehicle.id, start_s), link),
             observe=self._observe,
             heartbeat=heartbeat,
-            perception=Perception(mission.mission_frame(), report),
+            perception=Perception(mission.mission_frame(), report, config.targets),
             positions=ExternalPositions(vehicle.id, report) if self._located_from_outside(vehicle) else None,
             mission=mission.identity,
         )

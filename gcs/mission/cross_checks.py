@@ -109,8 +109,11 @@ def beyond_limits(
 LAYER_LEAST_M = 1.0
 
 
-def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | None]) -> Iterator[KeyFault]:
-    """Check across sections, each of its model, or None or missing if it is not valid itself."""
+def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | None], places: int) -> Iterator[KeyFault]:
+    """Check across sections, each of its model, or None or missing if it is not valid itself.
+
+    The ring of `[encirclement]` has so many places; with several rings the mission is checked with each of them.
+    """
     known = [(i, vehicle[0]) for i, vehicle in enumerate(vehicles) if vehicle is not None]
     yield from _all_distinct(known)
     formation: FormationSettings | None = sections.get("formation")
@@ -125,10 +128,12 @@ def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | No
                 "formation.leader", f"no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
             )
     if safety is not None:
-        yield from _separated(known, safety, ring, len(vehicles))
+        yield from _starts_apart(known, safety)
+        if ring is not None:
+            yield from _places_apart(known, safety, ring, places, complete=len(known) == len(vehicles))
         yield from _inside_limits(sections, known, safety)
     if ring is not None and network is not None:
-        yield from ring_in_range(ring, network, len(vehicles))
+        yield from ring_in_range(ring, network, places)
     yield from _located(sections.get("frame"), known)
     yield from kept_up(sections.get("mission"), link)
     if link is not None:
@@ -182,12 +187,7 @@ def _distinct(
             )
 
 
-def _separated(
-    vehicles: list[tuple[int, VehicleSection]],
-    safety: SafetySettings,
-    ring: EncirclementSettings | None,
-    count: int,
-) -> Iterator[KeyFault]:
+def _starts_apart(vehicles: IndexedVehicles, safety: SafetySettings) -> Iterator[KeyFault]:
     least = safety.separation_m
     for (i, one), (k, other) in combinations(vehicles, 2):
         distance = hypot(one.start_m[0] - other.start_m[0], one.start_m[1] - other.start_m[1])
@@ -196,15 +196,30 @@ def _separated(
                 f"vehicles[{k}].start_m",
                 f"{distance:.2f} m from vehicles[{i}], less than safety.separation_m = {least} m",
             )
-    if ring is not None and count > 1 and chord_m(ring.radius_m, count) < least:
+
+
+def _places_apart(
+    vehicles: IndexedVehicles, safety: SafetySettings, ring: EncirclementSettings, places: int, *, complete: bool
+) -> Iterator[KeyFault]:
+    """Check the places of a ring, and the gaps of any vehicles that may be on it, if all are known (`complete`)."""
+    least = safety.separation_m
+    if places > 1 and chord_m(ring.radius_m, places) < least:
         yield KeyFault(
             "encirclement.radius_m",
-            f"{count} vehicles on a ring of {ring.radius_m} m are "
-            f"{chord_m(ring.radius_m, count):.2f} m apart, less than safety.separation_m = {least} m; "
-            f"it takes {_least_radius_m(least, count)} m",
+            f"{places} vehicles on a ring of {ring.radius_m} m are "
+            f"{chord_m(ring.radius_m, places):.2f} m apart, less than safety.separation_m = {least} m; "
+            f"it takes {_least_radius_m(least, places)} m",
         )
-    elif ring is not None and len(vehicles) == count > 1:
-        yield from _gaps_fit(vehicles, least, ring.radius_m)
+    elif complete and places > 1 and len(vehicles) > 1:
+        yield from _gaps_fit(_least_even(vehicles, places), least, ring.radius_m)
+
+
+def _least_even(vehicles: IndexedVehicles, places: int) -> IndexedVehicles:
+    """Return the vehicles of one ring whose gaps differ most: the narrowest one, and the widest."""
+    narrowest = min(vehicles, key=lambda each: each[1].gap)
+    others = [each for each in vehicles if each is not narrowest]
+    widest = sorted(others, key=lambda each: each[1].gap, reverse=True)[: places - 1]
+    return sorted([narrowest, *widest], key=lambda each: each[0])
 
 
 def _least_radius_m(separation_m: float, places: float) -> float:

@@ -104,6 +104,8 @@ def excited(mission: Mission, vehicle: MissionVehicle) -> Mission:
         choreography=mission.choreography.model_copy(update={"layer_m": 0.0, "landing_order": ()}),
         vehicles=(vehicle,),
         excites=True,
+        targets=(),
+        rings=(),
     )
     duration_s = programme(alone.agent_config(vehicle)).duration_s
     return replace(alone, mission=alone.mission.model_copy(update={"duration_s": duration_s}))

@@ -18,13 +18,13 @@ from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
 from estimation.profile.profile import ProfileError, ProfileLibrary
 from estimation.settings import Settings
 from gcs.errors import InputError, KeyFault
-from gcs.mission.cross_checks import LoadedVehicle, cross_checked, resolved
+from gcs.mission.cross_checks import LoadedVehicle, resolved
 from gcs.mission.excitation import excitation_faults, excited
 from gcs.mission.fault_lines import located, syntax_fault
-from gcs.mission.mission import Mission, SharedLinkSection, VehicleSection
+from gcs.mission.mission import Mission, SharedLinkSection, TargetSection, VehicleSection
 from gcs.mission.overrides import overridden
+from gcs.mission.rings import SeveralRings, several_rings
 from gcs.mission.sections import EXCITES, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
-from gcs.mission.stability import unstable_loops
 from gcs.mission.validation import shown, unknown_keys, validated
 
 _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
@@ -41,7 +41,13 @@ def identified(mission: Mission) -> Mission:
 def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
-    sections["target"].pop("url", None)
+    sections["target"] = _comparable(mission.target)
+    if mission.targets:
+        sections["targets"] = [_comparable(each) for each in mission.targets]
+    if mission.rings:
+        sections["rings"] = [
+            [each.name, each.target, each.places, each.encirclement.model_dump(mode="json")] for each in mission.rings
+        ]
     vehicles = [each.section.model_dump(mode="json", exclude=_OF_ONE_COMPUTER) for each in mission.vehicles]
     profiles = [each.profile.plant for each in mission.vehicles]
     whole = {
@@ -52,6 +58,16 @@ def _digest(mission: Mission) -> str:
         "plants": [repr(plant) for plant in profiles],
     }
     return sha256(dumps(whole, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _comparable(target: TargetSection) -> dict[str, Any]:
+    """Return what must be equal of a target, the keys of several targets only where they are used."""
+    keys = target.model_dump(mode="json", exclude={"url"})
+    if not target.name:
+        keys.pop("name")
+    if target.sensor.names:
+        keys["sensor"].pop("names")
+    return keys
 
 
 _BUNDLED = Path(__file__).parent / "missions"
@@ -116,36 +132,40 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
 
 def _checked(content: dict[str, Any], text: str, library: ProfileLibrary) -> Mission:
     """Return the mission of a file's content; raises MissionError with every fault."""
-    known = [*SECTIONS, "links", "vehicles", "tuning"]
+    known = [*SECTIONS, "targets", "rings", "links", "vehicles", "tuning"]
     faults = unknown_keys("", [key for key in content if key not in known], known)
+    several = several_rings(content, faults)
     faults += [
         KeyFault(name, "this section is missing; `cordon new` writes a complete mission")
         for name in REQUIRED
-        if name not in content
+        if name not in content and name not in several.sections
     ]
-    sections = _sections(content, faults)
+    sections = _sections(content, several, faults)
     # Invalid thresholds are reported once, not for every vehicle.
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
     links = _links(content.get("links", {}), faults)
     vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), library, faults)
-    faults += cross_checked(sections, vehicles)
+    faults += several.checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
     sections.pop("decision")
     complete = tuple(resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
     read = {"text": text, "profile_texts": library.texts, "parse": parse_mission}
+    read |= {"targets": several.mission_targets, "rings": several.mission_rings(sections["encirclement"])}
     mission = Mission(**sections, links=links, vehicles=complete, **read)  # type: ignore[arg-type]  # each is of its section's model
-    if unstable := list(unstable_loops(mission)):
+    if unstable := list(several.unstable(mission)):
         raise MissionError(unstable)
     return identified(mission)
 
 
-def _sections(content: dict[str, Any], faults: list[KeyFault]) -> dict[str, Settings | None]:
+def _sections(content: dict[str, Any], several: SeveralRings, faults: list[KeyFault]) -> dict[str, Settings | None]:
     """Return the settings of all sections, merged with those of `[tuning]`; None for invalid or missing sections."""
     sections = {
-        name: validated(model, content.get(name, {}), name, faults)
+        name: several.sections[name]
+        if name in several.sections
+        else validated(model, content.get(name, {}), name, faults)
         for name, model in SECTIONS.items()
-        if name in content or name not in REQUIRED
+        if name in content or name not in REQUIRED or name in several.sections
     }
     tuning = content.get("tuning", {})
     if not isinstance(tuning, dict):

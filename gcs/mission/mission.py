@@ -12,6 +12,7 @@ from agents.settings.config import AgentConfig, RingConfig
 from agents.settings.sections import (
     ChoreographySettings,
     DecisionSettings,
+    EncirclementSection,
     EncirclementSettings,
     ExcitationSettings,
     FailsafeSettings,
@@ -104,6 +105,9 @@ PARTS_MAX = 1000
 TARGET_SPEED_MAX_M_S = 20.0
 """Maximum speed of a simulated target that follows legs or reacts."""
 
+_NAME_MAX = 24
+"""Maximum length of the name of a target or a ring."""
+
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
 Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
 Metres3 = Annotated[tuple[Metre, Metre, Metre], BeforeValidator(pair)]
@@ -153,6 +157,7 @@ class SensorSection(Settings):
     outlier_m: float = Field(10.0, gt=0.0, le=1000.0, description="error of an outlier, in a random direction")
     delay_s: float = Field(0.0, ge=0.0, le=5.0, description="delay of the sightings")
     blind_s: Intervals = Field((), description="intervals of mission time without sightings")
+    names: bool = Field(True, description="with several targets: sightings name their target")
 
 
 class SensorChange(SensorSection):
@@ -180,7 +185,9 @@ class EvadesSection(Settings):
 class TargetSection(TargetBehaviour):
     """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md)."""
 
-    name: str = Field("", max_length=24, pattern=r"^[A-Za-z0-9_-]*$", description="name, required in `[[targets]]`")
+    name: str = Field(
+        "", max_length=_NAME_MAX, pattern=r"^[A-Za-z0-9_-]*$", description="name, required in `[[targets]]`"
+    )
     source: Literal["simulated", "external", "mavlink"] = Field(
         "simulated",
         description="`external`: sightings from the bus; `mavlink`: a vehicle's telemetry. Plans use the motion below",
@@ -235,6 +242,27 @@ class TargetSection(TargetBehaviour):
     def speed_max_m_s(self) -> float:
         """The highest speed of the planned motion, or of a target that evades."""
         return self.motion.speed_max_m_s if self.evades is None else self.evades.speed_m_s
+
+
+class RingKeys(Settings):
+    """`[[rings]]`: one of several rings; it has keys of `[encirclement]` where it differs from that
+    (docs/missions.md).
+    """
+
+    name: str | None = Field(
+        None,
+        min_length=1,
+        max_length=_NAME_MAX,
+        pattern=r"^[A-Za-z0-9_-]*$",
+        description="name; none: that of its target",
+    )
+    target: str | None = Field(None, max_length=_NAME_MAX, description="name of its target, if there are several")
+    places: int = Field(ge=1, le=254, description="how many vehicles fly on it at most")
+    shared: bool = Field(False, description="it may cut other rings: their vehicles evade each other")
+
+
+class RingSection(EncirclementSection, RingKeys):
+    """A `[[rings]]` table, completed from `[encirclement]`."""
 
 
 class SecuritySection(Settings):
@@ -442,6 +470,11 @@ class Mission:
         return replace(self, target=target, encirclement=ring.encirclement, targets=(), rings=())
 
     @property
+    def every_target(self) -> tuple[TargetSection, ...]:
+        """All targets, also if there is only one."""
+        return self.targets or (self.target,)
+
+    @property
     def ids(self) -> tuple[int, ...]:
         """The vehicles' ids in line order."""
         return tuple(vehicle.id for vehicle in self.vehicles)
@@ -467,10 +500,10 @@ class Mission:
         """
         return self.parse(overridden(self.text, places(sections, self.ids)), self.folder, self.profile_texts)
 
-    def sensor(self, vehicle_id: int) -> SensorSection:
-        """Return a vehicle's sensor of the simulated target."""
+    def sensor(self, vehicle_id: int, target: TargetSection | None = None) -> SensorSection:
+        """Return a vehicle's sensor of a simulated target; None: that of the first ring."""
         change = self.vehicle(vehicle_id).section.sensor
-        return self.target.sensor.model_copy(update=change.model_dump(exclude_unset=True) if change else {})
+        return (target or self.target).sensor.model_copy(update=change.model_dump(exclude_unset=True) if change else {})
 
     def mission_frame(self) -> MissionFrame:
         """Return the mission frame."""

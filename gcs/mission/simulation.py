@@ -1,4 +1,4 @@
-"""The simulated parts of a mission: each vehicle's sensor of the target, and the vehicles' imperfections."""
+"""The simulated parts of a mission: each vehicle's sensor of the targets, and the vehicles' imperfections."""
 
 from math import inf
 
@@ -6,7 +6,7 @@ from gcs.mission.mission import Mission
 from sitl.reacting_target import FlownTarget, Reaction
 from sitl.vehicle.imperfections import EstimatorDriftModel, Imperfections, TelemetryTiming
 from sitl.vehicle.shaping import ShapeLimits
-from sitl.world import SensorModel, SimulatedSensor
+from sitl.world import SensorModel, SimulatedSensor, SimulatedSensors
 
 _SEES_NOTHING_M = -1.0
 
@@ -21,12 +21,23 @@ def flown_target(mission: Mission, reaction: Reaction | None) -> FlownTarget | N
 
 def target_sensor(
     mission: Mission, vehicle_id: int, start_s: float, seed: int, flown: FlownTarget | None = None
-) -> SimulatedSensor:
-    """Return the sensor of one vehicle; the target starts at `start_s`.
+) -> SimulatedSensor | SimulatedSensors:
+    """Return the sensor of one vehicle; the targets start at `start_s`.
 
-    It sees the target that is `flown`, or else the mission's if that is simulated.
+    It sees the target that is `flown`, or else those of the mission that are simulated.
     """
-    target, sensor = mission.target, mission.sensor(vehicle_id)
+    sensors = [
+        _sensor_of(mission, vehicle_id, number, start_s, seed, flown) for number in range(len(mission.every_target))
+    ]
+    return sensors[0] if len(sensors) == 1 else SimulatedSensors(sensors)
+
+
+def _sensor_of(
+    mission: Mission, vehicle_id: int, number: int, start_s: float, seed: int, flown: FlownTarget | None
+) -> SimulatedSensor:
+    """Return a vehicle's sensor of one of the targets."""
+    target = mission.every_target[number]
+    sensor = mission.sensor(vehicle_id, target)
     model = SensorModel(
         sensor.range_m if flown is not None or target.source == "simulated" else _SEES_NOTHING_M,
         sensor.rate_hz,
@@ -38,8 +49,9 @@ def target_sensor(
         sensor.delay_s,
         sensor.blind_s,
         target.altitude_m,
+        target.name if sensor.names and mission.targets else None,
     )
-    return SimulatedSensor(vehicle_id, model, flown or target.motion, start_s, seed)
+    return SimulatedSensor(vehicle_id, model, flown or target.motion, start_s, seed, (number,) if number else ())
 
 
 def simulated_imperfections(mission: Mission) -> Imperfections:

@@ -317,7 +317,7 @@ class FilterRun:
 
     def _see(self, now_s: float) -> None:
         """Process the sightings since the last tick, and the shift of the team's frame that follows from them."""
-        for sighting in self._frame.sightings(now_s, self._sighted, self._seen):
+        for sighting in self._frame.sightings(now_s, self._sighted, {} if self._seen is None else {"": self._seen}):
             self._sight(sighting)
         self._sighted.clear()
         off_x, off_y = self._frame.follow()

@@ -77,8 +77,8 @@ class VehicleModel:
 class Sensor(Protocol):
     """A target sensor on board one vehicle."""
 
-    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return a sighting when one is due and in range."""
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
+        """Return the sightings that are due, of the targets in range."""
 
 
 class WantedPosition(Protocol):
@@ -209,17 +209,17 @@ class SimulatedVehicle(Generic[OutputT]):
             self.core = self._new_core()
         return before
 
-    def sense(self, now_s: float) -> tuple[list[Telemetry], Sighting | None]:
-        """Return the samples of its instruments since the last call, and its sensor's sighting if it sees the target.
+    def sense(self, now_s: float) -> tuple[list[Telemetry], Sequence[Sighting]]:
+        """Return the samples of its instruments since the last call, and its sensor's sightings.
 
-        The sensor measures relative to the true position; the sighting is relative to the estimated position at that
+        The sensor measures relative to the true position; a sighting is relative to the estimated position at that
         time, so it includes the error of the vehicle's position.
         """
         samples, self._samples = self._samples, []
         if self._telemetry_schedule is None or now_s == 0.0:
             samples.append(self._sample(now_s))
-        sighting = self._sensor.sight(now_s, self.motion[:2])
-        return samples, None if sighting is None else self._as_reported(sighting)
+        sightings = self._sensor.sight(now_s, self.motion[:2])
+        return samples, [self._as_reported(sighting) for sighting in sightings] if sightings else ()
 
     def _as_reported(self, sighting: Sighting) -> Sighting:
         if self._estimator_drift is None:
@@ -227,11 +227,11 @@ class SimulatedVehicle(Generic[OutputT]):
         (x, y), (off_x, off_y) = sighting.position_m, self._estimator_drift.earlier_error_m(sighting.time_s)
         return msgspec.structs.replace(sighting, position_m=(x + off_x, y + off_y))
 
-    def think(self, now_s: float, samples: Sequence[Telemetry], sighting: Sighting | None) -> OutputT:
-        """Pass the samples and the sighting to the core, and tick it."""
+    def think(self, now_s: float, samples: Sequence[Telemetry], sightings: Sequence[Sighting]) -> OutputT:
+        """Pass the samples and the sightings to the core, and tick it."""
         for telemetry in samples:
             self.core.take(telemetry)
-        if sighting is not None:
+        for sighting in sightings:
             self.core.take(sighting)
         return self.core.tick(now_s)
 
@@ -410,14 +410,14 @@ def simulate(
         move_target(now_s, motions)
         air.place([motion[:2] for motion in motions])
         for index, (vehicle, messages) in enumerate(zip(vehicles, air.arrived(now_s), strict=True)):
-            samples, sighting = vehicle.sense(now_s)
+            samples, sightings = vehicle.sense(now_s)
             if not vehicle.present:
                 truth.tick_us.append(0.0)
                 continue
             began = perf_counter()
             for message in messages:
                 vehicle.core.take(inputs.message(now_s, message))
-            output = vehicle.think(now_s, samples, sighting)
+            output = vehicle.think(now_s, samples, sightings)
             truth.tick_us.append((perf_counter() - began) * 1e6)
             vehicle.command(now_s, output.setpoint)
             air.send(now_s, index, output.messages)

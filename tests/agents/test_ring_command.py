@@ -168,10 +168,9 @@ def test_values_of_two_operators_that_do_not_go_together_leave_one_ring(make_con
     for i, orders in ((1, (earlier, later)), (2, (later, earlier))):
         for order in orders:
             cores[i].take(Message(80.2, order))
-    held = {i: core._broadcast.commanded_ring for i, core in cores.items()}
+    held = {i: core._broadcast.commanded_rings[0] for i, core in cores.items()}
     for i, other in ((1, 2), (2, 1)):
         told = held[other]
-        assert told is not None
         zero = (0.0, 0.0)
         cores[i].take(Message(80.4, MemberState(other, 80.4, "encircle", zero, zero, zero, zero, ring=told)))
     rings = {

@@ -96,8 +96,8 @@ class Recorder:
 class Sensor:
     """Sees the target where the vehicle truly is, at whole seconds."""
 
-    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        return Sighting(now_s, 1, position_m, (1.0, 0.0, 1.0), 0.5, 0.5) if now_s % 1.0 == 0.0 else None
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
+        return (Sighting(now_s, 1, position_m, (1.0, 0.0, 1.0), 0.5, 0.5),) if now_s % 1.0 == 0.0 else ()
 
 
 def vehicle(

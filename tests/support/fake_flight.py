@@ -241,8 +241,8 @@ class FakeHeartbeat:
 
 
 class _NoTarget:
-    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        return None
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
+        return ()
 
 
 class FakeFlight:

@@ -314,7 +314,7 @@ class SimulatedTeam:
                 make_sensor=sensor,
                 observe=observe,
                 heartbeat=FakeHeartbeat(),
-                perception=Perception(mission.mission_frame(), lambda _reason: None),
+                perception=Perception(mission.mission_frame(), lambda _reason: None, config.targets),
                 mission=mission.identity,
             )
         )

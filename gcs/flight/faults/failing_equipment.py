@@ -130,10 +130,10 @@ class FailingSensor:
         self._sensor = sensor
         self._present = faults
 
-    def sight(self, now_s: float, position_m: tuple[float, float]) -> Sighting | None:
-        """Return the sighting of the real sensor, None while it is blind."""
-        sighting = self._sensor.sight(now_s, position_m)
-        return None if self._present.now.blind else sighting
+    def sight(self, now_s: float, position_m: tuple[float, float]) -> tuple[Sighting, ...]:
+        """Return the sightings of the real sensor, none while it is blind."""
+        sightings = self._sensor.sight(now_s, position_m)
+        return () if self._present.now.blind else sightings
 
 
 class FailingEquipment(Equipment):

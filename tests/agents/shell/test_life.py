@@ -181,5 +181,5 @@ def test_when_a_pilot_has_taken_over(connected: bool, armed: bool, mode: FlightM
 def test_a_core_has_resumed_only_where_the_agent_is_out_of_its_mission() -> None:
     back = {phase: {tactic for tactic in Tactic if resumed(phase, tactic)} for phase in Phase}
     assert back.pop(Phase.PILOT_OVERRIDE) == set(Tactic) - {Tactic.PILOT_OVERRIDE, Tactic.LAND}
-    assert back.pop(Phase.RETURNING) == {Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.EXCITE}
+    assert back.pop(Phase.RETURNING) == {Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE}
     assert not any(back.values())

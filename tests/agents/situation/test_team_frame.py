@@ -20,8 +20,8 @@ def sighting(time_s: float, sensor_id: int, x: float, sigma_m: float = 0.25) -> 
     return Sighting(time_s, sensor_id, (x, 0.0), (0.01, 0.0, 0.01), 0.8, 0.2, None, 1.0, sigma_m, 20.0)
 
 
-def target(time_s: float) -> TargetEstimate:
-    return TargetEstimate(time_s, np.zeros(4), target_spread(0.1), time_s, 0.8, 0.2)
+def target(time_s: float) -> dict[str, TargetEstimate]:
+    return {"": TargetEstimate(time_s, np.zeros(4), target_spread(0.1), time_s, 0.8, 0.2)}
 
 
 def watched(frame: TeamFrame, own_m: float, seconds: float = 20.0) -> None:
@@ -56,7 +56,8 @@ def test_exact_sightings_from_places_that_differ_show_no_target_that_darts_about
         off_m = 0.25 * np.sin(2.0 * np.pi * round_s / periods_s)
         for sensor, (late_s, x) in enumerate(zip(lateness_s, off_m.tolist(), strict=True), start=1):
             exact = Sighting(round_s + late_s, sensor, (x, 0.0), (1e-4, 0.0, 1e-4), 0.8, 0.2)
-            seen.sight(*frame.sightings(exact.time_s, [exact], seen.estimate(exact.time_s)))
+            before = seen.estimate(exact.time_s)
+            seen.sight(*frame.sightings(exact.time_s, [exact], {} if before is None else {"": before}))
         estimate = seen.estimate(round_s)
         speeds += [] if estimate is None else [float(np.hypot(*estimate.mean[VELOCITY]))]
     assert max(speeds[50:]) < 0.5

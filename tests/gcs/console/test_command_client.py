@@ -196,6 +196,7 @@ SOUTH_NARROW, HIGH_WIDE = (MISSION_RING, NARROW, MISSION_RING), (MISSION_RING, M
         (SOUTH_FAST, SOUTH, RingValues(13.0), False),
         (SOUTH_FAST, SOUTH, RingValues(11.0), True),
         (SOUTH_FAST, HIGH, RingValues(13.0), True),
+        ((FAST,), HIGH, RingValues(13.0), True),
         (ALL_MISSION, NORTH, RingValues(10.0, 0.235), False),
         (ALL_MISSION, SOUTH, RingValues(10.0, 0.235), True),
     ],

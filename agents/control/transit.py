@@ -1,0 +1,92 @@
+"""The way from one ring to another: out of the ring that the vehicle leaves, around others, towards the next.
+
+The vehicle flies straight to the next ring's centre unless a ring is in its way. It leaves a ring outwards until the
+way is free, and passes others along the tangents of a circle that is clear of them. Once nothing is in its way and the
+next ring is within reach, that ring's law takes over (`agents/control/ring_flight.py`).
+"""
+
+from collections.abc import Sequence
+from math import asin, atan2, cos, hypot, pi, sin
+from typing import NamedTuple
+
+from agents.control.encirclement import aim_for_acceleration
+from agents.control.plan import Plan
+from agents.ring.joining import ASIDE
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from estimation.frames import wrap_signed_rad
+from estimation.state import POSITION, VELOCITY
+from estimation.vectors import Pair, clipped_pair
+
+FAR_SHARE = 0.8
+"""The share of the radius up to which the law of a ring holds, at which it takes over."""
+_SPEED_SHARE, _ACCELERATION_SHARE, _GAIN_PER_S = 0.8, 0.5, 1.0
+"""The shares of the ring's limits that are flown, and the rate at which an error of the velocity is corrected."""
+
+
+class Disc(NamedTuple):
+    """A ring with the room outside of it that its vehicles need, seen from above."""
+
+    centre_m: Pair
+    radius_m: float
+
+
+def heading_rad(from_m: Pair, to_m: Pair, discs: Sequence[Disc]) -> tuple[float, bool]:
+    """Return the direction of the way from a position to another around discs, and whether it is straight."""
+    (x, y), (to_x, to_y) = from_m, to_m
+    straight_rad, left_m = atan2(to_y - y, to_x - x), hypot(to_x - x, to_y - y)
+    in_way = [(hypot(each.centre_m[0] - x, each.centre_m[1] - y), each) for each in discs]
+    for away_m, disc in sorted(in_way, key=lambda each: each[0] - each[1].radius_m):
+        to_centre_rad = atan2(disc.centre_m[1] - y, disc.centre_m[0] - x)
+        off_rad = wrap_signed_rad(straight_rad - to_centre_rad)
+        if cos(off_rad) <= 0.0 or away_m * cos(off_rad) >= left_m + disc.radius_m:
+            continue  # behind the vehicle, or beyond the goal
+        if away_m <= disc.radius_m:
+            return to_centre_rad + pi, False
+        if away_m * abs(sin(off_rad)) < disc.radius_m:
+            aside_rad = asin(disc.radius_m / away_m)
+            return to_centre_rad + (aside_rad if off_rad >= 0.0 else -aside_rad), False
+    return straight_rad, True
+
+
+class Transit:
+    """Plans one vehicle's way to its ring, in a mission of several rings; without its target it stays."""
+
+    def __init__(self, config: AgentConfig) -> None:
+        self._config = config
+        self._arrived = False
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the ring's own law can take over."""
+        return self._arrived
+
+    def change(self, config: AgentConfig) -> None:
+        """Fly to the ring of another configuration from now on."""
+        self._config, self._arrived = config, False
+
+    def plan(self, situation: Situation) -> Plan | None:
+        """Return the plan of this tick, None if the target is not known."""
+        if situation.acting_target is None:
+            return None
+        config, ring = self._config, self._config.encirclement
+        x, y, x_rate, y_rate = situation.acting_motion.tolist()
+        goal_x, goal_y = situation.acting_target[POSITION].tolist()
+        direction_rad, is_straight = heading_rad((x, y), (goal_x, goal_y), self._discs(situation))
+        self._arrived = is_straight and hypot(goal_x - x, goal_y - y) < FAR_SHARE * ring.radius_far_m
+        speed_m_s = _SPEED_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
+        missing_m_s = speed_m_s * cos(direction_rad) - x_rate, speed_m_s * sin(direction_rad) - y_rate
+        most_m_s2 = _ACCELERATION_SHARE * min(ring.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
+        wanted_m_s2 = clipped_pair((_GAIN_PER_S * missing_m_s[0], _GAIN_PER_S * missing_m_s[1]), most_m_s2)
+        aim = aim_for_acceleration(situation.acting_motion, wanted_m_s2, situation.compensation, config.plant)
+        return Plan(aim, aim, situation.acting_motion[VELOCITY])
+
+    def _discs(self, situation: Situation) -> list[Disc]:
+        """Return the rings about other targets that are known."""
+        config, discs = self._config, []
+        for each in config.rings:
+            target = situation.acting_others.get(each.target)
+            if target is not None:
+                radius_m = each.encirclement.radius_m + ASIDE * config.safety.separation_m
+                discs.append(Disc((target.item(0), target.item(1)), radius_m))
+        return discs
