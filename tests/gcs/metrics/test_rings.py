@@ -148,7 +148,8 @@ def test_a_ring_that_all_have_left_is_judged_until_then() -> None:
     ]
     result = judged(replace(record, vehicles=(*record.vehicles[:3], *leaving)))
     north = result.rings[1].result
-    assert north.window_s == (ENGAGES_S, pytest.approx(MOVES_S - STEP_S))
+    assert north.window_s is not None
+    assert north.window_s == pytest.approx((ENGAGES_S, MOVES_S - STEP_S))
     assert [each.radius_error_rms_m for each in north.vehicles] == pytest.approx([0.3, 0.3])
     assert result.verdicts.c1 is False
     assert result.vehicles[3].radius_error_rms_m == pytest.approx(0.0, abs=1e-9)
