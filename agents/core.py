@@ -72,6 +72,8 @@ from estimation.state import POSITION, Sighting, TargetEstimate, Telemetry, Vect
 _NOTHING_DUE = Outlook()
 _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 """The tactics in which a vehicle chooses among several rings."""
+_LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
+"""Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
 _GOES_ON = ("start", "resume", "formation", "ring", "assign")
 """With any other verb an operator takes the decision to resume."""
 
@@ -170,6 +172,8 @@ class VehicleCore:
         config, place_m = self._config, self._estimator.position_m
         if place_m is None or self._tactic not in _CHOOSES:
             self._wanted, self._broadcast.ring = None, None
+            if self._tactic in _LEAVES:
+                chooser.withdraw(now_s)
             return
         on_ring = self._tactic is not Tactic.FORMATION
         wanted = chooser.choose(config, place_m, self._estimator.targets.estimates, now_s, on_ring=on_ring)
