@@ -93,13 +93,14 @@ class ShapeChange(msgspec.Struct, frozen=True):
 
 
 class RingCommanded(msgspec.Struct, frozen=True):
-    """The ring that operators have commanded, from now on."""
+    """The ring that operators have commanded, from now on; `ring` is its number in a mission of several rings."""
 
     kind: ClassVar[Kind] = "command"
     radius_m: float
     angular_rate_rad_s: float
     altitude_m: float | None = None
     tilt_deg: float = 0.0
+    ring: int = 0
 
     @property
     def text(self) -> str:

@@ -22,11 +22,13 @@ from gcs.metrics.record import (
     FlightRecord,
     GuardTally,
     LoopStatistics,
+    TargetPath,
     VehicleTrack,
     in_order,
     path_velocity_m_s,
 )
-from gcs.mission.mission import Mission, MissionVehicle
+from gcs.metrics.targets import ring_targets_of, targets_of
+from gcs.mission.mission import Mission, MissionVehicle, TargetSection
 from gcs.mission.simulation import flown_target, simulated_imperfections, target_sensor
 from sitl.reacting_target import FlownTarget, Reaction
 from sitl.simulation.simulation import (
@@ -110,19 +112,22 @@ def fly_simulated(
 
 
 class _Observed:
-    """The vehicles' decisions: tactics (T, N), events, the guard's interventions, and the latest status."""
+    """The vehicles' decisions: tactics and rings (T, N), events, the guard's interventions, and the latest status."""
 
     def __init__(self, ticks: int, vehicles: int) -> None:
         self.tactics = np.full((ticks, vehicles), NO_TACTIC, dtype="<U16")
+        self.rings = np.zeros((ticks, vehicles), dtype=np.intp)
         self.events: list[FlightEvent] = []
         self.guard = GuardTally()
         self._latest: list[CoreStatus | None] = [None] * vehicles
 
     def note(self, tick: int, vehicle: int, status: CoreStatus) -> None:
-        """Add one tick of one vehicle; its tactic holds until a later tick changes it."""
+        """Add one tick of one vehicle; its tactic and ring hold until a later tick changes them."""
         latest, self._latest[vehicle] = self._latest[vehicle], status
         if latest is None or status.tactic is not latest.tactic:
             self.tactics[tick:, vehicle] = status.tactic.value
+        if status.ring != self.rings[tick, vehicle]:
+            self.rings[tick:, vehicle] = status.ring
         self.guard.note(status.guarded)
         if status.notes:
             self.events += [FlightEvent.of(status.vehicle_id, note) for note in status.notes]
@@ -209,7 +214,8 @@ def _record(
     observed: _Observed,
     wall_time_s: float,
 ) -> FlightRecord:
-    target_m, target_m_s = _target_path(mission, flight.time_s, target)
+    own = _target_path(mission, mission.target, flight.time_s, target)
+    has_rings = len(mission.rings) > 1
     tracks = tuple(
         VehicleTrack(
             vehicle_id,
@@ -217,6 +223,7 @@ def _record(
             flight.motion[:, index, VELOCITY],
             observed.tactics[:, index],
             altitude_m=flight.altitude_m[:, index],
+            ring=observed.rings[:, index] if has_rings else None,
         )
         for index, vehicle_id in enumerate(mission.ids)
     )
@@ -226,20 +233,22 @@ def _record(
         source="simulation",
         reference="truth",
         time_s=flight.time_s,
-        target_position_m=target_m,
-        target_velocity_m_s=target_m_s,
+        target_position_m=own.position_m,
+        target_velocity_m_s=own.velocity_m_s,
         vehicles=tracks,
         loop=LoopStatistics(mission.mission.rate_hz, flight.tick_us.size, 0, flight.tick_us.ravel()),
         wall_time_s=wall_time_s,
         guard=observed.guard,
         events=in_order(observed.events),
         endings=observed.endings(mission.ids),
+        targets=tuple(_target_path(mission, each, flight.time_s, target) for each in targets_of(mission)),
+        ring_targets=ring_targets_of(mission),
     )
 
 
-def _target_path(mission: Mission, time_s: Vector, flown: FlownTarget | None) -> tuple[Vector, Vector]:
-    """Return the target's true positions and velocities (T, 2)."""
-    if flown is None:
-        return mission.target.motion.over(time_s)
+def _target_path(mission: Mission, target: TargetSection, time_s: Vector, flown: FlownTarget | None) -> TargetPath:
+    """Return a target's true motion; the one that reacts is that of the first ring."""
+    if flown is None or target != mission.target:
+        return TargetPath(*target.motion.over(time_s))
     path_m = np.array(flown.path_m)
-    return path_m, path_velocity_m_s(time_s, path_m)
+    return TargetPath(path_m, path_velocity_m_s(time_s, path_m))

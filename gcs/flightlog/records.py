@@ -163,7 +163,8 @@ class Decision(msgspec.Struct, frozen=True):
     `target_altitude_m` is the estimate of the target's altitude, None if the vehicle followed none.
     `turning_rad_s` is the estimated rate at which the vehicle circles, 0 off the ring.
     `drops` are the messages dropped so far by reason, `messages_dropped` their number.
-    `outlook` is None while nothing is due.
+    `outlook` is None while nothing is due. `ring` is the number of the ring that the vehicle is on or flies to, of
+    whose target `target` and `polar` are; 0 in missions of one ring.
     """
 
     time_s: float
@@ -188,6 +189,7 @@ class Decision(msgspec.Struct, frozen=True):
     turning_rad_s: float | None = None
     drops: Drops | None = None
     outlook: Outlook | None = None
+    ring: int = 0
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -303,6 +305,7 @@ def decision_of(output: TickOutput) -> Decision:
         status.turning_rad_s,
         status.drops,
         status.outlook,
+        status.ring,
     )
 
 
@@ -318,6 +321,11 @@ def outlook_of(decision: Any) -> Outlook | None:
     """
     known = "outlook" in decision.DESCRIPTOR.fields_by_name and decision.HasField("outlook")
     return msgspec.convert(plain_message(decision.outlook), Outlook) if known else None
+
+
+def ring_of(decision: Any) -> int:
+    """Return the number of the ring of a decision that was read as a Protobuf message, 0 in logs of before rings."""
+    return int(getattr(decision, "ring", 0))
 
 
 def _polar_motion(polar: Polar) -> PolarMotion:

@@ -215,7 +215,8 @@ VERDICTS = (
 """The paper's conditions first, as in the JSON output."""
 
 
-_OF_THE_RING = ("C1", "C2", "C3")
+OF_THE_RING = ("C1", "C2", "C3")
+"""The verdicts that are of one ring."""
 
 
 class VerdictState(StrEnum):
@@ -274,7 +275,7 @@ def judge(result: "FlightResult", ring: DesiredRing, tolerances: VerdictToleranc
                 worst, allowed = metric.farthest(values, ring), getattr(tolerances, judged.tolerance)
                 kept.append(worst >= allowed if metric.worst == "min" else worst <= allowed)
         # (8), (9) and (10) are of every vehicle: those that were measured may fail them, not pass for all.
-        whole = verdict.name not in _OF_THE_RING or result.ring.judged_from_s is not None
+        whole = verdict.name not in OF_THE_RING or result.ring.judged_from_s is not None
         held[verdict.name.lower()] = False if False in kept else True if kept and whole else None
     stayed = None if result.departures is None else not result.departures
     return replace(Verdicts(**held), engaged=result.engagement.holds, kept=stayed)

@@ -21,11 +21,13 @@ from gcs.metrics.record import (
     InjectedFault,
     LoopStatistics,
     Mask,
+    TargetPath,
     VehicleTrack,
     in_order,
     path_velocity_m_s,
 )
-from gcs.mission.mission import Mission
+from gcs.metrics.targets import ring_targets_of, targets_of
+from gcs.mission.mission import Mission, TargetSection
 from sitl.server.server import TruthTrack
 
 
@@ -101,14 +103,15 @@ _GRAIN_S = 1e-3
 
 
 def true_track(estimated: VehicleTrack, truth: TruthTrack, grid_s: Vector) -> VehicleTrack:
-    """Return a vehicle's true track on the grid, NaN where it is unknown; its tactics are those of `estimated`."""
+    """Return a vehicle's true track on the grid, NaN where unknown; its tactics and rings are those of `estimated`."""
     time_s, motion = _samples(truth)
     on_grid = np.column_stack([np.interp(grid_s, time_s, column) for column in motion.T])
     # Nothing is extrapolated before the first sample and after the last one.
     outside = (grid_s < time_s[0] - _GRAIN_S) | (grid_s > time_s[-1] + _GRAIN_S)
     on_grid[outside | ~_known(time_s, grid_s)] = np.nan
     position_m, velocity_m_s, altitude_m = on_grid[:, POSITION], on_grid[:, VELOCITY], on_grid[:, 4]
-    return VehicleTrack(estimated.vehicle_id, position_m, velocity_m_s, estimated.tactic, altitude_m=altitude_m)
+    decided = estimated.tactic, None, altitude_m, estimated.ring
+    return VehicleTrack(estimated.vehicle_id, position_m, velocity_m_s, *decided)
 
 
 def path_on_grid_m(time_s: Vector, position_m: Vector, grid_s: Vector) -> Vector:
@@ -160,19 +163,21 @@ _GAP_MAX_S = 1.0
 
 @dataclass(slots=True)
 class _Samples:
-    """The samples of one vehicle: times, motions [x y x' y'] and tactics; and its estimates of the target."""
+    """The samples of one vehicle: times, motions [x y x' y'], tactics and rings; and its estimates of the target."""
 
     time_s: list[float] = field(default_factory=list)
     motion: list[Vector] = field(default_factory=list)
     tactic: list[str] = field(default_factory=list)
+    ring: list[int] = field(default_factory=list)
     target_s: list[float] = field(default_factory=list)
     target: list[Vector] = field(default_factory=list)
 
-    def add(self, time_s: float, motion: Vector, tactic: str) -> None:
+    def add(self, time_s: float, motion: Vector, tactic: str, ring: int) -> None:
         if not self.time_s or time_s > self.time_s[-1]:
             self.time_s.append(time_s)
             self.motion.append(motion)
             self.tactic.append(tactic)
+            self.ring.append(ring)
 
     def add_target(self, time_s: float, target: Vector) -> None:
         if not self.target_s or time_s > self.target_s[-1]:
@@ -227,10 +232,11 @@ class Journal:
         self.tick(tick_us, () if status.guarded is None else [cause.words for cause in status.guarded.causes])
         self.latest[status.vehicle_id] = status
         if status.motion is not None:
-            self.add_sample(status.vehicle_id, status.time_s, status.motion, status.tactic.value, status.target)
+            of_tick = status.motion, status.tactic.value, status.target, status.ring
+            self.add_sample(status.vehicle_id, status.time_s, *of_tick)
         others = [peer for peer in status.peers if peer.sender not in self._ids]
         if others:
-            self.add_peers(others, status.angles, status.target)
+            self.add_peers(others, status.angles, status.target, status.ring)
 
     def tick(self, tick_us: float, guarded: Sequence[str]) -> None:
         """Add the computing time of a tick, and the causes for which the guard moved its setpoint."""
@@ -238,25 +244,30 @@ class Journal:
         self._guard.count(guarded)
 
     def add_sample(
-        self, vehicle_id: int, time_s: float, motion: Vector, tactic: str, target: Vector | None = None
+        self, vehicle_id: int, time_s: float, motion: Vector, tactic: str, target: Vector | None = None, ring: int = 0
     ) -> None:
-        """Add the motion (4,) and tactic of a vehicle of this process, and its estimate of the target's motion (4,)."""
-        self._own[vehicle_id].add(time_s, motion, tactic)
+        """Add the motion (4,), tactic and ring of a vehicle of this process, and its estimate of the target (4,)."""
+        self._own[vehicle_id].add(time_s, motion, tactic, ring)
         if target is not None:
             self._own[vehicle_id].add_target(time_s, target)
 
     def add_peers(
-        self, peers: Iterable[MemberState], angles: Mapping[int, NeighbourAngle], target: Vector | None
+        self,
+        peers: Iterable[MemberState],
+        angles: Mapping[int, NeighbourAngle],
+        target: Vector | None,
+        ring: int = 0,
     ) -> None:
         """Add the states that peers sent, and the target positions that follow from their `angles`, by sender.
 
-        Peers do not send their estimate of the target's velocity: the receiver's estimate `target` (4,) provides it.
+        Peers do not send their estimate of the target's velocity: the receiver's estimate `target` (4,) provides it,
+        where the receiver's `ring` is about the same target.
         """
         for peer in peers:
-            samples = self._received[peer.sender]
-            samples.add(peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic)
-            angle = angles.get(peer.sender)
-            if angle is not None and target is not None and angle.time_s == peer.time_s:
+            samples, its_ring = self._received[peer.sender], _ring_of(peer)
+            samples.add(peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic, its_ring)
+            angle, is_same = angles.get(peer.sender), self._target_number(its_ring) == self._target_number(ring)
+            if angle is not None and target is not None and is_same and angle.time_s == peer.time_s:
                 samples.add_target(peer.time_s, np.array([*_centre_m(peer, angle), *target[VELOCITY]]))
 
     def record(self, start_s: float, duration_s: float, run: RunTotals) -> FlightRecord:
@@ -265,9 +276,10 @@ class Journal:
         rate_hz = mission.mission.rate_hz
         time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
         estimated = self._estimated_tracks(time_s + start_s)
-        target_m, target_m_s = self._true_target(time_s, run, start_s)
+        target = self._true_target(mission.target, time_s, run, start_s)
+        targets = tuple(self._true_target(each, time_s, run, start_s) for each in targets_of(mission))
         true, missing = self._true_tracks(estimated, run, time_s, start_s)
-        if true and not np.isfinite(target_m).all():
+        if true and not all(np.isfinite(each.position_m).all() for each in (target, *targets)):
             true, missing = (), "no ground truth of the target"
         # In a simulation only the truth is judged.
         beside = estimated if true and run.source != "simulation" else ()
@@ -277,8 +289,8 @@ class Journal:
             source=run.source,
             reference="truth" if true else "estimate",
             time_s=time_s,
-            target_position_m=target_m,
-            target_velocity_m_s=target_m_s,
+            target_position_m=target.position_m,
+            target_velocity_m_s=target.velocity_m_s,
             vehicles=true or estimated,
             loop=LoopStatistics(rate_hz, run.ticks, run.missed, np.array(self._tick_us)),
             wall_time_s=run.wall_time_s,
@@ -289,12 +301,20 @@ class Journal:
             endings=run.endings,
             faults=run.faults,
             kinds=run.kinds,
+            targets=targets,
+            ring_targets=ring_targets_of(mission),
         )
+
+    def _target_number(self, ring: int) -> int:
+        """Return the number of a ring's target."""
+        rings = self._mission.rings
+        return rings[ring].target if ring < len(rings) else 0
 
     def _estimated_tracks(self, grid_s: Vector) -> tuple[VehicleTrack, ...]:
         """Return the tracks as estimated; for vehicles of this process its own samples replace their messages."""
         samples = {**self._received, **self._own}
-        return tuple(_track(each, samples[each], grid_s) for each in self._mission.ids if each in samples)
+        has_rings = len(self._mission.rings) > 1
+        return tuple(_track(each, samples[each], grid_s, has_rings) for each in self._mission.ids if each in samples)
 
     def _true_tracks(
         self, estimated: tuple[VehicleTrack, ...], run: RunTotals, time_s: Vector, start_s: float
@@ -310,19 +330,22 @@ class Journal:
             return (), missing
         return tuple(true_track(each, truth[each.vehicle_id], time_s + start_s) for each in estimated), ""
 
-    def _true_target(self, time_s: Vector, run: RunTotals, start_s: float) -> tuple[Vector, Vector]:
-        """Return the target's true position and velocity (T, 2), NaN where they are not known.
+    def _true_target(self, target: TargetSection, time_s: Vector, run: RunTotals, start_s: float) -> TargetPath:
+        """Return a target's true motion, NaN where it is not known.
 
-        They are those that the run recorded, or of the mission's motion if that was simulated.
+        It is that which the run recorded of the first ring's target, or the mission's motion if that was simulated.
         """
-        target = self._mission.target
-        if run.target_path is not None:
+        if run.target_path is not None and target == self._mission.target:
             target_m = path_on_grid_m(*run.target_path, time_s + start_s)
-            return target_m, path_velocity_m_s(time_s, target_m)
+            return TargetPath(target_m, path_velocity_m_s(time_s, target_m))
         if target.has_planned_path or (run.source == "simulation" and target.evades is None):
-            return target.motion.over(time_s)
+            return TargetPath(*target.motion.over(time_s))
         unknown = np.full((time_s.size, 2), np.nan)
-        return unknown, unknown
+        return TargetPath(unknown, unknown)
+
+
+def _ring_of(peer: MemberState) -> int:
+    return 0 if peer.choice is None or peer.choice.ring is None else peer.choice.ring
 
 
 def _centre_m(peer: MemberState, angle: NeighbourAngle) -> tuple[float, float]:
@@ -331,15 +354,17 @@ def _centre_m(peer: MemberState, angle: NeighbourAngle) -> tuple[float, float]:
     return x - radius_m * cos(angle.bearing_rad), y - radius_m * sin(angle.bearing_rad)
 
 
-def _track(vehicle_id: int, samples: _Samples, grid_s: Vector) -> VehicleTrack:
-    """Return one vehicle's track from its estimates of itself and the target."""
+def _track(vehicle_id: int, samples: _Samples, grid_s: Vector, has_rings: bool) -> VehicleTrack:
+    """Return one vehicle's track from its estimates of itself and the target, with its ring if there are several."""
     sample_s = np.array(samples.time_s)
     motion = _resampled(sample_s, np.array(samples.motion), grid_s)
-    tactic = _latest(sample_s, np.array(samples.tactic), grid_s)
+    latest = _latest(sample_s, grid_s)
+    tactic = np.where(_covered(sample_s, grid_s), np.array(samples.tactic)[latest], NO_TACTIC)
+    ring = np.array(samples.ring)[latest] if has_rings else None
     target = np.full_like(motion, np.nan)
     if samples.target_s:
         target = _resampled(np.array(samples.target_s), np.array(samples.target), grid_s)
-    return VehicleTrack(vehicle_id, motion[:, POSITION], motion[:, VELOCITY], tactic, target)
+    return VehicleTrack(vehicle_id, motion[:, POSITION], motion[:, VELOCITY], tactic, target, ring=ring)
 
 
 def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:
@@ -349,10 +374,9 @@ def _resampled(time_s: Vector, motion: Vector, grid_s: Vector) -> Vector:
     return resampled
 
 
-def _latest(time_s: Vector, tactic: "NDArray[np.str_]", grid_s: Vector) -> "np.ndarray[tuple[int], np.dtype[np.str_]]":
-    """Return the tactic at each time of the grid."""
-    index = np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
-    return np.where(_covered(time_s, grid_s), tactic[index], NO_TACTIC)
+def _latest(time_s: Vector, grid_s: Vector) -> "NDArray[np.intp]":
+    """Return the place of the latest sample at each time of the grid."""
+    return np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
 
 
 def _covered(time_s: Vector, grid_s: Vector) -> NDArray[np.bool_]:

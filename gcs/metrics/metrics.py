@@ -19,20 +19,40 @@ from gcs.metrics.references import (
     ring_reference,
     verdict_tolerances,
 )
-from gcs.metrics.result import EstimateResult, FlightResult, LoopResult
+from gcs.metrics.result import EstimateResult, FlightResult, LoopResult, NamedRing
 from gcs.metrics.reynolds import ReynoldsResult, condensed, flocking
 from gcs.metrics.ring import JudgedPart, estimated_ring, is_brief, judged_part, judged_ring, ring_motion, within
+from gcs.metrics.rings import combined, rings_engagement
 from gcs.metrics.transitions import predicted, transitions
-from gcs.metrics.vehicles import engagement_times_s, estimated_vehicles, formation_span, vehicle_results
+from gcs.metrics.vehicles import engagement_times_s, estimated_vehicles, formation_span, moved_s, vehicle_results
 from gcs.mission.mission import Mission
 
 NONE_ENGAGES = EngagementReference()
 
 
 def evaluated(mission: Mission, record: FlightRecord) -> FlightResult:
-    """Return the metrics and verdicts of a flight of the mission."""
+    """Return the metrics and verdicts of a flight of the mission, those of each ring if it has several."""
+    if len(mission.rings) < 2:
+        return _evaluated(mission, record, engagement_reference(mission))
+    references = ring_reference(mission), formation_reference(mission), verdict_tolerances(mission)
+    team = evaluate(record, *references)
+    named = tuple(_named_ring(mission, record, number) for number in range(len(mission.rings)))
+    engaged = rings_engagement(mission, record)
+    result = combined(replace(team, engagement=engaged), record, named)
+    return replace(result, reynolds=_reynolds(record, within(record.time_s, result.window_s)))
+
+
+def _named_ring(mission: Mission, record: FlightRecord, number: int) -> NamedRing:
+    """Return the result of one of several rings, with the vehicles that were on it."""
+    ring, alone = mission.rings[number], mission.of_ring(number)
+    on_it = [track.vehicle_id for track in record.vehicles if track.encircles(number).any()]
+    return NamedRing(ring.name, alone.target.name, _evaluated(alone, record.of_ring(number).of_vehicles(on_it)))
+
+
+def _evaluated(mission: Mission, record: FlightRecord, engages: EngagementReference = NONE_ENGAGES) -> FlightResult:
+    """Return the metrics and verdicts of a flight of a mission of one ring."""
     references = ring_reference(mission, record.events), formation_reference(mission), verdict_tolerances(mission)
-    result = evaluate(record, *references, engagement_reference(mission))
+    result = evaluate(record, *references, engages)
     config = mission.agent_config(mission.vehicles[0])
     return replace(result, transitions=predicted(result.transitions, record, config, references[0]))
 
@@ -47,7 +67,8 @@ def evaluate(
     """Compute the metrics and verdicts of a flight; without a reference no vehicle was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
     each_engaged_s, motion = engagement_times_s(record), ring_motion(record, ring.gaps)
-    part = judged_part(record.time_s, motion, ring, each_engaged_s)
+    changes_s = *each_engaged_s, *moved_s(record)
+    part = judged_part(record.time_s, motion, ring, changes_s)
     window_s, ring_result = judged_ring(record.time_s, motion, part)
     window = within(record.time_s, window_s)
     result = FlightResult(
@@ -59,7 +80,7 @@ def evaluate(
         window_s=window_s,
         vehicles=vehicle_results(record, motion, part.ring, formation, window),
         ring=ring_result,
-        transitions=transitions(record, motion, ring, ring.began_s(each_engaged_s)),
+        transitions=transitions(record, motion, ring, ring.began_s(changes_s)),
         reynolds=_reynolds(record, window),
         closest_approach_m=_closest_approach_m(record),
         guard_interventions=None if record.guard is None else record.guard.interventions,
@@ -90,7 +111,7 @@ def _estimate_result(record: FlightRecord, part: JudgedPart, window: Mask) -> Es
         return None
     estimated = replace(record, vehicles=record.estimates)
     motion = ring_motion(estimated, part.ring.gaps)
-    began_s = part.ring.began_s(engagement_times_s(estimated))
+    began_s = part.ring.began_s((*engagement_times_s(estimated), *moved_s(estimated)))
     seen = replace(part, began_s=tuple(each for each in began_s if each <= record.time_s[part.samples - 1]))
     vehicles = estimated_vehicles(record, motion, part.ring, window)
     whole = estimated_ring(record.time_s, motion, seen, window)

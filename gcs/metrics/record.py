@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
@@ -21,12 +21,23 @@ from agents.notes import (
     TacticChange,
 )
 from agents.safety.guard import Guarded
+from agents.tactics import Tactic
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 
 Mask = NDArray[np.bool_]
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
+ANOTHER_RING = "another ring"
+"""The tactic that stands for `encircle` on another ring, in the record of one of several rings."""
+
+
+@dataclass(frozen=True, slots=True)
+class TargetPath:
+    """The true motion of a target, (T, 2) each, NaN where nothing simulates it."""
+
+    position_m: Vector
+    velocity_m_s: Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +47,8 @@ class VehicleTrack:
     `position_m`, `velocity_m_s` (T, 2) in the mission frame; `tactic` (T,) names (`formation`, `encircle`, ...);
     rows without data of the vehicle are NaN with tactic `unknown`. `target` (T, 4) = [x y x' y'] is the target's motion
     as the vehicle itself estimates it at the same times, NaN without an estimate; None on a true track, which refers to
-    the record's target. `altitude_m` (T,) is the height on a true track, None on others.
+    the record's target. `altitude_m` (T,) is the height on a true track, None on others. In a mission of several rings
+    `ring` (T,) is the number of the ring that it is on or flies to, whose target `target` is; None in one of one ring.
     """
 
     vehicle_id: int
@@ -45,6 +57,12 @@ class VehicleTrack:
     tactic: np.ndarray[tuple[int], np.dtype[np.str_]]
     target: Vector | None = None
     altitude_m: Vector | None = None
+    ring: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
+
+    def encircles(self, number: int | None = None) -> Mask:
+        """Return when (T,) it encircles, on the ring of a number or on any."""
+        mask = np.asarray(self.tactic == Tactic.ENCIRCLE.value)
+        return mask if number is None or self.ring is None else np.asarray(mask & (self.ring == number))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +126,22 @@ class FlightEvent:
         )
 
     def to_dict(self) -> dict[str, object]:
-        """Return it as plain data; `alert`, `command`, `reference`, `guard` and `ring` only where it has one."""
-        plain = {"time_s": self.time_s, "vehicle": self.vehicle, "kind": self.kind, "text": self.text}
+        """Return it as plain data; `alert`, `command`, `reference`, `guard` and `ring` only where it has one.
+
+        The number of a commanded `ring` is left out where it is 0.
+        """
+        plain: dict[str, object] = {
+            "time_s": self.time_s,
+            "vehicle": self.vehicle,
+            "kind": self.kind,
+            "text": self.text,
+        }
         names = ("alert", "command", "reference", "guard", "ring")
         values = {name: getattr(self, name) for name in names}
-        return plain | {name: msgspec.structs.asdict(each) for name, each in values.items() if each is not None}
+        known = {name: msgspec.structs.asdict(each) for name, each in values.items() if each is not None}
+        if self.ring is not None and not self.ring.ring:
+            del known["ring"]["ring"]
+        return plain | known
 
 
 _FAULT = re.compile(r"(?P<name>[^@]+)@(?P<at_s>\d+(\.\d+)?)(:(?P<vehicle>\d+))?")
@@ -155,6 +184,9 @@ class FlightRecord:
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
     which it is known. `faults` are those injected into stub vehicles.
     `kinds` are what vehicles are (gcs/autopilots/autopilot.py), by their ids; empty in simulations.
+
+    The record of a mission of several targets or rings has the true motions of all `targets`, and the number of each
+    ring's target in `ring_targets`; else these are empty. The record's own target is then that of the first ring.
     """
 
     mission: str
@@ -174,19 +206,85 @@ class FlightRecord:
     endings: tuple[VehicleEnding, ...] = ()
     faults: tuple[InjectedFault, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
+    targets: tuple[TargetPath, ...] = ()
+    ring_targets: tuple[int, ...] = ()
+
+    def of_ring(self, number: int) -> "FlightRecord":
+        """Return the record as that of one ring and its target; the record itself is that of its only ring.
+
+        On other rings the tactic of a vehicle is `ANOTHER_RING`, and its estimate of another target is left out. Rings
+        that operators commanded are those of this ring.
+        """
+        if not self.targets:
+            return self
+        target = self.targets[self.ring_targets[number]]
+        return replace(
+            self,
+            target_position_m=target.position_m,
+            target_velocity_m_s=target.velocity_m_s,
+            vehicles=tuple(self._on_ring(track, number) for track in self.vehicles),
+            estimates=tuple(self._on_ring(track, number) for track in self.estimates),
+            events=tuple(each for each in self.events if each.ring is None or each.ring.ring == number),
+            targets=(),
+            ring_targets=(),
+        )
+
+    def of_vehicles(self, vehicle_ids: Container[int]) -> "FlightRecord":
+        """Return the record with the tracks of these vehicles alone."""
+        return replace(
+            self,
+            vehicles=tuple(track for track in self.vehicles if track.vehicle_id in vehicle_ids),
+            estimates=tuple(track for track in self.estimates if track.vehicle_id in vehicle_ids),
+        )
+
+    def _on_ring(self, track: VehicleTrack, number: int) -> VehicleTrack:
+        if track.ring is None:
+            return track
+        tactic = np.where(track.encircles() & ~track.encircles(number), ANOTHER_RING, track.tactic)
+        target = None if track.target is None else self._estimate_of(track, track.target, self.ring_targets[number])
+        return replace(track, tactic=tactic, target=target, ring=None)
+
+    def _estimate_of(self, track: VehicleTrack, estimate: Vector, target: int) -> Vector:
+        """Return a track's estimate (T, 4) of its target, NaN where it is of another target than that of a number."""
+        of_track = np.array(self.ring_targets or (0,))[0 if track.ring is None else track.ring]
+        return np.where(np.reshape(of_track == target, (-1, 1)), estimate, np.nan)
+
+    def target_of(self, track: VehicleTrack) -> TargetPath:
+        """Return the true motion of a track's target: at each time that of the ring that it is on or flies to."""
+        if track.ring is None:
+            return TargetPath(self.target_position_m, self.target_velocity_m_s)
+        at = np.array(self.ring_targets)[track.ring], np.arange(self.time_s.size)
+        position_m, velocity_m_s = (
+            np.array([getattr(each, name) for each in self.targets]) for name in ("position_m", "velocity_m_s")
+        )
+        return TargetPath(position_m[at], velocity_m_s[at])
 
     def relative(self, track: VehicleTrack) -> tuple[Vector, Vector]:
         """Return position and velocity (T, 2) of a track relative to its target, both from the same source."""
         if track.target is None:
-            return track.position_m - self.target_position_m, track.velocity_m_s - self.target_velocity_m_s
+            target = self.target_of(track)
+            return track.position_m - target.position_m, track.velocity_m_s - target.velocity_m_s
         return track.position_m - track.target[:, POSITION], track.velocity_m_s - track.target[:, VELOCITY]
 
     @property
     def target_path_m(self) -> Vector:
         """Where the target was (T, 2): the true positions or, where none is known, the mean of the estimates."""
-        seen_m = [track.target[:, POSITION] for track in self.vehicles if track.target is not None]
-        if np.isfinite(self.target_position_m).any() or not seen_m:
-            return self.target_position_m
+        return self.target_paths_m[self.ring_targets[0] if self.ring_targets else 0]
+
+    @property
+    def target_paths_m(self) -> tuple[Vector, ...]:
+        """Where each target was (T, 2), as `target_path_m`."""
+        true_m = [each.position_m for each in self.targets] or [self.target_position_m]
+        return tuple(self._path_m(number, each) for number, each in enumerate(true_m))
+
+    def _path_m(self, number: int, true_m: Vector) -> Vector:
+        seen_m = [
+            self._estimate_of(track, track.target, number)[:, POSITION]
+            for track in self.vehicles
+            if track.target is not None
+        ]
+        if np.isfinite(true_m).any() or not seen_m:
+            return true_m
         known = np.isfinite(seen_m)
         count = known.sum(axis=0)
         total_m = np.where(known, seen_m, 0.0).sum(axis=0)

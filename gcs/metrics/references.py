@@ -208,7 +208,9 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
     for event in events:
         if event.ring is None:
             continue
-        commanded = ring.model_copy(update=msgspec.structs.asdict(event.ring))
+        values = msgspec.structs.asdict(event.ring)
+        del values["ring"]  # its number
+        commanded = ring.model_copy(update=values)
         later = range(at.get(event.vehicle, 0) + 1, len(noted))
         # Every vehicle notes the ring, the last one perhaps after the first has noted the next.
         if (known := next((k for k in later if noted[k] == commanded), None)) is not None:

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from estimation.plant.watch import Difference
-from gcs.metrics.catalogue import Verdicts, VerdictState
+from gcs.metrics.catalogue import OF_THE_RING, Verdicts, VerdictState
 from gcs.metrics.departures import Departure
 from gcs.metrics.ending import TeamEnding
 from gcs.metrics.json_output import json_output
@@ -72,6 +72,49 @@ class PlantResult:
         return self.verdict not in (None, "valid")
 
 
+_NOT_OF_A_RING = ("tactic", "formation_speed_error_rms_m_s", "formation_spacing_error_rms_m")
+
+
+@dataclass(frozen=True, slots=True)
+class NamedRing:
+    """One ring of a flight over several: its name, that of its target, and its `result` as that of a flight over it.
+
+    The vehicles of the result are those that were on the ring. Its engagement is who was, its closest approach and
+    guard are not those of the flight.
+    """
+
+    name: str
+    target: str
+    result: "FlightResult"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as plain data: what is of the ring alone."""
+        result, estimate = self.result, self.result.estimate
+        vehicles = [
+            {name: value for name, value in msgspec.to_builtins(each).items() if name not in _NOT_OF_A_RING}
+            for each in result.vehicles
+        ]
+        plain = {"name": self.name, "target": self.target, "window_s": result.window_s, "vehicles": vehicles}
+        of_ring = {"ring": result.ring, "transitions": result.transitions}
+        by_estimate = None if estimate is None else {"vehicles": estimate.vehicles, "ring": estimate.ring}
+        verdicts = {name: self.verdict(name) for name in OF_THE_RING}
+        return {
+            **plain,
+            **msgspec.to_builtins({**of_ring, "estimate": by_estimate}),
+            "verdicts": verdicts,
+            "not_judged": self.not_judged,
+        }
+
+    def verdict(self, name: str) -> bool | None:
+        """Return whether a verdict holds on the ring, by name."""
+        return self.result.verdicts.named()[name]
+
+    @property
+    def not_judged(self) -> tuple[str, ...]:
+        """The verdicts of the ring that the mission asks for and the flight does not show."""
+        return tuple(each for each in self.result.not_judged if each in OF_THE_RING)
+
+
 @dataclass(frozen=True, slots=True)
 class FlightResult:
     """The result of a flight, in the order of its JSON form.
@@ -79,7 +122,8 @@ class FlightResult:
     `estimate` holds the metrics by estimate beside those by truth. `truth_missing` is why there are none by truth
     although simulators sent it. `ended` is None in logs of versions that did not record it. `faults` are those injected
     into stub vehicles. `kinds` are by id. `departures` are those not by order. `not_judged` are verdicts that the
-    mission asks for. `plants` are a report's.
+    mission asks for. `plants` are a report's. `rings` are those of a mission of several, empty else; what the other
+    keys hold then is stated in `gcs/metrics/rings.py`.
     """
 
     mission: str
@@ -109,6 +153,7 @@ class FlightResult:
     departures: tuple[Departure, ...] | None = None
     not_judged: tuple[str, ...] = ()
     plants: tuple[PlantResult, ...] | None = None
+    rings: tuple[NamedRing, ...] = ()
 
     @property
     def kinds_line(self) -> str:
@@ -145,12 +190,15 @@ class FlightResult:
         return replace(self, loop=loop, wall_time_s=None, realtime_factor=None)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the result as plain dicts and lists, keys in their documented order."""
+        """Return the result as plain dicts and lists, keys in their documented order; `rings` only where there are."""
         plain = {
             "mission": self.mission,
             "ended": None,
-            **msgspec.to_builtins(self, str_keys=True),
+            **msgspec.to_builtins(replace(self, rings=()), str_keys=True),
         }
+        del plain["rings"]
+        if self.rings:
+            plain["rings"] = [each.to_dict() for each in self.rings]
         plain["events"] = [each.to_dict() for each in self.events]
         plain["verdicts"] = self.verdicts.named()
         return plain

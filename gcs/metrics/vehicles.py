@@ -10,7 +10,17 @@ import numpy as np
 
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
-from gcs.metrics.record import TIME_GRAIN_S, FlightRecord, Mask, VehicleTrack, grid_time, largest, lasting_s, rms
+from gcs.metrics.record import (
+    ANOTHER_RING,
+    TIME_GRAIN_S,
+    FlightRecord,
+    Mask,
+    VehicleTrack,
+    grid_time,
+    largest,
+    lasting_s,
+    rms,
+)
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.ring import SETTLED_FOR_S, RingMotion, flies, measured
 
@@ -117,6 +127,20 @@ def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
     """Return the time at which each vehicle's tactic was encircle first, None where it never was."""
     hits = (np.flatnonzero(track.tactic == Tactic.ENCIRCLE.value) for track in record.vehicles)
     return tuple(grid_time(float(record.time_s[hit[0]])) if hit.size else None for hit in hits)
+
+
+def moved_s(record: FlightRecord) -> tuple[float, ...]:
+    """Return when vehicles came to the record's ring from another, or left it for another, in a record of one ring.
+
+    One that flew something else between the two left at the end of the first, and came at the begin of the second.
+    """
+    moves_s: list[float] = []
+    for track in record.vehicles:
+        on = np.flatnonzero(np.isin(track.tactic, (Tactic.ENCIRCLE.value, ANOTHER_RING)))
+        here = track.tactic[on] == Tactic.ENCIRCLE.value
+        leaves, comes = on[:-1][here[:-1] & ~here[1:]] + 1, on[1:][~here[:-1] & here[1:]]
+        moves_s += [grid_time(each) for each in record.time_s[np.concatenate((leaves, comes))].tolist()]
+    return tuple(moves_s)
 
 
 def formation_errors(record: FlightRecord, formation: FormationReference) -> tuple[Vector, Vector]:

@@ -23,7 +23,7 @@ from tests.support.key_tables import identified_keys, mission_keys, profile_keys
 from tests.support.log_fields import field_tables
 from tests.support.paths import DOCS, ROOT
 from tests.support.public_names import name_sections
-from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
+from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS, RING_KEYS
 from tests.support.units import unit
 
 _MODELS: dict[str, type[Settings]] = {
@@ -85,7 +85,7 @@ def sweep_columns() -> str:
 
 def result_keys() -> str:
     """Return the JSON keys of a flight's result, each part in a line, as Markdown."""
-    return _key_list({part or "result": keys for part, keys in RESULT_KEYS.items()})
+    return _key_list({part or "result": keys for part, keys in {**RESULT_KEYS, **RING_KEYS}.items()})
 
 
 def output_keys() -> str:

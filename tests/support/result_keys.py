@@ -25,7 +25,7 @@ _PARTS = {
 
 
 def _keys(part: type) -> list[str]:
-    return [each.name for each in fields(part)]
+    return [each.name for each in fields(part) if each.name != "rings"]
 
 
 RESULT_KEYS = {
@@ -34,6 +34,13 @@ RESULT_KEYS = {
     "verdicts": " ".join(each.name for each in VERDICTS),
 }
 """The result of a flight, of sim, fly and report: the whole, and its parts by name."""
+RING_KEYS = {
+    "rings[]": "name target window_s vehicles ring transitions estimate verdicts not_judged",
+    "vehicles of rings[]": " ".join(
+        each for each in _keys(VehicleResult) if each != "tactic" and not each.startswith("formation")
+    ),
+}
+"""What a result of several rings has beside these: each ring, and the vehicles on it."""
 OUTPUT_KEYS = {
     "missions": "format missions",
     "missions[] of missions": (

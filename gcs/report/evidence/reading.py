@@ -16,7 +16,7 @@ from agents.team.messages import BusMessage, CommandAnswer, MemberState, Neighbo
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of
+from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of, ring_of
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
@@ -310,7 +310,7 @@ class _VehicleReader:
             return
         self.last_s = decision.time_s
         journal.tick(tick_us, decision.guard.causes)
-        journal.add_peers(peers, self._angles, _target_of(decision))
+        journal.add_peers(peers, self._angles, _target_of(decision), ring_of(decision))
         self._add(decision, tick_us)
 
     def _add(self, decision: Any, tick_us: float) -> None:
@@ -330,8 +330,8 @@ class _VehicleReader:
             rows.own_s.append(decision.time_s)
             rows.own.append(mean[MOTION])
             rows.own_sigma.append(_sigma(decision.own.covariance, 6))
-            own, target = np.array(mean[MOTION]), _target_of(decision)
-            self._journal.add_sample(self.vehicle_id, decision.time_s, own, decision.tactic, target)
+            of_tick = np.array(mean[MOTION]), decision.tactic, _target_of(decision), ring_of(decision)
+            self._journal.add_sample(self.vehicle_id, decision.time_s, *of_tick)
         if decision.HasField("target"):
             rows.target_s.append(decision.time_s)
             rows.target.append(list(decision.target.mean))

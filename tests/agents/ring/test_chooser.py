@@ -129,6 +129,23 @@ def test_an_operator_assigns_a_ring_against_the_rule_and_another_makes_room(conf
     assert again == {1: Wanted(1, assigned=False), 2: Wanted(0, assigned=False)}
 
 
+def test_one_that_leaves_gives_its_place_to_another_and_one_that_holds_keeps_it(
+    config: Callable[..., AgentConfig],
+) -> None:
+    configs = {i: config(i, (1, 2), (1, 2)) for i in (1, 2)}
+    choosers = {i: RingChooser(each) for i, each in configs.items()}
+    places_m = {1: (25.0, 15.0), 2: (25.0, 10.0)}
+    before = choices(configs, places_m, TARGETS, choosers)
+    assert before == {1: Wanted(0, assigned=False), 2: Wanted(1, assigned=False)}
+    for tick, leaves in ((40, False), (140, True)):
+        for now_s in np.arange(100.0 + tick * TICK_S, 110.0 + tick * TICK_S, TICK_S).tolist():
+            if leaves:
+                choosers[1].withdraw(now_s)
+            wanted = choosers[2].choose(configs[2], places_m[2], TARGETS, now_s, on_ring=False)
+            choosers[2].receive(1, RingChoice(None, choosers[1].payload(now_s)), now_s)
+        assert wanted == Wanted(0 if leaves else 1, assigned=False)
+
+
 def test_a_ring_is_kept_while_its_target_is_not_seen(config: Callable[..., AgentConfig]) -> None:
     one = config(1)
     chooser = RingChooser(one)
