@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import asin, floor, hypot, inf, pi, sqrt
+from types import MappingProxyType
 
 import numpy as np
 from msgspec.structs import asdict
@@ -206,22 +207,34 @@ def commanded_ring_bounds(mission: Mission) -> RingBounds:
 
 
 def ring_change_faults(
-    mission: Mission, values: RingValues, flown: CommandedRing = MISSION_RING, ring: int = 0
+    mission: Mission,
+    values: RingValues,
+    flown: CommandedRing = MISSION_RING,
+    ring: int = 0,
+    others: Mapping[int, CommandedRing] = MappingProxyType({}),
 ) -> list[str]:
     """Return why a team must not be commanded to other values of a ring: the checks that only the mission passes.
 
-    A value that the command leaves out is that of the ring which was commanded before, `flown`.
+    A value that the command leaves out is that of the ring which was commanded before, `flown`. `others` are what was
+    commanded of the mission's other rings, by their numbers: the ring must not cut them.
     """
-    wanted = {key: getattr(flown, key) if value is None else value for key, value in asdict(values).items()}
     section = f"rings[{ring}]" if mission.rings else "encirclement"
+    wanted = {f"rings[{number}]": _given(other, RingValues()) for number, other in others.items()}
+    wanted[section] = _given(flown, values)
     try:
-        changed = mission.replace(**{section: {key: value for key, value in wanted.items() if value is not None}})
+        changed = mission.replace(**wanted)
     except InputError as error:
         return list(error.faults)
     before = {found.check: found.grade for found in feasibility(full_ring(mission, ring))}
-    after = feasibility(full_ring(changed, ring))
+    after = (_of_ring(found, changed, ring) for found in feasibility(full_ring(changed, ring)))
     worse = (found for found in after if before.get(found.check) is Grade.PASS is not found.grade)
     return [f"{found.check}: {found.found}; {found.why}; next: {found.next_step}" for found in worse]
+
+
+def _given(flown: CommandedRing, values: RingValues) -> dict[str, float]:
+    """Return the values of a commanded ring that are not the mission's, with those of a further command."""
+    wanted = {key: getattr(flown, key) if value is None else value for key, value in asdict(values).items()}
+    return {key: value for key, value in wanted.items() if value is not None}
 
 
 def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]:

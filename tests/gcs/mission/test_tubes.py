@@ -94,6 +94,8 @@ def test_rings_are_apart_in_radius_or_in_height(subtests: pytest.Subtests) -> No
 def test_heights_above_a_target_are_not_known_beforehand() -> None:
     follows = {"altitude": "target", "altitude_offset_m": 20.0}
     limited = put(put(STACK, ("safety", "altitude_min_m"), 3.0), ("safety", "altitude_max_m"), 60.0)
+    limited = put(limited, ("rings", 0, "altitude_m"), 12.0)
+    assert parsed(put(limited, ("rings", 1), {"name": "high", "places": 3})).rings
     both = put(limited, ("rings", 1), {"name": "high", "places": 3, **follows})
     assert [fault.partition(": ")[0] for fault in faults(both)] == ["rings[1]"]
     assert parsed(put(both, ("rings", 1, "radius_m"), 14.0)).rings
