@@ -52,7 +52,8 @@ class _Received:
     """The newest messages of one vehicle, and when they were received [wall s].
 
     `sighted_s` is the time of its last sighting of the target of its `ring`, on which its states have been since
-    `ring_s`, by its own clock. `estimate` is the newest report of which a state says that it is about that target.
+    `ring_s`, by its own clock. `estimate` is the newest report of which a state says that it is about the target of
+    number `estimated`.
     """
 
     any_s: float = -inf
@@ -64,6 +65,7 @@ class _Received:
     ring: int = 0
     ring_s: float = -inf
     estimate: VehicleReport | None = None
+    estimated: int = 0
 
     @property
     def ended(self) -> str:
@@ -161,6 +163,7 @@ class TeamPictures:
         report = received.report
         if report is not None and received.ring_s <= report.time_s <= state.time_s:
             received.estimate = report
+            received.estimated = self._rings[received.ring].target if self._rings else 0
 
     def _is_of_ring(self, sighting: TargetPackage, ring: int) -> bool:
         return self._targets == 0 or sighting.target in (None, self._rings[ring].target if self._rings else 0)
@@ -324,7 +327,7 @@ class TeamPictures:
         """
         sending = [each for each in self._received.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended]
         if self._rings:
-            known = [_estimate(each, each.estimate) for each in sending if self._rings[each.ring].target == number]
+            known = [_estimate(each, each.estimate) for each in sending if each.estimated == number]
         else:
             known = [_estimate(each, each.report) for each in sending]
         return min((each for each in known if each is not None), key=lambda each: each.sighting_age_s, default=None)
