@@ -142,7 +142,8 @@ def test_a_ring_commanded_in_flight_is_shown_until_the_next_flight() -> None:
 
 def on_ring(sender: int, time_s: float, ring: int | None, **fields: object) -> MemberState:
     angle = NeighbourAngle(sender, time_s, 0.5 * sender, 0.05, 10.0)
-    return state(sender, time_s, tactic="encircle", angle=angle, choice=RingChoice(ring), **fields)
+    on_it = state(sender, time_s, tactic="encircle", angle=angle, choice=RingChoice(ring))
+    return replace(on_it, **fields)
 
 
 def sees(sender: int, time_s: float, x_m: float, age_s: float = 0.5) -> VehicleReport:
