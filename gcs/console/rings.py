@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+from agents.tactics import Tactic
 from agents.team.messages import CommandedRing, MemberState, newest_ring
 from gcs.mission.mission import Mission
 
@@ -22,6 +23,14 @@ def ring_text(number: int | None, names: Sequence[str]) -> str:
 def chosen_ring(state: MemberState, names: Sequence[str]) -> str:
     """Return the name of the ring that a vehicle is on or flies to, empty if there is none."""
     return ring_text(None if state.choice is None else state.choice.ring, names)
+
+
+_ON_RINGS = (Tactic.ENCIRCLE, Tactic.TRANSIT)
+
+
+def flown_ring(tactic: Tactic, number: int, names: Sequence[str]) -> str:
+    """Return the name of the ring that a vehicle flies on, or flies to, by its own decision; empty for none."""
+    return ring_text(number, names) if tactic in _ON_RINGS else ""
 
 
 def commanded_rings(state: MemberState) -> CommandedRings:

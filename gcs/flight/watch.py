@@ -4,19 +4,18 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 from rich.text import Text
 
 from agents.outputs import CoreStatus
 from agents.shell.computer import short_of
 from agents.shell.life import Phase
 from agents.shell.reporter import estimator_words
-from agents.tactics import Tactic
 from agents.team.messages import LINK_SILENT_S
 from estimation.state import Telemetry
 from gcs.console.advice import event_severity
 from gcs.console.live import flight_title
-from gcs.console.rings import ring_names, ring_text
+from gcs.console.rings import flown_ring, ring_names
 from gcs.console.table_view import NO_HINT
 from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_surroundings, with_unaccounted
 from gcs.flight.team import FlightTeam, Member
@@ -32,19 +31,6 @@ FindingsReport = Callable[[Sequence[Finding]], None]
 _PERIOD_S = 0.2
 _COMPUTER_EVERY = 25
 DISARMED = "disarmed"
-_OFF_RINGS = frozenset(
-    (
-        Tactic.STANDBY,
-        Tactic.FORMATION,
-        Tactic.EXCITE,
-        Tactic.ASIDE,
-        Tactic.HOLD,
-        Tactic.RETURN_AND_LAND,
-        Tactic.LAND,
-        Tactic.PILOT_OVERRIDE,
-    )
-)
-"""The tactics in which a vehicle neither is on a ring nor flies to one."""
 
 
 class Watch:
@@ -162,7 +148,7 @@ class Watch:
             angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
             lead_rad=None if place is None else place.lead_rad,
             ending=ending,
-            ring=_ring(status, self._rings) if self._rings else UNSET,
+            ring=_ring(status, self._rings),
             note="" if status is None or ending else _remark(status),
             gps_threat=vehicle.gps_threat.value,
             lag_rad=None if place is None else place.lag_rad,
@@ -180,9 +166,10 @@ class Watch:
         return max(clock.now_s() - motion.time_s, 0.0) / clock.time_scale
 
 
-def _ring(status: CoreStatus | None, rings: Sequence[str]) -> str:
-    """Return the name of the ring that a vehicle encircles on, or flies to, empty for none."""
-    return "" if status is None or status.tactic in _OFF_RINGS else ring_text(status.ring, rings)
+def _ring(status: CoreStatus | None, rings: Sequence[str]) -> str | UnsetType:
+    if not rings:
+        return UNSET
+    return "" if status is None else flown_ring(status.tactic, status.ring, rings)
 
 
 def _places_m(team: FlightTeam) -> dict[int, Place]:
