@@ -2,7 +2,8 @@
 
 A seed determines whether there are two to four targets with a ring each, or rings of one target that are stacked or
 concentric; how many vehicles of which plants come from a line, noise, delay and loss of messages; and whether one of
-them is lost in flight. Measured is the true motion. Exit code 1 if a limit is exceeded.
+them is lost in flight, or the first target becomes unimportant. Measured is the true motion. Exit code 1 if a limit is
+exceeded.
 """
 
 import sys
@@ -25,9 +26,9 @@ from tests.experiments.arguments import seeded_parser
 from tests.experiments.membership_scenes import PLANT_OFF_MOST, Scene, abreast, drawn_rate, flown
 from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, parsed
 
-ON_RINGS_S, LOST_S, JUDGED_S = 80.0, 90.0, 40.0
-"""When all are on their rings and settled, when one is lost, and how long the end of the flight is judged."""
-DURATION_S = 190.0
+ON_RINGS_S, LOST_S, FALLEN_S, JUDGED_S = 80.0, 90.0, 95.0, 40.0
+"""When all are on their rings, when one is lost or a target unimportant, and how long the flight's end is judged."""
+DURATION_S = 200.0
 LOST_AVOIDED_S = 30.0
 """How long the ring is bent around a lost vehicle: it is round again when it is judged."""
 RADIUS_M, RATE_RAD_S, SPACING_DEG = 0.3, 0.002, 4.0
@@ -81,6 +82,8 @@ def drawn(seed: int) -> Scene:
         mission["targets"] = _targets(random, radii_m, clear_m)
         for k, ring in enumerate(mission["rings"]):
             ring["target"] = f"target{k}"
+        if random.random() < 0.5:
+            mission["targets"][0]["changes"] = [[FALLEN_S, 0.2, 0.2]]
     lost = (Absence(int(random.integers(1, count + 1)), LOST_S),) if random.random() < 0.5 else ()
     return Scene(parsed(mission), lost, DURATION_S, ON_RINGS_S)
 
@@ -151,12 +154,16 @@ def measured(seed: int) -> Rings:
         heights_m[tick, vehicle] = 0.0 if status.situation is None else status.situation.height_m
 
     flight = flown(scene, seed, observe)
-    there = scene.there(flight.time_s)
+    there, judged_from = scene.there(flight.time_s), ticks - round(JUDGED_S * mission.mission.rate_hz)
     on[~there] = -1
-    changes = sum(_changes(on[:, index]) for index in range(count))
-    reasons = [f"{changes} changes of rings"] if changes > (3 if scene.absences else 0) else []
+    each_changes = [_changes(on[:, index]) for index in range(count)]
+    fallen = bool(mission.targets) and bool(mission.targets[0].changes)
+    most = len(scene.absences) + fallen
+    reasons = [f"vehicle {i} changed {n} times" for i, n in zip(mission.ids, each_changes, strict=True) if n > most]
+    if fallen and there[-1].sum() <= sum(each.places for each in mission.rings[1:]) and (on[judged_from:] == 0).any():
+        reasons.append("a vehicle stays with the unimportant target though there is a place elsewhere")
     worst = np.zeros(3)
-    judged = flight.time_s >= scene.duration_s - JUDGED_S
+    judged = flight.time_s >= flight.time_s[judged_from]
     for number, ring in enumerate(mission.rings):
         members = np.flatnonzero((on[judged] == number).any(axis=0))
         if len(members) > ring.places:
@@ -181,7 +188,16 @@ def measured(seed: int) -> Rings:
         else "concentric"
     )
     return Rings(
-        seed, count, len(mission.rings), kind, changes, left_m, radius_m, rate_rad_s, spacing_deg, tuple(reasons)
+        seed,
+        count,
+        len(mission.rings),
+        kind,
+        sum(each_changes),
+        left_m,
+        radius_m,
+        rate_rad_s,
+        spacing_deg,
+        tuple(reasons),
     )
 
 

@@ -162,3 +162,18 @@ def test_sightings_of_one_target_and_of_sensors_that_do_not_tell_them_apart_have
 def test_a_target_that_is_reported_from_outside_is_not_simulated_beside_one_that_is() -> None:
     external = put(SEVERAL, ("targets", 0, "source"), "external")
     assert {one.target for each in sighted(external) for one in each} == {"south"}
+
+
+def test_a_sensor_reports_the_importance_and_the_threat_of_the_time() -> None:
+    model = SensorModel(50.0, 5.0, 0.0, 0.8, 0.2, changes=((10.0, 0.3, 0.1), (20.0, 0.9, 0.6)))
+    sensor = SimulatedSensor(1, model, TargetMotion((0.0, 0.0)), 100.0, 0)
+    seen = [each for tick in range(300) for each in sensor.sight(100.0 + tick * 0.1, (1.0, 1.0))]
+    values = {round(each.time_s - 100.0, 1): (each.importance, each.threat) for each in seen}
+    assert (values[0.0], values[9.8], values[10.0], values[19.8], values[20.0], values[29.8]) == (
+        (0.8, 0.2),
+        (0.8, 0.2),
+        (0.3, 0.1),
+        (0.3, 0.1),
+        (0.9, 0.6),
+        (0.9, 0.6),
+    )
