@@ -164,7 +164,10 @@ def test_the_bundled_missions_are_listed_with_what_they_are_for(run_here: RunHer
         mission = tomllib.loads((MISSIONS / f"{each['mission']}.toml").read_text(encoding="utf-8"))
         assert each["description"] == mission["mission"]["description"]
         assert line.endswith(each["description"])
-        assert each["radius_m"] == mission["encirclement"]["radius_m"]
+        rings = [mission["encirclement"] | ring for ring in mission.get("rings", [{}])]
+        assert each["radius_m"] == rings[0]["radius_m"]
+        radii = ", ".join(dict.fromkeys(f"{ring['radius_m']:g} m" for ring in rings))
+        assert f"  {radii}  " in line
         assert each["vehicles"] == len(mission["vehicles"])
 
 
